@@ -1,0 +1,27 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace helix_arm::io {
+
+/// A table of measurements: `#` comments, a header that names its units, rows of numbers.
+struct DataSet {
+  std::string path;
+  std::vector<std::string> columns;
+  Eigen::MatrixXd values;  ///< (rows x columns), in the units of the file
+
+  /// Index of a column, -1 when absent.
+  int find(const std::string& column) const;
+};
+
+/// @throws DocumentError with all faults: `file:line column value rule`; also on a missing file, no header or no rows.
+DataSet loadDataSet(const std::string& path);
+
+/// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a missing column is 0.
+/// @throws DocumentError when there is none, or one beyond the last actuator.
+Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators);
+
+}  // namespace helix_arm::io

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <string>
+
+#include "helix_arm/lie/se2.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/contraction.hpp"
+
+namespace helix_arm::model {
+
+/// Stiffness of one actuator, normalised by its extensional stiffness K_eps: K = diag(1, gamma, gamma, tau, kappa, kappa).
+struct Stiffness {
+  double gamma = 10.0;  ///< shear K_gamma, unitless, >= 0
+  double tau = 0.0;     ///< torsion K_tau [m^2], >= 0
+  double kappa = 0.0;   ///< bending K_kappa [m^2], >= 0
+
+  /// The diagonal of K in the order of the group's twists.
+  template <class Group>
+  typename Group::Tangent diagonal() const;
+};
+
+/// What drives an actuator, hence the unit of its input q.
+enum class Drive {
+  kPressure,  ///< a muscle or bellows; q is its gauge pressure [Pa]
+  kTendon,    ///< a tendon; q is the angle of its spool [rad]
+};
+
+/// One actuator of a section.
+template <class Group>
+struct ActuatorOf {
+  std::string name;
+  Group X_O;  ///< pose in the base-curve frame, constant along the arm (eq. 10)
+  Stiffness stiffness;
+  Contraction contraction;
+  Range limits;  ///< of the input; inside contraction.inputRange()
+  Drive drive = Drive::kPressure;
+};
+
+using Actuator = ActuatorOf<lie::SE3>;
+using PlanarActuator = ActuatorOf<lie::SE2>;
+
+}  // namespace helix_arm::model

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "helix_arm/model/actuator.hpp"
+#include "helix_arm/model/equilibrium.hpp"
+
+namespace helix_arm::model {
+
+/// The most sections an arm may have.
+inline constexpr int kMaxSections = 16;
+
+/// Inputs of all actuators, section by section from the base: gauge pressures [Pa] (spool angles [rad] for tendons).
+using InputRef = Eigen::Ref<const Eigen::VectorXd>;
+
+/// The twists of an arm's sections, (dof x sections), column k the section k from the base; v [m], w [rad].
+template <class Group>
+using TwistsOf =
+    Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof, kMaxSections>;
+using Twists = TwistsOf<lie::SE3>;
+using PlanarTwists = TwistsOf<lie::SE2>;
+
+/// A bundle of actuators between separators: one constant twist.
+template <class Group>
+struct SectionOf {
+  std::vector<ActuatorOf<Group>> actuators;
+};
+
+/// Sections in series, without load: X_tip = prod_k exp(g_k), each g_k = (A+ D)_k l_k (eq. 17).
+///
+/// Immutable; the maps are solved once, when the arm is made. Frames: everything is seen from the arm's base, x along the
+/// tangent there.
+template <class Group>
+class ArmOf {
+ public:
+  using Twists = TwistsOf<Group>;
+
+  /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 .. kMaxSections sections,
+  ///         1 .. kMaxActuators actuators each, limits inside the contraction's range, stiffness finite and >= 0.
+  explicit ArmOf(std::vector<SectionOf<Group>> sections);
+
+  int sectionCount() const { return static_cast<int>(equilibria_.size()); }
+  int actuatorCount() const { return static_cast<int>(actuators_.size()); }
+  const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
+  /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
+  int firstActuator(int k) const { return first_[k]; }
+  const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
+
+  /// Free lengths (n) [m] of the actuators at inputs q (n).
+  /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside its limits.
+  Eigen::VectorXd lengths(const InputRef& q) const;
+
+  /// Twists (dof x sections) at inputs q (n). Does not allocate. Throws as lengths() does.
+  Twists twists(const InputRef& q) const;
+
+  /// Twists (dof x sections) of given lengths (n) [m]. Does not allocate and does not check.
+  Twists twistsOfLengths(const InputRef& lengths) const noexcept;
+
+  /// Pose of the tip at inputs q (n). Does not allocate. Throws as lengths() does.
+  Group tip(const InputRef& q) const;
+
+ private:
+  void check(const InputRef& q) const;
+  [[noreturn]] void refuse(const InputRef& q) const;
+
+  std::vector<ActuatorOf<Group>> actuators_;
+  std::vector<int> first_;
+  std::vector<Equilibrium<Group>> equilibria_;
+};
+
+using Arm = ArmOf<lie::SE3>;
+using Section = SectionOf<lie::SE3>;
+using PlanarArm = ArmOf<lie::SE2>;
+using PlanarSection = SectionOf<lie::SE2>;
+
+/// The same arm in space.
+Arm embed(const PlanarArm& arm);
+/// The same twists in space.
+Twists embed(const PlanarTwists& twists);
+
+}  // namespace helix_arm::model

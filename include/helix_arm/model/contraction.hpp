@@ -1,0 +1,91 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+namespace helix_arm::model {
+
+/// A closed interval of an actuator's input or length.
+struct Range {
+  double lower = 0.0;
+  double upper = 0.0;
+  /// False for NaN.
+  bool contains(double x) const { return x >= lower && x <= upper; }
+};
+
+/// Free length l(q) of an unloaded actuator [m] against its input q: the gauge pressure of a muscle [Pa], the spool
+/// angle of a tendon [rad]. Strictly monotone on its range, and defined nowhere else: never extrapolated.
+///
+/// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate it.
+class Contraction {
+ public:
+  /// l = sum_k c_k (p / p_ref)^k on [0, p_max].
+  ///
+  /// @param coefficients        c_0 .. c_5 [m].
+  /// @param reference_pressure  p_ref > 0 [Pa]; the fit's largest pressure keeps it well conditioned.
+  /// @param max_pressure        p_max > 0 [Pa]: where the measurements end.
+  /// @throws std::invalid_argument when an argument breaks its rule or the polynomial turns back on its range,
+  ///         naming the pressure where it does.
+  static Contraction quintic(const std::array<double, 6>& coefficients, double reference_pressure,
+                             double max_pressure);
+
+  /// Monotone piecewise cubic (PCHIP, Fritsch and Carlson 1980) through the given points.
+  ///
+  /// @param pressure  (n >= 2) ascending [Pa].
+  /// @param length    (n) strictly monotone, > 0 [m].
+  /// @throws std::invalid_argument naming the first point that breaks a rule.
+  static Contraction table(const std::vector<double>& pressure, const std::vector<double>& length);
+
+  /// A tendon on a spool: l = length - radius * q on [0, max_angle].
+  ///
+  /// @param length     free length at q = 0 [m].
+  /// @param radius     spool radius > 0 [m].
+  /// @param max_angle  > 0 [rad], with length - radius * max_angle > 0.
+  /// @throws std::invalid_argument naming the argument that breaks its rule.
+  static Contraction tendon(double length, double radius, double max_angle);
+
+  /// Where the curve is defined, in units of the input.
+  const Range& inputRange() const { return input_range_; }
+  /// The lengths it takes [m].
+  const Range& lengthRange() const { return length_range_; }
+
+  /// l(q) [m]. @throws std::out_of_range outside inputRange().
+  double length(double q) const;
+  /// dl/dq [m/Pa or m/rad]. @throws std::out_of_range outside inputRange().
+  double slope(double q) const;
+  /// The q with l(q) = length, to the last bits. @throws std::out_of_range outside lengthRange().
+  double inverse(double length) const;
+
+  /// l(q) for a q known to be inside: no check, no exception.
+  double lengthInside(double q) const noexcept {
+    const Piece& piece = pieceAt(q);
+    const double u = (q - piece.start) * piece.inverse_scale;
+    const auto& c = piece.coefficients;
+    return ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u + c[0];
+  }
+  double slopeInside(double q) const noexcept;
+  /// The inverse for a length known to be inside, from a first guess: a good one saves most of the time.
+  double inverseInside(double length, double guess) const noexcept;
+
+ private:
+  struct Piece {
+    double start;          ///< of the piece, in units of the input
+    double inverse_scale;  ///< u = (q - start) * inverse_scale
+    std::array<double, 6> coefficients;
+  };
+
+  explicit Contraction(std::vector<Piece> pieces, Range input_range);
+  const Piece& pieceAt(double q) const noexcept {
+    const Piece* piece = pieces_.data();
+    const Piece* last = piece + pieces_.size() - 1;
+    while (piece != last && q >= piece[1].start) ++piece;
+    return *piece;
+  }
+
+  std::vector<Piece> pieces_;
+  Range input_range_;
+  Range length_range_;
+  bool rising_ = false;  ///< dl/dq > 0: a bellows
+};
+
+}  // namespace helix_arm::model

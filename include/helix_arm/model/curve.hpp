@@ -1,0 +1,44 @@
+#pragma once
+
+#include <vector>
+
+#include "helix_arm/model/arm.hpp"
+
+namespace helix_arm::model {
+
+/// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s).
+///
+/// Each s is evaluated directly, so a fine sampling does not drift.
+/// @param twists  (dof x sections); v [m], w [rad].
+/// @param s       in [0, sections]: section k covers [k, k + 1].
+template <class Group>
+Group poseAt(const TwistsOf<Group>& twists, double s);
+
+/// A point of the sampled curve.
+template <class Group>
+struct CurvePoint {
+  double s;  ///< in [0, sections]
+  Group X;   ///< seen from the base
+};
+
+/// The curve at `count` >= 2 evenly spaced s, base and tip included.
+/// @throws std::invalid_argument when count < 2.
+template <class Group>
+std::vector<CurvePoint<Group>> sampleCurve(const TwistsOf<Group>& twists, int count);
+
+/// Pose of the tip, X_1 .. X_n.
+template <class Group>
+Group tipPose(const TwistsOf<Group>& twists);
+
+/// The helix that a section's curve is. A straight section has no turns and an infinite radius; an arc has no pitch.
+struct Helix {
+  double radius;  ///< distance of the curve from its axis, |w x v| / |w|^2 [m]
+  double pitch;   ///< advance along the axis per turn, signed with the handedness, 2 pi (w.v) / |w|^2 [m]
+  double turns;   ///< |w| / 2 pi
+};
+Helix helixOf(const lie::Vector6& twist);
+
+/// Bending of a section, |(w_y, w_z)| [rad]: the length-scaled curvature of the paper's figures.
+double curvatureOf(const lie::Vector6& twist);
+
+}  // namespace helix_arm::model

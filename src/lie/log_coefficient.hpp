@@ -1,0 +1,9 @@
+#pragma once
+
+namespace helix_arm::lie {
+
+/// (1 - (theta/2) cot(theta/2)) / theta^2 at x = theta^2 [rad^2], the coefficient of [w]^2 in V^-1.
+/// Infinite where theta = 2 pi k, k > 0.
+double logCoefficient(double x);
+
+}  // namespace helix_arm::lie

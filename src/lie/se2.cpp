@@ -1,0 +1,84 @@
+#include "helix_arm/lie/se2.hpp"
+
+#include <cmath>
+
+#include "helix_arm/lie/coefficients.hpp"
+#include "log_coefficient.hpp"
+
+namespace helix_arm::lie {
+namespace {
+
+Eigen::Vector2d quarterTurn(const Eigen::Vector2d& u) { return {-u.y(), u.x()}; }
+
+// scale * I + turn * J, J the quarter turn
+Eigen::Matrix2d scaledRotation(double scale, double turn) {
+  Eigen::Matrix2d M;
+  M << scale, -turn, turn, scale;
+  return M;
+}
+
+Eigen::Matrix2d inverseOfV(double w) {
+  return scaledRotation(1.0 - w * w * logCoefficient(w * w), -0.5 * w);
+}
+
+}  // namespace
+
+SE2 SE2::inverse() const {
+  return {rotation.transpose(), -(rotation.transpose() * translation)};
+}
+
+SE2 SE2::exp(const Tangent& xi) {
+  const double w = xi[2];
+  const auto [a, b, c] = expCoefficients(w * w);
+  static_cast<void>(c);
+  SE2 X;
+  X.rotation = scaledRotation(1.0 - b * w * w, a * w);
+  X.translation = a * xi.head<2>() + b * w * quarterTurn(xi.head<2>());
+  return X;
+}
+
+SE2::Tangent SE2::log() const {
+  const double w = std::atan2(rotation(1, 0), rotation(0, 0));
+  Tangent xi;
+  xi << inverseOfV(w) * translation, w;
+  return xi;
+}
+
+SE2::Matrix SE2::adjoint() const {
+  Matrix Ad;
+  Ad << rotation, -quarterTurn(translation), 0, 0, 1;
+  return Ad;
+}
+
+SE2::Matrix SE2::leftJacobian(const Tangent& xi) {
+  const Eigen::Vector2d v = xi.head<2>();
+  const double w = xi[2];
+  const auto [a, b, c] = expCoefficients(w * w);
+  Matrix J;
+  J << scaledRotation(a, b * w), w * c * v - b * quarterTurn(v), 0, 0, 1;
+  return J;
+}
+
+SE2::Matrix SE2::leftJacobianInverse(const Tangent& xi) {
+  const Eigen::Matrix2d V_inverse = inverseOfV(xi[2]);
+  Matrix J;
+  J << V_inverse, -V_inverse * leftJacobian(xi).topRightCorner<2, 1>(), 0, 0, 1;
+  return J;
+}
+
+SE3 embed(const SE2& X) {
+  SE3 out;
+  out.rotation.topLeftCorner<2, 2>() = X.rotation;
+  out.translation.head<2>() = X.translation;
+  return out;
+}
+
+Vector6 embed(const SE2::Tangent& xi) {
+  Vector6 out;
+  out << xi[0], xi[1], 0, 0, 0, xi[2];
+  return out;
+}
+
+SE2::Tangent project(const Vector6& xi) { return {xi[0], xi[1], xi[5]}; }
+
+}  // namespace helix_arm::lie

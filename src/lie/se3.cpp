@@ -1,0 +1,123 @@
+#include "helix_arm/lie/se3.hpp"
+
+#include <cmath>
+
+#include "helix_arm/lie/coefficients.hpp"
+#include "log_coefficient.hpp"
+
+namespace helix_arm::lie {
+namespace {
+
+// Unit quaternion (x, y, z, w) of R, w >= 0, by the largest of its four components, so that none is lost near pi.
+Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
+  const double trace = R.trace();
+  Eigen::Vector4d q;
+  int i = 0;
+  R.diagonal().maxCoeff(&i);
+  if (trace >= R(i, i)) {
+    const double s = std::sqrt(1.0 + trace);
+    q << R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1), s * s;
+    q *= 0.5 / s;
+  } else {
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    const double s = std::sqrt(1.0 + R(i, i) - R(j, j) - R(k, k));
+    q[i] = s * s;
+    q[j] = R(j, i) + R(i, j);
+    q[k] = R(k, i) + R(i, k);
+    q[3] = R(k, j) - R(j, k);
+    q *= (q[3] < 0 ? -0.5 : 0.5) / s;
+  }
+  return q;
+}
+
+}  // namespace
+
+Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
+  Eigen::Matrix3d W;
+  W << 0, -w.z(), w.y(), w.z(), 0, -w.x(), -w.y(), w.x(), 0;
+  return W;
+}
+
+SE3 SE3::inverse() const {
+  return {rotation.transpose(), -(rotation.transpose() * translation)};
+}
+
+SE3 SE3::exp(const Tangent& xi) {
+  const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
+  const double x = wx * wx + wy * wy + wz * wz;
+  const auto [a, b, c] = expCoefficients(x);
+  SE3 X;
+  // R = cos I + a [w] + b w w', with cos = 1 - b theta^2
+  const double cosine = 1.0 - b * x;
+  const double bx = b * wx, by = b * wy, bz = b * wz;
+  const double ax = a * wx, ay = a * wy, az = a * wz;
+  X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //
+      bx * wy + az, cosine + by * wy, by * wz - ax,            //
+      bx * wz - ay, by * wz + ax, cosine + bz * wz;
+  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: nothing cancels at large angles.
+  const double along = c * (wx * vx + wy * vy + wz * vz);
+  X.translation << a * vx + (by * vz - bz * vy) + along * wx,  //
+      a * vy + (bz * vx - bx * vz) + along * wy,               //
+      a * vz + (bx * vy - by * vx) + along * wz;
+  return X;
+}
+
+SE3::Tangent SE3::log() const {
+  const Eigen::Vector4d q = quaternionOf(rotation);
+  const Eigen::Vector3d u = q.head<3>();
+  const double sin_h = u.stableNorm();
+  // theta / sin(theta / 2) tends to 2 where the vector part vanishes.
+  const double scale = sin_h > 0 ? 2.0 * std::atan2(sin_h, q[3]) / sin_h : 2.0;
+  const Eigen::Vector3d w = scale * u;
+  const double g = logCoefficient(w.squaredNorm());
+  Tangent xi;
+  xi << translation - 0.5 * w.cross(translation) + g * w.cross(w.cross(translation)), w;
+  return xi;
+}
+
+Matrix6 SE3::adjoint() const {
+  Matrix6 Ad;
+  Ad << rotation, skew(translation) * rotation, Eigen::Matrix3d::Zero(), rotation;
+  return Ad;
+}
+
+Matrix6 SE3::leftJacobian(const Tangent& xi) {
+  const Eigen::Matrix3d P = skew(xi.head<3>());
+  const Eigen::Matrix3d W = skew(xi.tail<3>());
+  const auto [a, b, c, d, e] = jacobianCoefficients(xi.tail<3>().squaredNorm());
+  static_cast<void>(a);
+  const Eigen::Matrix3d WP = W * P, PW = P * W, WPW = WP * W, WW = W * W;
+  const Eigen::Matrix3d V = Eigen::Matrix3d::Identity() + b * W + c * WW;
+  const Eigen::Matrix3d Q = 0.5 * P + c * (WP + PW + WPW) + d * (W * WP + PW * W - 3.0 * WPW) +
+                            0.5 * (d - 3.0 * e) * (WPW * W + W * WPW);
+  Matrix6 J;
+  J << V, Q, Eigen::Matrix3d::Zero(), V;
+  return J;
+}
+
+Matrix6 SE3::leftJacobianInverse(const Tangent& xi) {
+  const Eigen::Matrix3d W = skew(xi.tail<3>());
+  const double g = logCoefficient(xi.tail<3>().squaredNorm());
+  const Eigen::Matrix3d V_inverse = Eigen::Matrix3d::Identity() - 0.5 * W + g * W * W;
+  const Eigen::Matrix3d Q = leftJacobian(xi).topRightCorner<3, 3>();
+  Matrix6 J;
+  J << V_inverse, -V_inverse * Q * V_inverse, Eigen::Matrix3d::Zero(), V_inverse;
+  return J;
+}
+
+Eigen::Matrix<double, 3, 6> SE3::translationJacobian(const Tangent& xi) {
+  const Eigen::Vector3d v = xi.head<3>();
+  const Eigen::Vector3d w = xi.tail<3>();
+  const auto [a, b, c, d, e] = jacobianCoefficients(w.squaredNorm());
+  const double wv = w.dot(v);
+  // p = a v + b w x v + c (w.v) w, and 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d with x = |w|^2
+  const Eigen::Vector3d dx = (c - b) * v + (2.0 * d - c) * w.cross(v) + (3.0 * e - d) * wv * w;
+  Eigen::Matrix<double, 3, 6> J;
+  J.leftCols<3>() = c * w * w.transpose() + b * skew(w);
+  J.leftCols<3>().diagonal().array() += a;
+  J.rightCols<3>() = dx * w.transpose() + c * w * v.transpose() - b * skew(v);
+  J.rightCols<3>().diagonal().array() += c * wv;
+  return J;
+}
+
+}  // namespace helix_arm::lie
