@@ -3,12 +3,17 @@
 #include "helix_arm/lie/coefficients.hpp"
 
 namespace helix_arm::lie {
+namespace {
+
+// Below this theta^2 [rad^2] the quotient would cancel.
+constexpr double kLogSeriesLimit = 2.0;
+
+}  // namespace
 
 double logCoefficient(double x) {
-  if (x >= kSeriesLimitLog) {
-    const auto [a, b, c] = expCoefficients(x);
-    static_cast<void>(c);
-    return (1.0 - a / (2.0 * b)) / x;
+  if (x >= kLogSeriesLimit) {
+    const ExpCoefficients f = expCoefficients(x);
+    return (1.0 - f.a / (2.0 * f.b)) / x;
   }
   // h cot h has the series sum_k -|B_2k| (2h)^2k / (2k)!, 2h = theta; |B_2k| / (2k)! for k = 1 .. 14.
   // Its radius is 2 pi: 14 terms leave 1e-18 at the switch.

@@ -29,11 +29,10 @@ SE2 SE2::inverse() const {
 
 SE2 SE2::exp(const Tangent& xi) {
   const double w = xi[2];
-  const auto [a, b, c] = expCoefficients(w * w);
-  static_cast<void>(c);
+  const ExpCoefficients f = expCoefficients(w * w, -detail::squareRemainder(w * w, w));
   SE2 X;
-  X.rotation = scaledRotation(1.0 - b * w * w, a * w);
-  X.translation = a * xi.head<2>() + b * w * quarterTurn(xi.head<2>());
+  X.rotation = scaledRotation(f.cosine, f.a * w);
+  X.translation = f.a * xi.head<2>() + f.b * w * quarterTurn(xi.head<2>());
   return X;
 }
 
@@ -53,9 +52,9 @@ SE2::Matrix SE2::adjoint() const {
 SE2::Matrix SE2::leftJacobian(const Tangent& xi) {
   const Eigen::Vector2d v = xi.head<2>();
   const double w = xi[2];
-  const auto [a, b, c] = expCoefficients(w * w);
+  const ExpCoefficients f = expCoefficients(w * w);
   Matrix J;
-  J << scaledRotation(a, b * w), w * c * v - b * quarterTurn(v), 0, 0, 1;
+  J << scaledRotation(f.a, f.b * w), w * f.c * v - f.b * quarterTurn(v), 0, 0, 1;
   return J;
 }
 

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include <Eigen/Geometry>
+
 #include "helix_arm/lie/coefficients.hpp"
 #include "log_coefficient.hpp"
 
@@ -30,6 +32,22 @@ Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   return q;
 }
 
+// What the rounded sum a + b lost (Knuth).
+double sumRemainder(double a, double b, double sum) {
+  const double b_part = sum - a;
+  return (a - (sum - b_part)) + (b - b_part);
+}
+
+// |w|^2 - x to the last bits, x its rounded value.
+double squaredNormRemainder(double wx, double wy, double wz, double x) {
+  const double px = wx * wx, py = wy * wy, pz = wz * wz;
+  const double pxy = px + py, sum = pxy + pz;
+  const double of_sums = sumRemainder(px, py, pxy) + sumRemainder(pxy, pz, sum);
+  const double of_squares = detail::squareRemainder(px, wx) + detail::squareRemainder(py, wy) +
+                            detail::squareRemainder(pz, wz);
+  return (sum - x) + (of_sums - of_squares);
+}
+
 }  // namespace
 
 Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
@@ -45,10 +63,9 @@ SE3 SE3::inverse() const {
 SE3 SE3::exp(const Tangent& xi) {
   const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
   const double x = wx * wx + wy * wy + wz * wz;
-  const auto [a, b, c] = expCoefficients(x);
+  const auto [a, b, c, cosine] = expCoefficients(x, x <= kSeriesLimit ? 0.0 : squaredNormRemainder(wx, wy, wz, x));
   SE3 X;
-  // R = cos I + a [w] + b w w', with cos = 1 - b theta^2
-  const double cosine = 1.0 - b * x;
+  // R = cos I + a [w] + b w w'
   const double bx = b * wx, by = b * wy, bz = b * wz;
   const double ax = a * wx, ay = a * wy, az = a * wz;
   X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //

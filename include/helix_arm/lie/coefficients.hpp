@@ -4,15 +4,17 @@
 
 /// The scalar functions of the rotation angle that exp, log and their Jacobians are made of.
 ///
-/// All of them are even and analytic, so they are written in x = theta^2 and are finite at zero. They are free of
-/// branches (a `?:` selects between two finished values), so a loop over them vectorises.
+/// All of them are even and analytic, so they are written in x = theta^2 and are finite at zero. Up to theta = 4.5 rad, where
+/// arms live, they are series of the half angle without a root, a quotient or a branch; beyond, sine and cosine of the
+/// reduced half angle. Neither depends on the C library, so every machine gives the same digits up to fused products.
 namespace helix_arm::lie {
 
 /// Coefficients of exp; theta = |w| [rad].
 struct ExpCoefficients {
-  double a;  ///< sin(theta) / theta
-  double b;  ///< (1 - cos(theta)) / theta^2
-  double c;  ///< (theta - sin(theta)) / theta^3
+  double a;       ///< sin(theta) / theta
+  double b;       ///< (1 - cos(theta)) / theta^2
+  double c;       ///< (theta - sin(theta)) / theta^3
+  double cosine;  ///< cos(theta)
 };
 
 /// Coefficients of the Jacobians of exp: those of exp and the next two of the same family.
@@ -22,73 +24,116 @@ struct JacobianCoefficients {
   double e;  ///< (1/6 - c) / theta^2 = (theta^3/6 - theta + sin(theta)) / theta^5
 };
 
-/// Below this theta^2 the coefficients c, d, e come from their Taylor series, above it from a, b, c.
-inline constexpr double kSeriesLimitC = 2.0;
-inline constexpr double kSeriesLimitDe = 6.0;
-/// Below this theta^2 the coefficient of log comes from its Taylor series.
-inline constexpr double kSeriesLimitLog = 2.0;
-/// Above this theta^2 the argument reduction of expCoefficients loses its last bits [rad^2].
+/// theta^2 up to which the series serve [rad^2].
+inline constexpr double kSeriesLimit = 20.0;
+/// theta^2 above which the argument reduction loses its last bits [rad^2].
 inline constexpr double kReductionLimit = 1e10;
 
 namespace detail {
 
-/// n! for small n; exact in double up to 22!.
+/// n! for n <= 33, exact up to 22! and within an ulp beyond.
 constexpr double factorial(int n) { return n < 2 ? 1.0 : n * factorial(n - 1); }
 
-/// sum_k (-x)^k / (2k + n)!, k < terms: the Taylor series of a (n = 1), b (2), c (3), d (4), e (5), and cos (0).
-template <int kFirst, int kTerms, int kTerm = 0>
-inline double factorialSeries(double x) {
-  constexpr double kCoefficient = (kTerm % 2 == 0 ? 1.0 : -1.0) / factorial(2 * kTerm + kFirst);
-  if constexpr (kTerm + 1 == kTerms) {
-    return kCoefficient;
+/// sum_j (-y)^j / (2j + n)! over kBegin <= j < kBegin + kCount, divided by y^kBegin. Pairs first (Estrin): half the waiting
+/// of Horner's rule. powers: y, y^2, y^4, y^8.
+template <int kFirst, int kBegin, int kCount>
+inline double factorialSeries(const double* powers) {
+  if constexpr (kCount == 1) {
+    return (kBegin % 2 == 0 ? 1.0 : -1.0) / factorial(2 * kBegin + kFirst);
   } else {
-    return factorialSeries<kFirst, kTerms, kTerm + 1>(x) * x + kCoefficient;
+    constexpr int kLevel = kCount > 8 ? 3 : kCount > 4 ? 2 : kCount > 2 ? 1 : 0;
+    constexpr int kHalf = 1 << kLevel;
+    return factorialSeries<kFirst, kBegin, kHalf>(powers) +
+           factorialSeries<kFirst, kBegin + kHalf, kCount - kHalf>(powers) * powers[kLevel];
   }
+}
+
+/// sum_j (-y)^j / (2j + n)!: n = 2 is (1 - cos r) / r^2 with y = r^2, n = 3 is (r - sin r) / r^3, and so on.
+template <int kFirst, int kTerms>
+inline double factorialSeries(double y) {
+  const double y2 = y * y, y4 = y2 * y2;
+  const double powers[] = {y, y2, y4, y4 * y4};
+  return factorialSeries<kFirst, 0, kTerms>(powers);
+}
+
+/// square - root * root to the last bit (Dekker), for |root| < 1e150.
+inline double squareRemainder(double square, double root) {
+  constexpr double kSplit = 134217729.0;  // 2^27 + 1: halves the digits
+  const double t = kSplit * root;
+  const double high = t - (t - root), low = root - high;
+  return ((square - high * high) - 2.0 * high * low) - low * low;
+}
+
+/// Sine and cosine of the half angle h and the series they are made of, s_n = sum_j (-y)^j / (2j + n)! with y = h^2.
+/// For x <= kSeriesLimit. s_2 and s_3 come from s_4 and s_5, whose rounding weighs less.
+struct HalfAngleSeries {
+  double y;             ///< h^2
+  double s4, s5;        ///< (1/2 - s2) / h^2, (1/6 - s3) / h^2
+  double s2, s3;        ///< (1 - cos h) / h^2, (h - sin h) / h^3
+  double sinc, cosine;  ///< of h
+
+  explicit HalfAngleSeries(double x)
+      : y(0.25 * x),
+        s4(factorialSeries<4, 11>(y)),
+        s5(factorialSeries<5, 10>(y)),
+        s2(0.5 - y * s4),
+        s3(1.0 / 6.0 - y * s5),
+        sinc((1.0 - (1.0 / 6.0) * y) + (y * y) * s5),
+        cosine((1.0 - 0.5 * y) + (y * y) * s4) {}
+  double a() const { return sinc * cosine; }
+  double b() const { return 0.5 * s2 * (1.0 + cosine); }
+  double c() const { return 0.25 * (s2 + s3 - y * s2 * s3); }
+  double d() const { return 0.125 * s3 * (1.0 + sinc); }
+  double e() const { return 0.0625 * (s4 + s5 + s2 * s3); }
+};
+
+inline ExpCoefficients expCoefficientsBySeries(double x) {
+  const HalfAngleSeries f(x);
+  return {f.a(), f.b(), f.c(), 2.0 * f.cosine * f.cosine - 1.0};
+}
+
+/// For x from about 1 up to kReductionLimit; finite and of no meaning below.
+/// @param x_low  what the rounding of x lost: at large angles it shows.
+inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
+  // h = r + k pi/2, |r| <= pi/4, with pi/2 in three parts (Cody and Waite): k times the first two is exact.
+  constexpr double kRound = 6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
+  constexpr double kTwoOverPi = 0.63661977236758138;
+  constexpr double kHalfPi1 = 1.57079632673412561417;
+  constexpr double kHalfPi2 = 6.07710050630396597660e-11;
+  constexpr double kHalfPi3 = 2.02226624879595063154e-21;
+  constexpr double kTiny = 1e-100;  // keeps the quotients finite at zero
+  const double h = 0.5 * std::sqrt(x);
+  const double k = (h * kTwoOverPi + kRound) - kRound;
+  const double h_low = (squareRemainder(0.25 * x, h) + 0.25 * x_low) / (2.0 * h + kTiny);
+  const double r = (((h - k * kHalfPi1) - k * kHalfPi2) - k * kHalfPi3) + h_low;
+  const double y = r * r;
+  const double sin_r = r - r * (y * factorialSeries<3, 8>(y));
+  const double cos_r = 1.0 - y * factorialSeries<2, 8>(y);
+  // A quarter turn exchanges sine and cosine; their signs cancel wherever they are used.
+  const double odd = k - 2.0 * ((0.5 * k - 0.25 + kRound) - kRound);  // 0 or 1
+  const double even = 1.0 - odd;
+  const double sin_h = even * sin_r + odd * cos_r;
+  const double cos_h = even * cos_r - odd * sin_r;
+  const double sinc_h = sin_h / (h + kTiny);
+  const double a = sinc_h * cos_h;
+  return {a, 0.5 * sinc_h * sinc_h, (1.0 - a) / (x + kTiny), (cos_h - sin_h) * (cos_h + sin_h)};
 }
 
 }  // namespace detail
 
-/// Coefficients of exp at x = theta^2 [rad^2], relative to 1 (a, b) and to themselves (c) within 4 eps.
-///
-/// @param x  in [0, kReductionLimit]; NaN gives NaN.
-inline ExpCoefficients expCoefficients(double x) {
-  // Half the angle, reduced to |r| <= pi/4 in three parts of pi/2 (Cody and Waite), so that k * part is exact.
-  constexpr double kRound = 6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
-  constexpr double kTwoOverPi = 0.63661977236758138;
-  constexpr double kHalfPi1 = 1.57079632673412561417;      // its first 33 bits
-  constexpr double kHalfPi2 = 6.07710050630396597660e-11;  // the next 33
-  constexpr double kHalfPi3 = 2.02226624879595063154e-21;
-  const double h = 0.5 * std::sqrt(x);
-  const double k = (h * kTwoOverPi + kRound) - kRound;
-  const double r = ((h - k * kHalfPi1) - k * kHalfPi2) - k * kHalfPi3;
-  const double odd = k - 2.0 * ((0.5 * k - 0.25 + kRound) - kRound);  // 0 or 1
-
-  const double y = r * r;
-  const double sinc_r = detail::factorialSeries<1, 8>(y);
-  const double cos_r = detail::factorialSeries<0, 9>(y);
-  const double sin_r = r * sinc_r;
-
-  // h = r + k pi/2. The signs that an even or odd k brings cancel in a and b, up to (-1)^k in a.
-  const double sin_h = odd != 0.0 ? cos_r : sin_r;
-  const double cos_h = odd != 0.0 ? -sin_r : cos_r;
-  const double sinc_h = k == 0.0 ? sinc_r : sin_h / h;
-
-  ExpCoefficients out{};
-  out.a = sinc_h * cos_h;
-  out.b = 0.5 * sinc_h * sinc_h;
-  const double c_series = detail::factorialSeries<3, 10>(x);
-  const double c_closed = (1.0 - out.a) / x;
-  out.c = x < kSeriesLimitC ? c_series : c_closed;
-  return out;
+/// Coefficients of exp at x + x_low = theta^2 [rad^2], x in [0, kReductionLimit]; NaN gives NaN.
+inline ExpCoefficients expCoefficients(double x, double x_low = 0.0) {
+  return x <= kSeriesLimit ? detail::expCoefficientsBySeries(x) : detail::expCoefficientsByReduction(x, x_low);
 }
 
-/// Coefficients of the Jacobians at x = theta^2 [rad^2]; same domain as expCoefficients.
+/// Coefficients of the Jacobians at x = theta^2 [rad^2]; same domain.
 inline JacobianCoefficients jacobianCoefficients(double x) {
-  const ExpCoefficients f = expCoefficients(x);
-  const bool series = x < kSeriesLimitDe;
-  return {f.a, f.b, f.c,  //
-          series ? detail::factorialSeries<4, 13>(x) : (0.5 - f.b) / x,
-          series ? detail::factorialSeries<5, 12>(x) : (1.0 / 6.0 - f.c) / x};
+  if (x <= kSeriesLimit) {
+    const detail::HalfAngleSeries f(x);
+    return {f.a(), f.b(), f.c(), f.d(), f.e()};
+  }
+  const ExpCoefficients f = detail::expCoefficientsByReduction(x, 0.0);
+  return {f.a, f.b, f.c, (0.5 - f.b) / x, (1.0 / 6.0 - f.c) / x};
 }
 
 }  // namespace helix_arm::lie

@@ -63,6 +63,7 @@ class ArmOf {
 
  private:
   void check(const InputRef& q) const;
+  typename Group::Tangent sectionTwist(const InputRef& q, int k) const noexcept;
   [[noreturn]] void refuse(const InputRef& q) const;
 
   std::vector<ActuatorOf<Group>> actuators_;

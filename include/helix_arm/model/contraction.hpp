@@ -19,6 +19,13 @@ struct Range {
 /// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate it.
 class Contraction {
  public:
+  /// The polynomial from one knot to the next.
+  struct Piece {
+    double start;          ///< of the piece, in units of the input
+    double inverse_scale;  ///< u = (q - start) * inverse_scale
+    std::array<double, 6> coefficients;
+  };
+
   /// l = sum_k c_k (p / p_ref)^k on [0, p_max].
   ///
   /// @param coefficients        c_0 .. c_5 [m].
@@ -44,6 +51,8 @@ class Contraction {
   /// @throws std::invalid_argument naming the argument that breaks its rule.
   static Contraction tendon(double length, double radius, double max_angle);
 
+  /// The polynomials the curve is stored as, in the order of their inputs.
+  const std::vector<Piece>& pieces() const { return pieces_; }
   /// Where the curve is defined, in units of the input.
   const Range& inputRange() const { return input_range_; }
   /// The lengths it takes [m].
@@ -68,12 +77,6 @@ class Contraction {
   double inverseInside(double length, double guess) const noexcept;
 
  private:
-  struct Piece {
-    double start;          ///< of the piece, in units of the input
-    double inverse_scale;  ///< u = (q - start) * inverse_scale
-    std::array<double, 6> coefficients;
-  };
-
   explicit Contraction(std::vector<Piece> pieces, Range input_range);
   const Piece& pieceAt(double q) const noexcept {
     const Piece* piece = pieces_.data();

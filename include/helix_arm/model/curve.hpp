@@ -11,8 +11,8 @@ namespace helix_arm::model {
 /// Each s is evaluated directly, so a fine sampling does not drift.
 /// @param twists  (dof x sections); v [m], w [rad].
 /// @param s       in [0, sections]: section k covers [k, k + 1].
-template <class Group>
-Group poseAt(const TwistsOf<Group>& twists, double s);
+lie::SE3 poseAt(const Twists& twists, double s);
+lie::SE2 poseAt(const PlanarTwists& twists, double s);
 
 /// A point of the sampled curve.
 template <class Group>
@@ -21,14 +21,14 @@ struct CurvePoint {
   Group X;   ///< seen from the base
 };
 
-/// The curve at `count` >= 2 evenly spaced s, base and tip included.
+/// The curve at `count` >= 2 evenly spaced s, base and tip included; each point as poseAt() gives it.
 /// @throws std::invalid_argument when count < 2.
-template <class Group>
-std::vector<CurvePoint<Group>> sampleCurve(const TwistsOf<Group>& twists, int count);
+std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count);
+std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
 
 /// Pose of the tip, X_1 .. X_n.
-template <class Group>
-Group tipPose(const TwistsOf<Group>& twists);
+lie::SE3 tipPose(const Twists& twists);
+lie::SE2 tipPose(const PlanarTwists& twists);
 
 /// The helix that a section's curve is. A straight section has no turns and an infinite radius; an arc has no pitch.
 struct Helix {

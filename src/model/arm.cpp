@@ -1,0 +1,157 @@
+#include "helix_arm/model/arm.hpp"
+
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace helix_arm::model {
+namespace {
+
+void requireStiffness(const Stiffness& stiffness, const std::string& who) {
+  for (const auto& [name, value] : {std::pair{"K_gamma", stiffness.gamma}, std::pair{"K_tau", stiffness.tau},
+                                    std::pair{"K_kappa", stiffness.kappa}}) {
+    if (!(value >= 0) || value > 1e300) {
+      std::ostringstream message;
+      message << who << " has " << name << " = " << value << "; expected a finite value >= 0";
+      throw std::invalid_argument(message.str());
+    }
+  }
+}
+
+}  // namespace
+
+template <>
+lie::SE3::Tangent Stiffness::diagonal<lie::SE3>() const {
+  lie::SE3::Tangent K;
+  K << 1, gamma, gamma, tau, kappa, kappa;
+  return K;
+}
+
+template <>
+lie::SE2::Tangent Stiffness::diagonal<lie::SE2>() const {
+  return {1, gamma, kappa};
+}
+
+template <class Group>
+ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
+  if (sections.empty() || sections.size() > kMaxSections) {
+    throw std::invalid_argument("the arm has " + std::to_string(sections.size()) + " sections; expected 1 to " +
+                                std::to_string(kMaxSections));
+  }
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    const std::string where = "section " + std::to_string(k + 1) + ": ";
+    std::vector<Strand<Group>> strands;
+    first_.push_back(static_cast<int>(actuators_.size()));
+    for (ActuatorOf<Group>& actuator : sections[k].actuators) {
+      requireStiffness(actuator.stiffness, where + actuator.name);
+      const Range& range = actuator.contraction.inputRange();
+      const Range& limits = actuator.limits;
+      if (!(range.contains(limits.lower) && range.contains(limits.upper) && limits.lower < limits.upper)) {
+        std::ostringstream message;
+        message << where << actuator.name << " has limits [" << limits.lower << ", " << limits.upper
+                << "]; expected a range inside its contraction's [" << range.lower << ", " << range.upper << "]";
+        throw std::invalid_argument(message.str());
+      }
+      strands.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
+      actuators_.push_back(std::move(actuator));
+    }
+    try {
+      equilibria_.push_back(solveEquilibrium(strands));
+    } catch (const std::invalid_argument& error) {
+      throw std::invalid_argument(where + error.what());
+    }
+  }
+  first_.push_back(static_cast<int>(actuators_.size()));
+}
+
+template <class Group>
+void ArmOf<Group>::check(const InputRef& q) const {
+  if (q.size() != actuatorCount()) refuse(q);
+  for (int i = 0; i < actuatorCount(); ++i) {
+    if (!actuators_[i].limits.contains(q[i])) refuse(q);
+  }
+}
+
+template <class Group>
+void ArmOf<Group>::refuse(const InputRef& q) const {
+  if (q.size() != actuatorCount()) {
+    throw std::invalid_argument("got " + std::to_string(q.size()) + " inputs; the arm has " +
+                                std::to_string(actuatorCount()) + " actuators");
+  }
+  std::ostringstream message;
+  for (int i = 0; i < actuatorCount(); ++i) {
+    const Range& limits = actuators_[i].limits;
+    if (limits.contains(q[i])) continue;
+    message << actuators_[i].name << " is asked for " << q[i] << "; its limits are [" << limits.lower << ", "
+            << limits.upper << "] " << (actuators_[i].drive == Drive::kPressure ? "Pa (gauge)" : "rad");
+    break;
+  }
+  throw std::out_of_range(message.str());
+}
+
+template <class Group>
+Eigen::VectorXd ArmOf<Group>::lengths(const InputRef& q) const {
+  check(q);
+  Eigen::VectorXd out(q.size());
+  for (int i = 0; i < actuatorCount(); ++i) out[i] = actuators_[i].contraction.lengthInside(q[i]);
+  return out;
+}
+
+template <class Group>
+typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
+  check(q);
+  Twists out(Group::kDof, sectionCount());
+  for (int k = 0; k < sectionCount(); ++k) out.col(k) = sectionTwist(q, k);
+  return out;
+}
+
+template <class Group>
+typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) const noexcept {
+  typename Group::Tangent g = Group::Tangent::Zero();
+  const auto& map = equilibria_[k].map;
+  const int first = first_[k], count = first_[k + 1] - first;
+  for (int i = 0; i < count; ++i) {
+    g += map.col(i) * actuators_[first + i].contraction.lengthInside(q[first + i]);
+  }
+  return g;
+}
+
+template <class Group>
+typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(const InputRef& lengths) const noexcept {
+  Twists out(Group::kDof, sectionCount());
+  for (int k = 0; k < sectionCount(); ++k) {
+    out.col(k).noalias() = equilibria_[k].map.lazyProduct(lengths.segment(first_[k], first_[k + 1] - first_[k]));
+  }
+  return out;
+}
+
+template <class Group>
+Group ArmOf<Group>::tip(const InputRef& q) const {
+  check(q);
+  Group X = Group::exp(sectionTwist(q, 0));
+  for (int k = 1; k < sectionCount(); ++k) X = X * Group::exp(sectionTwist(q, k));
+  return X;
+}
+
+template class ArmOf<lie::SE2>;
+template class ArmOf<lie::SE3>;
+
+Arm embed(const PlanarArm& arm) {
+  std::vector<Section> sections(arm.sectionCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      const PlanarActuator& a = arm.actuator(i);
+      sections[k].actuators.push_back({a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
+    }
+  }
+  return Arm(std::move(sections));
+}
+
+Twists embed(const PlanarTwists& twists) {
+  Twists out(6, twists.cols());
+  for (int k = 0; k < twists.cols(); ++k) out.col(k) = lie::embed(lie::SE2::Tangent(twists.col(k)));
+  return out;
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,190 @@
+#include "helix_arm/model/contraction.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+namespace helix_arm::model {
+namespace {
+
+using Polynomial = std::vector<double>;  // ascending powers
+
+[[noreturn]] void refuse(const std::string& what, double value, const std::string& rule) {
+  std::ostringstream message;
+  message.precision(10);
+  message << what << " is " << value << "; expected " << rule;
+  throw std::invalid_argument(message.str());
+}
+
+void requirePositive(const std::string& what, double value) {
+  if (!(std::isfinite(value) && value > 0)) refuse(what, value, "a finite value > 0");
+}
+
+double evaluate(const Polynomial& c, double u) {
+  double sum = 0.0;
+  for (std::size_t k = c.size(); k-- > 0;) sum = sum * u + c[k];
+  return sum;
+}
+
+Polynomial derivative(const Polynomial& c) {
+  Polynomial d;
+  for (std::size_t k = 1; k < c.size(); ++k) d.push_back(static_cast<double>(k) * c[k]);
+  return d;
+}
+
+// Where the polynomial changes sign inside (lo, hi), ascending: between neighbouring extrema there is at most one place.
+std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
+  std::vector<double> roots;
+  if (c.size() < 2) return roots;
+  std::vector<double> edges = signChanges(derivative(c), lo, hi);
+  edges.insert(edges.begin(), lo);
+  edges.push_back(hi);
+  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
+    double a = edges[i], b = edges[i + 1];
+    const bool positive = evaluate(c, a) > 0;
+    if (positive == (evaluate(c, b) > 0)) continue;
+    for (double m = 0.5 * (a + b); a < m && m < b; m = 0.5 * (a + b)) {
+      (evaluate(c, m) > 0) == positive ? a = m : b = m;
+    }
+    roots.push_back(b);
+  }
+  return roots;
+}
+
+// Slope at an end of a table, from three points, kept from overshooting (Fritsch and Carlson 1980).
+double endSlope(double h0, double h1, double secant0, double secant1) {
+  const double slope = ((2 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
+  if (slope * secant0 <= 0) return 0.0;
+  if (secant0 * secant1 < 0 && std::abs(slope) > 3 * std::abs(secant0)) return 3 * secant0;
+  return slope;
+}
+
+}  // namespace
+
+Contraction::Contraction(std::vector<Piece> pieces, Range input_range)
+    : pieces_(std::move(pieces)), input_range_(input_range) {
+  const double first = lengthInside(input_range_.lower);
+  const double last = lengthInside(input_range_.upper);
+  rising_ = last > first;
+  length_range_ = {std::min(first, last), std::max(first, last)};
+}
+
+Contraction Contraction::quintic(const std::array<double, 6>& coefficients, double reference_pressure,
+                                 double max_pressure) {
+  requirePositive("reference_pressure", reference_pressure);
+  requirePositive("max_pressure", max_pressure);
+  for (std::size_t k = 0; k < coefficients.size(); ++k) {
+    if (!std::isfinite(coefficients[k])) {
+      refuse("coefficient c" + std::to_string(k), coefficients[k], "a finite value");
+    }
+  }
+  const Polynomial slope = derivative(Polynomial(coefficients.begin(), coefficients.end()));
+  const double u_max = max_pressure / reference_pressure;
+  const std::vector<double> turns = signChanges(slope, 0.0, u_max);
+  if (!turns.empty()) {
+    refuse("the pressure where the length turns back", turns.front() * reference_pressure,
+           "a length that is monotone up to the maximum pressure");
+  }
+  if (std::all_of(slope.begin(), slope.end(), [](double c) { return c == 0; })) {
+    refuse("the slope of the length", 0.0, "a length that changes with pressure");
+  }
+  Contraction curve({{0.0, 1.0 / reference_pressure, coefficients}}, {0.0, max_pressure});
+  requirePositive("the least length", curve.length_range_.lower);
+  return curve;
+}
+
+Contraction Contraction::table(const std::vector<double>& pressure, const std::vector<double>& length) {
+  const std::size_t n = pressure.size();
+  if (n < 2 || length.size() != n) {
+    refuse("the number of lengths", static_cast<double>(length.size()),
+           "one for each pressure, at least 2 (pressures: " + std::to_string(n) + ")");
+  }
+  std::vector<double> h(n - 1), secant(n - 1);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::string point = " of point " + std::to_string(i + 1);
+    if (!std::isfinite(pressure[i])) refuse("pressure" + point, pressure[i], "a finite value");
+    requirePositive("length" + point, length[i]);
+    if (i == 0) continue;
+    h[i - 1] = pressure[i] - pressure[i - 1];
+    if (!(h[i - 1] > 0)) refuse("pressure" + point, pressure[i], "a value above the one before it");
+    secant[i - 1] = (length[i] - length[i - 1]) / h[i - 1];
+    if (!(secant[i - 1] * secant[0] > 0)) {
+      refuse("length" + point, length[i], "lengths that only fall or only rise");
+    }
+  }
+  std::vector<double> slope(n);
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    // Weighted harmonic mean of the neighbours' secants.
+    const double w0 = 2 * h[i] + h[i - 1], w1 = h[i] + 2 * h[i - 1];
+    slope[i] = (w0 + w1) / (w0 / secant[i - 1] + w1 / secant[i]);
+  }
+  slope[0] = n == 2 ? secant[0] : endSlope(h[0], h[1], secant[0], secant[1]);
+  slope[n - 1] = n == 2 ? secant[0] : endSlope(h[n - 2], h[n - 3], secant[n - 2], secant[n - 3]);
+
+  std::vector<Piece> pieces;
+  for (std::size_t i = 0; i + 1 < n; ++i) {
+    const double rise = length[i + 1] - length[i];
+    const double m0 = h[i] * slope[i], m1 = h[i] * slope[i + 1];
+    pieces.push_back({pressure[i], 1.0 / h[i], {length[i], m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, 0, 0}});
+  }
+  return Contraction(std::move(pieces), {pressure.front(), pressure.back()});
+}
+
+Contraction Contraction::tendon(double length, double radius, double max_angle) {
+  requirePositive("length", length);
+  requirePositive("radius", radius);
+  requirePositive("max_angle", max_angle);
+  requirePositive("the least length", length - radius * max_angle);
+  return Contraction({{0.0, 1.0, {length, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
+}
+
+double Contraction::length(double q) const {
+  if (!input_range_.contains(q)) {
+    std::ostringstream message;
+    message << "input " << q << " is outside [" << input_range_.lower << ", " << input_range_.upper << "]";
+    throw std::out_of_range(message.str());
+  }
+  return lengthInside(q);
+}
+
+double Contraction::slope(double q) const {
+  static_cast<void>(length(q));  // the same range
+  return slopeInside(q);
+}
+
+double Contraction::slopeInside(double q) const noexcept {
+  const Piece& piece = pieceAt(q);
+  const double u = (q - piece.start) * piece.inverse_scale;
+  const auto& c = piece.coefficients;
+  return ((((5 * c[5] * u + 4 * c[4]) * u + 3 * c[3]) * u + 2 * c[2]) * u + c[1]) * piece.inverse_scale;
+}
+
+double Contraction::inverse(double length) const {
+  if (!length_range_.contains(length)) {
+    std::ostringstream message;
+    message << "length " << length << " m is outside [" << length_range_.lower << ", " << length_range_.upper << "] m";
+    throw std::out_of_range(message.str());
+  }
+  return inverseInside(length, 0.5 * (input_range_.lower + input_range_.upper));
+}
+
+double Contraction::inverseInside(double length, double guess) const noexcept {
+  // Newton, and a bisection wherever Newton would leave the bracket.
+  double lower = input_range_.lower, upper = input_range_.upper;
+  const double resolution = 2 * std::numeric_limits<double>::epsilon() * std::max(std::abs(lower), std::abs(upper));
+  double q = std::min(std::max(guess, lower), upper);
+  for (int i = 0; i < 100; ++i) {
+    const double error = lengthInside(q) - length;
+    if (error == 0) return q;
+    ((error > 0) == rising_ ? upper : lower) = q;
+    double next = q - error / slopeInside(q);
+    if (!(next >= lower && next <= upper)) next = 0.5 * (lower + upper);
+    if (std::abs(next - q) <= resolution) return next;
+    q = next;
+  }
+  return q;
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,402 @@
+#include "helix_arm/model/inverse.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <stdexcept>
+#include <string>
+
+#include "box_quadratic.hpp"
+#include "inverse_task.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr int kSeedCount = 1024;
+constexpr int kNearestStarts = 12;       // of the seeds; later starts are spread over all of them
+constexpr int kMaxActuatorsForCorners = 6;
+constexpr double kGoalFraction = 0.1;    // aim below the tolerance: room for rounding on the way to inputs
+constexpr double kAtRest = 1e-13;        // relative decrease that is no longer worth a step
+constexpr double kLeastDamping = 1e-12;  // relative to the mean of diag(J'J)
+constexpr double kPreferenceAtRest = 1e-7;  // steps of the preference, relative to the range of the lengths
+constexpr double kLeastStepFraction = 0.01;
+constexpr double kPreferenceWeight = 1e-8;  // of the preference against the task, relative to diag(J'J)
+
+void requirePositive(const char* name, double value) {
+  if (std::isfinite(value) && value > 0) return;
+  throw std::invalid_argument("InverseOptions::" + std::string(name) + " is " + std::to_string(value) +
+                              "; expected a finite value > 0");
+}
+
+}  // namespace
+
+class InverseSolver::Workspace {
+ public:
+  Workspace(const Arm& arm, const InverseOptions& options);
+
+  const InverseResult& solve(const InputRef& start);
+  InverseTask& task() { return task_; }
+  const Arm& arm() const { return arm_; }
+
+ private:
+  enum class Descent { kReached, kAtRest, kExhausted };
+  // A point of the search with everything that is known there.
+  struct Point {
+    Eigen::VectorXd lengths, residual;
+    Eigen::MatrixXd jacobian;
+    double cost = 0.0;  // squared norm of the residual [m^2]
+  };
+
+  void checkStart(const InputRef& start) const;
+  void evaluate(Point& point) const noexcept;
+  void buildNormalEquations(const Point& point) noexcept;
+  void setStepBounds(const Point& point) noexcept;
+  Descent descend(Point& point) noexcept;
+  void sampleSeeds();
+  int nextSeed(int start_number) noexcept;
+  void readInputs(const Eigen::VectorXd& lengths) noexcept;
+  double preferenceCost() const noexcept;
+  bool improvePreference() noexcept;
+  void followPreference() noexcept;
+  bool hasSpareActuators() const;
+  void report(Descent outcome) noexcept;
+
+  const Arm& arm_;
+  InverseOptions options_;
+  InverseTask task_;
+  int n_;
+  int map_rank_ = 0;                      // independent motions of all sections together
+  Eigen::VectorXd lower_, upper_;         // of the lengths [m]
+  Eigen::VectorXd reference_;             // q_ref of the preference
+  Eigen::VectorXd input_;                 // inputs of the current lengths, also the guess for the next ones
+  Eigen::VectorXd preference_slope_;      // d((q - q_ref) / range) / dl
+  Eigen::VectorXd tangent_, base_lengths_, base_input_;
+  Point current_, trial_, best_;
+  BoxQuadratic step_;
+  Eigen::MatrixXd normal_;                // J'J, lower triangle
+  double scale_ = 1.0;                    // mean of its diagonal
+  Eigen::MatrixXd seeds_;                 // (n x seeds) lengths [m]
+  std::vector<lie::SE3> seed_tips_;
+  std::vector<char> seed_used_;
+  InverseResult result_;
+};
+
+InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& options)
+    : arm_(arm),
+      options_(options),
+      task_(arm, options.rotation_weight),
+      n_(arm.actuatorCount()),
+      lower_(n_),
+      upper_(n_),
+      reference_(n_),
+      input_(n_),
+      preference_slope_(n_),
+      tangent_(n_),
+      base_lengths_(n_),
+      base_input_(n_),
+      step_(n_),
+      normal_(n_, n_) {
+  requirePositive("position_tolerance", options.position_tolerance);
+  requirePositive("rotation_weight", options.rotation_weight);
+  requirePositive("max_iterations", options.max_iterations);
+  requirePositive("max_starts", options.max_starts);
+  if (!(options.cocontraction >= 0 && options.cocontraction <= 1)) {
+    throw std::invalid_argument("InverseOptions::cocontraction is " + std::to_string(options.cocontraction) +
+                                "; expected a fraction in [0, 1]");
+  }
+  for (int i = 0; i < n_; ++i) {
+    const Actuator& actuator = arm.actuator(i);
+    const double a = actuator.contraction.length(actuator.limits.lower);
+    const double b = actuator.contraction.length(actuator.limits.upper);
+    lower_[i] = std::min(a, b);
+    upper_[i] = std::max(a, b);
+  }
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    map_rank_ += static_cast<int>(std::min<Eigen::Index>(arm.equilibrium(k).rank, arm.equilibrium(k).map.cols()));
+  }
+  for (Point* point : {&current_, &trial_, &best_}) {
+    point->lengths.resize(n_);
+    point->residual.resize(task_.maxRows());
+    point->jacobian.resize(task_.maxRows(), n_);
+  }
+  result_.input.resize(n_);
+  result_.limits.resize(n_);
+  sampleSeeds();
+}
+
+void InverseSolver::Workspace::sampleSeeds() {
+  const int corners = n_ <= kMaxActuatorsForCorners ? 1 << n_ : 0;
+  seeds_.resize(n_, kSeedCount + corners);
+  std::mt19937_64 generator(20240229);
+  for (int s = 0; s < seeds_.cols(); ++s) {
+    for (int i = 0; i < n_; ++i) {
+      const bool corner = s < corners;
+      const double fraction = corner ? (s >> i) & 1 : static_cast<double>(generator() >> 11) * 0x1p-53;
+      seeds_(i, s) = lower_[i] + fraction * (upper_[i] - lower_[i]);
+    }
+    lie::SE3 tip;
+    const Twists twists = arm_.twistsOfLengths(seeds_.col(s));
+    for (int k = 0; k < twists.cols(); ++k) tip = tip * lie::SE3::exp(twists.col(k));
+    seed_tips_.push_back(tip);
+  }
+  seed_used_.resize(seeds_.cols());
+}
+
+int InverseSolver::Workspace::nextSeed(int start_number) noexcept {
+  if (start_number == 0) std::fill(seed_used_.begin(), seed_used_.end(), 0);
+  int choice = 0;
+  if (start_number < kNearestStarts) {
+    double least = std::numeric_limits<double>::infinity();
+    for (int s = 0; s < seeds_.cols(); ++s) {
+      if (seed_used_[s]) continue;
+      const double error = task_.squaredErrorOfTip(seed_tips_[s]);
+      if (error < least) {
+        least = error;
+        choice = s;
+      }
+    }
+  } else {
+    choice = static_cast<int>((start_number - kNearestStarts) * 97 % seeds_.cols());
+  }
+  seed_used_[choice] = 1;
+  return choice;
+}
+
+void InverseSolver::Workspace::checkStart(const InputRef& start) const {
+  if (start.size() != n_) {
+    throw std::invalid_argument("the start has " + std::to_string(start.size()) + " inputs; the arm has " +
+                                std::to_string(n_) + " actuators");
+  }
+  for (int i = 0; i < n_; ++i) {
+    if (!arm_.actuator(i).limits.contains(start[i])) {
+      throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name + ": " +
+                                  std::to_string(start[i]));
+    }
+  }
+}
+
+void InverseSolver::Workspace::evaluate(Point& point) const noexcept {
+  task_.evaluate(point.lengths, point.residual, point.jacobian);
+  point.cost = 0.0;
+  for (int r = 0; r < task_.rows(); ++r) point.cost += point.residual[r] * point.residual[r];
+}
+
+void InverseSolver::Workspace::buildNormalEquations(const Point& point) noexcept {
+  const int rows = task_.rows();
+  double trace = 0.0;
+  for (int i = 0; i < n_; ++i) {
+    for (int j = 0; j <= i; ++j) {
+      double sum = 0.0;
+      for (int r = 0; r < rows; ++r) sum += point.jacobian(r, i) * point.jacobian(r, j);
+      normal_(i, j) = sum;
+    }
+    trace += normal_(i, i);
+    double sum = 0.0;
+    for (int r = 0; r < rows; ++r) sum += point.jacobian(r, i) * point.residual[r];
+    step_.g[i] = sum;
+  }
+  scale_ = trace / n_ + std::numeric_limits<double>::min();
+}
+
+void InverseSolver::Workspace::setStepBounds(const Point& point) noexcept {
+  for (int i = 0; i < n_; ++i) {
+    step_.lower[i] = lower_[i] - point.lengths[i];
+    step_.upper[i] = upper_[i] - point.lengths[i];
+  }
+}
+
+// Levenberg-Marquardt inside the box, from current_ to the goal or to a local minimum.
+InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point) noexcept {
+  const double goal = std::pow(kGoalFraction * options_.position_tolerance, 2);
+  double damping = kLeastDamping;
+  evaluate(point);
+  bool fresh = true;
+  for (int i = 0; i < options_.max_iterations; ++i) {
+    if (point.cost <= goal) return Descent::kReached;
+    ++result_.iterations;
+    if (fresh) {
+      buildNormalEquations(point);
+      setStepBounds(point);
+    }
+    for (int a = 0; a < n_; ++a) {
+      for (int b = 0; b < a; ++b) step_.H(a, b) = normal_(a, b);
+      step_.H(a, a) = normal_(a, a) + damping * scale_;
+    }
+    const Eigen::VectorXd& delta = step_.solve();
+    // The decrease that the linear model of the residual promises.
+    double promised = 0.0;
+    for (int a = 0; a < n_; ++a) {
+      double row = 0.5 * normal_(a, a) * delta[a];
+      for (int b = 0; b < a; ++b) row += normal_(a, b) * delta[b];
+      promised -= 2.0 * delta[a] * (step_.g[a] + row);
+      trial_.lengths[a] = std::min(std::max(point.lengths[a] + delta[a], lower_[a]), upper_[a]);
+    }
+    if (promised <= kAtRest * point.cost) return Descent::kAtRest;
+    evaluate(trial_);
+    const double ratio = (point.cost - trial_.cost) / promised;
+    fresh = ratio > 1e-3;
+    if (fresh) {
+      std::swap(point, trial_);
+      damping = std::max(ratio > 0.75 ? 0.1 * damping : ratio < 0.25 ? 4.0 * damping : damping, kLeastDamping);
+    } else {
+      damping = std::max(8.0 * damping, 1e-4);
+    }
+  }
+  return point.cost <= goal ? Descent::kReached : Descent::kExhausted;
+}
+
+const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
+  checkStart(start);
+  result_.iterations = 0;
+  for (int i = 0; i < n_; ++i) {
+    const Actuator& actuator = arm_.actuator(i);
+    const Range& limits = actuator.limits;
+    current_.lengths[i] = actuator.contraction.lengthInside(start[i]);
+    input_[i] = start[i];
+    const double fraction = options_.preference == Preference::kCocontraction ? options_.cocontraction : 0.0;
+    reference_[i] = options_.preference == Preference::kMinChange
+                        ? start[i]
+                        : limits.lower + fraction * (limits.upper - limits.lower);
+  }
+  Descent outcome = descend(current_);
+  // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs behind another.
+  if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
+    std::swap(best_, current_);
+    for (int s = 0; s < options_.max_starts && outcome != Descent::kReached; ++s) {
+      current_.lengths = seeds_.col(nextSeed(s));
+      const Descent descent = descend(current_);
+      if (descent == Descent::kReached || current_.cost < best_.cost) {
+        std::swap(best_, current_);
+        outcome = descent;
+      }
+    }
+    std::swap(best_, current_);
+  }
+  readInputs(current_.lengths);
+  if (outcome == Descent::kReached && hasSpareActuators()) followPreference();
+  report(outcome);
+  return result_;
+}
+
+bool InverseSolver::Workspace::hasSpareActuators() const { return n_ > std::min(task_.rows(), map_rank_); }
+
+void InverseSolver::Workspace::readInputs(const Eigen::VectorXd& lengths) noexcept {
+  for (int i = 0; i < n_; ++i) {
+    const Actuator& actuator = arm_.actuator(i);
+    const double q = actuator.contraction.inverseInside(lengths[i], input_[i]);
+    input_[i] = std::min(std::max(q, actuator.limits.lower), actuator.limits.upper);
+  }
+}
+
+double InverseSolver::Workspace::preferenceCost() const noexcept {
+  double cost = 0.0;
+  for (int i = 0; i < n_; ++i) {
+    const Range& limits = arm_.actuator(i).limits;
+    const double u = (input_[i] - reference_[i]) / (limits.upper - limits.lower);
+    cost += u * u;
+  }
+  return cost;
+}
+
+// Goes along the inputs that reach the target towards the preferred ones, until they are the best of them.
+void InverseSolver::Workspace::followPreference() noexcept {
+  for (int i = 0; i < options_.max_iterations && improvePreference(); ++i) ++result_.iterations;
+}
+
+// One step: to the least preference cost on the tangent of the target's solutions, then back onto them.
+bool InverseSolver::Workspace::improvePreference() noexcept {
+  const double before = preferenceCost();
+  buildNormalEquations(current_);
+  setStepBounds(current_);
+  double mean_weight = 0.0;
+  for (int i = 0; i < n_; ++i) {
+    const Actuator& actuator = arm_.actuator(i);
+    const double range = actuator.limits.upper - actuator.limits.lower;
+    const double mean_slope = (upper_[i] - lower_[i]) / range;
+    // Where the contraction is flat a length says nothing of its input: the slope is kept away from zero.
+    const double slope = actuator.contraction.slopeInside(input_[i]);
+    const double kept = std::copysign(std::max(std::abs(slope), 1e-3 * mean_slope), slope);
+    preference_slope_[i] = 1.0 / (kept * range);
+    mean_weight += preference_slope_[i] * preference_slope_[i] / n_;
+  }
+  const double weight = kPreferenceWeight * scale_ / mean_weight;
+  for (int a = 0; a < n_; ++a) {
+    const Range& limits = arm_.actuator(a).limits;
+    const double u = (input_[a] - reference_[a]) / (limits.upper - limits.lower);
+    for (int b = 0; b < a; ++b) step_.H(a, b) = normal_(a, b);
+    step_.H(a, a) = normal_(a, a) + weight * preference_slope_[a] * preference_slope_[a];
+    step_.g[a] += weight * preference_slope_[a] * u;
+  }
+  tangent_ = step_.solve();
+  if ((tangent_.array().abs() <= kPreferenceAtRest * (upper_ - lower_).array()).all()) return false;
+  base_lengths_ = current_.lengths;
+  base_input_ = input_;
+  for (double fraction = 1.0; fraction > kLeastStepFraction; fraction *= 0.5) {
+    current_.lengths = (base_lengths_ + fraction * tangent_).cwiseMax(lower_).cwiseMin(upper_);
+    if (descend(current_) != Descent::kReached) continue;
+    readInputs(current_.lengths);
+    if (preferenceCost() < before) return true;
+  }
+  current_.lengths = base_lengths_;
+  input_ = base_input_;
+  evaluate(current_);
+  return false;
+}
+
+void InverseSolver::Workspace::report(Descent outcome) noexcept {
+  result_.status = outcome == Descent::kReached  ? InverseStatus::kReached
+                   : outcome == Descent::kAtRest ? InverseStatus::kUnreachable
+                                                 : InverseStatus::kNotConverged;
+  result_.input = input_;
+  result_.residual = std::sqrt(current_.cost);
+  if (result_.residual <= options_.position_tolerance) result_.status = InverseStatus::kReached;
+  result_.position_error = task_.kind() == InverseTask::Kind::kPosition ? result_.residual
+                           : task_.kind() == InverseTask::Kind::kPose   ? current_.residual.head<3>().norm()
+                                                                        : task_.positionError(current_.lengths);
+  for (int i = 0; i < n_; ++i) {
+    const Range& limits = arm_.actuator(i).limits;
+    const double margin = 1e-9 * (limits.upper - limits.lower);
+    result_.limits[i] = input_[i] <= limits.lower + margin   ? Limit::kLower
+                        : input_[i] >= limits.upper - margin ? Limit::kUpper
+                                                             : Limit::kNone;
+  }
+}
+
+InverseSolver::InverseSolver(const Arm& arm, const InverseOptions& options)
+    : workspace_(std::make_unique<Workspace>(arm, options)) {}
+InverseSolver::~InverseSolver() = default;
+InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
+InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
+
+const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position, const InputRef& start) {
+  if (!position.allFinite()) throw std::invalid_argument("the target position is not finite");
+  workspace_->task().setPosition(position);
+  return workspace_->solve(start);
+}
+
+const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const InputRef& start) {
+  if (!pose.translation.allFinite() || !pose.rotation.allFinite()) {
+    throw std::invalid_argument("the target pose is not finite");
+  }
+  workspace_->task().setPose(pose);
+  return workspace_->solve(start);
+}
+
+const InverseResult& InverseSolver::toTwists(const Twists& twists, const InputRef& start) {
+  if (twists.cols() != workspace_->arm().sectionCount() || !twists.allFinite()) {
+    throw std::invalid_argument("the target twists are not finite, or not one a section (" +
+                                std::to_string(workspace_->arm().sectionCount()) + ")");
+  }
+  workspace_->task().setTwists(twists);
+  return workspace_->solve(start);
+}
+
+Eigen::VectorXd InverseSolver::middle() const {
+  const Arm& arm = workspace_->arm();
+  Eigen::VectorXd q(arm.actuatorCount());
+  for (int i = 0; i < q.size(); ++i) q[i] = 0.5 * (arm.actuator(i).limits.lower + arm.actuator(i).limits.upper);
+  return q;
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/arm.hpp"
+
+namespace helix_arm::model {
+
+/// What the inverse is to bring to zero: the weighted error of a target as a function of the actuators' lengths.
+class InverseTask {
+ public:
+  enum class Kind { kPosition, kPose, kTwists };
+
+  InverseTask(const Arm& arm, double rotation_weight);
+
+  void setPosition(const Eigen::Vector3d& position);
+  void setPose(const lie::SE3& pose);
+  void setTwists(const Twists& twists);
+
+  Kind kind() const { return kind_; }
+  /// Rows of the residual: 3, 6, or 6 a section.
+  int rows() const { return rows_; }
+  int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
+
+  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless.
+  void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) const noexcept;
+
+  /// Distance of the tip that the lengths give from the tip that the target means [m].
+  double positionError(const Eigen::VectorXd& lengths) const noexcept;
+
+  /// Squared residual of a tip [m^2], for position and pose targets.
+  double squaredErrorOfTip(const lie::SE3& tip) const noexcept;
+
+ private:
+  void evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                             Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                      Eigen::MatrixXd& jacobian) const noexcept;
+
+  const Arm* arm_;
+  double rotation_weight_;
+  Kind kind_ = Kind::kPosition;
+  int rows_ = 3;
+  lie::SE3 pose_;  // of the tip that is wanted, whatever the kind
+  Twists twists_;
+};
+
+}  // namespace helix_arm::model
