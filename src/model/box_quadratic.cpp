@@ -1,11 +1,12 @@
 #include "box_quadratic.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace helix_arm::model {
 
 BoxQuadratic::BoxQuadratic(int n)
-    : H(n, n), g(n), lower(n), upper(n), n_(n), free_(n), state_(n), x_(n), y_(n), factor_(n, n) {}
+    : H(n, n), g(n), lower(n), upper(n), n_(n), free_(n), state_(n), x_(n), y_(n), inverse_pivot_(n), factor_(n, n) {}
 
 const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
   for (int i = 0; i < n_; ++i) {
@@ -20,8 +21,8 @@ const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
   return x_;
 }
 
-// Minimiser over the free variables with the others held: Cholesky on packed rows, written out because n is small and
-// known only at run time.
+// Minimiser over the free variables with the others held: L D L' on packed rows, written out because n is small and known
+// only at run time.
 void BoxQuadratic::solveFree() noexcept {
   free_count_ = 0;
   for (int i = 0; i < n_; ++i) {
@@ -35,22 +36,23 @@ void BoxQuadratic::solveFree() noexcept {
         if (state_[j] != State::kFree) right -= coupling(i, j) * x_[j];
       }
     }
+    double pivot = H(i, i);
     for (int b = 0; b < a; ++b) {
-      double sum = H(i, free_[b]);
-      for (int c = 0; c < b; ++c) sum -= factor_(a, c) * factor_(b, c);
-      factor_(a, b) = sum * factor_(b, b);
+      double sum = H(i, free_[b]);  // L(a, b) D(b)
+      for (int c = 0; c < b; ++c) sum -= factor_(c, a) * factor_(b, c);
+      factor_(b, a) = sum;
+      factor_(a, b) = sum * inverse_pivot_[b];
+      pivot -= sum * factor_(a, b);
       right -= factor_(a, b) * y_[b];
     }
-    double pivot = H(i, i);
-    for (int c = 0; c < a; ++c) pivot -= factor_(a, c) * factor_(a, c);
     // Rounding may push a tiny pivot below zero; the caller's damping bounds H away from it.
-    factor_(a, a) = 1.0 / std::sqrt(std::max(pivot, 1e-300));  // the diagonal holds reciprocals
-    y_[a] = right * factor_(a, a);
+    inverse_pivot_[a] = 1.0 / std::max(pivot, 1e-300);
+    y_[a] = right;
   }
   for (int a = free_count_ - 1; a >= 0; --a) {
-    double sum = y_[a];
+    double sum = y_[a] * inverse_pivot_[a];
     for (int b = a + 1; b < free_count_; ++b) sum -= factor_(b, a) * y_[b];
-    y_[a] = sum * factor_(a, a);
+    y_[a] = sum;
   }
 }
 

@@ -34,7 +34,8 @@ class BoxQuadratic {
   std::vector<int> free_;      // indices of the free variables
   std::vector<State> state_;
   Eigen::VectorXd x_, y_;      // the iterate, and the minimiser over the free variables (packed)
-  Eigen::MatrixXd factor_;     // Cholesky factor of H over the free variables (packed)
+  Eigen::VectorXd inverse_pivot_;  // 1 / D of H = L D L' over the free variables (packed)
+  Eigen::MatrixXd factor_;     // L below the diagonal, D L' above it
 };
 
 }  // namespace helix_arm::model

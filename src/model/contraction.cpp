@@ -171,17 +171,24 @@ double Contraction::inverse(double length) const {
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Newton, and a bisection wherever Newton would leave the bracket.
+  // Halley, and a bisection wherever it would leave the bracket. It triples the digits, so what follows a step this small
+  // is below the rounding of the length.
   double lower = input_range_.lower, upper = input_range_.upper;
-  const double resolution = 2 * std::numeric_limits<double>::epsilon() * std::max(std::abs(lower), std::abs(upper));
+  const double small_step = 1e-5 * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);
   for (int i = 0; i < 100; ++i) {
+    const Piece& piece = pieceAt(q);
+    const auto& c = piece.coefficients;
+    const double u = (q - piece.start) * piece.inverse_scale, u2 = u * u;
     const double error = lengthInside(q) - length;
     if (error == 0) return q;
     ((error > 0) == rising_ ? upper : lower) = q;
-    double next = q - error / slopeInside(q);
-    if (!(next >= lower && next <= upper)) next = 0.5 * (lower + upper);
-    if (std::abs(next - q) <= resolution) return next;
+    const double slope = (c[1] + 2 * c[2] * u) + u2 * ((3 * c[3] + 4 * c[4] * u) + 5 * c[5] * u2);
+    const double half_bend = (c[2] + 3 * c[3] * u) + u2 * (6 * c[4] + 10 * c[5] * u);
+    double next = q - error * slope / ((slope * slope - error * half_bend) * piece.inverse_scale);
+    const bool inside = next >= lower && next <= upper;
+    if (!inside) next = 0.5 * (lower + upper);
+    if (std::abs(next - q) <= (inside ? small_step : std::numeric_limits<double>::epsilon() * upper)) return next;
     q = next;
   }
   return q;
