@@ -61,6 +61,9 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(where + error.what());
     }
+    Eigen::VectorXd rest_length(strands.size());
+    for (int i = 0; i < rest_length.size(); ++i) rest_length[i] = actuators_[first_[k] + i].contraction.restLength();
+    rest_twists_.push_back(equilibria_[k].map * rest_length);
   }
   first_.push_back(static_cast<int>(actuators_.size()));
 }
@@ -108,11 +111,12 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
 
 template <class Group>
 typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) const noexcept {
-  typename Group::Tangent g = Group::Tangent::Zero();
+  // From the twist at rest: the map's large bending entries meet only the changes of length, and lose less.
+  typename Group::Tangent g = rest_twists_[k];
   const auto& map = equilibria_[k].map;
   const int first = first_[k], count = first_[k + 1] - first;
   for (int i = 0; i < count; ++i) {
-    g += map.col(i) * actuators_[first + i].contraction.lengthInside(q[first + i]);
+    g += map.col(i) * actuators_[first + i].contraction.changeInside(q[first + i]);
   }
   return g;
 }

@@ -1,6 +1,8 @@
 #include "helix_arm/model/batch.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 
 #include "helix_arm/lie/coefficients.hpp"
 
@@ -15,44 +17,83 @@ namespace helix_arm::model {
 namespace {
 
 // Samples that go through all stages together: their twists (6 x 8 B each) stay in the first-level cache.
-constexpr std::size_t kBlock = 128;
+constexpr std::size_t kBlock = 256;
 
 struct alignas(64) Block {
   double twist[6][kBlock];
   double tip[3][kBlock];
-  double length[kBlock];
+  double change[3][kBlock];
 };
 
-// twist += column * l(q), l a polynomial in (q - start) * inverse_scale.
-HELIX_ARM_CLONES
-void addActuator(const double* __restrict q, std::size_t count, const Contraction::Piece& piece,
-                 const double* column, Block* __restrict block) {
-  const double start = piece.start, scale = piece.inverse_scale;
-  const double c0 = piece.coefficients[0], c1 = piece.coefficients[1], c2 = piece.coefficients[2];
-  const double c3 = piece.coefficients[3], c4 = piece.coefficients[4], c5 = piece.coefficients[5];
-  const double m0 = column[0], m1 = column[1], m2 = column[2], m3 = column[3], m4 = column[4], m5 = column[5];
+// An actuator as the loops want it: the change of its length as a polynomial of the input itself, and its column of the map.
+struct FlatActuator {
+  double coefficients[6];  // the first is zero
+  double column[6];
+};
+
+// Actuators that share one pass over the inputs: more would not fit the vector registers.
+constexpr int kGroup = 3;
+
+// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators, or the sum added to what is there
+template <int kCount, bool kAdd>
+inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actuators, const double* const* q,
+                                                        std::size_t count, const double* rest,
+                                                        Block* __restrict block) {
   for (std::size_t j = 0; j < count; ++j) {
-    const double u = (q[j] - start) * scale;
-    const double length = ((((c5 * u + c4) * u + c3) * u + c2) * u + c1) * u + c0;
-    block->twist[0][j] += m0 * length;
-    block->twist[1][j] += m1 * length;
-    block->twist[2][j] += m2 * length;
-    block->twist[3][j] += m3 * length;
-    block->twist[4][j] += m4 * length;
-    block->twist[5][j] += m5 * length;
+    double twist[6];
+    for (int r = 0; r < 6; ++r) twist[r] = kAdd ? block->twist[r][j] : rest[r];
+    for (int i = 0; i < kCount; ++i) {
+      const double* c = actuators[i].coefficients;
+      const double u = q[i][j];
+      const double change = ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u;
+      for (int r = 0; r < 6; ++r) twist[r] += actuators[i].column[r] * change;
+    }
+    for (int r = 0; r < 6; ++r) block->twist[r][j] = twist[r];
   }
 }
 
-// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j
-inline void moveTip(const lie::ExpCoefficients& f, std::size_t j, Block* __restrict block) {
+template <bool kAdd>
+inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuators, int size, const double* const* q,
+                                                    std::size_t count, const double* rest, Block* __restrict block) {
+  static_assert(kGroup == 3);
+  if (size == 3) return sumActuators<3, kAdd>(actuators, q, count, rest, block);
+  if (size == 2) return sumActuators<2, kAdd>(actuators, q, count, rest, block);
+  sumActuators<1, kAdd>(actuators, q, count, rest, block);
+}
+
+HELIX_ARM_CLONES
+void setTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count, const double* rest,
+               Block* block) {
+  sumGroup<false>(actuators, size, q, count, rest, block);
+}
+
+HELIX_ARM_CLONES
+void addTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count, Block* block) {
+  sumGroup<true>(actuators, size, q, count, nullptr, block);
+}
+
+// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j; p = 0 where the tip begins
+template <bool kFirst>
+inline __attribute__((always_inline)) void moveTip(const lie::ExpCoefficients& f, std::size_t j,
+                                                   Block* __restrict block) {
   const double vx = block->twist[0][j], vy = block->twist[1][j], vz = block->twist[2][j];
   const double wx = block->twist[3][j], wy = block->twist[4][j], wz = block->twist[5][j];
-  const double px = block->tip[0][j], py = block->tip[1][j], pz = block->tip[2][j];
-  const double ux = f.a * px + f.b * vx, uy = f.a * py + f.b * vy, uz = f.a * pz + f.b * vz;
-  const double along = f.b * (wx * px + wy * py + wz * pz) + f.c * (wx * vx + wy * vy + wz * vz);
-  block->tip[0][j] = f.cosine * px + f.a * vx + (wy * uz - wz * uy) + along * wx;
-  block->tip[1][j] = f.cosine * py + f.a * vy + (wz * ux - wx * uz) + along * wy;
-  block->tip[2][j] = f.cosine * pz + f.a * vz + (wx * uy - wy * ux) + along * wz;
+  double ux = f.b * vx, uy = f.b * vy, uz = f.b * vz;
+  double along = f.c * (wx * vx + wy * vy + wz * vz);
+  double x = f.a * vx, y = f.a * vy, z = f.a * vz;
+  if constexpr (!kFirst) {
+    const double px = block->tip[0][j], py = block->tip[1][j], pz = block->tip[2][j];
+    ux += f.a * px;
+    uy += f.a * py;
+    uz += f.a * pz;
+    along += f.b * (wx * px + wy * py + wz * pz);
+    x += f.cosine * px;
+    y += f.cosine * py;
+    z += f.cosine * pz;
+  }
+  block->tip[0][j] = x + (wy * uz - wz * uy) + along * wx;
+  block->tip[1][j] = y + (wz * ux - wx * uz) + along * wy;
+  block->tip[2][j] = z + (wx * uy - wy * ux) + along * wz;
 }
 
 inline double squaredAngle(std::size_t j, const Block& block) {
@@ -60,63 +101,99 @@ inline double squaredAngle(std::size_t j, const Block& block) {
          block.twist[5][j] * block.twist[5][j];
 }
 
+// Samples beyond the series. Counted, as a maximum of doubles would not vectorise.
 HELIX_ARM_CLONES
-double largestSquaredAngle(std::size_t count, const Block& block) {
-  double largest = 0.0;
-  for (std::size_t j = 0; j < count; ++j) largest = std::max(largest, squaredAngle(j, block));
-  return largest;
+std::int64_t countFar(std::size_t count, const Block& block) {
+  std::int64_t far = 0;
+  for (std::size_t j = 0; j < count; ++j) far += squaredAngle(j, block) > lie::kSeriesLimit ? 1 : 0;
+  return far;
 }
 
 // tip = exp(twist) * tip, all samples within the series.
-HELIX_ARM_CLONES
-void moveTipsBySeries(std::size_t count, Block* __restrict block) {
+template <bool kFirst>
+inline __attribute__((always_inline)) void moveNear(std::size_t count, Block* __restrict block) {
   for (std::size_t j = 0; j < count; ++j) {
-    moveTip(lie::detail::expCoefficientsBySeries(squaredAngle(j, *block)), j, block);
+    moveTip<kFirst>(lie::detail::expCoefficientsBySeries(squaredAngle(j, *block)), j, block);
   }
+}
+
+HELIX_ARM_CLONES
+void moveTipsNear(std::size_t count, bool first, Block* block) {
+  first ? moveNear<true>(count, block) : moveNear<false>(count, block);
 }
 
 // The same where some are beyond: both ways are computed and a factor of 0 or 1 takes one, as a branch would not vectorise.
 HELIX_ARM_CLONES
-void moveTipsByEither(std::size_t count, Block* __restrict block) {
+void moveTipsFar(std::size_t count, Block* block) {
   for (std::size_t j = 0; j < count; ++j) {
     const double x = squaredAngle(j, *block);
     const lie::ExpCoefficients near = lie::detail::expCoefficientsBySeries(std::min(x, lie::kSeriesLimit));
     const lie::ExpCoefficients far = lie::detail::expCoefficientsByReduction(x, 0.0);
     const double n = static_cast<double>(x <= lie::kSeriesLimit), f = 1.0 - n;
-    moveTip({n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c, n * near.cosine + f * far.cosine},
-            j, block);
+    moveTip<false>(
+        {n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c, n * near.cosine + f * far.cosine}, j,
+        block);
   }
 }
 
-// A curve of several pieces is looked up one sample at a time; the identity then takes its lengths on.
-void addTableActuator(const Contraction& contraction, const double* q, std::size_t count, const double* column,
-                      Block* block) {
-  for (std::size_t j = 0; j < count; ++j) block->length[j] = contraction.lengthInside(q[j]);
-  addActuator(block->length, count, {0.0, 1.0, {0, 1, 0, 0, 0, 0}}, column, block);
+// Asks for the memory of the next block while this one is computed; neither prefetcher nor cache would by themselves.
+void prefetchBlock(const double* begin, std::size_t count) {
+  constexpr std::size_t kLine = 64 / sizeof(double);
+  for (std::size_t j = 0; j < count; j += kLine) __builtin_prefetch(begin + j, 0, 2);
+}
+
+FlatActuator flatten(const Contraction& contraction, const double* column) {
+  FlatActuator flat{};
+  std::copy_n(column, 6, flat.column);
+  if (contraction.pieces().size() == 1) {
+    // Curves of one piece begin at zero: only the scale is left to fold in.
+    const Contraction::Piece& piece = contraction.pieces().front();
+    double power = 1.0;
+    for (int k = 0; k < 6; ++k, power *= piece.inverse_scale) flat.coefficients[k] = piece.coefficients[k] * power;
+  } else {
+    flat.coefficients[1] = 1.0;  // the change itself, looked up before
+  }
+  return flat;
 }
 
 }  // namespace
 
 void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y, double* z) {
+  std::array<FlatActuator, kMaxSections * kMaxActuators> flat;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      flat[i] = flatten(arm.actuator(i).contraction, arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data());
+    }
+  }
   Block block;
   for (std::size_t first = 0; first < count; first += kBlock) {
     const std::size_t size = std::min(kBlock, count - first);
+    const std::size_t next = first + size, next_size = std::min(kBlock, count - next);
+    for (int i = 0; i < arm.actuatorCount(); ++i) prefetchBlock(inputs[i] + next, next_size);
+    for (double* output : {x, y, z}) prefetchBlock(output + next, next_size);
     for (double* coordinate : block.tip) std::fill_n(coordinate, size, 0.0);
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
-      for (double* component : block.twist) std::fill_n(component, size, 0.0);
-      for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-        const Contraction& contraction = arm.actuator(i).contraction;
-        const double* column = arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data();
-        if (contraction.pieces().size() == 1) {
-          addActuator(inputs[i] + first, size, contraction.pieces().front(), column, &block);
+      const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
+      for (int i = begin; i < end; i += kGroup) {
+        const int members = std::min(kGroup, end - i);
+        const double* q[kGroup];
+        for (int m = 0; m < members; ++m) {
+          q[m] = inputs[i + m] + first;
+          const Contraction& contraction = arm.actuator(i + m).contraction;
+          if (contraction.pieces().size() == 1) continue;
+          for (std::size_t j = 0; j < size; ++j) block.change[m][j] = contraction.changeInside(q[m][j]);
+          q[m] = block.change[m];
+        }
+        if (i == begin) {
+          setTwists(&flat[i], members, q, size, arm.restTwist(k).data(), &block);
         } else {
-          addTableActuator(contraction, inputs[i] + first, size, column, &block);
+          addTwists(&flat[i], members, q, size, &block);
         }
       }
-      if (largestSquaredAngle(size, block) <= lie::kSeriesLimit) {
-        moveTipsBySeries(size, &block);
+      if (countFar(size, block) == 0) {
+        moveTipsNear(size, k == arm.sectionCount() - 1, &block);
       } else {
-        moveTipsByEither(size, &block);
+        moveTipsFar(size, &block);
       }
     }
     std::copy_n(block.tip[0], size, x + first);

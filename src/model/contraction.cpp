@@ -63,8 +63,8 @@ double endSlope(double h0, double h1, double secant0, double secant1) {
 
 }  // namespace
 
-Contraction::Contraction(std::vector<Piece> pieces, Range input_range)
-    : pieces_(std::move(pieces)), input_range_(input_range) {
+Contraction::Contraction(double rest_length, std::vector<Piece> pieces, Range input_range)
+    : rest_length_(rest_length), pieces_(std::move(pieces)), input_range_(input_range) {
   const double first = lengthInside(input_range_.lower);
   const double last = lengthInside(input_range_.upper);
   rising_ = last > first;
@@ -90,7 +90,9 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients, doub
   if (std::all_of(slope.begin(), slope.end(), [](double c) { return c == 0; })) {
     refuse("the slope of the length", 0.0, "a length that changes with pressure");
   }
-  Contraction curve({{0.0, 1.0 / reference_pressure, coefficients}}, {0.0, max_pressure});
+  std::array<double, 6> change = coefficients;
+  change[0] = 0.0;
+  Contraction curve(coefficients[0], {{0.0, 1.0 / reference_pressure, change}}, {0.0, max_pressure});
   requirePositive("the least length", curve.length_range_.lower);
   return curve;
 }
@@ -127,9 +129,9 @@ Contraction Contraction::table(const std::vector<double>& pressure, const std::v
   for (std::size_t i = 0; i + 1 < n; ++i) {
     const double rise = length[i + 1] - length[i];
     const double m0 = h[i] * slope[i], m1 = h[i] * slope[i + 1];
-    pieces.push_back({pressure[i], 1.0 / h[i], {length[i], m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, 0, 0}});
+    pieces.push_back({pressure[i], 1.0 / h[i], {length[i] - length[0], m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, 0, 0}});
   }
-  return Contraction(std::move(pieces), {pressure.front(), pressure.back()});
+  return Contraction(length[0], std::move(pieces), {pressure.front(), pressure.back()});
 }
 
 Contraction Contraction::tendon(double length, double radius, double max_angle) {
@@ -137,7 +139,7 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
   requirePositive("radius", radius);
   requirePositive("max_angle", max_angle);
   requirePositive("the least length", length - radius * max_angle);
-  return Contraction({{0.0, 1.0, {length, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
+  return Contraction(length, {{0.0, 1.0, {0, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
 }
 
 double Contraction::length(double q) const {

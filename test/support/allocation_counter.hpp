@@ -4,14 +4,14 @@
 
 namespace helix_arm::test {
 
-/// Counts calls of operator new and malloc while it lives (this thread). Link support/allocation_counter.cpp.
+/// Counts this thread's heap allocations since it was made. Link the target helix_arm_allocation_counter.
 class AllocationCounter {
  public:
   AllocationCounter();
-  ~AllocationCounter();
-  AllocationCounter(const AllocationCounter&) = delete;
-  AllocationCounter& operator=(const AllocationCounter&) = delete;
   std::size_t count() const;
+
+ private:
+  std::size_t before_;
 };
 
 }  // namespace helix_arm::test

@@ -88,8 +88,11 @@ struct HalfAngleSeries {
 };
 
 inline ExpCoefficients expCoefficientsBySeries(double x) {
+  // Of the two ways to the cosine, the one whose rounding is not yet, or no longer, magnified.
+  constexpr double kVersineLimit = 2.5;
   const HalfAngleSeries f(x);
-  return {f.a(), f.b(), f.c(), 2.0 * f.cosine * f.cosine - 1.0};
+  const double b = f.b();
+  return {f.a(), b, f.c(), x < kVersineLimit ? 1.0 - b * x : 2.0 * f.cosine * f.cosine - 1.0};
 }
 
 /// For x from about 1 up to kReductionLimit; finite and of no meaning below.
@@ -105,7 +108,7 @@ inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
   const double h = 0.5 * std::sqrt(x);
   const double k = (h * kTwoOverPi + kRound) - kRound;
   const double h_low = (squareRemainder(0.25 * x, h) + 0.25 * x_low) / (2.0 * h + kTiny);
-  const double r = (((h - k * kHalfPi1) - k * kHalfPi2) - k * kHalfPi3) + h_low;
+  const double r = ((h - k * kHalfPi1) - k * kHalfPi2) + (h_low - k * kHalfPi3);
   const double y = r * r;
   const double sin_r = r - r * (y * factorialSeries<3, 8>(y));
   const double cos_r = 1.0 - y * factorialSeries<2, 8>(y);
@@ -114,9 +117,9 @@ inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
   const double even = 1.0 - odd;
   const double sin_h = even * sin_r + odd * cos_r;
   const double cos_h = even * cos_r - odd * sin_r;
-  const double sinc_h = sin_h / (h + kTiny);
-  const double a = sinc_h * cos_h;
-  return {a, 0.5 * sinc_h * sinc_h, (1.0 - a) / (x + kTiny), (cos_h - sin_h) * (cos_h + sin_h)};
+  const double a = sin_h * cos_h / (h + kTiny);
+  const double inverse_x = 1.0 / (x + kTiny);
+  return {a, 2.0 * sin_h * sin_h * inverse_x, (1.0 - a) * inverse_x, (cos_h - sin_h) * (cos_h + sin_h)};
 }
 
 }  // namespace detail

@@ -48,6 +48,9 @@ class ArmOf {
   int firstActuator(int k) const { return first_[k]; }
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
 
+  /// Section k's twist when every actuator has its rest length.
+  const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
+
   /// Free lengths (n) [m] of the actuators at inputs q (n).
   /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside its limits.
   Eigen::VectorXd lengths(const InputRef& q) const;
@@ -69,6 +72,7 @@ class ArmOf {
   std::vector<ActuatorOf<Group>> actuators_;
   std::vector<int> first_;
   std::vector<Equilibrium<Group>> equilibria_;
+  std::vector<typename Group::Tangent> rest_twists_;
 };
 
 using Arm = ArmOf<lie::SE3>;

@@ -19,7 +19,7 @@ struct Range {
 /// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate it.
 class Contraction {
  public:
-  /// The polynomial from one knot to the next.
+  /// The polynomial from one knot to the next, for the change of length since the lower end of the range.
   struct Piece {
     double start;          ///< of the piece, in units of the input
     double inverse_scale;  ///< u = (q - start) * inverse_scale
@@ -66,19 +66,23 @@ class Contraction {
   double inverse(double length) const;
 
   /// l(q) for a q known to be inside: no check, no exception.
-  double lengthInside(double q) const noexcept {
+  double lengthInside(double q) const noexcept { return rest_length_ + changeInside(q); }
+  /// l(q) - restLength(), to its own last bits.
+  double changeInside(double q) const noexcept {
     const Piece& piece = pieceAt(q);
     const double u = (q - piece.start) * piece.inverse_scale;
     const auto& c = piece.coefficients;
     const double u2 = u * u;  // pairs first (Estrin): half the waiting of Horner's rule
     return (c[0] + c[1] * u) + u2 * ((c[2] + c[3] * u) + u2 * (c[4] + c[5] * u));
   }
+  /// Length at the lower end of the range [m].
+  double restLength() const { return rest_length_; }
   double slopeInside(double q) const noexcept;
   /// The inverse for a length known to be inside, from a first guess: a good one saves most of the time.
   double inverseInside(double length, double guess) const noexcept;
 
  private:
-  explicit Contraction(std::vector<Piece> pieces, Range input_range);
+  Contraction(double rest_length, std::vector<Piece> pieces, Range input_range);
   const Piece& pieceAt(double q) const noexcept {
     const Piece* piece = pieces_.data();
     const Piece* last = piece + pieces_.size() - 1;
@@ -86,6 +90,7 @@ class Contraction {
     return *piece;
   }
 
+  double rest_length_;
   std::vector<Piece> pieces_;
   Range input_range_;
   Range length_range_;

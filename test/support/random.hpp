@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cmath>
+#include <random>
+
+#include <Eigen/Core>
+
+namespace helix_arm::test {
+
+/// Seeded randomness of the property tests.
+class Random {
+ public:
+  explicit Random(unsigned seed) : generator_(seed) {}
+
+  double uniform(double lower, double upper) { return std::uniform_real_distribution<double>(lower, upper)(generator_); }
+  /// Uniform in the logarithm.
+  double logUniform(double lower, double upper) { return std::exp(uniform(std::log(lower), std::log(upper))); }
+  int integer(int lower, int upper) { return std::uniform_int_distribution<int>(lower, upper)(generator_); }
+  template <int kSize>
+  Eigen::Matrix<double, kSize, 1> direction() {
+    Eigen::Matrix<double, kSize, 1> u;
+    do {
+      for (int i = 0; i < kSize; ++i) u[i] = std::normal_distribution<double>()(generator_);
+    } while (u.norm() < 1e-3);
+    return u.normalized();
+  }
+
+ private:
+  std::mt19937_64 generator_;
+};
+
+}  // namespace helix_arm::test

@@ -1,0 +1,173 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <gtest/gtest.h>
+#include <ros/callback_queue.h>
+#include <ros/ros.h>
+
+#include "helix_arm/ArmShape.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/TipTarget.h"
+#include "helix_arm/ros_bridge/names.hpp"
+
+namespace helix_arm::test {
+
+namespace names = ros_bridge::names;
+
+/// Handles callbacks until the condition holds; false when it did not within the deadline [s].
+inline bool waitFor(const std::function<bool()>& condition, double deadline = 20.0) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline);
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > end || !ros::ok()) return false;
+    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.01));
+  }
+  return true;
+}
+
+/// All messages of a topic, in the order they came.
+template <class Message>
+class Inbox {
+ public:
+  Inbox(ros::NodeHandle& node, const std::string& topic)
+      : subscriber_(node.subscribe<Message>(
+            topic, 1000, [this](const typename Message::ConstPtr& m) { messages_.push_back(m); })) {
+  }
+
+  const std::vector<typename Message::ConstPtr>& all() const { return messages_; }
+  const Message& last() const { return *messages_.back(); }
+
+  /// Waits for a message that came after this call and for which the predicate holds; null when
+  /// none did.
+  typename Message::ConstPtr next(const std::function<bool(const Message&)>& predicate) {
+    std::size_t looked_at = messages_.size();
+    typename Message::ConstPtr found;
+    waitFor([&] {
+      for (; looked_at < messages_.size() && !found; ++looked_at) {
+        if (predicate(*messages_[looked_at])) found = messages_[looked_at];
+      }
+      return found != nullptr;
+    });
+    return found;
+  }
+
+ private:
+  std::vector<typename Message::ConstPtr> messages_;
+  ros::Subscriber subscriber_;
+};
+
+/// A user of one pressure_command node: sends targets and reads the answers.
+class Rig {
+ public:
+  /// @param ns  namespace of the node.
+  explicit Rig(const std::string& ns = "")
+      : node_(ns),
+        pressure_target_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
+        shape_target_(node_.advertise<ShapeTarget>(names::kShapeTarget, 10)),
+        tip_target_(node_.advertise<TipTarget>(names::kTipTarget, 10)),
+        command(node_, names::kPressureCommand),
+        measured(node_, names::kPressureMeasured),
+        model(node_, names::kModel),
+        status(node_, names::kTargetStatus),
+        diagnostics(node_, names::kDiagnostics) {}
+
+  /// True when every topic is connected both ways.
+  bool connect() {
+    return waitFor([this] {
+      return pressure_target_.getNumSubscribers() > 0 && shape_target_.getNumSubscribers() > 0 &&
+             tip_target_.getNumSubscribers() > 0 && !command.all().empty() &&
+             !measured.all().empty() && !model.all().empty() && answered();
+    });
+  }
+
+  /// Sends a target and returns the node's answer to it; an answer without outcome (255) when none
+  /// came.
+  TargetStatus send(PressureArray target) { return sendOn(pressure_target_, target); }
+  TargetStatus send(ShapeTarget target) { return sendOn(shape_target_, target); }
+  TargetStatus send(TipTarget target) { return sendOn(tip_target_, target); }
+
+  TargetStatus sendPressures(const std::vector<double>& pressure,
+                             const std::vector<std::string>& name = {}) {
+    PressureArray target;
+    target.name = name;
+    target.pressure = pressure;
+    return send(target);
+  }
+
+  /// The command in force after the answer was given, empty when none came. Topics may overtake
+  /// each other; stamps tell.
+  std::vector<double> commandAfter(const TargetStatus& answer) {
+    const auto message =
+        command.next([&](const PressureArray& c) { return c.header.stamp > answer.header.stamp; });
+    return message ? message->pressure : std::vector<double>();
+  }
+
+  /// True once the node's diagnostics hold such a value.
+  bool diagnoses(const std::string& status_name, const std::string& key,
+                 const std::function<bool(const std::string&)>& predicate) {
+    return nullptr != diagnostics.next([&](const diagnostic_msgs::DiagnosticArray& array) {
+      for (const auto& entry : array.status) {
+        if (entry.name != status_name) continue;
+        for (const auto& pair : entry.values) {
+          if (pair.key == key && predicate(pair.value)) return true;
+        }
+      }
+      return false;
+    });
+  }
+  bool diagnoses(const std::string& status_name, const std::string& key, const std::string& value) {
+    return diagnoses(status_name, key, [&](const std::string& v) { return v == value; });
+  }
+
+ private:
+  // The node may not have accepted the first subscription yet, so the first target is sent more
+  // than once.
+  bool answered() {
+    if (!status.all().empty()) return true;
+    PressureArray same = command.last();
+    same.header.stamp = ros::Time::now();
+    pressure_target_.publish(same);
+    return waitFor([this] { return !status.all().empty(); }, 0.2);
+  }
+
+  template <class Target>
+  TargetStatus sendOn(const ros::Publisher& publisher, Target& target) {
+    // Stamps identify targets, so no two may be equal.
+    last_stamp_ = std::max(ros::Time::now(), last_stamp_ + ros::Duration(0, 1000));
+    target.header.stamp = last_stamp_;
+    publisher.publish(target);
+    const auto answer =
+        status.next([&](const TargetStatus& s) { return s.target_stamp == last_stamp_; });
+    if (answer) return *answer;
+    ADD_FAILURE() << "no answer to a target on " << publisher.getTopic();
+    TargetStatus none;
+    none.outcome = 255;
+    return none;
+  }
+
+  ros::NodeHandle node_;
+  ros::Publisher pressure_target_, shape_target_, tip_target_;
+  ros::Time last_stamp_;
+
+ public:
+  Inbox<PressureArray> command, measured;
+  Inbox<ArmShape> model;
+  Inbox<TargetStatus> status;
+  Inbox<diagnostic_msgs::DiagnosticArray> diagnostics;
+};
+
+/// The main of a rostest.
+inline int runRostest(int argc, char** argv) {
+  ::testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "test", ros::init_options::AnonymousName);
+  const ros::NodeHandle started;
+  return RUN_ALL_TESTS();
+}
+
+}  // namespace helix_arm::test

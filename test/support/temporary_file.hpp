@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+
+#include <unistd.h>
+
+namespace helix_arm::test {
+
+/// A file of given content that goes away with the object.
+class TemporaryFile {
+ public:
+  explicit TemporaryFile(const std::string& content) {
+    const char* directory = std::getenv("TMPDIR");
+    path_ = std::string(directory == nullptr ? "/tmp" : directory) + "/helix_arm_test_XXXXXX";
+    const int file = mkstemp(path_.data());
+    if (file < 0) throw std::runtime_error("cannot make " + path_);
+    close(file);
+    std::ofstream(path_, std::ios::binary) << content;
+  }
+  ~TemporaryFile() { std::remove(path_.c_str()); }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+}  // namespace helix_arm::test
