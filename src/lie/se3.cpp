@@ -32,10 +32,10 @@ Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   return q;
 }
 
-// |w|^2 in the eleven more bits of the extended format: with that of a double its error would be the largest of all.
-long double squaredNorm(double x, double y, double z) {
-  const long double lx = x, ly = y, lz = z;
-  return lx * lx + ly * ly + lz * lz;
+// u.v in the eleven more bits of the extended format.
+long double extendedDot(double ux, double uy, double uz, double vx, double vy, double vz) {
+  const long double x = ux, y = uy, z = uz;
+  return x * vx + y * vy + z * vz;
 }
 
 }  // namespace
@@ -52,7 +52,8 @@ SE3 SE3::inverse() const {
 
 SE3 SE3::exp(const Tangent& xi) {
   const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
-  const long double square = squaredNorm(wx, wy, wz);
+  // |w|^2 as a double's products give it would be the largest error of all; w.v where the curve comes back to its start.
+  const long double square = extendedDot(wx, wy, wz, wx, wy, wz);
   const auto x = static_cast<double>(square);
   const auto [a, b, c, cosine] = expCoefficients(x, static_cast<double>(square - x));
   SE3 X;
@@ -63,7 +64,8 @@ SE3 SE3::exp(const Tangent& xi) {
       bx * wy + az, cosine + by * wy, by * wz - ax,            //
       bx * wz - ay, by * wz + ax, cosine + bz * wz;
   // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: nothing cancels at large angles.
-  const double along = c * (wx * vx + wy * vy + wz * vz);
+  const double along = c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
+                                              : static_cast<double>(extendedDot(wx, wy, wz, vx, vy, vz)));
   X.translation << a * vx + (by * vz - bz * vy) + along * wx,  //
       a * vy + (bz * vx - bx * vz) + along * wy,               //
       a * vz + (bx * vy - by * vx) + along * wz;
