@@ -23,9 +23,7 @@ Eigen::Matrix2d inverseOfV(double w) {
 
 }  // namespace
 
-SE2 SE2::inverse() const {
-  return {rotation.transpose(), -(rotation.transpose() * translation)};
-}
+SE2 SE2::inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
 
 SE2 SE2::exp(const Tangent& xi) {
   const double w = xi[2];

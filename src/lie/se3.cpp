@@ -1,8 +1,7 @@
 #include "helix_arm/lie/se3.hpp"
 
-#include <cmath>
-
 #include <Eigen/Geometry>
+#include <cmath>
 
 #include "helix_arm/lie/coefficients.hpp"
 #include "log_coefficient.hpp"
@@ -10,7 +9,8 @@
 namespace helix_arm::lie {
 namespace {
 
-// Unit quaternion (x, y, z, w) of R, w >= 0, by the largest of its four components, so that none is lost near pi.
+// Unit quaternion (x, y, z, w) of R, w >= 0, by the largest of its four components, so that none is
+// lost near pi.
 Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   const double trace = R.trace();
   Eigen::Vector4d q;
@@ -46,13 +46,12 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& w) {
   return W;
 }
 
-SE3 SE3::inverse() const {
-  return {rotation.transpose(), -(rotation.transpose() * translation)};
-}
+SE3 SE3::inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
 
 SE3 SE3::exp(const Tangent& xi) {
   const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
-  // |w|^2 as a double's products give it would be the largest error of all; w.v where the curve comes back to its start.
+  // |w|^2 as a double's products give it would be the largest error of all; w.v where the curve
+  // comes back to its start.
   const long double square = extendedDot(wx, wy, wz, wx, wy, wz);
   const auto x = static_cast<double>(square);
   const auto [a, b, c, cosine] = expCoefficients(x, static_cast<double>(square - x));
@@ -63,9 +62,11 @@ SE3 SE3::exp(const Tangent& xi) {
   X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //
       bx * wy + az, cosine + by * wy, by * wz - ax,            //
       bx * wz - ay, by * wz + ax, cosine + bz * wz;
-  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: nothing cancels at large angles.
-  const double along = c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
-                                              : static_cast<double>(extendedDot(wx, wy, wz, vx, vy, vz)));
+  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: nothing cancels at large
+  // angles.
+  const double along =
+      c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
+                             : static_cast<double>(extendedDot(wx, wy, wz, vx, vy, vz)));
   X.translation << a * vx + (by * vz - bz * vy) + along * wx,  //
       a * vy + (bz * vx - bx * vz) + along * wy,               //
       a * vz + (bx * vy - by * vx) + along * wz;
@@ -120,7 +121,8 @@ Eigen::Matrix<double, 3, 6> SE3::translationJacobian(const Tangent& xi) {
   const Eigen::Vector3d w = xi.tail<3>();
   const auto [a, b, c, d, e] = jacobianCoefficients(w.squaredNorm());
   const double wv = w.dot(v);
-  // p = a v + b w x v + c (w.v) w, and 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d with x = |w|^2
+  // p = a v + b w x v + c (w.v) w, and 2 da/dx = c - b, 2 db/dx = 2d - c, 2 dc/dx = 3e - d with x =
+  // |w|^2
   const Eigen::Vector3d dx = (c - b) * v + (2.0 * d - c) * w.cross(v) + (3.0 * e - d) * wv * w;
   Eigen::Matrix<double, 3, 6> J;
   J.leftCols<3>() = c * w * w.transpose() + b * skew(w);

@@ -9,8 +9,9 @@ namespace helix_arm::model {
 namespace {
 
 void requireStiffness(const Stiffness& stiffness, const std::string& who) {
-  for (const auto& [name, value] : {std::pair{"K_gamma", stiffness.gamma}, std::pair{"K_tau", stiffness.tau},
-                                    std::pair{"K_kappa", stiffness.kappa}}) {
+  for (const auto& [name, value] :
+       {std::pair{"K_gamma", stiffness.gamma}, std::pair{"K_tau", stiffness.tau},
+        std::pair{"K_kappa", stiffness.kappa}}) {
     if (!(value >= 0) || value > 1e300) {
       std::ostringstream message;
       message << who << " has " << name << " = " << value << "; expected a finite value >= 0";
@@ -36,8 +37,8 @@ lie::SE2::Tangent Stiffness::diagonal<lie::SE2>() const {
 template <class Group>
 ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
   if (sections.empty() || sections.size() > kMaxSections) {
-    throw std::invalid_argument("the arm has " + std::to_string(sections.size()) + " sections; expected 1 to " +
-                                std::to_string(kMaxSections));
+    throw std::invalid_argument("the arm has " + std::to_string(sections.size()) +
+                                " sections; expected 1 to " + std::to_string(kMaxSections));
   }
   for (std::size_t k = 0; k < sections.size(); ++k) {
     const std::string where = "section " + std::to_string(k + 1) + ": ";
@@ -47,10 +48,12 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
       requireStiffness(actuator.stiffness, where + actuator.name);
       const Range& range = actuator.contraction.inputRange();
       const Range& limits = actuator.limits;
-      if (!(range.contains(limits.lower) && range.contains(limits.upper) && limits.lower < limits.upper)) {
+      if (!(range.contains(limits.lower) && range.contains(limits.upper) &&
+            limits.lower < limits.upper)) {
         std::ostringstream message;
         message << where << actuator.name << " has limits [" << limits.lower << ", " << limits.upper
-                << "]; expected a range inside its contraction's [" << range.lower << ", " << range.upper << "]";
+                << "]; expected a range inside its contraction's [" << range.lower << ", "
+                << range.upper << "]";
         throw std::invalid_argument(message.str());
       }
       strands.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
@@ -62,7 +65,8 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
       throw std::invalid_argument(where + error.what());
     }
     Eigen::VectorXd rest_length(strands.size());
-    for (int i = 0; i < rest_length.size(); ++i) rest_length[i] = actuators_[first_[k] + i].contraction.restLength();
+    for (int i = 0; i < rest_length.size(); ++i)
+      rest_length[i] = actuators_[first_[k] + i].contraction.restLength();
     rest_twists_.push_back(equilibria_[k].map * rest_length);
   }
   first_.push_back(static_cast<int>(actuators_.size()));
@@ -86,8 +90,9 @@ void ArmOf<Group>::refuse(const InputRef& q) const {
   for (int i = 0; i < actuatorCount(); ++i) {
     const Range& limits = actuators_[i].limits;
     if (limits.contains(q[i])) continue;
-    message << actuators_[i].name << " is asked for " << q[i] << "; its limits are [" << limits.lower << ", "
-            << limits.upper << "] " << (actuators_[i].drive == Drive::kPressure ? "Pa (gauge)" : "rad");
+    message << actuators_[i].name << " is asked for " << q[i] << "; its limits are ["
+            << limits.lower << ", " << limits.upper << "] "
+            << (actuators_[i].drive == Drive::kPressure ? "Pa (gauge)" : "rad");
     break;
   }
   throw std::out_of_range(message.str());
@@ -111,7 +116,8 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
 
 template <class Group>
 typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) const noexcept {
-  // From the twist at rest: the map's large bending entries meet only the changes of length, and lose less.
+  // From the twist at rest: the map's large bending entries meet only the changes of length, and
+  // lose less.
   typename Group::Tangent g = rest_twists_[k];
   const auto& map = equilibria_[k].map;
   const int first = first_[k], count = first_[k + 1] - first;
@@ -122,10 +128,12 @@ typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) con
 }
 
 template <class Group>
-typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(const InputRef& lengths) const noexcept {
+typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(
+    const InputRef& lengths) const noexcept {
   Twists out(Group::kDof, sectionCount());
   for (int k = 0; k < sectionCount(); ++k) {
-    out.col(k).noalias() = equilibria_[k].map.lazyProduct(lengths.segment(first_[k], first_[k + 1] - first_[k]));
+    out.col(k).noalias() =
+        equilibria_[k].map.lazyProduct(lengths.segment(first_[k], first_[k + 1] - first_[k]));
   }
   return out;
 }
@@ -146,7 +154,8 @@ Arm embed(const PlanarArm& arm) {
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       const PlanarActuator& a = arm.actuator(i);
-      sections[k].actuators.push_back({a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
+      sections[k].actuators.push_back(
+          {a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
     }
   }
   return Arm(std::move(sections));

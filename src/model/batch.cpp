@@ -6,7 +6,8 @@
 
 #include "helix_arm/lie/coefficients.hpp"
 
-// Debian's binaries are baseline x86-64: the loops below exist once for each instruction set, and the loader picks.
+// Debian's binaries are baseline x86-64: the loops below exist once for each instruction set, and
+// the loader picks.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
 #else
@@ -16,7 +17,8 @@
 namespace helix_arm::model {
 namespace {
 
-// Samples that go through all stages together: their twists (6 x 8 B each) stay in the first-level cache.
+// Samples that go through all stages together: their twists (6 x 8 B each) stay in the first-level
+// cache.
 constexpr std::size_t kBlock = 256;
 
 struct alignas(64) Block {
@@ -25,7 +27,8 @@ struct alignas(64) Block {
   double change[3][kBlock];
 };
 
-// An actuator as the loops want it: the change of its length as a polynomial of the input itself, and its column of the map.
+// An actuator as the loops want it: the change of its length as a polynomial of the input itself,
+// and its column of the map.
 struct FlatActuator {
   double coefficients[6];  // the first is zero
   double column[6];
@@ -34,10 +37,12 @@ struct FlatActuator {
 // Actuators that share one pass over the inputs: more would not fit the vector registers.
 constexpr int kGroup = 3;
 
-// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators, or the sum added to what is there
+// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators, or the sum added to
+// what is there
 template <int kCount, bool kAdd>
-inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actuators, const double* const* q,
-                                                        std::size_t count, const double* rest,
+inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actuators,
+                                                        const double* const* q, std::size_t count,
+                                                        const double* rest,
                                                         Block* __restrict block) {
   for (std::size_t j = 0; j < count; ++j) {
     double twist[6];
@@ -53,8 +58,9 @@ inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actu
 }
 
 template <bool kAdd>
-inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuators, int size, const double* const* q,
-                                                    std::size_t count, const double* rest, Block* __restrict block) {
+inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuators, int size,
+                                                    const double* const* q, std::size_t count,
+                                                    const double* rest, Block* __restrict block) {
   static_assert(kGroup == 3);
   if (size == 3) return sumActuators<3, kAdd>(actuators, q, count, rest, block);
   if (size == 2) return sumActuators<2, kAdd>(actuators, q, count, rest, block);
@@ -62,17 +68,19 @@ inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuator
 }
 
 HELIX_ARM_CLONES
-void setTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count, const double* rest,
-               Block* block) {
+void setTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count,
+               const double* rest, Block* block) {
   sumGroup<false>(actuators, size, q, count, rest, block);
 }
 
 HELIX_ARM_CLONES
-void addTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count, Block* block) {
+void addTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count,
+               Block* block) {
   sumGroup<true>(actuators, size, q, count, nullptr, block);
 }
 
-// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j; p = 0 where the tip begins
+// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j; p = 0 where
+// the tip begins
 template <bool kFirst>
 inline __attribute__((always_inline)) void moveTip(const lie::ExpCoefficients& f, std::size_t j,
                                                    Block* __restrict block) {
@@ -122,21 +130,24 @@ void moveTipsNear(std::size_t count, bool first, Block* block) {
   first ? moveNear<true>(count, block) : moveNear<false>(count, block);
 }
 
-// The same where some are beyond: both ways are computed and a factor of 0 or 1 takes one, as a branch would not vectorise.
+// The same where some are beyond: both ways are computed and a factor of 0 or 1 takes one, as a
+// branch would not vectorise.
 HELIX_ARM_CLONES
 void moveTipsFar(std::size_t count, Block* block) {
   for (std::size_t j = 0; j < count; ++j) {
     const double x = squaredAngle(j, *block);
-    const lie::ExpCoefficients near = lie::detail::expCoefficientsBySeries(std::min(x, lie::kSeriesLimit));
+    const lie::ExpCoefficients near =
+        lie::detail::expCoefficientsBySeries(std::min(x, lie::kSeriesLimit));
     const lie::ExpCoefficients far = lie::detail::expCoefficientsByReduction(x, 0.0);
     const double n = static_cast<double>(x <= lie::kSeriesLimit), f = 1.0 - n;
-    moveTip<false>(
-        {n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c, n * near.cosine + f * far.cosine}, j,
-        block);
+    moveTip<false>({n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c,
+                    n * near.cosine + f * far.cosine},
+                   j, block);
   }
 }
 
-// Asks for the memory of the next block while this one is computed; neither prefetcher nor cache would by themselves.
+// Asks for the memory of the next block while this one is computed; neither prefetcher nor cache
+// would by themselves.
 void prefetchBlock(const double* begin, std::size_t count) {
   constexpr std::size_t kLine = 64 / sizeof(double);
   for (std::size_t j = 0; j < count; j += kLine) __builtin_prefetch(begin + j, 0, 2);
@@ -149,7 +160,8 @@ FlatActuator flatten(const Contraction& contraction, const double* column) {
     // Curves of one piece begin at zero: only the scale is left to fold in.
     const Contraction::Piece& piece = contraction.pieces().front();
     double power = 1.0;
-    for (int k = 0; k < 6; ++k, power *= piece.inverse_scale) flat.coefficients[k] = piece.coefficients[k] * power;
+    for (int k = 0; k < 6; ++k, power *= piece.inverse_scale)
+      flat.coefficients[k] = piece.coefficients[k] * power;
   } else {
     flat.coefficients[1] = 1.0;  // the change itself, looked up before
   }
@@ -158,11 +170,13 @@ FlatActuator flatten(const Contraction& contraction, const double* column) {
 
 }  // namespace
 
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y, double* z) {
+void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
+               double* z) {
   std::array<FlatActuator, kMaxSections * kMaxActuators> flat;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      flat[i] = flatten(arm.actuator(i).contraction, arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data());
+      flat[i] = flatten(arm.actuator(i).contraction,
+                        arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data());
     }
   }
   Block block;
@@ -181,7 +195,8 @@ void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, d
           q[m] = inputs[i + m] + first;
           const Contraction& contraction = arm.actuator(i + m).contraction;
           if (contraction.pieces().size() == 1) continue;
-          for (std::size_t j = 0; j < size; ++j) block.change[m][j] = contraction.changeInside(q[m][j]);
+          for (std::size_t j = 0; j < size; ++j)
+            block.change[m][j] = contraction.changeInside(q[m][j]);
           q[m] = block.change[m];
         }
         if (i == begin) {

@@ -6,12 +6,24 @@
 namespace helix_arm::model {
 
 BoxQuadratic::BoxQuadratic(int n)
-    : H(n, n), g(n), lower(n), upper(n), n_(n), free_(n), state_(n), x_(n), y_(n), inverse_pivot_(n), factor_(n, n) {}
+    : H(n, n),
+      g(n),
+      lower(n),
+      upper(n),
+      n_(n),
+      free_(n),
+      state_(n),
+      x_(n),
+      y_(n),
+      inverse_pivot_(n),
+      factor_(n, n) {}
 
 const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
   for (int i = 0; i < n_; ++i) {
     x_[i] = 0;
-    state_[i] = lower[i] >= 0 && g[i] > 0 ? State::kLower : upper[i] <= 0 && g[i] < 0 ? State::kUpper : State::kFree;
+    state_[i] = lower[i] >= 0 && g[i] > 0   ? State::kLower
+                : upper[i] <= 0 && g[i] < 0 ? State::kUpper
+                                            : State::kFree;
   }
   // Every pass fixes or releases one variable; the cap only guards against cycling on ties.
   for (int pass = 0; pass < 10 * n_ + 10; ++pass) {
@@ -21,8 +33,8 @@ const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
   return x_;
 }
 
-// Minimiser over the free variables with the others held: L D L' on packed rows, written out because n is small and known
-// only at run time.
+// Minimiser over the free variables with the others held: L D L' on packed rows, written out
+// because n is small and known only at run time.
 void BoxQuadratic::solveFree() noexcept {
   free_count_ = 0;
   for (int i = 0; i < n_; ++i) {
@@ -56,7 +68,8 @@ void BoxQuadratic::solveFree() noexcept {
   }
 }
 
-// Goes to the free minimiser or to the first bound on the way, which is then held; true when none was in the way.
+// Goes to the free minimiser or to the first bound on the way, which is then held; true when none
+// was in the way.
 bool BoxQuadratic::advance() noexcept {
   double fraction = 1.0;
   int blocking = -1;

@@ -1,8 +1,7 @@
 #pragma once
 
-#include <vector>
-
 #include <Eigen/Core>
+#include <vector>
 
 namespace helix_arm::model {
 
@@ -31,11 +30,11 @@ class BoxQuadratic {
 
   int n_;
   int free_count_ = 0;
-  std::vector<int> free_;      // indices of the free variables
+  std::vector<int> free_;  // indices of the free variables
   std::vector<State> state_;
-  Eigen::VectorXd x_, y_;      // the iterate, and the minimiser over the free variables (packed)
+  Eigen::VectorXd x_, y_;  // the iterate, and the minimiser over the free variables (packed)
   Eigen::VectorXd inverse_pivot_;  // 1 / D of H = L D L' over the free variables (packed)
-  Eigen::MatrixXd factor_;     // L below the diagonal, D L' above it
+  Eigen::MatrixXd factor_;         // L below the diagonal, D L' above it
 };
 
 }  // namespace helix_arm::model

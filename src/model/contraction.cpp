@@ -34,7 +34,8 @@ Polynomial derivative(const Polynomial& c) {
   return d;
 }
 
-// Where the polynomial changes sign inside (lo, hi), ascending: between neighbouring extrema there is at most one place.
+// Where the polynomial changes sign inside (lo, hi), ascending: between neighbouring extrema there
+// is at most one place.
 std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> roots;
   if (c.size() < 2) return roots;
@@ -71,8 +72,8 @@ Contraction::Contraction(double rest_length, std::vector<Piece> pieces, Range in
   length_range_ = {std::min(first, last), std::max(first, last)};
 }
 
-Contraction Contraction::quintic(const std::array<double, 6>& coefficients, double reference_pressure,
-                                 double max_pressure) {
+Contraction Contraction::quintic(const std::array<double, 6>& coefficients,
+                                 double reference_pressure, double max_pressure) {
   requirePositive("reference_pressure", reference_pressure);
   requirePositive("max_pressure", max_pressure);
   for (std::size_t k = 0; k < coefficients.size(); ++k) {
@@ -92,12 +93,14 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients, doub
   }
   std::array<double, 6> change = coefficients;
   change[0] = 0.0;
-  Contraction curve(coefficients[0], {{0.0, 1.0 / reference_pressure, change}}, {0.0, max_pressure});
+  Contraction curve(coefficients[0], {{0.0, 1.0 / reference_pressure, change}},
+                    {0.0, max_pressure});
   requirePositive("the least length", curve.length_range_.lower);
   return curve;
 }
 
-Contraction Contraction::table(const std::vector<double>& pressure, const std::vector<double>& length) {
+Contraction Contraction::table(const std::vector<double>& pressure,
+                               const std::vector<double>& length) {
   const std::size_t n = pressure.size();
   if (n < 2 || length.size() != n) {
     refuse("the number of lengths", static_cast<double>(length.size()),
@@ -129,7 +132,10 @@ Contraction Contraction::table(const std::vector<double>& pressure, const std::v
   for (std::size_t i = 0; i + 1 < n; ++i) {
     const double rise = length[i + 1] - length[i];
     const double m0 = h[i] * slope[i], m1 = h[i] * slope[i + 1];
-    pieces.push_back({pressure[i], 1.0 / h[i], {length[i] - length[0], m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, 0, 0}});
+    pieces.push_back(
+        {pressure[i],
+         1.0 / h[i],
+         {length[i] - length[0], m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise, 0, 0}});
   }
   return Contraction(length[0], std::move(pieces), {pressure.front(), pressure.back()});
 }
@@ -145,7 +151,8 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
 double Contraction::length(double q) const {
   if (!input_range_.contains(q)) {
     std::ostringstream message;
-    message << "input " << q << " is outside [" << input_range_.lower << ", " << input_range_.upper << "]";
+    message << "input " << q << " is outside [" << input_range_.lower << ", " << input_range_.upper
+            << "]";
     throw std::out_of_range(message.str());
   }
   return lengthInside(q);
@@ -160,23 +167,26 @@ double Contraction::slopeInside(double q) const noexcept {
   const Piece& piece = pieceAt(q);
   const double u = (q - piece.start) * piece.inverse_scale;
   const auto& c = piece.coefficients;
-  return ((((5 * c[5] * u + 4 * c[4]) * u + 3 * c[3]) * u + 2 * c[2]) * u + c[1]) * piece.inverse_scale;
+  return ((((5 * c[5] * u + 4 * c[4]) * u + 3 * c[3]) * u + 2 * c[2]) * u + c[1]) *
+         piece.inverse_scale;
 }
 
 double Contraction::inverse(double length) const {
   if (!length_range_.contains(length)) {
     std::ostringstream message;
-    message << "length " << length << " m is outside [" << length_range_.lower << ", " << length_range_.upper << "] m";
+    message << "length " << length << " m is outside [" << length_range_.lower << ", "
+            << length_range_.upper << "] m";
     throw std::out_of_range(message.str());
   }
   return inverseInside(length, 0.5 * (input_range_.lower + input_range_.upper));
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Halley, and a bisection wherever it would leave the bracket. It triples the digits, so what follows a step this small
-  // is below the rounding of the length.
+  // Halley, and a bisection wherever it would leave the bracket. It triples the digits (across a
+  // knot, where the curvature jumps, it doubles them), so what follows a step this small is below
+  // the rounding of the length.
   double lower = input_range_.lower, upper = input_range_.upper;
-  const double small_step = 1e-5 * (upper - lower);
+  const double small_step = (pieces_.size() == 1 ? 3e-6 : 1e-9) * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);
   for (int i = 0; i < 100; ++i) {
     const Piece& piece = pieceAt(q);
@@ -190,7 +200,9 @@ double Contraction::inverseInside(double length, double guess) const noexcept {
     double next = q - error * slope / ((slope * slope - error * half_bend) * piece.inverse_scale);
     const bool inside = next >= lower && next <= upper;
     if (!inside) next = 0.5 * (lower + upper);
-    if (std::abs(next - q) <= (inside ? small_step : std::numeric_limits<double>::epsilon() * upper)) return next;
+    if (std::abs(next - q) <=
+        (inside ? small_step : std::numeric_limits<double>::epsilon() * upper))
+      return next;
     q = next;
   }
   return q;

@@ -1,12 +1,11 @@
 #include "helix_arm/model/curve.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
-
-#include <Eigen/Geometry>
 
 namespace helix_arm::model {
 namespace {
@@ -29,7 +28,9 @@ Group poseOnCurve(const TwistsOf<Group>& twists, double s) {
 
 template <class Group>
 std::vector<CurvePoint<Group>> sample(const TwistsOf<Group>& twists, int count) {
-  if (count < 2) throw std::invalid_argument("a curve of " + std::to_string(count) + " points; expected at least 2");
+  if (count < 2)
+    throw std::invalid_argument("a curve of " + std::to_string(count) +
+                                " points; expected at least 2");
   const auto sections = static_cast<double>(twists.cols());
   std::vector<CurvePoint<Group>> curve;
   curve.reserve(count);

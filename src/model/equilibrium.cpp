@@ -1,13 +1,12 @@
 #include "helix_arm/model/equilibrium.hpp"
 
+#include <Eigen/QR>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
 #include <string>
-
-#include <Eigen/QR>
-#include <Eigen/SVD>
 
 namespace helix_arm::model {
 namespace {
@@ -15,8 +14,8 @@ namespace {
 template <class Group>
 void checkStrands(const std::vector<Strand<Group>>& strands) {
   if (strands.empty() || strands.size() > kMaxActuators) {
-    throw std::invalid_argument("a section has " + std::to_string(strands.size()) + " actuators; expected 1 to " +
-                                std::to_string(kMaxActuators));
+    throw std::invalid_argument("a section has " + std::to_string(strands.size()) +
+                                " actuators; expected 1 to " + std::to_string(kMaxActuators));
   }
   for (std::size_t i = 0; i < strands.size(); ++i) {
     const auto& [X_O, K] = strands[i];
@@ -25,13 +24,14 @@ void checkStrands(const std::vector<Strand<Group>>& strands) {
       throw std::invalid_argument(who + " has a pose that is not finite");
     }
     if (!K.allFinite() || (K.array() < 0).any() || !(K[0] > 0)) {
-      throw std::invalid_argument(who + " has a stiffness that is not finite and >= 0, or none along its length");
+      throw std::invalid_argument(
+          who + " has a stiffness that is not finite and >= 0, or none along its length");
     }
   }
 }
 
-// The length that makes bending and shear comparable: distance of the actuators from the base curve, or, where all are
-// centred, the one their own bending stiffness carries.
+// The length that makes bending and shear comparable: distance of the actuators from the base
+// curve, or, where all are centred, the one their own bending stiffness carries.
 template <class Group>
 double characteristicLength(const std::vector<Strand<Group>>& strands) {
   double offset = 0.0, bending = 0.0;
@@ -52,7 +52,8 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   checkStrands(strands);
   const int n = static_cast<int>(strands.size());
 
-  // Unknowns S g: with angles as arc lengths every column is a length, and no tolerance mistakes bending for noise.
+  // Unknowns S g: with angles as arc lengths every column is a length, and no tolerance mistakes
+  // bending for noise.
   Vector S_inverse = Vector::Ones();
   S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
 
@@ -62,7 +63,8 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
     stack.middleRows<dof>(i * dof) =
         K.cwiseSqrt().asDiagonal() * X_O.inverse().adjoint() * S_inverse.asDiagonal();
   }
-  // Largest rows first: with column pivoting this keeps the small rows' digits when K_gamma dwarfs K_kappa.
+  // Largest rows first: with column pivoting this keeps the small rows' digits when K_gamma dwarfs
+  // K_kappa.
   std::vector<int> order(n * dof);
   std::iota(order.begin(), order.end(), 0);
   const Eigen::VectorXd size = stack.rowwise().template lpNorm<Eigen::Infinity>();
@@ -89,7 +91,8 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   result.null_space.resize(dof, dof - rank);
   if (rank < dof) {
     Eigen::MatrixXd basis(dof, dof - rank);
-    basis << -R11.solve(R.topRightCorner(rank, dof - rank)), Eigen::MatrixXd::Identity(dof - rank, dof - rank);
+    basis << -R11.solve(R.topRightCorner(rank, dof - rank)),
+        Eigen::MatrixXd::Identity(dof - rank, dof - rank);
     basis = S_inverse.asDiagonal() * (qr.colsPermutation() * basis);
     const Eigen::HouseholderQR<Eigen::MatrixXd> orthonormal(basis);
     result.null_space = orthonormal.householderQ() * Eigen::MatrixXd::Identity(dof, dof - rank);

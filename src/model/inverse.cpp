@@ -1,13 +1,12 @@
 #include "helix_arm/model/inverse.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <stdexcept>
 #include <string>
-
-#include <Eigen/Geometry>
 
 #include "box_quadratic.hpp"
 #include "inverse_task.hpp"
@@ -16,19 +15,22 @@ namespace helix_arm::model {
 namespace {
 
 constexpr int kSeedCount = 1024;
-constexpr int kNearestStarts = 12;       // of the seeds; later starts are spread over all of them
+constexpr int kNearestStarts = 12;  // of the seeds; later starts are spread over all of them
 constexpr int kMaxActuatorsForCorners = 6;
-constexpr double kGoalFraction = 0.1;    // aim below the tolerance: room for rounding on the way to inputs
+constexpr double kGoalFraction =
+    0.1;  // aim below the tolerance: room for rounding on the way to inputs
 constexpr double kAtRest = 1e-13;        // relative decrease that is no longer worth a step
 constexpr double kLeastDamping = 1e-12;  // relative to the mean of diag(J'J)
-constexpr double kPreferenceAtRest = 1e-7;  // steps of the preference, relative to the range of the lengths
+constexpr double kPreferenceAtRest =
+    1e-7;  // steps of the preference, relative to the range of the lengths
 constexpr double kLeastStepFraction = 0.01;
-constexpr double kPreferenceWeight = 1e-8;  // of the preference against the task, relative to diag(J'J)
+constexpr double kPreferenceWeight =
+    1e-8;  // of the preference against the task, relative to diag(J'J)
 
 void requirePositive(const char* name, double value) {
   if (std::isfinite(value) && value > 0) return;
-  throw std::invalid_argument("InverseOptions::" + std::string(name) + " is " + std::to_string(value) +
-                              "; expected a finite value > 0");
+  throw std::invalid_argument("InverseOptions::" + std::string(name) + " is " +
+                              std::to_string(value) + "; expected a finite value > 0");
 }
 
 }  // namespace
@@ -71,17 +73,17 @@ class InverseSolver::Workspace {
   InverseOptions options_;
   InverseTask task_;
   int n_;
-  int map_rank_ = 0;                      // independent motions of all sections together
-  Eigen::VectorXd lower_, upper_;         // of the lengths [m]
-  Eigen::VectorXd reference_;             // q_ref of the preference
-  Eigen::VectorXd input_;                 // inputs of the current lengths, also the guess for the next ones
-  Eigen::VectorXd preference_slope_;      // d((q - q_ref) / range) / dl
+  int map_rank_ = 0;               // independent motions of all sections together
+  Eigen::VectorXd lower_, upper_;  // of the lengths [m]
+  Eigen::VectorXd reference_;      // q_ref of the preference
+  Eigen::VectorXd input_;  // inputs of the current lengths, also the guess for the next ones
+  Eigen::VectorXd preference_slope_;  // d((q - q_ref) / range) / dl
   Eigen::VectorXd tangent_, base_lengths_, base_input_;
   Point current_, trial_, best_;
   BoxQuadratic step_;
-  Eigen::MatrixXd normal_;                // J'J, lower triangle
-  double scale_ = 1.0;                    // mean of its diagonal
-  Eigen::MatrixXd seeds_;                 // (n x seeds) lengths [m]
+  Eigen::MatrixXd normal_;  // J'J, lower triangle
+  double scale_ = 1.0;      // mean of its diagonal
+  Eigen::MatrixXd seeds_;   // (n x seeds) lengths [m]
   std::vector<lie::SE3> seed_tips_;
   std::vector<char> seed_used_;
   InverseResult result_;
@@ -107,7 +109,8 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& option
   requirePositive("max_iterations", options.max_iterations);
   requirePositive("max_starts", options.max_starts);
   if (!(options.cocontraction >= 0 && options.cocontraction <= 1)) {
-    throw std::invalid_argument("InverseOptions::cocontraction is " + std::to_string(options.cocontraction) +
+    throw std::invalid_argument("InverseOptions::cocontraction is " +
+                                std::to_string(options.cocontraction) +
                                 "; expected a fraction in [0, 1]");
   }
   for (int i = 0; i < n_; ++i) {
@@ -118,7 +121,8 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& option
     upper_[i] = std::max(a, b);
   }
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    map_rank_ += static_cast<int>(std::min<Eigen::Index>(arm.equilibrium(k).rank, arm.equilibrium(k).map.cols()));
+    map_rank_ += static_cast<int>(
+        std::min<Eigen::Index>(arm.equilibrium(k).rank, arm.equilibrium(k).map.cols()));
   }
   for (Point* point : {&current_, &trial_, &best_}) {
     point->lengths.resize(n_);
@@ -137,7 +141,8 @@ void InverseSolver::Workspace::sampleSeeds() {
   for (int s = 0; s < seeds_.cols(); ++s) {
     for (int i = 0; i < n_; ++i) {
       const bool corner = s < corners;
-      const double fraction = corner ? (s >> i) & 1 : static_cast<double>(generator() >> 11) * 0x1p-53;
+      const double fraction =
+          corner ? (s >> i) & 1 : static_cast<double>(generator() >> 11) * 0x1p-53;
       seeds_(i, s) = lower_[i] + fraction * (upper_[i] - lower_[i]);
     }
     lie::SE3 tip;
@@ -170,13 +175,13 @@ int InverseSolver::Workspace::nextSeed(int start_number) noexcept {
 
 void InverseSolver::Workspace::checkStart(const InputRef& start) const {
   if (start.size() != n_) {
-    throw std::invalid_argument("the start has " + std::to_string(start.size()) + " inputs; the arm has " +
-                                std::to_string(n_) + " actuators");
+    throw std::invalid_argument("the start has " + std::to_string(start.size()) +
+                                " inputs; the arm has " + std::to_string(n_) + " actuators");
   }
   for (int i = 0; i < n_; ++i) {
     if (!arm_.actuator(i).limits.contains(start[i])) {
-      throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name + ": " +
-                                  std::to_string(start[i]));
+      throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name +
+                                  ": " + std::to_string(start[i]));
     }
   }
 }
@@ -192,7 +197,8 @@ void InverseSolver::Workspace::sumNormalEquations(const Point& point) noexcept {
   double trace = 0.0;
   for (int i = 0; i < n_; ++i) {
     const auto column = point.jacobian.col(i).head<kRows>(rows);
-    for (int j = 0; j <= i; ++j) normal_(i, j) = column.dot(point.jacobian.col(j).head<kRows>(rows));
+    for (int j = 0; j <= i; ++j)
+      normal_(i, j) = column.dot(point.jacobian.col(j).head<kRows>(rows));
     trace += normal_(i, i);
     step_.g[i] = column.dot(point.residual.head<kRows>(rows));
   }
@@ -211,14 +217,17 @@ void InverseSolver::Workspace::setStepBounds(const Point& point) noexcept {
   }
 }
 
-// Three muscles and a position: the square system is solved as it is, a third of the work of its normal equations. False
-// where that would leave the box or does not gain much, which is for the damped steps to sort out.
+// Three muscles and a position: the square system is solved as it is, a third of the work of its
+// normal equations. False where that would leave the box or does not gain much, which is for the
+// damped steps to sort out.
 bool InverseSolver::Workspace::takeNewtonStep(Point& point) noexcept {
   const Eigen::Matrix3d J = point.jacobian.topRows<3>();
   const Eigen::Vector3d a = J.col(0), b = J.col(1), c = J.col(2), r = point.residual.head<3>();
-  const Eigen::Vector3d bc = b.cross(c), rows = Eigen::Vector3d(bc.dot(r), c.cross(a).dot(r), a.cross(b).dot(r));
+  const Eigen::Vector3d bc = b.cross(c),
+                        rows = Eigen::Vector3d(bc.dot(r), c.cross(a).dot(r), a.cross(b).dot(r));
   trial_.lengths = point.lengths - rows / a.dot(bc);
-  const bool inside = (trial_.lengths.array() >= lower_.array()).all() && (trial_.lengths.array() <= upper_.array()).all();
+  const bool inside = (trial_.lengths.array() >= lower_.array()).all() &&
+                      (trial_.lengths.array() <= upper_.array()).all();
   if (!inside) return false;
   evaluate(trial_);
   if (!(trial_.cost < 0.1 * point.cost)) return false;
@@ -262,7 +271,10 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point
     fresh = ratio > 1e-3;
     if (fresh) {
       std::swap(point, trial_);
-      damping = std::max(ratio > 0.75 ? 0.1 * damping : ratio < 0.25 ? 4.0 * damping : damping, kLeastDamping);
+      damping = std::max(ratio > 0.75   ? 0.1 * damping
+                         : ratio < 0.25 ? 4.0 * damping
+                                        : damping,
+                         kLeastDamping);
     } else {
       damping = std::max(8.0 * damping, 1e-4);
     }
@@ -278,14 +290,16 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
     const Range& limits = actuator.limits;
     current_.lengths[i] = actuator.contraction.lengthInside(start[i]);
     input_[i] = start[i];
-    const double fraction = options_.preference == Preference::kCocontraction ? options_.cocontraction : 0.0;
+    const double fraction =
+        options_.preference == Preference::kCocontraction ? options_.cocontraction : 0.0;
     reference_[i] = options_.preference == Preference::kMinChange
                         ? start[i]
                         : limits.lower + fraction * (limits.upper - limits.lower);
   }
   evaluate(current_);
   Descent outcome = descend(current_);
-  // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs behind another.
+  // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs
+  // behind another.
   if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
     std::swap(best_, current_);
     for (int s = 0; s < options_.max_starts && outcome != Descent::kReached; ++s) {
@@ -305,7 +319,9 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   return result_;
 }
 
-bool InverseSolver::Workspace::hasSpareActuators() const { return n_ > std::min(task_.rows(), map_rank_); }
+bool InverseSolver::Workspace::hasSpareActuators() const {
+  return n_ > std::min(task_.rows(), map_rank_);
+}
 
 void InverseSolver::Workspace::readInputs(const Eigen::VectorXd& lengths) noexcept {
   for (int i = 0; i < n_; ++i) {
@@ -325,12 +341,14 @@ double InverseSolver::Workspace::preferenceCost() const noexcept {
   return cost;
 }
 
-// Goes along the inputs that reach the target towards the preferred ones, until they are the best of them.
+// Goes along the inputs that reach the target towards the preferred ones, until they are the best
+// of them.
 void InverseSolver::Workspace::followPreference() noexcept {
   for (int i = 0; i < options_.max_iterations && improvePreference(); ++i) ++result_.iterations;
 }
 
-// One step: to the least preference cost on the tangent of the target's solutions, then back onto them.
+// One step: to the least preference cost on the tangent of the target's solutions, then back onto
+// them.
 bool InverseSolver::Workspace::improvePreference() noexcept {
   const double before = preferenceCost();
   buildNormalEquations(current_);
@@ -340,7 +358,8 @@ bool InverseSolver::Workspace::improvePreference() noexcept {
     const Actuator& actuator = arm_.actuator(i);
     const double range = actuator.limits.upper - actuator.limits.lower;
     const double mean_slope = (upper_[i] - lower_[i]) / range;
-    // Where the contraction is flat a length says nothing of its input: the slope is kept away from zero.
+    // Where the contraction is flat a length says nothing of its input: the slope is kept away from
+    // zero.
     const double slope = actuator.contraction.slopeInside(input_[i]);
     const double kept = std::copysign(std::max(std::abs(slope), 1e-3 * mean_slope), slope);
     preference_slope_[i] = 1.0 / (kept * range);
@@ -379,8 +398,9 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
   result_.residual = std::sqrt(current_.cost);
   if (result_.residual <= options_.position_tolerance) result_.status = InverseStatus::kReached;
   result_.position_error = task_.kind() == InverseTask::Kind::kPosition ? result_.residual
-                           : task_.kind() == InverseTask::Kind::kPose   ? current_.residual.head<3>().norm()
-                                                                        : task_.positionError(current_.lengths);
+                           : task_.kind() == InverseTask::Kind::kPose
+                               ? current_.residual.head<3>().norm()
+                               : task_.positionError(current_.lengths);
   for (int i = 0; i < n_; ++i) {
     const Range& limits = arm_.actuator(i).limits;
     const double margin = 1e-9 * (limits.upper - limits.lower);
@@ -396,7 +416,8 @@ InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
 
-const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position, const InputRef& start) {
+const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
+                                               const InputRef& start) {
   if (!position.allFinite()) throw std::invalid_argument("the target position is not finite");
   workspace_->task().setPosition(position);
   return workspace_->solve(start);
@@ -422,7 +443,8 @@ const InverseResult& InverseSolver::toTwists(const Twists& twists, const InputRe
 Eigen::VectorXd InverseSolver::middle() const {
   const Arm& arm = workspace_->arm();
   Eigen::VectorXd q(arm.actuatorCount());
-  for (int i = 0; i < q.size(); ++i) q[i] = 0.5 * (arm.actuator(i).limits.lower + arm.actuator(i).limits.upper);
+  for (int i = 0; i < q.size(); ++i)
+    q[i] = 0.5 * (arm.actuator(i).limits.lower + arm.actuator(i).limits.upper);
   return q;
 }
 

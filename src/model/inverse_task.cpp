@@ -9,7 +9,8 @@ namespace helix_arm::model {
 using lie::SE3;
 using lie::Vector6;
 
-InverseTask::InverseTask(const Arm& arm, double rotation_weight) : arm_(&arm), rotation_weight_(rotation_weight) {}
+InverseTask::InverseTask(const Arm& arm, double rotation_weight)
+    : arm_(&arm), rotation_weight_(rotation_weight) {}
 
 void InverseTask::setPosition(const Eigen::Vector3d& position) {
   kind_ = Kind::kPosition;
@@ -33,11 +34,13 @@ void InverseTask::setTwists(const Twists& twists) {
 void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                            Eigen::MatrixXd& jacobian) const noexcept {
   if (kind_ == Kind::kTwists) return evaluateTwists(lengths, residual, jacobian);
-  if (kind_ == Kind::kPosition && arm_->sectionCount() == 1) return evaluateSingleSection(lengths, residual, jacobian);
+  if (kind_ == Kind::kPosition && arm_->sectionCount() == 1)
+    return evaluateSingleSection(lengths, residual, jacobian);
   evaluateTip(lengths, residual, jacobian);
 }
 
-// The common case without the general chain: one set of coefficients gives the tip and its derivative.
+// The common case without the general chain: one set of coefficients gives the tip and its
+// derivative.
 void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                         Eigen::MatrixXd& jacobian) const noexcept {
   const auto& map = arm_->equilibrium(0).map;
@@ -98,7 +101,8 @@ double InverseTask::squaredErrorOfTip(const SE3& tip) const noexcept {
   double error = (tip.translation - pose_.translation).squaredNorm();
   if (kind_ == Kind::kPose) {
     // |R - R*|_F^2 / 2 is the square of the angle to first order: good enough to rank starts by.
-    error += 0.5 * rotation_weight_ * rotation_weight_ * (tip.rotation - pose_.rotation).squaredNorm();
+    error +=
+        0.5 * rotation_weight_ * rotation_weight_ * (tip.rotation - pose_.rotation).squaredNorm();
   }
   return error;
 }

@@ -7,7 +7,8 @@
 
 namespace helix_arm::model {
 
-/// What the inverse is to bring to zero: the weighted error of a target as a function of the actuators' lengths.
+/// What the inverse is to bring to zero: the weighted error of a target as a function of the
+/// actuators' lengths.
 class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
@@ -24,7 +25,8 @@ class InverseTask {
   int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
 
   /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless.
-  void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                Eigen::MatrixXd& jacobian) const noexcept;
 
   /// Distance of the tip that the lengths give from the tip that the target means [m].
   double positionError(const Eigen::VectorXd& lengths) const noexcept;
@@ -35,7 +37,8 @@ class InverseTask {
  private:
   void evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                              Eigen::MatrixXd& jacobian) const noexcept;
-  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                   Eigen::MatrixXd& jacobian) const noexcept;
   void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                       Eigen::MatrixXd& jacobian) const noexcept;
 

@@ -1,8 +1,8 @@
 // exp, log and the Jacobians against their definitions in 80 digits.
-#include <gtest/gtest.h>
-
 #include <cstdio>
 #include <vector>
+
+#include <gtest/gtest.h>
 
 #include "helix_arm/lie/coefficients.hpp"
 #include "helix_arm/lie/se2.hpp"
@@ -51,7 +51,8 @@ class Accuracy : public ::testing::Test {
     const Group X{exact.topLeftCorner(kSpace, kSpace).template cast<double>(),
                   exact.topRightCorner(kSpace, 1).template cast<double>()};
     const Tangent log = X.log();
-    return {test::relativeEps(log.template tail<Group::kRotations>(), xi.template tail<Group::kRotations>()),
+    return {test::relativeEps(log.template tail<Group::kRotations>(),
+                              xi.template tail<Group::kRotations>()),
             test::relativeEps(log.template head<kSpace>(), xi.template head<kSpace>())};
   }
   static double errorOfJacobian(const Tangent& xi) {
@@ -71,9 +72,12 @@ double distanceToFullTurn(double angle) { return std::abs(std::remainder(angle, 
 
 TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
   Worst worst;
-  for (int i = 0; i < 3000; ++i) worst.add(this->errorOfExp(this->twist(this->random_.logUniform(1e-300, kPi))));
-  for (int i = 0; i < 6000; ++i) worst.add(this->errorOfExp(this->twist(this->random_.uniform(0, kPi))));
-  std::printf("exp to pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation, worst.translation);
+  for (int i = 0; i < 3000; ++i)
+    worst.add(this->errorOfExp(this->twist(this->random_.logUniform(1e-300, kPi))));
+  for (int i = 0; i < 6000; ++i)
+    worst.add(this->errorOfExp(this->twist(this->random_.uniform(0, kPi))));
+  std::printf("exp to pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation,
+              worst.translation);
   EXPECT_LE(worst.rotation, 4.0);
   EXPECT_LE(worst.translation, 4.0);
 }
@@ -88,14 +92,16 @@ TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
     worst.add(this->errorOfExp(this->twist(angle)));
   }
   ASSERT_GT(away, 5000);
-  std::printf("exp to 4 pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation, worst.translation);
+  std::printf("exp to 4 pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation,
+              worst.translation);
   EXPECT_LE(worst.rotation, 8.0);
   EXPECT_LE(worst.translation, 8.0);
 }
 
 TYPED_TEST(Accuracy, ExpKeepsItsRotationUpTo1e3AndAtFullTurns) {
   Worst worst;
-  for (int i = 0; i < 2000; ++i) worst.add(this->errorOfExp(this->twist(this->random_.uniform(4 * kPi, 1e3))));
+  for (int i = 0; i < 2000; ++i)
+    worst.add(this->errorOfExp(this->twist(this->random_.uniform(4 * kPi, 1e3))));
   for (int turns = 1; turns < 150; ++turns) {
     for (const double offset : {0.0, 1e-12, -1e-12, 1e-6, -1e-6}) {
       worst.add({this->errorOfExp(this->twist(2 * kPi * turns + offset)).rotation, 0.0});
@@ -118,12 +124,15 @@ TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
 
 TYPED_TEST(Accuracy, LogWithin4EpsUpToAHalfTurn) {
   Worst worst;
-  for (int i = 0; i < 3000; ++i) worst.add(this->errorOfLog(this->twist(this->random_.logUniform(1e-300, 1.0))));
-  for (int i = 0; i < 6000; ++i) worst.add(this->errorOfLog(this->twist(this->random_.uniform(0, kPi))));
+  for (int i = 0; i < 3000; ++i)
+    worst.add(this->errorOfLog(this->twist(this->random_.logUniform(1e-300, 1.0))));
+  for (int i = 0; i < 6000; ++i)
+    worst.add(this->errorOfLog(this->twist(this->random_.uniform(0, kPi))));
   for (int i = 0; i < 3000; ++i) {
     worst.add(this->errorOfLog(this->twist(kPi - this->random_.logUniform(1e-12, 1e-1))));
   }
-  std::printf("log to pi - 1e-12: angles %.2f eps, translation %.2f eps\n", worst.rotation, worst.translation);
+  std::printf("log to pi - 1e-12: angles %.2f eps, translation %.2f eps\n", worst.rotation,
+              worst.translation);
   EXPECT_LE(worst.rotation, 4.0);
   EXPECT_LE(worst.translation, 4.0);
 }
@@ -131,7 +140,8 @@ TYPED_TEST(Accuracy, LogWithin4EpsUpToAHalfTurn) {
 TYPED_TEST(Accuracy, JacobiansFollowTheirSeries) {
   double worst = 0.0;
   for (int i = 0; i < 500; ++i) {
-    worst = std::max(worst, this->errorOfJacobian(this->twist(this->random_.logUniform(1e-300, 1.0))));
+    worst =
+        std::max(worst, this->errorOfJacobian(this->twist(this->random_.logUniform(1e-300, 1.0))));
     worst = std::max(worst, this->errorOfJacobian(this->twist(this->random_.uniform(0, 4 * kPi))));
   }
   const double limit = std::sqrt(kSeriesLimit);
@@ -145,11 +155,15 @@ TYPED_TEST(Accuracy, JacobiansFollowTheirSeries) {
 TYPED_TEST(Accuracy, JacobianInversesUndoTheSeries) {
   double worst = 0.0;
   for (int i = 0; i < 500; ++i) {
-    const auto xi = this->twist(i % 2 == 0 ? this->random_.logUniform(1e-300, 1.0) : this->random_.uniform(0, 5.0));
-    const RealMatrix product =
-        TypeParam::leftJacobianInverse(xi).template cast<test::Real>() * test::leftJacobianByDefinition(xi);
-    const double scale = TypeParam::leftJacobianInverse(xi).norm() * TypeParam::leftJacobian(xi).norm();
-    worst = std::max(worst, test::worstEps(product, RealMatrix::Identity(product.rows(), product.cols())) / scale);
+    const auto xi = this->twist(i % 2 == 0 ? this->random_.logUniform(1e-300, 1.0)
+                                           : this->random_.uniform(0, 5.0));
+    const RealMatrix product = TypeParam::leftJacobianInverse(xi).template cast<test::Real>() *
+                               test::leftJacobianByDefinition(xi);
+    const double scale =
+        TypeParam::leftJacobianInverse(xi).norm() * TypeParam::leftJacobian(xi).norm();
+    worst = std::max(
+        worst,
+        test::worstEps(product, RealMatrix::Identity(product.rows(), product.cols())) / scale);
   }
   std::printf("inverse of the left Jacobian: %.2f eps of its condition\n", worst);
   EXPECT_LE(worst, 16.0);

@@ -1,10 +1,10 @@
 // The coefficients themselves, where finite differences of exp would see nothing.
 #include "helix_arm/lie/coefficients.hpp"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <cstdio>
+
+#include <gtest/gtest.h>
 
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
@@ -50,10 +50,14 @@ struct Worst {
     const ExpCoefficients f = expCoefficients(x);
     const JacobianCoefficients g = jacobianCoefficients(x);
     const double theta = std::sqrt(x);
-    const auto eps = [](const Real& error) { return static_cast<double>(Real(abs(error) / test::kEps)); };
-    // a and b vanish at some angles: a is held to sin(theta), b to what a half turn's neighbourhood allows.
+    const auto eps = [](const Real& error) {
+      return static_cast<double>(Real(abs(error) / test::kEps));
+    };
+    // a and b vanish at some angles: a is held to sin(theta), b to what a half turn's neighbourhood
+    // allows.
     a = std::max(a, eps((exact.a - f.a) * std::max(1.0, theta)));
-    if (theta < 3 || std::abs(std::remainder(theta, 2 * kPi)) > 0.5) b = std::max(b, eps((exact.b - f.b) / exact.b));
+    if (theta < 3 || std::abs(std::remainder(theta, 2 * kPi)) > 0.5)
+      b = std::max(b, eps((exact.b - f.b) / exact.b));
     c = std::max(c, eps((exact.c - f.c) / exact.c));
     d = std::max(d, eps((exact.d - g.d) / exact.d));
     e = std::max(e, eps((exact.e - g.e) / exact.e));
@@ -63,7 +67,8 @@ struct Worst {
     EXPECT_EQ(f.c, g.c);
   }
   void print(const char* where) const {
-    std::printf("%s: a %.2f b %.2f c %.2f d %.2f e %.2f cos %.2f eps\n", where, a, b, c, d, e, cosine);
+    std::printf("%s: a %.2f b %.2f c %.2f d %.2f e %.2f cos %.2f eps\n", where, a, b, c, d, e,
+                cosine);
   }
   void expectWithin(double bound) const {
     EXPECT_LE(a, bound);
@@ -108,7 +113,8 @@ TEST(Coefficients, AgreeWithTheirDefinitionWhereTheReductionChangesQuadrant) {
   Worst worst;
   for (int quadrant = 3; quadrant < 600; quadrant += 2) {
     const double theta = quadrant * kPi / 2;  // h half-way between two multiples of pi/2
-    for (int ulps = -5; ulps <= 5; ++ulps) worst.measure(std::pow(theta * (1 + ulps * test::kEps), 2));
+    for (int ulps = -5; ulps <= 5; ++ulps)
+      worst.measure(std::pow(theta * (1 + ulps * test::kEps), 2));
   }
   worst.print("at the quadrants");
   worst.expectWithin(8.0);

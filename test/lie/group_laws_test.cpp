@@ -1,7 +1,7 @@
-#include <gtest/gtest.h>
-
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+
+#include <gtest/gtest.h>
 
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -67,19 +67,23 @@ TYPED_TEST(LieGroup, RotationsOfExpAreOrthogonal) {
 TYPED_TEST(LieGroup, ExpOfTheOppositeTwistIsTheInverse) {
   this->forRandomTwists([this](const auto& xi) {
     EXPECT_LT(this->distance(TypeParam::exp(-xi), TypeParam::exp(xi).inverse()), 1e-14);
-    EXPECT_LT(this->distance(TypeParam::exp(xi) * TypeParam::exp(xi).inverse(), TypeParam{}), 1e-14);
+    EXPECT_LT(this->distance(TypeParam::exp(xi) * TypeParam::exp(xi).inverse(), TypeParam{}),
+              1e-14);
   });
 }
 
 TYPED_TEST(LieGroup, ExpIsAdditiveAlongOneTwist) {
   this->forRandomTwists([this](const auto& xi) {
-    EXPECT_LT(this->distance(TypeParam::exp(0.3 * xi) * TypeParam::exp(0.7 * xi), TypeParam::exp(xi)), 1e-14);
+    EXPECT_LT(
+        this->distance(TypeParam::exp(0.3 * xi) * TypeParam::exp(0.7 * xi), TypeParam::exp(xi)),
+        1e-14);
   });
 }
 
 TYPED_TEST(LieGroup, ProductsAreAssociativeAndActOnPoints) {
   this->forRandomTwists([this](const auto& xi) {
-    const TypeParam X = TypeParam::exp(xi), Y = TypeParam::exp(this->twist(1.0)), Z = TypeParam::exp(this->twist(2.0));
+    const TypeParam X = TypeParam::exp(xi), Y = TypeParam::exp(this->twist(1.0)),
+                    Z = TypeParam::exp(this->twist(2.0));
     EXPECT_LT(this->distance((X * Y) * Z, X * (Y * Z)), 1e-14);
     const typename TypeParam::Point p = this->twist(0.5).template head<TypeParam::kSpace>();
     EXPECT_LT(((X * Y) * p - X * (Y * p)).norm(), 1e-14);
@@ -89,7 +93,9 @@ TYPED_TEST(LieGroup, ProductsAreAssociativeAndActOnPoints) {
 TYPED_TEST(LieGroup, AdjointMovesTwistsBetweenFrames) {
   this->forRandomTwists([this](const auto& xi) {
     const TypeParam X_AB = TypeParam::exp(this->twist(1.3));
-    EXPECT_LT(this->distance(X_AB * TypeParam::exp(xi) * X_AB.inverse(), TypeParam::exp(X_AB.adjoint() * xi)), 2e-14);
+    EXPECT_LT(this->distance(X_AB * TypeParam::exp(xi) * X_AB.inverse(),
+                             TypeParam::exp(X_AB.adjoint() * xi)),
+              2e-14);
   });
 }
 
@@ -102,8 +108,10 @@ TYPED_TEST(LieGroup, AdjointOfAProductIsTheProductOfAdjoints) {
 
 TYPED_TEST(LieGroup, RightJacobianIsTheLeftOneSeenFromTheOtherEnd) {
   this->forRandomTwists([](const auto& xi) {
-    EXPECT_LT((TypeParam::exp(xi).adjoint() * TypeParam::rightJacobian(xi) - TypeParam::leftJacobian(xi)).norm(),
-              1e-14);
+    EXPECT_LT(
+        (TypeParam::exp(xi).adjoint() * TypeParam::rightJacobian(xi) - TypeParam::leftJacobian(xi))
+            .norm(),
+        1e-14);
   });
 }
 
@@ -111,7 +119,8 @@ TYPED_TEST(LieGroup, JacobianInversesInvert) {
   this->forRandomTwists([](const auto& xi) {
     const auto I = TypeParam::Matrix::Identity();
     EXPECT_LT((TypeParam::leftJacobianInverse(xi) * TypeParam::leftJacobian(xi) - I).norm(), 2e-14);
-    EXPECT_LT((TypeParam::rightJacobian(xi) * TypeParam::rightJacobianInverse(xi) - I).norm(), 2e-14);
+    EXPECT_LT((TypeParam::rightJacobian(xi) * TypeParam::rightJacobianInverse(xi) - I).norm(),
+              2e-14);
   });
 }
 
@@ -120,8 +129,9 @@ TYPED_TEST(LieGroup, LeftJacobianMovesATwistToTheFrontOfExp) {
   this->forRandomTwists([this](const auto& xi) {
     const auto d = this->twist(1.0);
     const auto gap = [&](double step) {
-      return this->distance(TypeParam::exp(xi + step * d),
-                            TypeParam::exp(TypeParam::leftJacobian(xi) * (step * d)) * TypeParam::exp(xi));
+      return this->distance(
+          TypeParam::exp(xi + step * d),
+          TypeParam::exp(TypeParam::leftJacobian(xi) * (step * d)) * TypeParam::exp(xi));
     };
     EXPECT_LT(gap(1e-3), 1e-5);
     EXPECT_LT(gap(1e-5), 1e-9);
@@ -144,7 +154,9 @@ TEST(Se2, EmbedsIntoSe3) {
   for (int i = 0; i < 1000; ++i) {
     const SE2::Tangent xi(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-3, 3));
     const SE3 flat = embed(SE2::exp(xi)), spatial = SE3::exp(embed(xi));
-    EXPECT_LT((flat.rotation - spatial.rotation).norm() + (flat.translation - spatial.translation).norm(), 3e-15);
+    EXPECT_LT(
+        (flat.rotation - spatial.rotation).norm() + (flat.translation - spatial.translation).norm(),
+        3e-15);
     EXPECT_EQ(project(embed(xi)), xi);
   }
 }
@@ -154,7 +166,9 @@ TEST(Convention, TwistsAreTranslationFirstAndRotationsAgreeWithEigen) {
   const Eigen::Vector3d w(0.3, -1.1, 0.7);
   Vector6 xi;
   xi << 0, 0, 0, w;
-  EXPECT_LT((SE3::exp(xi).rotation - Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix()).norm(), 1e-15);
+  EXPECT_LT((SE3::exp(xi).rotation - Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix())
+                .norm(),
+            1e-15);
   xi << 0.4, 0, 0, 0, 0, 0;
   EXPECT_EQ(SE3::exp(xi).translation, Eigen::Vector3d(0.4, 0, 0));
 }

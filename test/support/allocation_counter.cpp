@@ -9,9 +9,9 @@ thread_local std::size_t allocations = 0;
 
 // glibc's own entry points: every allocation passes here, Eigen's and operator new's alike.
 extern "C" {
-void* __libc_malloc(std::size_t size);                   // NOLINT
-void* __libc_calloc(std::size_t count, std::size_t size);  // NOLINT
-void* __libc_realloc(void* block, std::size_t size);     // NOLINT
+void* __libc_malloc(std::size_t size);                           // NOLINT
+void* __libc_calloc(std::size_t count, std::size_t size);        // NOLINT
+void* __libc_realloc(void* block, std::size_t size);             // NOLINT
 void* __libc_memalign(std::size_t alignment, std::size_t size);  // NOLINT
 
 void* malloc(std::size_t size) {

@@ -4,7 +4,8 @@
 
 namespace helix_arm::test {
 
-/// Counts this thread's heap allocations since it was made. Link the target helix_arm_allocation_counter.
+/// Counts this thread's heap allocations since it was made. Link the target
+/// helix_arm_allocation_counter.
 class AllocationCounter {
  public:
   AllocationCounter();

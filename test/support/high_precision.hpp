@@ -1,11 +1,10 @@
 #pragma once
 
-#include <boost/multiprecision/eigen.hpp>
-#include <boost/multiprecision/mpfr.hpp>
-
+#include <Eigen/Core>
 #include <limits>
 
-#include <Eigen/Core>
+#include <boost/multiprecision/eigen.hpp>
+#include <boost/multiprecision/mpfr.hpp>
 
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -22,7 +21,8 @@ inline constexpr double kEps = std::numeric_limits<double>::epsilon();
 /// Largest entry of |a - b|, in units of eps.
 template <class A, class B>
 double worstEps(const Eigen::MatrixBase<A>& a, const Eigen::MatrixBase<B>& b) {
-  return static_cast<double>(Real((a.template cast<Real>() - b.template cast<Real>()).cwiseAbs().maxCoeff() / kEps));
+  return static_cast<double>(
+      Real((a.template cast<Real>() - b.template cast<Real>()).cwiseAbs().maxCoeff() / kEps));
 }
 
 /// |a - b| / |b|, in units of eps.
@@ -67,7 +67,8 @@ inline RealMatrix ad(const lie::SE2::Tangent& xi) {
 
 /// sum_n M^n / (n + first)!, by its definition. Digits are lost like e^|M|: for |M| up to about 50.
 inline RealMatrix factorialSum(const RealMatrix& M, int first) {
-  RealMatrix sum = RealMatrix::Zero(M.rows(), M.cols()), term = RealMatrix::Identity(M.rows(), M.cols());
+  RealMatrix sum = RealMatrix::Zero(M.rows(), M.cols()),
+             term = RealMatrix::Identity(M.rows(), M.cols());
   for (int k = 2; k <= first; ++k) term /= Real(k);
   for (int n = 1; n < 400; ++n) {
     sum += term;

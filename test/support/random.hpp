@@ -1,9 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cmath>
 #include <random>
-
-#include <Eigen/Core>
 
 namespace helix_arm::test {
 
@@ -12,10 +11,16 @@ class Random {
  public:
   explicit Random(unsigned seed) : generator_(seed) {}
 
-  double uniform(double lower, double upper) { return std::uniform_real_distribution<double>(lower, upper)(generator_); }
+  double uniform(double lower, double upper) {
+    return std::uniform_real_distribution<double>(lower, upper)(generator_);
+  }
   /// Uniform in the logarithm.
-  double logUniform(double lower, double upper) { return std::exp(uniform(std::log(lower), std::log(upper))); }
-  int integer(int lower, int upper) { return std::uniform_int_distribution<int>(lower, upper)(generator_); }
+  double logUniform(double lower, double upper) {
+    return std::exp(uniform(std::log(lower), std::log(upper)));
+  }
+  int integer(int lower, int upper) {
+    return std::uniform_int_distribution<int>(lower, upper)(generator_);
+  }
   template <int kSize>
   Eigen::Matrix<double, kSize, 1> direction() {
     Eigen::Matrix<double, kSize, 1> u;

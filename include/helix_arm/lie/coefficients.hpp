@@ -4,9 +4,10 @@
 
 /// The scalar functions of the rotation angle that exp, log and their Jacobians are made of.
 ///
-/// All of them are even and analytic, so they are written in x = theta^2 and are finite at zero. Up to theta = 4.5 rad, where
-/// arms live, they are series of the half angle without a root, a quotient or a branch; beyond, sine and cosine of the
-/// reduced half angle. Neither depends on the C library, so every machine gives the same digits up to fused products.
+/// All of them are even and analytic, so they are written in x = theta^2 and are finite at zero. Up
+/// to theta = 4.5 rad, where arms live, they are series of the half angle without a root, a
+/// quotient or a branch; beyond, sine and cosine of the reduced half angle. Neither depends on the
+/// C library, so every machine gives the same digits up to fused products.
 namespace helix_arm::lie {
 
 /// Coefficients of exp; theta = |w| [rad].
@@ -34,8 +35,8 @@ namespace detail {
 /// n! for n <= 33, exact up to 22! and within an ulp beyond.
 constexpr double factorial(int n) { return n < 2 ? 1.0 : n * factorial(n - 1); }
 
-/// sum_j (-y)^j / (2j + n)! over kBegin <= j < kBegin + kCount, divided by y^kBegin. Pairs first (Estrin): half the waiting
-/// of Horner's rule. powers: y, y^2, y^4, y^8.
+/// sum_j (-y)^j / (2j + n)! over kBegin <= j < kBegin + kCount, divided by y^kBegin. Pairs first
+/// (Estrin): half the waiting of Horner's rule. powers: y, y^2, y^4, y^8.
 template <int kFirst, int kBegin, int kCount>
 inline double factorialSeries(const double* powers) {
   if constexpr (kCount == 1) {
@@ -48,7 +49,8 @@ inline double factorialSeries(const double* powers) {
   }
 }
 
-/// sum_j (-y)^j / (2j + n)!: n = 2 is (1 - cos r) / r^2 with y = r^2, n = 3 is (r - sin r) / r^3, and so on.
+/// sum_j (-y)^j / (2j + n)!: n = 2 is (1 - cos r) / r^2 with y = r^2, n = 3 is (r - sin r) / r^3,
+/// and so on.
 template <int kFirst, int kTerms>
 inline double factorialSeries(double y) {
   const double y2 = y * y, y4 = y2 * y2;
@@ -64,8 +66,9 @@ inline double squareRemainder(double square, double root) {
   return ((square - high * high) - 2.0 * high * low) - low * low;
 }
 
-/// Sine and cosine of the half angle h and the series they are made of, s_n = sum_j (-y)^j / (2j + n)! with y = h^2.
-/// For x <= kSeriesLimit. s_2 and s_3 come from s_4 and s_5, whose rounding weighs less.
+/// Sine and cosine of the half angle h and the series they are made of, s_n = sum_j (-y)^j / (2j +
+/// n)! with y = h^2. For x <= kSeriesLimit. s_2 and s_3 come from s_4 and s_5, whose rounding
+/// weighs less.
 struct HalfAngleSeries {
   double y;             ///< h^2
   double s4, s5;        ///< (1/2 - s2) / h^2, (1/6 - s3) / h^2
@@ -98,8 +101,10 @@ inline ExpCoefficients expCoefficientsBySeries(double x) {
 /// For x from about 1 up to kReductionLimit; finite and of no meaning below.
 /// @param x_low  what the rounding of x lost: at large angles it shows.
 inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
-  // h = r + k pi/2, |r| <= pi/4, with pi/2 in three parts (Cody and Waite): k times the first two is exact.
-  constexpr double kRound = 6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
+  // h = r + k pi/2, |r| <= pi/4, with pi/2 in three parts (Cody and Waite): k times the first two
+  // is exact.
+  constexpr double kRound =
+      6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
   constexpr double kTwoOverPi = 0.63661977236758138;
   constexpr double kHalfPi1 = 1.57079632673412561417;
   constexpr double kHalfPi2 = 6.07710050630396597660e-11;
@@ -119,14 +124,16 @@ inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
   const double cos_h = even * cos_r - odd * sin_r;
   const double a = sin_h * cos_h / (h + kTiny);
   const double inverse_x = 1.0 / (x + kTiny);
-  return {a, 2.0 * sin_h * sin_h * inverse_x, (1.0 - a) * inverse_x, (cos_h - sin_h) * (cos_h + sin_h)};
+  return {a, 2.0 * sin_h * sin_h * inverse_x, (1.0 - a) * inverse_x,
+          (cos_h - sin_h) * (cos_h + sin_h)};
 }
 
 }  // namespace detail
 
 /// Coefficients of exp at x + x_low = theta^2 [rad^2], x in [0, kReductionLimit]; NaN gives NaN.
 inline ExpCoefficients expCoefficients(double x, double x_low = 0.0) {
-  return x <= kSeriesLimit ? detail::expCoefficientsBySeries(x) : detail::expCoefficientsByReduction(x, x_low);
+  return x <= kSeriesLimit ? detail::expCoefficientsBySeries(x)
+                           : detail::expCoefficientsByReduction(x, x_low);
 }
 
 /// Coefficients of the Jacobians at x = theta^2 [rad^2]; same domain.

@@ -2,7 +2,8 @@
 
 #include <Eigen/Core>
 
-/// Rigid motions of space. Twists are [v; w], v first, as in the paper; v in m and w in rad over the whole section.
+/// Rigid motions of space. Twists are [v; w], v first, as in the paper; v in m and w in rad over
+/// the whole section.
 namespace helix_arm::lie {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
@@ -13,7 +14,8 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& w);
 
 /// A pose X_AB: frame B seen from frame A; x_A = rotation * x_B + translation.
 ///
-/// A plain value: it neither stores its frames nor renormalises; the caller keeps the rotation orthogonal.
+/// A plain value: it neither stores its frames nor renormalises; the caller keeps the rotation
+/// orthogonal.
 struct SE3 {
   static constexpr int kDof = 6;
   static constexpr int kSpace = 3;
@@ -34,7 +36,8 @@ struct SE3 {
   /// exp of the twist xi = [v; w]: the pose after moving along it for unit time. |w| up to 1e5 rad.
   static SE3 exp(const Tangent& xi);
 
-  /// The twist [v; w] with |w| <= pi whose exp is this pose. At exactly pi either sign of w is an answer.
+  /// The twist [v; w] with |w| <= pi whose exp is this pose. At exactly pi either sign of w is an
+  /// answer.
   Tangent log() const;
 
   /// Ad_X: moves a twist seen in B to A, xi_A = Ad_X xi_B.

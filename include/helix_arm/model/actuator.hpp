@@ -8,7 +8,8 @@
 
 namespace helix_arm::model {
 
-/// Stiffness of one actuator, normalised by its extensional stiffness K_eps: K = diag(1, gamma, gamma, tau, kappa, kappa).
+/// Stiffness of one actuator, normalised by its extensional stiffness K_eps: K = diag(1, gamma,
+/// gamma, tau, kappa, kappa).
 struct Stiffness {
   double gamma = 10.0;  ///< shear K_gamma, unitless, >= 0
   double tau = 0.0;     ///< torsion K_tau [m^2], >= 0

@@ -1,8 +1,7 @@
 #pragma once
 
-#include <vector>
-
 #include <Eigen/Core>
+#include <vector>
 
 #include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/equilibrium.hpp"
@@ -12,10 +11,12 @@ namespace helix_arm::model {
 /// The most sections an arm may have.
 inline constexpr int kMaxSections = 16;
 
-/// Inputs of all actuators, section by section from the base: gauge pressures [Pa] (spool angles [rad] for tendons).
+/// Inputs of all actuators, section by section from the base: gauge pressures [Pa] (spool angles
+/// [rad] for tendons).
 using InputRef = Eigen::Ref<const Eigen::VectorXd>;
 
-/// The twists of an arm's sections, (dof x sections), column k the section k from the base; v [m], w [rad].
+/// The twists of an arm's sections, (dof x sections), column k the section k from the base; v [m],
+/// w [rad].
 template <class Group>
 using TwistsOf =
     Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof, kMaxSections>;
@@ -30,15 +31,17 @@ struct SectionOf {
 
 /// Sections in series, without load: X_tip = prod_k exp(g_k), each g_k = (A+ D)_k l_k (eq. 17).
 ///
-/// Immutable; the maps are solved once, when the arm is made. Frames: everything is seen from the arm's base, x along the
-/// tangent there.
+/// Immutable; the maps are solved once, when the arm is made. Frames: everything is seen from the
+/// arm's base, x along the tangent there.
 template <class Group>
 class ArmOf {
  public:
   using Twists = TwistsOf<Group>;
 
-  /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 .. kMaxSections sections,
-  ///         1 .. kMaxActuators actuators each, limits inside the contraction's range, stiffness finite and >= 0.
+  /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 ..
+  /// kMaxSections sections,
+  ///         1 .. kMaxActuators actuators each, limits inside the contraction's range, stiffness
+  ///         finite and >= 0.
   explicit ArmOf(std::vector<SectionOf<Group>> sections);
 
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
@@ -52,7 +55,8 @@ class ArmOf {
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
 
   /// Free lengths (n) [m] of the actuators at inputs q (n).
-  /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside its limits.
+  /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside
+  /// its limits.
   Eigen::VectorXd lengths(const InputRef& q) const;
 
   /// Twists (dof x sections) at inputs q (n). Does not allocate. Throws as lengths() does.

@@ -6,13 +6,16 @@
 
 namespace helix_arm::model {
 
-/// Tip positions of many inputs at once, for clouds and maps: structure of arrays, one thread, the widest vector unit that
-/// the machine has (chosen at run time).
+/// Tip positions of many inputs at once, for clouds and maps: structure of arrays, one thread, the
+/// widest vector unit that the machine has (chosen at run time).
 ///
-/// Agrees with Arm::tip to 8 eps of the arm's length. Contractions made from a table run at scalar speed.
-/// @param inputs  (actuatorCount) pointers to `count` inputs each, inside the limits (not checked) [Pa or rad].
+/// Agrees with Arm::tip to 8 eps of the arm's length. Contractions made from a table run at scalar
+/// speed.
+/// @param inputs  (actuatorCount) pointers to `count` inputs each, inside the limits (not checked)
+/// [Pa or rad].
 /// @param x,y,z   `count` tip coordinates each, base frame [m].
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y, double* z);
+void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
+               double* z);
 
 /// The instruction set that batchTips runs on here: "avx512f", "avx2", "sse2" or "portable".
 const char* batchInstructionSet();

@@ -13,13 +13,16 @@ struct Range {
   bool contains(double x) const { return x >= lower && x <= upper; }
 };
 
-/// Free length l(q) of an unloaded actuator [m] against its input q: the gauge pressure of a muscle [Pa], the spool
-/// angle of a tendon [rad]. Strictly monotone on its range, and defined nowhere else: never extrapolated.
+/// Free length l(q) of an unloaded actuator [m] against its input q: the gauge pressure of a muscle
+/// [Pa], the spool angle of a tendon [rad]. Strictly monotone on its range, and defined nowhere
+/// else: never extrapolated.
 ///
-/// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate it.
+/// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate
+/// it.
 class Contraction {
  public:
-  /// The polynomial from one knot to the next, for the change of length since the lower end of the range.
+  /// The polynomial from one knot to the next, for the change of length since the lower end of the
+  /// range.
   struct Piece {
     double start;          ///< of the piece, in units of the input
     double inverse_scale;  ///< u = (q - start) * inverse_scale
@@ -29,9 +32,11 @@ class Contraction {
   /// l = sum_k c_k (p / p_ref)^k on [0, p_max].
   ///
   /// @param coefficients        c_0 .. c_5 [m].
-  /// @param reference_pressure  p_ref > 0 [Pa]; the fit's largest pressure keeps it well conditioned.
+  /// @param reference_pressure  p_ref > 0 [Pa]; the fit's largest pressure keeps it well
+  /// conditioned.
   /// @param max_pressure        p_max > 0 [Pa]: where the measurements end.
-  /// @throws std::invalid_argument when an argument breaks its rule or the polynomial turns back on its range,
+  /// @throws std::invalid_argument when an argument breaks its rule or the polynomial turns back on
+  /// its range,
   ///         naming the pressure where it does.
   static Contraction quintic(const std::array<double, 6>& coefficients, double reference_pressure,
                              double max_pressure);
@@ -78,7 +83,8 @@ class Contraction {
   /// Length at the lower end of the range [m].
   double restLength() const { return rest_length_; }
   double slopeInside(double q) const noexcept;
-  /// The inverse for a length known to be inside, from a first guess: a good one saves most of the time.
+  /// The inverse for a length known to be inside, from a first guess: a good one saves most of the
+  /// time.
   double inverseInside(double length, double guess) const noexcept;
 
  private:

@@ -21,7 +21,8 @@ struct CurvePoint {
   Group X;   ///< seen from the base
 };
 
-/// The curve at `count` >= 2 evenly spaced s, base and tip included; each point as poseAt() gives it.
+/// The curve at `count` >= 2 evenly spaced s, base and tip included; each point as poseAt() gives
+/// it.
 /// @throws std::invalid_argument when count < 2.
 std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count);
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
@@ -30,10 +31,12 @@ std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int co
 lie::SE3 tipPose(const Twists& twists);
 lie::SE2 tipPose(const PlanarTwists& twists);
 
-/// The helix that a section's curve is. A straight section has no turns and an infinite radius; an arc has no pitch.
+/// The helix that a section's curve is. A straight section has no turns and an infinite radius; an
+/// arc has no pitch.
 struct Helix {
   double radius;  ///< distance of the curve from its axis, |w x v| / |w|^2 [m]
-  double pitch;   ///< advance along the axis per turn, signed with the handedness, 2 pi (w.v) / |w|^2 [m]
+  double pitch;   ///< advance along the axis per turn, signed with the handedness, 2 pi (w.v) /
+                  ///< |w|^2 [m]
   double turns;   ///< |w| / 2 pi
 };
 Helix helixOf(const lie::Vector6& twist);

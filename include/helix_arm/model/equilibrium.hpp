@@ -1,8 +1,7 @@
 #pragma once
 
-#include <vector>
-
 #include <Eigen/Core>
+#include <vector>
 
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -19,7 +18,8 @@ struct Strand {
   typename Group::Tangent K;  ///< diagonal of the normalised stiffness, v first; entries >= 0
 };
 
-/// The linear map from actuator lengths to the section's twist (eq. 17), with what its solution met on the way.
+/// The linear map from actuator lengths to the section's twist (eq. 17), with what its solution met
+/// on the way.
 template <class Group>
 struct Equilibrium {
   static constexpr int kDof = Group::kDof;
@@ -29,15 +29,18 @@ struct Equilibrium {
   Map map;           ///< A+ D (dof x n): twist [m, rad] = map * lengths [m]
   int rank = 0;      ///< of A
   double condition;  ///< of A, scaled to lengths, on the space where it is not singular
-  Basis null_space;  ///< (dof x (dof - rank)) orthonormal twists that cost no energy; the answer holds none of them
+  Basis null_space;  ///< (dof x (dof - rank)) orthonormal twists that cost no energy; the answer
+                     ///< holds none of them
 };
 
-/// Equilibrium of an unloaded section: minimum-norm solution of A g = D l, A = sum Ad_i^-T K_i Ad_i^-1,
-/// D = [Ad_i^-T K_i e1] (eq. 15-17), without ever forming A.
+/// Equilibrium of an unloaded section: minimum-norm solution of A g = D l, A = sum Ad_i^-T K_i
+/// Ad_i^-1, D = [Ad_i^-T K_i e1] (eq. 15-17), without ever forming A.
 ///
-/// The stack of K_i^1/2 Ad_i^-1 is scaled to one unit of length, its rows sorted by size, and factored with column pivoting.
+/// The stack of K_i^1/2 Ad_i^-1 is scaled to one unit of length, its rows sorted by size, and
+/// factored with column pivoting.
 ///
-/// @param strands  (n) one per actuator, 1 <= n <= kMaxActuators, not all of them without stiffness.
+/// @param strands  (n) one per actuator, 1 <= n <= kMaxActuators, not all of them without
+/// stiffness.
 /// @throws std::invalid_argument naming the strand and the rule it breaks.
 template <class Group>
 Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands);

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <memory>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -11,20 +10,23 @@
 namespace helix_arm::model {
 
 /// Which of the many inputs that reach a target is wanted, where the arm has actuators to spare.
-/// Each minimises sum_i ((q_i - q_ref,i) / range_i)^2 with its own q_ref.
+/// Each minimises sum_i ((q_i - q_ref,i) / range_i)^2 with its own q_ref, moving from the inputs
+/// first found along those that reach the target: the best nearby, so that a target that moves
+/// little never makes the command jump.
 enum class Preference {
-  kMinPressure,   ///< q_ref = the lower limits: least pressure
-  kMinChange,     ///< q_ref = the start given to the solver
-  kCocontraction, ///< q_ref = lower + cocontraction * (upper - lower): a wanted stiffness of the bundle
+  kMinPressure,    ///< q_ref = the lower limits: least pressure
+  kMinChange,      ///< q_ref = the start given to the solver
+  kCocontraction,  ///< q_ref = lower + cocontraction * (upper - lower): a wanted stiffness of the
+                   ///< bundle
 };
 
 struct InverseOptions {
   Preference preference = Preference::kMinPressure;
-  double cocontraction = 0.5;         ///< wanted fraction of each actuator's range, in [0, 1]
-  double position_tolerance = 1e-6;   ///< residual at which a target counts as reached [m]
-  double rotation_weight = 0.1;       ///< an angle error of 1 rad weighs as much as this distance [m]
-  int max_iterations = 60;            ///< of one start
-  int max_starts = 24;                ///< tried before a target is called unreachable
+  double cocontraction = 0.5;        ///< wanted fraction of each actuator's range, in [0, 1]
+  double position_tolerance = 1e-6;  ///< residual at which a target counts as reached [m]
+  double rotation_weight = 0.1;  ///< an angle error of 1 rad weighs as much as this distance [m]
+  int max_iterations = 60;       ///< of one start
+  int max_starts = 24;           ///< tried before a target is called unreachable
 };
 
 /// Where an actuator stands.
@@ -37,20 +39,21 @@ enum class InverseStatus {
 };
 
 struct InverseResult {
-  Eigen::VectorXd input;          ///< (n) inside the limits: [Pa], or [rad] for tendons
-  double residual = 0.0;          ///< norm of the weighted error [m]
-  double position_error = 0.0;    ///< distance of the tips [m]
-  std::vector<Limit> limits;      ///< (n) which limits are active
+  Eigen::VectorXd input;        ///< (n) inside the limits: [Pa], or [rad] for tendons
+  double residual = 0.0;        ///< norm of the weighted error [m]
+  double position_error = 0.0;  ///< distance of the tips [m]
+  std::vector<Limit> limits;    ///< (n) which limits are active
   InverseStatus status = InverseStatus::kNotConverged;
-  int iterations = 0;             ///< summed over the starts
+  int iterations = 0;  ///< summed over the starts
   bool converged() const { return status != InverseStatus::kNotConverged; }
 };
 
-/// Bounded inverse of the linear model: a target of the tip or of the twists to inputs within limits.
+/// Bounded inverse of the linear model: a target of the tip or of the twists to inputs within
+/// limits.
 ///
-/// Works in the actuators' lengths, where the arm is linear up to exp and the limits stay a box; least squares by
-/// Levenberg-Marquardt with an active set, from the start given and, if that fails, from sampled ones. All memory is taken
-/// in the constructor: solving does not allocate.
+/// Works in the actuators' lengths, where the arm is linear up to exp and the limits stay a box;
+/// least squares by Levenberg-Marquardt with an active set, from the start given and, if that
+/// fails, from sampled ones. All memory is taken in the constructor: solving does not allocate.
 class InverseSolver {
  public:
   /// Keeps a reference to the arm, which must outlive the solver.
@@ -62,11 +65,14 @@ class InverseSolver {
 
   /// Inputs that bring the tip to a position (base frame) [m].
   ///
-  /// @param start  (n) inputs to begin from, inside the limits; the last command makes a warm start.
+  /// @param start  (n) inputs to begin from, inside the limits; the last command makes a warm
+  /// start.
   /// @return a result that stays valid until the next call.
-  /// @throws std::invalid_argument on a non-finite target or a start of wrong size or outside the limits.
+  /// @throws std::invalid_argument on a non-finite target or a start of wrong size or outside the
+  /// limits.
   const InverseResult& toPosition(const Eigen::Vector3d& position, const InputRef& start);
-  /// The same for the tip's pose (base frame): least squares of position and rotation_weight * angle.
+  /// The same for the tip's pose (base frame): least squares of position and rotation_weight *
+  /// angle.
   const InverseResult& toPose(const lie::SE3& pose, const InputRef& start);
   /// The same for the twists of all sections (6 x sections).
   const InverseResult& toTwists(const Twists& twists, const InputRef& start);

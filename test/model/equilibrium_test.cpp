@@ -1,0 +1,233 @@
+// The linear map against the pseudo-inverse in 80 digits, over the extremes an arm may be built
+// with.
+#include "helix_arm/model/equilibrium.hpp"
+
+#include <Eigen/Cholesky>
+#include <cstdio>
+
+#include <gtest/gtest.h>
+
+#include "support/high_precision.hpp"
+#include "support/paper_arm.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+using test::Real;
+using test::RealMatrix;
+
+// Ad(X)^-1 from its definition, [R' -R' [p]; 0 R'].
+RealMatrix adjointInverse(const lie::SE3& X) {
+  const RealMatrix R = X.rotation.cast<Real>(), p = lie::skew(X.translation).cast<Real>();
+  RealMatrix Ad = RealMatrix::Zero(6, 6);
+  Ad.topLeftCorner(3, 3) = Ad.bottomRightCorner(3, 3) = R.transpose();
+  Ad.topRightCorner(3, 3) = -R.transpose() * p;
+  return Ad;
+}
+
+// A+ D with A and D summed as eq. 15-17 print them. Where A is singular its null space N is known
+// beforehand, and A+ = (A + N N')^-1 - N N'.
+RealMatrix mapByDefinition(const std::vector<Strand<lie::SE3>>& strands, const RealMatrix& N) {
+  const int n = static_cast<int>(strands.size());
+  RealMatrix A = N * N.transpose(), D = RealMatrix::Zero(6, n);
+  for (int i = 0; i < n; ++i) {
+    const RealMatrix Ad_oi = adjointInverse(strands[i].X_O),
+                     K = strands[i].K.asDiagonal().toDenseMatrix().cast<Real>();
+    A += Ad_oi.transpose() * K * Ad_oi;
+    D.col(i) = Ad_oi.transpose() * K.col(0);
+  }
+  return A.llt().solve(D) - N * (N.transpose() * D);
+}
+
+struct Case {
+  std::string name;
+  std::vector<Strand<lie::SE3>> strands;
+  int free_twist = -1;  // the entry of the twist that nothing resists
+  int rank() const { return free_twist < 0 ? 6 : 5; }
+  RealMatrix nullSpace() const {
+    if (free_twist < 0) return RealMatrix::Zero(6, 0);
+    return lie::Vector6::Unit(free_twist).cast<Real>();
+  }
+};
+
+std::vector<Strand<lie::SE3>> ring(int count, double radius, double tilt,
+                                   const lie::SE3::Tangent& K) {
+  std::vector<Strand<lie::SE3>> strands;
+  for (int i = 0; i < count; ++i) strands.push_back({test::ringPose(i, count, radius, tilt), K});
+  return strands;
+}
+
+lie::SE3::Tangent stiffness(double gamma, double tau, double kappa) {
+  return Stiffness{gamma, tau, kappa}.diagonal<lie::SE3>();
+}
+
+// Two muscles in the x-y plane, without a turn of their frames: every zero of theirs is exact.
+std::vector<Strand<lie::SE3>> flatPair(double offset, const lie::SE3::Tangent& K) {
+  return {{{Eigen::Matrix3d::Identity(), {0, offset, 0}}, K},
+          {{Eigen::Matrix3d::Identity(), {0, -offset, 0}}, K}};
+}
+
+std::vector<Case> cases() {
+  const double tilt = 15 * test::kPi / 180;
+  std::vector<Case> all;
+  for (const double radius : {1e-4, 0.0254, 1.0}) {
+    for (const double gamma : {1.0, 1e2, 1e6, 1e12}) {
+      for (const double kappa : {1e-12, 9.8e-5, 1e2}) {
+        for (const double angle : {0.0, tilt}) {
+          char name[120];
+          std::snprintf(name, sizeof name, "ring of 3, r %g m, tilt %.2g, K_gamma %g, K_kappa %g",
+                        radius, angle, gamma, kappa);
+          all.push_back({name, ring(3, radius, angle, stiffness(gamma, 0, kappa))});
+        }
+      }
+    }
+  }
+  for (const int count : {4, 6, 24})
+    all.push_back(
+        {"ring of " + std::to_string(count), ring(count, 0.03, tilt, stiffness(100, 1e-5, 1e-4))});
+  all.push_back({"planar pair", flatPair(0.0381, stiffness(10, 0, 1.38e-4))});
+  const lie::SE3 centred;
+  all.push_back({"one centred muscle, K_tau = 0", {{centred, stiffness(10, 0, 1e-4)}}, 3});
+  all.push_back({"one centred muscle, K_tau > 0", {{centred, stiffness(10, 1e-5, 1e-4)}}});
+  all.push_back({"planar pair, K_kappa = 0", flatPair(0.0381, stiffness(10, 0, 0)), 4});
+  lie::SE3::Tangent printed;
+  printed << 1, 10, 10, 0, 0, 1.38e-4;  // the paper's own K, with one entry of bending
+  all.push_back({"planar pair, K as printed", flatPair(0.0381, printed), 4});
+  return all;
+}
+
+// Bending entries as arc lengths, so that the error is one number in metres.
+RealMatrix scaled(const RealMatrix& map, const std::vector<Strand<lie::SE3>>& strands) {
+  double radius = 0;
+  for (const auto& strand : strands) radius = std::max(radius, strand.X_O.translation.norm());
+  RealMatrix out = map;
+  out.bottomRows(3) *= Real(radius > 0 ? radius : 0.01);
+  return out;
+}
+
+TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
+  double worst = 0;
+  std::string worst_name;
+  for (const Case& c : cases()) {
+    const Equilibrium<lie::SE3> result = solveEquilibrium(c.strands);
+    EXPECT_EQ(result.rank, c.rank()) << c.name;
+    EXPECT_EQ(result.null_space.cols(), 6 - c.rank()) << c.name;
+    EXPECT_GE(result.condition, 1.0) << c.name;
+    const double error =
+        test::relativeEps(scaled(result.map.cast<Real>(), c.strands),
+                          scaled(mapByDefinition(c.strands, c.nullSpace()), c.strands)) *
+        test::kEps;
+    EXPECT_LE(error, 1e-14) << c.name;
+    if (error > worst) {
+      worst = error;
+      worst_name = c.name;
+    }
+  }
+  std::printf("worst relative error of the map: %.2g (%s)\n", worst, worst_name.c_str());
+}
+
+TEST(Equilibrium, EnergyGradientVanishesAtTheSolution) {
+  test::Random random(51);
+  for (const Case& c : cases()) {
+    if (c.strands.front().K[1] > 1e3 || c.strands.front().X_O.translation.norm() > 0.1) continue;
+    Eigen::VectorXd l(c.strands.size());
+    for (int i = 0; i < l.size(); ++i) l[i] = random.uniform(0.33, 0.43);
+    const lie::Vector6 g = solveEquilibrium(c.strands).map * l;
+    lie::Vector6 gradient = lie::Vector6::Zero();
+    double size = 0;
+    for (int i = 0; i < l.size(); ++i) {
+      const lie::Matrix6 Ad_oi = c.strands[i].X_O.inverse().adjoint();
+      const lie::Vector6 force =
+          c.strands[i].K.asDiagonal() * (Ad_oi * g - l[i] * lie::Vector6::Unit(0));
+      gradient += Ad_oi.transpose() * force;
+      size += force.norm();
+    }
+    EXPECT_LE(gradient.norm(), 1e-11 * (size + 1)) << c.name;
+  }
+}
+
+TEST(Equilibrium, NullSpaceCostsNoEnergyAndIsNotInTheAnswer) {
+  int singular = 0;
+  for (const Case& c : cases()) {
+    if (c.rank() == 6) continue;
+    ++singular;
+    const Equilibrium<lie::SE3> result = solveEquilibrium(c.strands);
+    EXPECT_LT((result.null_space.transpose() * result.null_space -
+               Eigen::MatrixXd::Identity(6 - c.rank(), 6 - c.rank()))
+                  .norm(),
+              1e-14);
+    EXPECT_LT((result.null_space.transpose() * result.map).norm(), 1e-14) << c.name;
+    for (const auto& strand : c.strands) {
+      const Eigen::MatrixXd strain =
+          strand.K.cwiseSqrt().asDiagonal() * strand.X_O.inverse().adjoint() * result.null_space;
+      EXPECT_LT(strain.norm(), 1e-14) << c.name;
+    }
+  }
+  EXPECT_EQ(singular, 3);
+}
+
+TEST(Equilibrium, ShearStiffnessDropsOutOfUntiltedArmsOnly) {
+  const auto bending = [](double tilt, double gamma) {
+    return solveEquilibrium(ring(3, 0.0254, tilt, stiffness(gamma, 0, 9.8e-5))).map(5, 0);
+  };
+  EXPECT_NEAR(bending(0, 10), bending(0, 1000), 1e-12 * std::abs(bending(0, 10)));
+  EXPECT_GT(std::abs(bending(0.26, 10) / bending(0.26, 1000)), 10.0);
+}
+
+TEST(Equilibrium, EqualLengthsOfAStraightArmDoNotBendIt) {
+  // Erratum 1: the last row of eq. 18 has opposite signs.
+  const Eigen::VectorXd g =
+      solveEquilibrium(flatPair(0.0381, stiffness(10, 0, 1.38e-4))).map * Eigen::Vector2d(0.4, 0.4);
+  EXPECT_NEAR(g[0], 0.4, 1e-15);
+  EXPECT_LT(g.tail<5>().norm(), 1e-15);
+}
+
+TEST(Equilibrium, ReproducesTheHelicalArmOfErratum3) {
+  // z-curvature at 60 psi in muscle 1 for three shear stiffnesses.
+  const Contraction muscle = test::fig3Muscle();
+  const Eigen::Vector3d l(muscle.length(test::kMaxPressure), muscle.length(0), muscle.length(0));
+  for (const auto& [gamma, expected] :
+       {std::pair{10.0, 1.455}, std::pair{100.0, 0.502}, std::pair{1000.0, 0.066}}) {
+    const lie::Vector6 g =
+        solveEquilibrium(ring(3, 0.0254, 15 * test::kPi / 180, stiffness(gamma, 0, 9.8e-5))).map *
+        l;
+    EXPECT_NEAR(g[5], expected, 1e-3) << gamma;
+  }
+}
+
+TEST(Equilibrium, PlanarGroupAgreesWithItsEmbedding) {
+  const std::vector<Strand<lie::SE2>> flat = {
+      {{Eigen::Matrix2d::Identity(), {0, 0.05}}, {1, 10, 1.38e-4}},
+      {{Eigen::Matrix2d::Identity(), {0, -0.03}}, {1, 10, 2e-4}}};
+  std::vector<Strand<lie::SE3>> embedded;
+  for (const auto& s : flat) embedded.push_back({lie::embed(s.X_O), stiffness(s.K[1], 0, s.K[2])});
+  const auto plane = solveEquilibrium(flat).map;
+  const auto space = solveEquilibrium(embedded).map;
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_LT((space.col(i) - lie::embed(lie::SE2::Tangent(plane.col(i)))).norm(), 1e-12);
+  }
+}
+
+TEST(Equilibrium, RefusesWhatHasNoAnswer) {
+  const auto refusal = [](const std::vector<Strand<lie::SE3>>& strands) -> std::string {
+    try {
+      solveEquilibrium(strands);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  EXPECT_NE(refusal({}).find("0 actuators"), std::string::npos);
+  EXPECT_NE(refusal(ring(25, 0.03, 0, stiffness(10, 0, 1e-4))).find("25 actuators"),
+            std::string::npos);
+  auto strands = ring(3, 0.03, 0, stiffness(10, 0, 1e-4));
+  strands[1].K[3] = -1;
+  EXPECT_NE(refusal(strands).find("actuator 2"), std::string::npos);
+  strands = ring(3, 0.03, 0, stiffness(10, 0, 1e-4));
+  strands[2].X_O.translation[0] = NAN;
+  EXPECT_NE(refusal(strands).find("actuator 3"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace helix_arm::model
