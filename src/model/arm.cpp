@@ -99,6 +99,16 @@ void ArmOf<Group>::refuse(const InputRef& q) const {
 }
 
 template <class Group>
+Eigen::VectorXd ArmOf<Group>::inputAt(double fraction) const {
+  Eigen::VectorXd q(actuatorCount());
+  for (int i = 0; i < q.size(); ++i) {
+    const Range& limits = actuators_[i].limits;
+    q[i] = limits.lower + fraction * (limits.upper - limits.lower);
+  }
+  return q;
+}
+
+template <class Group>
 Eigen::VectorXd ArmOf<Group>::lengths(const InputRef& q) const {
   check(q);
   Eigen::VectorXd out(q.size());

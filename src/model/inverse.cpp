@@ -19,6 +19,7 @@ constexpr int kNearestStarts = 12;  // of the seeds; later starts are spread ove
 constexpr int kMaxActuatorsForCorners = 6;
 constexpr double kGoalFraction =
     0.1;  // aim below the tolerance: room for rounding on the way to inputs
+constexpr double kSnapFraction = 1e-2;   // of the tolerance: closer to a limit is at it
 constexpr double kAtRest = 1e-13;        // relative decrease that is no longer worth a step
 constexpr double kLeastDamping = 1e-12;  // relative to the mean of diag(J'J)
 constexpr double kPreferenceAtRest =
@@ -62,6 +63,7 @@ class InverseSolver::Workspace {
   Descent descend(Point& point) noexcept;
   void sampleSeeds();
   int nextSeed(int start_number) noexcept;
+  void snapToLimits() noexcept;
   void readInputs(const Eigen::VectorXd& lengths) noexcept;
   double preferenceCost() const noexcept;
   bool improvePreference() noexcept;
@@ -73,9 +75,10 @@ class InverseSolver::Workspace {
   InverseOptions options_;
   InverseTask task_;
   int n_;
-  int map_rank_ = 0;               // independent motions of all sections together
-  Eigen::VectorXd lower_, upper_;  // of the lengths [m]
-  Eigen::VectorXd reference_;      // q_ref of the preference
+  int map_rank_ = 0;                                 // independent motions of all sections together
+  Eigen::VectorXd at_lower_limit_, at_upper_limit_;  // lengths at the limits of the inputs [m]
+  Eigen::VectorXd lower_, upper_;                    // of the lengths [m]
+  Eigen::VectorXd reference_;                        // q_ref of the preference
   Eigen::VectorXd input_;  // inputs of the current lengths, also the guess for the next ones
   Eigen::VectorXd preference_slope_;  // d((q - q_ref) / range) / dl
   Eigen::VectorXd tangent_, base_lengths_, base_input_;
@@ -94,6 +97,8 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& option
       options_(options),
       task_(arm, options.rotation_weight),
       n_(arm.actuatorCount()),
+      at_lower_limit_(n_),
+      at_upper_limit_(n_),
       lower_(n_),
       upper_(n_),
       reference_(n_),
@@ -115,11 +120,11 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& option
   }
   for (int i = 0; i < n_; ++i) {
     const Actuator& actuator = arm.actuator(i);
-    const double a = actuator.contraction.length(actuator.limits.lower);
-    const double b = actuator.contraction.length(actuator.limits.upper);
-    lower_[i] = std::min(a, b);
-    upper_[i] = std::max(a, b);
+    at_lower_limit_[i] = actuator.contraction.length(actuator.limits.lower);
+    at_upper_limit_[i] = actuator.contraction.length(actuator.limits.upper);
   }
+  lower_ = at_lower_limit_.cwiseMin(at_upper_limit_);
+  upper_ = at_lower_limit_.cwiseMax(at_upper_limit_);
   for (int k = 0; k < arm.sectionCount(); ++k) {
     map_rank_ += static_cast<int>(
         std::min<Eigen::Index>(arm.equilibrium(k).rank, arm.equilibrium(k).map.cols()));
@@ -315,6 +320,7 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   }
   readInputs(current_.lengths);
   if (outcome == Descent::kReached && hasSpareActuators()) followPreference();
+  snapToLimits();
   report(outcome);
   return result_;
 }
@@ -323,11 +329,35 @@ bool InverseSolver::Workspace::hasSpareActuators() const {
   return n_ > std::min(task_.rows(), map_rank_);
 }
 
+// An actuator that ends within rounding of a limit is at it.
+void InverseSolver::Workspace::snapToLimits() noexcept {
+  const double near = kSnapFraction * options_.position_tolerance;
+  bool snapped = false;
+  for (int i = 0; i < n_; ++i) {
+    for (const double bound : {lower_[i], upper_[i]}) {
+      if (current_.lengths[i] == bound || std::abs(current_.lengths[i] - bound) > near) continue;
+      current_.lengths[i] = bound;
+      snapped = true;
+    }
+  }
+  if (!snapped) return;
+  readInputs(current_.lengths);
+  evaluate(current_);
+}
+
 void InverseSolver::Workspace::readInputs(const Eigen::VectorXd& lengths) noexcept {
   for (int i = 0; i < n_; ++i) {
     const Actuator& actuator = arm_.actuator(i);
-    const double q = actuator.contraction.inverseInside(lengths[i], input_[i]);
-    input_[i] = std::min(std::max(q, actuator.limits.lower), actuator.limits.upper);
+    const Range& limits = actuator.limits;
+    // A length at its bound is the limit itself, to the last bit.
+    if (lengths[i] == at_lower_limit_[i]) {
+      input_[i] = limits.lower;
+    } else if (lengths[i] == at_upper_limit_[i]) {
+      input_[i] = limits.upper;
+    } else {
+      const double q = actuator.contraction.inverseInside(lengths[i], input_[i]);
+      input_[i] = std::min(std::max(q, limits.lower), limits.upper);
+    }
   }
 }
 
@@ -438,14 +468,6 @@ const InverseResult& InverseSolver::toTwists(const Twists& twists, const InputRe
   }
   workspace_->task().setTwists(twists);
   return workspace_->solve(start);
-}
-
-Eigen::VectorXd InverseSolver::middle() const {
-  const Arm& arm = workspace_->arm();
-  Eigen::VectorXd q(arm.actuatorCount());
-  for (int i = 0; i < q.size(); ++i)
-    q[i] = 0.5 * (arm.actuator(i).limits.lower + arm.actuator(i).limits.upper);
-  return q;
 }
 
 }  // namespace helix_arm::model

@@ -1,4 +1,5 @@
-// A million inputs to tips, beside the roofs of this machine: its fused multiply-adds and its memory.
+// A million inputs to tips, beside the roofs of this machine: its fused multiply-adds and its
+// memory.
 #include <vector>
 
 #include <benchmark/benchmark.h>
@@ -7,7 +8,8 @@
 #include "support/paper_arm.hpp"
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default"), noinline))
+#define HELIX_ARM_CLONES \
+  __attribute__((target_clones("avx512f", "arch=haswell", "default"), noinline))
 #else
 #define HELIX_ARM_CLONES
 #endif
@@ -16,8 +18,8 @@ namespace helix_arm::benchmark {
 namespace {
 
 constexpr std::size_t kSamples = 1000000;
-// Multiplications and additions of one sample with three muscles, counted in batch.cpp: lengths 27, twist 63 - 27,
-// coefficients 68, the angle twice 11, tip 30.
+// Multiplications and additions of one sample with three muscles, counted in batch.cpp: lengths 27,
+// twist 63 - 27, coefficients 68, the angle twice 11, tip 30.
 constexpr double kFlopsPerSample = 172;
 constexpr int kAccumulators = 128;
 
@@ -26,7 +28,8 @@ void batch(::benchmark::State& state, const test::Ring& ring) {
   test::Random random(3);
   std::vector<double> q[3], x(kSamples), y(kSamples), z(kSamples);
   for (auto& axis : q) {
-    for (std::size_t i = 0; i < kSamples; ++i) axis.push_back(random.uniform(0, test::kMaxPressure));
+    for (std::size_t i = 0; i < kSamples; ++i)
+      axis.push_back(random.uniform(0, test::kMaxPressure));
   }
   const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
   for (auto _ : state) {
@@ -37,8 +40,9 @@ void batch(::benchmark::State& state, const test::Ring& ring) {
 }
 
 HELIX_ARM_CLONES
-void readAndWrite(const double* __restrict a, const double* __restrict b, const double* __restrict c,
-                  double* __restrict x, double* __restrict y, double* __restrict z) {
+void readAndWrite(const double* __restrict a, const double* __restrict b,
+                  const double* __restrict c, double* __restrict x, double* __restrict y,
+                  double* __restrict z) {
   for (std::size_t i = 0; i < kSamples; ++i) {
     x[i] = a[i] + b[i];
     y[i] = b[i] + c[i];
@@ -51,8 +55,8 @@ void bandwidthRoof(::benchmark::State& state) {
   std::vector<double> arrays[6];
   for (auto& array : arrays) array.assign(kSamples, 1.0);
   for (auto _ : state) {
-    readAndWrite(arrays[0].data(), arrays[1].data(), arrays[2].data(), arrays[3].data(), arrays[4].data(),
-                 arrays[5].data());
+    readAndWrite(arrays[0].data(), arrays[1].data(), arrays[2].data(), arrays[3].data(),
+                 arrays[4].data(), arrays[5].data());
     ::benchmark::ClobberMemory();
   }
 }

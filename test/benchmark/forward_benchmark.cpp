@@ -29,14 +29,18 @@ void forwardPlanar(::benchmark::State& state) {
   const model::Contraction muscle = test::fig3Muscle();
   model::PlanarSection section;
   for (const double y : {0.0381, -0.0381}) {
-    section.actuators.push_back(
-        {"muscle", {Eigen::Matrix2d::Identity(), {0, y}}, {10, 0, 1.38e-4}, muscle, muscle.inputRange()});
+    section.actuators.push_back({"muscle",
+                                 {Eigen::Matrix2d::Identity(), {0, y}},
+                                 {10, 0, 1.38e-4},
+                                 muscle,
+                                 muscle.inputRange()});
   }
   const model::PlanarArm arm({section});
   test::Random random(1);
   std::vector<Eigen::VectorXd> inputs;
   for (std::size_t i = 0; i < kInputs; ++i) {
-    inputs.push_back(Eigen::Vector2d(random.uniform(0, test::kMaxPressure), random.uniform(0, test::kMaxPressure)));
+    inputs.push_back(Eigen::Vector2d(random.uniform(0, test::kMaxPressure),
+                                     random.uniform(0, test::kMaxPressure)));
   }
   std::size_t i = 0;
   for (auto _ : state) {

@@ -1,6 +1,8 @@
-// Warm inverse along a path: every target starts from the answer to the one before it, and is met within 1e-6 m.
+// Warm inverse along a path: every target starts from the answer to the one before it, and is met
+// within 1e-6 m.
 //
-// Both sides walk at random in their inputs, each step moving its tip by about a hundredth of its reach.
+// Both sides walk at random in their inputs, each step moving its tip by about a hundredth of its
+// reach.
 #include <algorithm>
 #include <stdexcept>
 #include <vector>
@@ -27,22 +29,24 @@ void inverse(::benchmark::State& state, const test::Ring& ring) {
   options.position_tolerance = kTolerance;
   model::InverseSolver solver(arm, options);
   test::Random random(2);
-  Eigen::VectorXd q = solver.middle();
+  Eigen::VectorXd q = arm.inputAt(0.5);
   std::vector<Eigen::Vector3d> targets;
   for (int i = 0; i < kTargets; ++i) {
-    for (double& pressure : q) pressure = std::clamp(pressure + random.uniform(-5e3, 5e3), 1e4, 4e5);
+    for (double& pressure : q)
+      pressure = std::clamp(pressure + random.uniform(-5e3, 5e3), 1e4, 4e5);
     targets.push_back(arm.tip(q).translation);
   }
-  Eigen::VectorXd command = solver.middle();
+  Eigen::VectorXd command = arm.inputAt(0.5);
   double path = 0.0;
   std::size_t i = 0;
   for (auto _ : state) {
     if (i == kTargets) {
       i = 0;
-      command = solver.middle();
+      command = arm.inputAt(0.5);
     }
     const model::InverseResult& result = solver.toPosition(targets[i++], command);
-    if (result.status != model::InverseStatus::kReached) state.SkipWithError("a target was not reached");
+    if (result.status != model::InverseStatus::kReached)
+      state.SkipWithError("a target was not reached");
     command = result.input;
   }
   for (int k = 1; k < kTargets; ++k) path += (targets[k] - targets[k - 1]).norm();
@@ -72,7 +76,8 @@ void inverseOfPeer(::benchmark::State& state, Solver& solver) {
       i = 0;
       command = start;
     }
-    if (solver.CartToJnt(command, targets[i++], answer) < 0) state.SkipWithError("a target was not reached");
+    if (solver.CartToJnt(command, targets[i++], answer) < 0)
+      state.SkipWithError("a target was not reached");
     command = answer;
   }
   for (int k = 1; k < kTargets; ++k) path += (targets[k].p - targets[k - 1].p).Norm();

@@ -1,4 +1,5 @@
-// Runs the benchmarks a few times in random order and prints, from the medians of that one run, how ours stand to the peer's.
+// Runs the benchmarks a few times in random order and prints, from the medians of that one run, how
+// ours stand to the peer's.
 #include <cstdio>
 #include <map>
 #include <string>
@@ -14,14 +15,16 @@ class MedianReporter : public benchmark::ConsoleReporter {
     ConsoleReporter::ReportRuns(runs);
     for (const Run& run : runs) {
       if (run.aggregate_name == "median") {
-        medians_[run.run_name.function_name + (run.run_name.args.empty() ? "" : "/" + run.run_name.args)] =
+        medians_[run.run_name.function_name +
+                 (run.run_name.args.empty() ? "" : "/" + run.run_name.args)] =
             run.GetAdjustedCPUTime() / benchmark::GetTimeUnitMultiplier(run.time_unit) * 1e9;
       }
     }
   }
 
   // How many times `ours` fits into `peer`.
-  void printRatio(const std::string& claim, const std::string& ours, const std::string& peer) const {
+  void printRatio(const std::string& claim, const std::string& ours,
+                  const std::string& peer) const {
     const auto a = medians_.find(ours), b = medians_.find(peer);
     if (a == medians_.end() || b == medians_.end()) return;
     std::printf("%-48s %12.1f ns   beside %12.1f ns: %7.2f\n", claim.c_str(), a->second, b->second,
@@ -37,7 +40,8 @@ class MedianReporter : public benchmark::ConsoleReporter {
 int main(int argc, char** argv) {
   std::vector<char*> arguments(argv, argv + argc);
   std::string defaults[] = {"--benchmark_repetitions=11", "--benchmark_report_aggregates_only=true",
-                            "--benchmark_enable_random_interleaving=true", "--benchmark_min_time=0.05"};
+                            "--benchmark_enable_random_interleaving=true",
+                            "--benchmark_min_time=0.05"};
   // The caller's flags come last and win.
   for (std::string& flag : defaults) arguments.insert(arguments.begin() + 1, flag.data());
   int count = static_cast<int>(arguments.size());
@@ -49,9 +53,12 @@ int main(int argc, char** argv) {
   std::printf("\nmedians of this run, and how many times ours fits into the peer's:\n");
   for (const std::string arm : {"straight", "helical"}) {
     reporter.printRatio("tip pose, " + arm + ", against KDL FK", "forward/" + arm, "forwardOfPeer");
-    reporter.printRatio("warm inverse, " + arm + ", against KDL LMA", "inverse/" + arm, "inverseOfPeerLma");
-    reporter.printRatio("warm inverse, " + arm + ", against KDL NR_JL", "inverse/" + arm, "inverseOfPeerNrJl");
-    reporter.printRatio("batch of 1e6, " + arm + ", of the bandwidth roof", "batch/" + arm, "bandwidthRoof");
+    reporter.printRatio("warm inverse, " + arm + ", against KDL LMA", "inverse/" + arm,
+                        "inverseOfPeerLma");
+    reporter.printRatio("warm inverse, " + arm + ", against KDL NR_JL", "inverse/" + arm,
+                        "inverseOfPeerNrJl");
+    reporter.printRatio("batch of 1e6, " + arm + ", of the bandwidth roof", "batch/" + arm,
+                        "bandwidthRoof");
     reporter.printRatio("batch of 1e6, " + arm + ", of the FMA roof", "batch/" + arm, "fmaRoof");
   }
   reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");

@@ -4,7 +4,8 @@
 
 namespace helix_arm::benchmark {
 
-/// A six-joint industrial arm (the PUMA 560's Denavit-Hartenberg table): what the peer library's solvers are made for.
+/// A six-joint industrial arm (the PUMA 560's Denavit-Hartenberg table): what the peer library's
+/// solvers are made for.
 inline KDL::Chain sixJointRobot() {
   constexpr double kQuarterTurn = 1.5707963267948966;
   const KDL::Joint joint(KDL::Joint::RotZ);

@@ -17,7 +17,7 @@ void expectWithinLimits(const Arm& arm, const Eigen::VectorXd& q) {
 int failuresToPosition(const Arm& arm, int count, unsigned seed,
                        const InverseOptions& options = {}) {
   InverseSolver solver(arm, options);
-  const Eigen::VectorXd start = solver.middle();
+  const Eigen::VectorXd start = arm.inputAt(0.5);
   test::Random random(seed);
   int failures = 0;
   long iterations = 0;
@@ -64,7 +64,7 @@ TEST(Inverse, ReachesTipsAtTheLimits) {
         const int side = random.integer(0, 2);
         if (side < 2) q[k] = side == 0 ? 0 : test::kMaxPressure;
       }
-      const InverseResult& result = solver.toPosition(arm.tip(q).translation, solver.middle());
+      const InverseResult& result = solver.toPosition(arm.tip(q).translation, arm.inputAt(0.5));
       EXPECT_EQ(result.status, InverseStatus::kReached) << q.transpose();
     }
   }
@@ -80,7 +80,7 @@ TEST(Inverse, ReachesPosesAndTwists) {
       for (int i = 0; i < 3000; ++i) {
         const Eigen::VectorXd q = test::randomInput(arm, random);
         const lie::SE3 tip = arm.tip(q);
-        const InverseResult& pose = solver.toPose(tip, solver.middle());
+        const InverseResult& pose = solver.toPose(tip, arm.inputAt(0.5));
         const lie::SE3 reached = arm.tip(pose.input);
         if (pose.status != InverseStatus::kReached ||
             (reached.translation - tip.translation).norm() > 1e-6 ||
@@ -88,7 +88,7 @@ TEST(Inverse, ReachesPosesAndTwists) {
           ++pose_failures;
         }
         const Twists g = arm.twists(q);
-        const InverseResult& twists = solver.toTwists(g, solver.middle());
+        const InverseResult& twists = solver.toTwists(g, arm.inputAt(0.5));
         EXPECT_EQ(twists.status, InverseStatus::kReached);
         EXPECT_LT((arm.twists(twists.input) - g).norm(), 2e-5);
       }

@@ -82,7 +82,7 @@ TEST(Preference, LeastPressureLeavesAnAntagonistEmpty) {
   const Arm arm = test::ringArm(test::straightRing(4));
   InverseSolver solver(arm);
   const Eigen::Vector3d target = arm.tip(Eigen::Vector4d(3e5, 1e5, 1e5, 1e5)).translation;
-  const InverseResult& result = solver.toPosition(target, solver.middle());
+  const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
   EXPECT_EQ(result.status, InverseStatus::kReached);
   EXPECT_LE(result.input.sum(), 6.001e5);
 }
@@ -133,7 +133,7 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
         sampled = std::min(sampled, (Eigen::Vector3d(x[j], y[j], z[j]) - target).squaredNorm());
       }
       sampled = std::sqrt(sampled);
-      const InverseResult result = solver.toPosition(target, solver.middle());
+      const InverseResult result = solver.toPosition(target, arm.inputAt(0.5));
       EXPECT_TRUE(result.converged()) << target.transpose();
       EXPECT_LE(result.residual, sampled + 1e-9) << target.transpose();
       EXPECT_GE(result.residual, sampled - 0.01) << "closer than the arm can come";
@@ -151,10 +151,12 @@ TEST(Inverse, ReportsActiveLimits) {
   const Arm arm = test::ringArm(test::straightRing());
   InverseSolver solver(arm);
   const InverseResult& result =
-      solver.toTwists(arm.twists(Eigen::Vector3d(test::kMaxPressure, 0, 1e5)), solver.middle());
+      solver.toTwists(arm.twists(Eigen::Vector3d(test::kMaxPressure, 0, 1e5)), arm.inputAt(0.5));
   EXPECT_EQ(result.limits[0], Limit::kUpper);
   EXPECT_EQ(result.limits[1], Limit::kLower);
   EXPECT_EQ(result.limits[2], Limit::kNone);
+  EXPECT_EQ(result.input[0], test::kMaxPressure);
+  EXPECT_EQ(result.input[1], 0.0);
 }
 
 TEST(Inverse, OfAPlateauStartsFromItsFlatEnd) {
@@ -176,7 +178,7 @@ TEST(Inverse, DoesNotAllocate) {
   for (const int count : {3, 5}) {
     const Arm arm = test::ringArm(test::helicalRing(count), 2);
     InverseSolver solver(arm);
-    const Eigen::VectorXd start = solver.middle(), q = Eigen::VectorXd::Constant(2 * count, 1e5);
+    const Eigen::VectorXd start = arm.inputAt(0.5), q = Eigen::VectorXd::Constant(2 * count, 1e5);
     const Twists g = arm.twists(q);
     const lie::SE3 tip = arm.tip(q);
     const Eigen::Vector3d far(5, 5, 5);
@@ -189,7 +191,7 @@ TEST(Inverse, DoesNotAllocate) {
   }
   const Arm arm = test::ringArm(test::helicalRing());
   InverseSolver solver(arm);
-  const Eigen::VectorXd start = solver.middle();
+  const Eigen::VectorXd start = arm.inputAt(0.5);
   const Eigen::Vector3d target = arm.tip(start * 1.1).translation;
   const test::AllocationCounter counter;
   solver.toPosition(target, start);
@@ -199,13 +201,13 @@ TEST(Inverse, DoesNotAllocate) {
 TEST(Inverse, RefusesWhatBreaksItsContract) {
   const Arm arm = test::ringArm(test::straightRing());
   InverseSolver solver(arm);
-  EXPECT_THROW(solver.toPosition({NAN, 0, 0}, solver.middle()), std::invalid_argument);
+  EXPECT_THROW(solver.toPosition({NAN, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector2d::Zero()), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector3d(-1, 0, 0)), std::invalid_argument);
-  EXPECT_THROW(solver.toTwists(Twists::Zero(6, 2), solver.middle()), std::invalid_argument);
+  EXPECT_THROW(solver.toTwists(Twists::Zero(6, 2), arm.inputAt(0.5)), std::invalid_argument);
   lie::SE3 pose;
   pose.rotation(0, 0) = INFINITY;
-  EXPECT_THROW(solver.toPose(pose, solver.middle()), std::invalid_argument);
+  EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);
   InverseOptions options;
   options.cocontraction = 2;
   EXPECT_THROW(InverseSolver(arm, options), std::invalid_argument);

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
 
 namespace helix_arm::io {
 
@@ -11,16 +10,19 @@ namespace helix_arm::io {
 struct DataSet {
   std::string path;
   std::vector<std::string> columns;
-  Eigen::MatrixXd values;  ///< (rows x columns), in the units of the file
+  Eigen::MatrixXd values;  ///< (rows x columns), in the units of the file; all finite
+  std::vector<int> lines;  ///< (rows) where each row stands in the file, counted from 1
 
   /// Index of a column, -1 when absent.
   int find(const std::string& column) const;
 };
 
-/// @throws DocumentError with all faults: `file:line column value rule`; also on a missing file, no header or no rows.
+/// @throws DocumentError with all faults: `file:line column value rule`; also on a missing file, no
+/// header or no rows.
 DataSet loadDataSet(const std::string& path);
 
-/// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a missing column is 0.
+/// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a
+/// missing column is 0.
 /// @throws DocumentError when there is none, or one beyond the last actuator.
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators);
 

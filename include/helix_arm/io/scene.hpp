@@ -20,9 +20,9 @@ struct SectionLook {
 
 /// The simulated pressure regulator.
 struct SimulatedRegulatorConfig {
-  double time_constant = 0.1;      ///< first-order lag of every channel [s]
-  double supply_pressure = 5e5;    ///< gauge; no channel rises above it [Pa]
-  double noise = 5e3;              ///< standard deviation of the measured pressure [Pa]
+  double time_constant = 0.1;    ///< first-order lag of every channel [s]
+  double supply_pressure = 5e5;  ///< gauge; no channel rises above it [Pa]
+  double noise = 5e3;            ///< standard deviation of the measured pressure [Pa]
   std::uint32_t seed = 1;
 };
 
@@ -31,18 +31,22 @@ struct SafetyConfig {
   double commander_timeout = 0.5;  ///< silence after which another commander may take over [s]
 };
 
-/// One scene file: all there is to know of an arm and its rig. What the file leaves out is absent here.
+/// One scene file: all there is to know of an arm and its rig. What the file leaves out is absent
+/// here.
 struct Scene {
   std::string name;
-  lie::SE3 X_WB;                             ///< arm base B seen from the world W
-  model::Arm arm;                            ///< the arm in space; of a planar scene, its embedding
-  std::optional<model::PlanarArm> planar;    ///< the arm in its plane, where the scene says `geometry: planar`
-  std::vector<SectionLook> looks;            ///< (sections)
+  lie::SE3 X_WB;   ///< arm base B seen from the world W
+  model::Arm arm;  ///< the arm in space; of a planar scene, its embedding
+  /// The arm in its plane, where the scene says `geometry: planar`.
+  std::optional<model::PlanarArm> planar;
+  std::vector<SectionLook> looks;  ///< (sections)
   std::optional<SimulatedRegulatorConfig> regulator;
   SafetyConfig safety;
 };
 
-/// An override of one key, as `--set regulator.noise_kpa=1` gives it; list entries by number (`arm.sections.0.name`).
+/// An override of one key, as `--set regulator.simulated.noise_kpa=1` gives it; list entries by
+/// number
+/// (`arm.sections.0.name`).
 struct Override {
   std::string key;    ///< dotted path; a key that the schema does not know is a fault
   std::string value;  ///< YAML text

@@ -54,6 +54,9 @@ class ArmOf {
   /// Section k's twist when every actuator has its rest length.
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
 
+  /// Inputs (n) at a fraction of each actuator's limits: 0 the lower ones, 1 the upper.
+  Eigen::VectorXd inputAt(double fraction) const;
+
   /// Free lengths (n) [m] of the actuators at inputs q (n).
   /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside
   /// its limits.

@@ -77,9 +77,6 @@ class InverseSolver {
   /// The same for the twists of all sections (6 x sections).
   const InverseResult& toTwists(const Twists& twists, const InputRef& start);
 
-  /// Inputs in the middle of the limits: a start when nothing is known.
-  Eigen::VectorXd middle() const;
-
  private:
   class Workspace;
   std::unique_ptr<Workspace> workspace_;

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace helix_arm::io {
+
+/// The finite number that a text spells, whatever the locale: "-1.5e-3", but not "1.5 kPa", "nan"
+/// or "0x10".
+std::optional<double> parseNumber(const std::string& text);
+
+/// The shortest decimal that reads back as the same number.
+std::string formatNumber(double value);
+
+/// The one place where kilopascals of files and command lines become pascals: equal kPa give equal
+/// Pa, so a pressure at its limit stays inside.
+constexpr double pascals(double kpa) { return kpa * 1e3; }
+
+}  // namespace helix_arm::io

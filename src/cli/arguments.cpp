@@ -1,0 +1,117 @@
+#include "arguments.hpp"
+
+#include <sstream>
+
+#include "helix_arm/io/number.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+std::vector<std::string> split(const std::string& text) {
+  std::vector<std::string> parts(1);
+  for (const char c : text) {
+    if (c == ',') {
+      parts.emplace_back();
+    } else {
+      parts.back() += c;
+    }
+  }
+  return parts;
+}
+
+std::string actuatorNames(const model::Arm& arm) {
+  std::string names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (i > 0) names += ", ";
+    names += arm.actuator(i).name;
+  }
+  return names;
+}
+
+[[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
+                              const std::string& entry) {
+  throw CallerError(option + " has \"" + entry + "\" as value " + std::to_string(position) +
+                    "; expected finite numbers joined by commas, without blanks");
+}
+
+}  // namespace
+
+io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
+  std::vector<io::Override> overrides;
+  for (const std::string& text : global.overrides) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0) {
+      throw CallerError("--set " + text +
+                        " is not key=value, as in --set arm.stiffness.K_gamma=100");
+    }
+    overrides.push_back({text.substr(0, equals), text.substr(equals + 1)});
+  }
+  return io::loadScene(path, overrides);
+}
+
+std::vector<double> numberList(const std::string& option, const std::string& text,
+                               std::size_t count) {
+  const std::vector<std::string> parts = split(text);
+  if (parts.size() != count) {
+    throw CallerError(option + " has " + std::to_string(parts.size()) + " values; expected " +
+                      std::to_string(count));
+  }
+  std::vector<double> numbers;
+  for (const std::string& part : parts) {
+    const std::optional<double> number = io::parseNumber(part);
+    if (!number) refuseEntry(option, numbers.size() + 1, part);
+    numbers.push_back(*number);
+  }
+  return numbers;
+}
+
+Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
+                         const std::string& kpa_text, const std::string& si_option,
+                         const std::string& si_text) {
+  const model::Arm& arm = scene.arm;
+  const bool in_kpa = !kpa_text.empty();
+  if (in_kpa == !si_text.empty()) {
+    throw CallerError("give either " + kpa_option + " or " + si_option);
+  }
+  if (in_kpa && hasTendon(arm)) {
+    throw CallerError(kpa_option + " is for pressures, but scene " + scene.name +
+                      " has tendons; give " + si_option + " in SI units (Pa or rad) for " +
+                      actuatorNames(arm));
+  }
+  const std::string& option = in_kpa ? kpa_option : si_option;
+  const std::vector<std::string> parts = split(in_kpa ? kpa_text : si_text);
+  if (static_cast<int>(parts.size()) != arm.actuatorCount()) {
+    throw CallerError(option + " has " + std::to_string(parts.size()) + " values; scene " +
+                      scene.name + " has " + std::to_string(arm.actuatorCount()) +
+                      " actuators: " + actuatorNames(arm));
+  }
+  Eigen::VectorXd inputs(arm.actuatorCount());
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    const std::optional<double> number = io::parseNumber(parts[i]);
+    if (number) inputs[i] = in_kpa ? io::pascals(*number) : *number;
+    if (number && actuator.limits.contains(inputs[i])) continue;
+    throw CallerError(option + " asks " + actuator.name + " for " +
+                      (number ? inputText(actuator, inputs[i]) : '"' + parts[i] + '"') +
+                      "; its limits are " + inputText(actuator, actuator.limits.lower) + " to " +
+                      inputText(actuator, actuator.limits.upper));
+  }
+  return inputs;
+}
+
+std::string inputText(const model::Actuator& actuator, double input) {
+  const bool pressure = actuator.drive == model::Drive::kPressure;
+  std::ostringstream text;
+  text.precision(12);
+  text << (pressure ? input / 1e3 : input) << (pressure ? " kPa" : " rad");
+  return text.str();
+}
+
+bool hasTendon(const model::Arm& arm) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).drive == model::Drive::kTendon) return true;
+  }
+  return false;
+}
+
+}  // namespace helix_arm::cli

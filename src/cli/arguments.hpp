@@ -1,0 +1,35 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "command.hpp"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::cli {
+
+/// Loads a scene with the overrides of --set.
+/// @throws CallerError on an override that is not key=value, io::DocumentError on a scene with
+/// faults.
+io::Scene loadScene(const std::string& path, const GlobalOptions& global);
+
+/// The numbers of a comma list such as "-0.1,0.2".
+/// @throws CallerError naming the option and the entry that is no finite number, or a wrong count.
+std::vector<double> numberList(const std::string& option, const std::string& text,
+                               std::size_t count);
+
+/// Inputs of all actuators [Pa or rad] from the text of a kPa option or else of one in SI units;
+/// exactly one is given.
+/// @throws CallerError naming the option, or the actuator, its value and its limit.
+Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
+                         const std::string& kpa_text, const std::string& si_option,
+                         const std::string& si_text);
+
+/// An input with its unit: "413.6856 kPa" or "1.5 rad".
+std::string inputText(const model::Actuator& actuator, double input);
+
+/// True when some actuator of the arm is a tendon, so that inputs are not all pressures.
+bool hasTendon(const model::Arm& arm);
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "CLI/CLI.hpp"
+
+namespace helix_arm::cli {
+
+/// Exit codes: done; the data did not allow it (the reason is in the result); the caller erred (the
+/// reason on stderr).
+inline constexpr int kDone = 0;
+inline constexpr int kNotPossible = 1;
+inline constexpr int kCallerErred = 2;
+
+/// A request that cannot be carried out as it stands; what() says why and how to mend it.
+class CallerError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+enum class Format { kText, kJson, kCsv };
+
+/// Options of every subcommand.
+struct GlobalOptions {
+  Format format = Format::kText;
+  std::vector<std::string> overrides;  ///< key=value
+};
+
+/// A subcommand: what parses its options, and its work, which gives an exit code.
+struct Subcommand {
+  CLI::App* app;
+  std::function<int(const GlobalOptions&)> run;
+};
+
+Subcommand addForward(CLI::App& app);
+Subcommand addInverse(CLI::App& app);
+Subcommand addEvaluate(CLI::App& app);
+
+}  // namespace helix_arm::cli

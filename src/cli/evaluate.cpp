@@ -1,0 +1,163 @@
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+
+struct EvaluateOptions {
+  std::string scene, data;
+};
+
+// Length-scaled curvature of every row: |(w_y, w_z)| of the section.
+struct CurvatureComparison {
+  Eigen::MatrixXd pressures;  // (rows x actuators) [Pa]
+  Eigen::VectorXd measured, model;
+  double rms() const {
+    return std::sqrt((model - measured).squaredNorm() / static_cast<double>(model.size()));
+  }
+  double max() const { return (model - measured).cwiseAbs().maxCoeff(); }
+};
+
+void requireComparable(const io::Scene& scene, const io::DataSet& data) {
+  if (data.find("curvature_rad") < 0) {
+    if (data.find("tag") >= 0) {
+      throw CallerError(
+          data.path +
+          " holds tag poses, which need tags in the scene; scenes have none: expected a "
+          "column curvature_rad");
+    }
+    throw CallerError(
+        data.path +
+        " holds nothing to compare; expected a column curvature_rad beside pressure_1_kpa "
+        "and so on");
+  }
+  if (hasTendon(scene.arm)) {
+    throw CallerError("scene " + scene.name +
+                      " has tendons, but the data set gives pressures; expected a scene whose "
+                      "actuators are all driven by pressure");
+  }
+  if (scene.arm.sectionCount() != 1) {
+    throw CallerError("curvature_rad is that of one section; scene " + scene.name + " has " +
+                      std::to_string(scene.arm.sectionCount()));
+  }
+}
+
+Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data) {
+  Eigen::MatrixXd pressures = io::pressuresOf(data, scene.arm.actuatorCount());
+  io::FaultList faults(data.path);
+  for (int row = 0; row < pressures.rows(); ++row) {
+    for (int i = 0; i < pressures.cols(); ++i) {
+      const model::Actuator& actuator = scene.arm.actuator(i);
+      if (actuator.limits.contains(pressures(row, i))) continue;
+      faults.add(data.lines[row], "pressure_" + std::to_string(i + 1) + "_kpa is " +
+                                      inputText(actuator, pressures(row, i)) +
+                                      "; expected the limits of " + actuator.name + ", " +
+                                      inputText(actuator, actuator.limits.lower) + " to " +
+                                      inputText(actuator, actuator.limits.upper));
+    }
+  }
+  faults.throwIfAny();
+  return pressures;
+}
+
+CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
+  CurvatureComparison comparison{
+      pressuresWithinLimits(scene, data), data.values.col(data.find("curvature_rad")), {}};
+  comparison.model.resize(comparison.pressures.rows());
+  for (int row = 0; row < comparison.pressures.rows(); ++row) {
+    const Eigen::VectorXd inputs = comparison.pressures.row(row);
+    const model::Twists twists =
+        scene.planar ? model::embed(scene.planar->twists(inputs)) : scene.arm.twists(inputs);
+    comparison.model[row] = model::curvatureOf(twists.col(0));
+  }
+  return comparison;
+}
+
+void printJsonResult(const io::Scene& scene, const CurvatureComparison& c) {
+  json points = json::array();
+  for (int row = 0; row < c.model.size(); ++row) {
+    points.push_back({{"pressure_pa", toJson(Eigen::VectorXd(c.pressures.row(row)))},
+                      {"measured_rad", c.measured[row]},
+                      {"model_rad", c.model[row]}});
+  }
+  printJson({{"scene", scene.name},
+             {"tier", scene.planar ? "planar" : "linear"},
+             {"rms_rad", c.rms()},
+             {"max_rad", c.max()},
+             {"points", points}});
+}
+
+void printCsvResult(const io::Scene& scene, const CurvatureComparison& c) {
+  CsvTable table;
+  for (int row = 0; row < c.model.size(); ++row) {
+    CsvTable::Row cells;
+    appendInputs(scene.arm, c.pressures.row(row), cells);
+    cells.emplace_back("measured_rad", exact(c.measured[row]));
+    cells.emplace_back("model_rad", exact(c.model[row]));
+    cells.emplace_back("difference_rad", exact(c.model[row] - c.measured[row]));
+    table.add(cells);
+  }
+  std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
+  table.print(std::cout);
+}
+
+void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
+  constexpr int kWidth = 12;
+  std::cout << scene.name << ", length-scaled curvature [rad]\n";
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    std::cout << std::setw(kWidth) << "p" + std::to_string(i + 1) + " [kPa]";
+  }
+  for (const char* title : {"measured", "model", "difference"})
+    std::cout << std::setw(kWidth) << title;
+  std::cout << "\n" << std::fixed << std::setprecision(5);
+  for (int row = 0; row < c.model.size(); ++row) {
+    for (int i = 0; i < c.pressures.cols(); ++i)
+      std::cout << std::setw(kWidth) << c.pressures(row, i) / 1e3;
+    std::cout << std::setw(kWidth) << c.measured[row] << std::setw(kWidth) << c.model[row]
+              << std::setw(kWidth) << c.model[row] - c.measured[row] << "\n";
+  }
+  std::cout << "RMS " << c.rms() << " rad, max " << c.max() << " rad\n";
+}
+
+int run(const EvaluateOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const io::DataSet data = io::loadDataSet(options.data);
+  requireComparable(scene, data);
+  const CurvatureComparison comparison = compareCurvature(scene, data);
+  if (global.format == Format::kJson) printJsonResult(scene, comparison);
+  if (global.format == Format::kCsv) printCsvResult(scene, comparison);
+  if (global.format == Format::kText) printTextResult(scene, comparison);
+  return kDone;
+}
+
+}  // namespace
+
+Subcommand addEvaluate(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("evaluate", "model against measurements");
+  const auto options = std::make_shared<EvaluateOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command
+      ->add_option("DATA", options->data,
+                   "data set: # comments, a header, rows; columns pressure_1_kpa .. (gauge, a "
+                   "missing one is 0) and "
+                   "curvature_rad, the length-scaled curvature")
+      ->required();
+  command->footer(
+      "json: rms_rad and max_rad of model - measured, points [{pressure_pa, measured_rad, "
+      "model_rad}], tier.\n"
+      "csv: the summary as # comments, then one row a point.");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,247 @@
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/lie/se2.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kMostSamples = 1000000;
+
+struct ForwardOptions {
+  std::string scene, pressure_kpa, input, tier = "auto";
+  int samples = 0;
+};
+
+struct SectionResult {
+  int rank;
+  double condition;
+  Eigen::MatrixXd null_space;  // (6 x lost), columns [v; w]
+};
+
+struct ForwardResult {
+  std::string tier;
+  Eigen::VectorXd inputs, lengths;
+  model::Twists twists;
+  lie::SE3 tip;
+  int full_rank;
+  std::vector<SectionResult> sections;
+  std::vector<model::CurvePoint<lie::SE3>> curve;
+
+  int rank() const {
+    const auto less = [](const SectionResult& a, const SectionResult& b) {
+      return a.rank < b.rank;
+    };
+    return std::min_element(sections.begin(), sections.end(), less)->rank;
+  }
+  double condition() const {
+    const auto less = [](const SectionResult& a, const SectionResult& b) {
+      return a.condition < b.condition;
+    };
+    return std::max_element(sections.begin(), sections.end(), less)->condition;
+  }
+};
+
+std::string resolveTier(const std::string& tier, const io::Scene& scene) {
+  if (tier == "auto") return scene.planar ? "planar" : "linear";
+  if (tier == "planar" && !scene.planar) {
+    throw CallerError("--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
+                      " is spatial: use --tier linear");
+  }
+  if (tier == "loaded") {
+    throw CallerError("--tier loaded needs the key load in the scene; " + scene.name +
+                      " has none: use --tier linear");
+  }
+  return tier;
+}
+
+lie::SE3 inSpace(const lie::SE3& pose) { return pose; }
+lie::SE3 inSpace(const lie::SE2& pose) { return lie::embed(pose); }
+lie::Vector6 inSpace(const lie::Vector6& twist) { return twist; }
+lie::Vector6 inSpace(const lie::SE2::Tangent& twist) { return lie::embed(twist); }
+
+template <class Group>
+ForwardResult forward(const model::ArmOf<Group>& arm, const std::string& tier,
+                      const Eigen::VectorXd& inputs, int samples) {
+  const auto twists = arm.twists(inputs);
+  ForwardResult result{tier, inputs, arm.lengths(inputs), {}, inSpace(arm.tip(inputs)), Group::kDof,
+                       {},   {}};
+  result.twists.resize(6, arm.sectionCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const auto& equilibrium = arm.equilibrium(k);
+    Eigen::MatrixXd null_space(6, equilibrium.null_space.cols());
+    for (int j = 0; j < null_space.cols(); ++j) {
+      null_space.col(j) = inSpace(typename Group::Tangent(equilibrium.null_space.col(j)));
+    }
+    result.twists.col(k) = inSpace(typename Group::Tangent(twists.col(k)));
+    result.sections.push_back({equilibrium.rank, equilibrium.condition, null_space});
+  }
+  if (samples > 0) {
+    for (const auto& point : model::sampleCurve(twists, samples))
+      result.curve.push_back({point.s, inSpace(point.X)});
+  }
+  return result;
+}
+
+// Below this angle the winding of a section is rounding error.
+constexpr double kStraight = 1e-12;  // [rad]
+
+bool isStraight(const lie::Vector6& twist) { return twist.tail<3>().norm() < kStraight; }
+
+json helixJson(const lie::Vector6& twist) {
+  if (isStraight(twist)) return {{"radius_m", nullptr}, {"pitch_m", 0.0}, {"turns", 0.0}};
+  const model::Helix helix = model::helixOf(twist);
+  return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
+}
+
+std::string helixText(const lie::Vector6& twist) {
+  if (isStraight(twist)) return "straight";
+  const model::Helix helix = model::helixOf(twist);
+  std::ostringstream text;
+  text << "helix of radius " << helix.radius << " m, pitch " << helix.pitch << " m, turns "
+       << helix.turns;
+  return text.str();
+}
+
+json toJson(const io::Scene& scene, const ForwardResult& result) {
+  json sections = json::array();
+  for (std::size_t k = 0; k < result.sections.size(); ++k) {
+    const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
+    json null_space = json::array();
+    for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
+      null_space.push_back(cli::toJson(Eigen::VectorXd(result.sections[k].null_space.col(j))));
+    }
+    sections.push_back({{"name", scene.looks[k].name},
+                        {"rank", result.sections[k].rank},
+                        {"condition", result.sections[k].condition},
+                        {"null_space", null_space},
+                        {"curvature_rad", model::curvatureOf(twist)},
+                        {"helix", helixJson(twist)}});
+  }
+  json document{{"scene", scene.name},
+                {"tier", result.tier},
+                {"twist", cli::toJson(result.twists)},
+                {"tip", cli::toJson(result.tip)},
+                {"lengths_m", cli::toJson(result.lengths)},
+                {"rank", result.rank()},
+                {"full_rank", result.full_rank},
+                {"condition", result.condition()},
+                {"sections", sections}};
+  addInputs(scene.arm, result.inputs, document);
+  if (!result.curve.empty()) {
+    json& curve = document["curve"] = json::array();
+    for (const auto& point : result.curve) {
+      json entry = cli::toJson(point.X);
+      entry["s"] = point.s;
+      curve.push_back(std::move(entry));
+    }
+  }
+  return document;
+}
+
+// The curve where it was asked for, else one row with all numbers.
+CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
+  CsvTable table;
+  for (const auto& point : result.curve) {
+    CsvTable::Row row{{"s", exact(point.s)}};
+    appendPose("", point.X, row);
+    table.add(row);
+  }
+  if (!result.curve.empty()) return table;
+  CsvTable::Row row{{"tier", result.tier}};
+  appendInputs(scene.arm, result.inputs, row);
+  for (int i = 0; i < result.lengths.size(); ++i) {
+    row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
+  }
+  appendTwists(result.twists, row);
+  appendPose("tip_", result.tip, row);
+  row.emplace_back("rank", std::to_string(result.rank()));
+  row.emplace_back("condition", exact(result.condition()));
+  table.add(row);
+  return table;
+}
+
+void printText(const io::Scene& scene, const ForwardResult& result) {
+  std::cout << scene.name << ", " << result.tier << " tier, seen from the arm's base\n";
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    std::cout << "  " << scene.arm.actuator(i).name << ": "
+              << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
+              << std::fixed << std::setprecision(6) << result.lengths[i] << " m\n"
+              << std::defaultfloat;
+  }
+  for (std::size_t k = 0; k < result.sections.size(); ++k) {
+    const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
+    std::cout << "section " << scene.looks[k].name << "\n  twist v " << bracketed(twist.head<3>())
+              << " m, w " << bracketed(twist.tail<3>()) << " rad\n"
+              << std::setprecision(6) << "  " << helixText(twist) << "\n  rank "
+              << result.sections[k].rank << " of " << result.full_rank << ", condition "
+              << result.sections[k].condition << "\n";
+    for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
+      std::cout << "  undetermined along " << bracketed(result.sections[k].null_space.col(j))
+                << "\n";
+    }
+  }
+  std::cout << "tip " << poseText(result.tip) << "\n";
+  for (const auto& point : result.curve)
+    std::cout << "s " << point.s << ": " << poseText(point.X) << "\n";
+}
+
+int run(const ForwardOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const std::string tier = resolveTier(options.tier, scene);
+  const Eigen::VectorXd inputs =
+      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
+  const ForwardResult result = tier == "planar"
+                                   ? forward(*scene.planar, tier, inputs, options.samples)
+                                   : forward(scene.arm, tier, inputs, options.samples);
+  if (global.format == Format::kJson) printJson(toJson(scene, result));
+  if (global.format == Format::kCsv) toCsv(scene, result).print(std::cout);
+  if (global.format == Format::kText) printText(scene, result);
+  return kDone;
+}
+
+}  // namespace
+
+Subcommand addForward(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("forward", "pressures to the shape and tip of the arm");
+  const auto options = std::make_shared<ForwardOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command->add_option("--pressure-kpa", options->pressure_kpa,
+                      "gauge pressure of every actuator [kPa]: a,b,c");
+  command->add_option("--input", options->input,
+                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+  command
+      ->add_option("--tier", options->tier,
+                   "what computes it: auto (planar for planar scenes, else linear), planar "
+                   "(SE(2)), linear (SE(3), "
+                   "no load), loaded")
+      ->check(CLI::IsMember({"auto", "planar", "linear", "loaded"}))
+      ->capture_default_str();
+  command
+      ->add_option("--samples", options->samples,
+                   "also give the curve at N >= 2 evenly spaced s; s runs over "
+                   "[k, k + 1] along section k")
+      ->check(CLI::Range(2, kMostSamples));
+  command->footer(
+      "json: tier, twist (sections x 6), tip {position_m, quaternion_xyzw}, lengths_m (free "
+      "lengths), rank (least of\n"
+      "the sections), full_rank, condition (largest), sections [{name, rank, condition, null_space "
+      "(twists that cost\n"
+      "no energy), curvature_rad, helix {radius_m (null when straight), pitch_m, turns}}], "
+      "pressure_pa, actuators;\n"
+      "with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one row, or the rows of the "
+      "curve.");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,217 @@
+#include "helix_arm/model/inverse.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using model::InverseResult;
+using model::InverseStatus;
+using model::Limit;
+using model::Preference;
+using nlohmann::json;
+
+struct InverseArguments {
+  std::string scene, tip, pose, twist, prefer = "min-pressure", start_kpa, start;
+  double cocontraction = 0.5;
+  bool cocontraction_given = false;
+};
+
+lie::SE3 poseArgument(const std::string& text) {
+  constexpr double kNormTolerance = 1e-3;  // more than rounding to a few digits does
+  const std::vector<double> p = numberList("--pose", text, 7);
+  const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
+  if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
+    std::ostringstream message;
+    message << "--pose has a quaternion of norm " << q.norm()
+            << "; expected 1, in the order qx,qy,qz,qw";
+    throw CallerError(message.str());
+  }
+  return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
+}
+
+model::Twists twistArgument(const std::string& text, int sections) {
+  const std::vector<double> numbers =
+      numberList("--twist", text, 6 * static_cast<std::size_t>(sections));
+  return Eigen::Map<const Eigen::MatrixXd>(numbers.data(), 6, sections);
+}
+
+model::InverseOptions optionsOf(const InverseArguments& arguments) {
+  model::InverseOptions options;
+  if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
+  if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
+  if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
+    throw CallerError("--cocontraction goes with --prefer cocontract");
+  }
+  options.cocontraction = arguments.cocontraction;
+  return options;
+}
+
+Eigen::VectorXd startOf(const InverseArguments& arguments, const io::Scene& scene) {
+  if (!arguments.start_kpa.empty() || !arguments.start.empty()) {
+    return inputsOf(scene, "--start-kpa", arguments.start_kpa, "--start", arguments.start);
+  }
+  return scene.arm.inputAt(arguments.prefer == "cocontract" ? arguments.cocontraction : 0.0);
+}
+
+const char* statusName(InverseStatus status) {
+  if (status == InverseStatus::kReached) return "reached";
+  return status == InverseStatus::kUnreachable ? "unreachable" : "not_converged";
+}
+
+const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
+
+std::string reasonFor(const InverseResult& result) {
+  std::ostringstream reason;
+  if (result.status == InverseStatus::kUnreachable) {
+    reason
+        << "no inputs within the limits reach the target; the closest found leaves a residual of "
+        << result.residual << " m";
+  } else if (result.status == InverseStatus::kNotConverged) {
+    reason << "the search did not come to rest; the best found leaves a residual of "
+           << result.residual << " m";
+  }
+  return reason.str();
+}
+
+json activeLimits(const model::Arm& arm, const InverseResult& result) {
+  json limits = json::array();
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (result.limits[i] == Limit::kNone) continue;
+    limits.push_back({{"actuator", arm.actuator(i).name}, {"limit", limitName(result.limits[i])}});
+  }
+  return limits;
+}
+
+void printJsonResult(const io::Scene& scene, const InverseResult& result,
+                     const model::Twists& twists) {
+  const std::string reason = reasonFor(result);
+  json document{{"scene", scene.name},
+                {"status", statusName(result.status)},
+                {"reason", reason.empty() ? json() : json(reason)},
+                {"converged", result.converged()},
+                {"residual", result.residual},
+                {"position_error_m", result.position_error},
+                {"active_limits", activeLimits(scene.arm, result)},
+                {"iterations", result.iterations},
+                {"tip", toJson(model::tipPose(twists))},
+                {"twist", toJson(twists)}};
+  addInputs(scene.arm, result.input, document);
+  printJson(document);
+}
+
+void printCsvResult(const io::Scene& scene, const InverseResult& result,
+                    const model::Twists& twists) {
+  CsvTable::Row row{{"status", statusName(result.status)},
+                    {"converged", result.converged() ? "1" : "0"}};
+  appendInputs(scene.arm, result.input, row);
+  row.emplace_back("residual", exact(result.residual));
+  row.emplace_back("position_error_m", exact(result.position_error));
+  std::string limits;  // one cell: actuator=limit, joined by blanks
+  for (const json& limit : activeLimits(scene.arm, result)) {
+    limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
+              limit["limit"].get<std::string>();
+  }
+  row.emplace_back("active_limits", limits);
+  appendTwists(twists, row);
+  appendPose("tip_", model::tipPose(twists), row);
+  CsvTable table;
+  table.add(row);
+  table.print(std::cout);
+}
+
+void printTextResult(const io::Scene& scene, const InverseResult& result,
+                     const model::Twists& twists) {
+  std::cout << scene.name << ": " << statusName(result.status) << "\n";
+  if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    std::cout << "  " << actuator.name << ": " << inputText(actuator, result.input[i]);
+    if (result.limits[i] != Limit::kNone)
+      std::cout << ", at its " << limitName(result.limits[i]) << " limit";
+    std::cout << "\n";
+  }
+  std::cout << "residual " << result.residual << " m, position error " << result.position_error
+            << " m\n"
+            << "tip " << poseText(model::tipPose(twists)) << "\n";
+}
+
+int run(const InverseArguments& arguments, const GlobalOptions& global) {
+  const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty();
+  if (targets != 1) throw CallerError("give exactly one target: --tip, --pose or --twist");
+  const io::Scene scene = loadScene(arguments.scene, global);
+  const model::InverseOptions options = optionsOf(arguments);
+  model::InverseSolver solver(scene.arm, options);
+  const Eigen::VectorXd start = startOf(arguments, scene);
+
+  InverseResult result;
+  if (!arguments.tip.empty()) {
+    const std::vector<double> p = numberList("--tip", arguments.tip, 3);
+    result = solver.toPosition({p[0], p[1], p[2]}, start);
+  } else if (!arguments.pose.empty()) {
+    result = solver.toPose(poseArgument(arguments.pose), start);
+  } else {
+    result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
+  }
+  const model::Twists twists = scene.arm.twists(result.input);
+  if (global.format == Format::kJson) printJsonResult(scene, result, twists);
+  if (global.format == Format::kCsv) printCsvResult(scene, result, twists);
+  if (global.format == Format::kText) printTextResult(scene, result, twists);
+  return result.status == InverseStatus::kReached ? kDone : kNotPossible;
+}
+
+}  // namespace
+
+Subcommand addInverse(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
+  const auto arguments = std::make_shared<InverseArguments>();
+  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  command->add_option("--tip", arguments->tip, "wanted tip position [m]: x,y,z");
+  command->add_option("--pose", arguments->pose,
+                      "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
+  command->add_option(
+      "--twist", arguments->twist,
+      "wanted twist [m, rad]: vx,vy,vz,wx,wy,wz, one after the other for several sections");
+  command
+      ->add_option("--prefer", arguments->prefer,
+                   "among the inputs that reach the target: min-pressure, min-change (from the "
+                   "start) or cocontract")
+      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract"}))
+      ->capture_default_str();
+  command->add_option("--start-kpa", arguments->start_kpa,
+                      "where to start from, gauge pressures [kPa]: a,b,c (default: at rest, all at "
+                      "their lower limits; with cocontract, at its fraction)");
+  command->add_option("--start", arguments->start,
+                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+  CLI::Option* cocontraction =
+      command
+          ->add_option("--cocontraction", arguments->cocontraction,
+                       "with cocontract: the wanted fraction of each actuator's range")
+          ->check(CLI::Range(0.0, 1.0))
+          ->capture_default_str();
+  command->footer(
+      "json: pressure_pa, actuators, status (reached, unreachable, not_converged), reason (null "
+      "when reached),\n"
+      "converged, residual (position error and, for poses and twists, 0.1 m per rad of rotation "
+      "[m]),\n"
+      "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist "
+      "reached.\n"
+      "An unreachable target gives the closest found and exit code 1.");
+  return {command, [arguments, cocontraction](const GlobalOptions& global) {
+            arguments->cocontraction_given = cocontraction->count() > 0;
+            return run(*arguments, global);
+          }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,69 @@
+#include <exception>
+#include <iostream>
+#include <map>
+
+#include "command.hpp"
+
+namespace {
+
+using helix_arm::cli::Format;
+using helix_arm::cli::GlobalOptions;
+using helix_arm::cli::Subcommand;
+
+const char* const kFooter =
+    "Units: pressures are gauge; kPa where an option says so, else SI. Poses and twists are seen "
+    "from\n"
+    "the arm's base, x along the arm. A twist is [vx,vy,vz,wx,wy,wz] in m and rad over a whole "
+    "section.\n"
+    "json and csv stand alone on stdout, with all digits; messages go to stderr.\n"
+    "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the call or "
+    "a\n"
+    "document is wrong (the reason is on stderr).";
+
+int run(int argc, char** argv) {
+  CLI::App app("Linear kinematics of pneumatic arms: pressures to shape and back.", "helix_arm");
+  app.footer(kFooter);
+  app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
+  app.require_subcommand(1);
+  app.fallthrough();  // global options may follow the subcommand
+
+  GlobalOptions global;
+  const std::map<std::string, Format> formats{
+      {"text", Format::kText}, {"json", Format::kJson}, {"csv", Format::kCsv}};
+  std::string format = "text";
+  app.add_option("--format", format, "how results are printed: text, json or csv")
+      ->check(CLI::IsMember({"text", "json", "csv"}))
+      ->capture_default_str();
+  app.add_option("--set", global.overrides,
+                 "override a key of the scene, list entries by number from 0; repeatable")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+
+  const Subcommand subcommands[] = {helix_arm::cli::addForward(app),
+                                    helix_arm::cli::addInverse(app),
+                                    helix_arm::cli::addEvaluate(app)};
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
+    return helix_arm::cli::kCallerErred;
+  }
+  global.format = formats.at(format);
+  int exit_code = helix_arm::cli::kCallerErred;
+  for (const Subcommand& subcommand : subcommands) {
+    if (subcommand.app->parsed()) exit_code = subcommand.run(global);
+  }
+  if (!std::cout.flush()) throw helix_arm::cli::CallerError("stdout cannot be written to");
+  return exit_code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << '\n';
+    return helix_arm::cli::kCallerErred;
+  }
+}

@@ -1,0 +1,108 @@
+#include "output.hpp"
+
+#include <Eigen/Geometry>
+#include <iomanip>
+#include <iostream>
+#include <limits>
+#include <sstream>
+
+namespace helix_arm::cli {
+
+using nlohmann::json;
+
+json toJson(const Eigen::VectorXd& vector) {
+  return std::vector<double>(vector.data(), vector.data() + vector.size());
+}
+
+json toJson(const lie::SE3& pose) {
+  return {{"position_m", toJson(Eigen::VectorXd(pose.translation))},
+          {"quaternion_xyzw", toJson(Eigen::VectorXd(quaternionXyzw(pose.rotation)))}};
+}
+
+json toJson(const model::Twists& twists) {
+  json sections = json::array();
+  for (int k = 0; k < twists.cols(); ++k)
+    sections.push_back(toJson(Eigen::VectorXd(twists.col(k))));
+  return sections;
+}
+
+void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
+  json names = json::array(), units = json::array();
+  bool pressures = true;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const bool pressure = arm.actuator(i).drive == model::Drive::kPressure;
+    names.push_back(arm.actuator(i).name);
+    units.push_back(pressure ? "Pa" : "rad");
+    pressures = pressures && pressure;
+  }
+  result["actuators"] = names;
+  if (pressures) {
+    result["pressure_pa"] = toJson(inputs);
+  } else {
+    result["input"] = toJson(inputs);
+    result["input_unit"] = units;
+  }
+}
+
+Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
+  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
+}
+
+void CsvTable::print(std::ostream& out) const {
+  if (rows_.empty()) return;
+  const auto line = [&out](const Row& row, std::string Row::value_type::*part) {
+    for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].*part;
+    out << '\n';
+  };
+  line(rows_.front(), &Row::value_type::first);
+  for (const Row& row : rows_) line(row, &Row::value_type::second);
+}
+
+std::string exact(double value) {
+  std::ostringstream text;
+  text << std::setprecision(std::numeric_limits<double>::max_digits10) << value;
+  return text.str();
+}
+
+void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const std::string number = std::to_string(i + 1);
+    const bool pressure = arm.actuator(i).drive == model::Drive::kPressure;
+    row.emplace_back(pressure ? "pressure_" + number + "_pa" : "input_" + number + "_rad",
+                     exact(inputs[i]));
+  }
+}
+
+void appendTwists(const model::Twists& twists, CsvTable::Row& row) {
+  const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
+  for (int k = 0; k < twists.cols(); ++k) {
+    for (int j = 0; j < 6; ++j) {
+      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j], exact(twists(j, k)));
+    }
+  }
+}
+
+void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row) {
+  const std::string position[] = {"x_m", "y_m", "z_m"}, quaternion[] = {"qx", "qy", "qz", "qw"};
+  const Eigen::Vector4d q = quaternionXyzw(pose.rotation);
+  for (int i = 0; i < 3; ++i) row.emplace_back(prefix + position[i], exact(pose.translation[i]));
+  for (int i = 0; i < 4; ++i) row.emplace_back(prefix + quaternion[i], exact(q[i]));
+}
+
+std::string bracketed(const Eigen::VectorXd& vector) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(6) << "[";
+  for (int i = 0; i < vector.size(); ++i) text << (i == 0 ? "" : ", ") << vector[i];
+  text << "]";
+  return text.str();
+}
+
+std::string poseText(const lie::SE3& pose) {
+  return "position " + bracketed(pose.translation) + " m, quaternion xyzw " +
+         bracketed(quaternionXyzw(pose.rotation));
+}
+
+void printJson(const json& result) { std::cout << result.dump(2) << '\n'; }
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <iosfwd>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/model/arm.hpp"
+#include "nlohmann/json.hpp"
+
+namespace helix_arm::cli {
+
+/// {position_m [3], quaternion_xyzw [4]}, the quaternion with w >= 0.
+nlohmann::json toJson(const lie::SE3& pose);
+nlohmann::json toJson(const Eigen::VectorXd& vector);
+/// One array of six a section: [v; w].
+nlohmann::json toJson(const model::Twists& twists);
+
+/// Adds the inputs: `pressure_pa`, or, where there are tendons, `input` and `input_unit`.
+void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, nlohmann::json& result);
+
+/// x, y, z, w of a rotation, w >= 0.
+Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation);
+
+/// A CSV table under construction: columns with names, rows of numbers with all digits or of words.
+class CsvTable {
+ public:
+  /// A row: the same columns in the same order every time.
+  using Row = std::vector<std::pair<std::string, std::string>>;
+  void add(const Row& row) { rows_.push_back(row); }
+  void print(std::ostream& out) const;
+
+ private:
+  std::vector<Row> rows_;
+};
+
+/// A number for csv: reads back as the same.
+std::string exact(double value);
+/// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
+void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
+/// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.
+void appendTwists(const model::Twists& twists, CsvTable::Row& row);
+/// Cells `<prefix>x_m` .. `<prefix>qw`.
+void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& row);
+
+/// "[1.000000, 2.000000]" for people.
+std::string bracketed(const Eigen::VectorXd& vector);
+/// "position [..] m, quaternion xyzw [..]" for people.
+std::string poseText(const lie::SE3& pose);
+
+/// Prints a JSON document.
+void printJson(const nlohmann::json& result);
+
+}  // namespace helix_arm::cli

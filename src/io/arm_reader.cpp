@@ -1,0 +1,81 @@
+#include "arm_reader.hpp"
+
+#include <stdexcept>
+
+#include "section_reader.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+lie::SE3 readBase(const MapReader& arm, const Value& value, FaultList& faults) {
+  lie::SE3 X_WB;
+  const Value* given = value.find("base");
+  if (given == nullptr) return X_WB;
+  const MapReader base(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults);
+  if (base.has("position_m")) {
+    if (const auto p = vector3(base.numbers("position_m", 3, kFinite))) X_WB.translation = *p;
+  }
+  if (base.has("rpy_deg")) {
+    const auto rpy_deg = vector3(base.numbers("rpy_deg", 3, kFinite));
+    if (rpy_deg) X_WB.rotation = rotationOfRpyDeg(*rpy_deg);
+  }
+  return X_WB;
+}
+
+model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
+  std::vector<model::PlanarSection> planar(sections.size());
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    for (const model::Actuator& a : sections[k].actuators) {
+      const lie::SE2 X_O{a.X_O.rotation.topLeftCorner<2, 2>(), a.X_O.translation.head<2>()};
+      planar[k].actuators.push_back({a.name, X_O, a.stiffness, a.contraction, a.limits, a.drive});
+    }
+  }
+  return model::PlanarArm(std::move(planar));
+}
+
+}  // namespace
+
+std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
+                                FaultList& faults) {
+  const Value* value = scene.required("arm", "a map");
+  if (value == nullptr) return std::nullopt;
+  const MapReader arm(*value, scene.path("arm"), {"geometry", "base", "stiffness", "sections"},
+                      faults);
+  const std::size_t faults_before = faults.faults().size();
+  const auto geometry = arm.choice("geometry", {"planar", "spatial"});
+  const lie::SE3 X_WB = readBase(arm, *value, faults);
+  ArmContext context{
+      geometry == "planar", readStiffness(arm, *value, {}, faults), contractions, faults, {}, {}};
+
+  std::vector<model::Section> sections;
+  std::vector<SectionLook> looks;
+  const std::vector<Value::Entry>* entries = arm.list("sections");
+  if (entries == nullptr) return std::nullopt;
+  for (std::size_t k = 0; k < entries->size(); ++k) {
+    SectionParts parts =
+        readSection((*entries)[k].value, indexPath(arm.path("sections"), k), context);
+    sections.push_back(std::move(parts.section));
+    looks.push_back(parts.look);
+  }
+  if (sections.size() > model::kMaxSections) {
+    arm.complain("sections", "has " + std::to_string(sections.size()) +
+                                 " entries; expected at most " +
+                                 std::to_string(model::kMaxSections));
+  }
+  // An unknown contraction leaves actuators out without a fault of their own.
+  if (faults.faults().size() != faults_before) return std::nullopt;
+  for (const model::Section& section : sections) {
+    if (section.actuators.empty()) return std::nullopt;
+  }
+  try {
+    std::optional<model::PlanarArm> planar;
+    if (context.planar) planar = planarArm(sections);
+    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections));
+    return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks)};
+  } catch (const std::invalid_argument& error) {
+    arm.complain("sections", std::string("make no arm: ") + error.what());
+    return std::nullopt;
+  }
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "contraction_reader.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// What `arm` says.
+struct ArmParts {
+  lie::SE3 X_WB;
+  model::Arm arm;
+  std::optional<model::PlanarArm> planar;
+  std::vector<SectionLook> looks;
+};
+
+/// Reads `arm`; nothing where the faults leave no arm.
+std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
+                                FaultList& faults);
+
+}  // namespace helix_arm::io

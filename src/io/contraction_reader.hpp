@@ -1,0 +1,25 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+
+#include "helix_arm/model/actuator.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// A curve that actuators refer to by name.
+struct NamedContraction {
+  model::Contraction curve;
+  model::Drive drive;
+};
+
+/// All curves by name. A name that is declared but broken maps to nothing: its fault is reported
+/// once, not at every use.
+using Contractions = std::map<std::string, std::optional<NamedContraction>>;
+
+/// Reads `contractions`.
+Contractions readContractions(const MapReader& scene, FaultList& faults);
+
+}  // namespace helix_arm::io

@@ -1,0 +1,234 @@
+#include "document.hpp"
+
+#include <algorithm>
+#include <sstream>
+
+#include <yaml-cpp/eventhandler.h>
+#include <yaml-cpp/yaml.h>
+
+namespace helix_arm::io {
+namespace {
+
+// Aliases can make a short file stand for a tree without end.
+constexpr int kMostValues = 20000;
+constexpr int kDeepest = 50;
+
+// Notes where documents start and nothing else. YAML::LoadAll is no way to find a second one: it
+// never comes back from a stray `,` between documents.
+class DocumentStarts : public YAML::EventHandler {
+ public:
+  std::optional<YAML::Mark> last;
+  void OnDocumentStart(const YAML::Mark& mark) override { last = mark; }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                       YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
+                  YAML::EmitterStyle::value) override {}
+  void OnMapEnd() override {}
+};
+
+// Where a text goes on after its first document. YAML::Load drops all that follows in silence.
+std::optional<YAML::Mark> secondDocument(const std::string& text) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  DocumentStarts starts;
+  if (!parser.HandleNextDocument(starts) || !parser.HandleNextDocument(starts)) return std::nullopt;
+  return starts.last;
+}
+
+struct Conversion {
+  FaultList& faults;
+  std::optional<std::string> override_key;
+  int values = 0;
+  bool too_large = false;
+
+  Place place(const YAML::Mark& mark, const Place& fallback) const {
+    if (override_key) return {0, override_key};
+    return mark.is_null() ? fallback : Place{mark.line + 1, {}};
+  }
+
+  Value convert(const YAML::Node& node, const std::string& path, const Place& key_place,
+                int depth) {
+    Value value;
+    value.place = key_place;
+    if (++values > kMostValues || depth > kDeepest) {
+      too_large = true;
+      return value;
+    }
+    if (node.IsScalar()) {
+      value.kind = Value::Kind::kText;
+      value.text = node.Scalar();
+      value.quoted = node.Tag() == "!";
+      value.place = place(node.Mark(), key_place);
+    } else if (node.IsSequence()) {
+      value.kind = Value::Kind::kList;
+      for (std::size_t i = 0; i < node.size() && !too_large; ++i) {
+        const Place here = place(node[i].Mark(), key_place);
+        value.entries.push_back({{}, convert(node[i], indexPath(path, i), here, depth + 1)});
+      }
+    } else if (node.IsMap()) {
+      value.kind = Value::Kind::kMap;
+      for (const auto& pair : node) {
+        if (too_large) break;
+        addEntry(value, pair.first, pair.second, path, depth);
+      }
+    }
+    return value;
+  }
+
+  void addEntry(Value& map, const YAML::Node& key, const YAML::Node& node, const std::string& path,
+                int depth) {
+    const Place here = place(key.Mark(), map.place);
+    if (!key.IsScalar()) {
+      report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
+      return;
+    }
+    const std::string& name = key.Scalar();
+    if (map.find(name) != nullptr) {
+      report(faults, here, joinPath(path, name) + " is given twice; expected it once");
+      return;
+    }
+    map.entries.push_back({name, convert(node, joinPath(path, name), here, depth + 1)});
+  }
+};
+
+std::optional<Value> parse(const std::string& text, const std::optional<std::string>& override_key,
+                           const std::string& path, FaultList& faults) {
+  const Place start{override_key ? 0 : 1, override_key};
+  try {
+    if (const std::optional<YAML::Mark> second = secondDocument(text)) {
+      const Place place{second->line + 1, {}};
+      report(faults, override_key ? start : place, "begins another document; expected one");
+      return std::nullopt;
+    }
+    Conversion conversion{faults, override_key};
+    Value value = conversion.convert(YAML::Load(text), path, start, 0);
+    if (!conversion.too_large) return value;
+    report(faults, start, "is nested too deeply or holds too many values");
+  } catch (const YAML::Exception& error) {
+    const Place place{error.mark.is_null() ? start.line : error.mark.line + 1, {}};
+    report(faults, override_key ? start : place, "is not YAML: " + error.msg);
+  }
+  return std::nullopt;
+}
+
+// The parts of `arm.sections.0.name`; entries may also be written as the messages do,
+// `arm.sections[0].name`.
+std::vector<std::string> splitKey(const std::string& key) {
+  std::vector<std::string> parts(1);
+  for (const char c : key) {
+    if (c == '.' || c == '[') {
+      parts.emplace_back();
+    } else if (c != ']') {
+      parts.back() += c;
+    }
+  }
+  return parts;
+}
+
+// The entry of a list that a part of a key numbers, null when there is none.
+Value* entryOf(Value& list, const std::string& part) {
+  for (std::size_t i = 0; i < list.entries.size(); ++i) {
+    if (part == std::to_string(i)) return &list.entries[i].value;
+  }
+  return nullptr;
+}
+
+Value* childOf(Value& map, const std::string& key, const Place& place) {
+  for (Value::Entry& entry : map.entries) {
+    if (entry.key == key) return &entry.value;
+  }
+  Value child;
+  child.kind = Value::Kind::kMap;
+  child.place = place;
+  map.entries.push_back({key, child});
+  return &map.entries.back().value;
+}
+
+}  // namespace
+
+const Value* Value::find(const std::string& key) const {
+  const auto found = std::find_if(entries.begin(), entries.end(),
+                                  [&key](const Entry& entry) { return entry.key == key; });
+  return kind == Kind::kMap && found != entries.end() ? &found->value : nullptr;
+}
+
+std::string Value::describe() const {
+  constexpr std::size_t kLongest = 60;
+  switch (kind) {
+    case Kind::kList:
+      return "a list";
+    case Kind::kMap:
+      return "a map";
+    case Kind::kText:
+      if (quoted) return '"' + text.substr(0, kLongest) + '"';
+      return text.size() > kLongest ? text.substr(0, kLongest) + "..." : text;
+    case Kind::kEmpty:
+      break;
+  }
+  return "empty";
+}
+
+void report(FaultList& faults, const Place& place, const std::string& fault) {
+  if (place.override_key) {
+    faults.add(0, "--set " + *place.override_key + ": " + fault);
+  } else {
+    faults.add(place.line, fault);
+  }
+}
+
+std::string joinPath(const std::string& parent, const std::string& key) {
+  if (parent.empty() || key.empty()) return parent + key;
+  return parent + "." + key;
+}
+
+std::string nameOf(const std::string& path) { return path.empty() ? "the document" : path; }
+
+std::string indexPath(const std::string& parent, std::size_t index) {
+  return parent + "[" + std::to_string(index) + "]";
+}
+
+std::optional<Value> parseDocument(const std::string& text, FaultList& faults) {
+  return parse(text, std::nullopt, {}, faults);
+}
+
+void applyOverride(Value& document, const Override& change, FaultList& faults) {
+  const Place place{0, change.key};
+  std::optional<Value> value = parse(change.value, change.key, change.key, faults);
+  if (!value) return;
+  Value* target = &document;
+  std::string path;
+  for (const std::string& part : splitKey(change.key)) {
+    if (part.empty()) {
+      report(faults, place, "is not a key; expected words and numbers joined by dots");
+      return;
+    }
+    if (target->kind == Value::Kind::kList) {
+      Value* entry = entryOf(*target, part);
+      if (entry == nullptr) {
+        report(faults, place,
+               nameOf(path) + " has " + std::to_string(target->entries.size()) +
+                   " entries; expected the number of one of them, from 0, not " + part);
+        return;
+      }
+      target = entry;
+      path += "[" + part + "]";
+    } else if (target->kind == Value::Kind::kText) {
+      report(faults, place,
+             nameOf(path) + " is " + target->describe() + "; expected a map or a list to go into");
+      return;
+    } else {
+      target->kind = Value::Kind::kMap;
+      target = childOf(*target, part, place);
+      path = joinPath(path, part);
+    }
+  }
+  *target = std::move(*value);
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,236 @@
+#include "map_reader.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "helix_arm/io/number.hpp"
+
+namespace helix_arm::io {
+
+namespace {
+
+bool any(double) { return true; }
+bool positive(double x) { return x > 0; }
+bool notNegative(double x) { return x >= 0; }
+
+}  // namespace
+
+const NumberRule kFinite{"a finite value", any};
+const NumberRule kPositive{"a finite value > 0", positive};
+const NumberRule kNotNegative{"a finite value >= 0", notNegative};
+const NumberRule kLength{"a finite value > 0", positive, 1e-6, 10, " m"};
+const NumberRule kCoordinate{"a finite value", any, -10, 10, " m"};
+const NumberRule kPressure{"a finite value", any, -101.325, 1e5, " kPa (gauge)"};
+const NumberRule kPositivePressure{"a finite value > 0", positive, 1e-3, 1e5, " kPa (gauge)"};
+const NumberRule kStiffness{"a finite value >= 0", notNegative, 0, 1e15};
+
+namespace {
+
+std::optional<double> finiteNumber(const Value& value) {
+  if (value.kind != Value::Kind::kText || value.quoted) return std::nullopt;
+  return parseNumber(value.text);
+}
+
+// The part of a rule that a value breaks; nothing when it keeps it.
+std::optional<std::string> brokenPart(const NumberRule& rule, const std::optional<double>& number) {
+  if (!number || !rule.holds(*number)) return rule.text;
+  if (*number >= rule.lowest && *number <= rule.highest) return std::nullopt;
+  return formatNumber(rule.lowest) + " to " + formatNumber(rule.highest) + rule.unit;
+}
+
+// Levenshtein's distance: the edits that turn one word into the other.
+std::size_t editDistance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), 0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0]++;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+}  // namespace
+
+MapReader::MapReader(const Value& map, std::string path, std::vector<std::string> known,
+                     FaultList& faults)
+    : map_(map), path_(std::move(path)), faults_(faults) {
+  if (map_.kind != Value::Kind::kMap) {
+    report(faults_, map_.place,
+           nameOf(path_) + " is " + map_.describe() + "; expected a map of " + alternatives(known));
+    return;
+  }
+  for (const auto& [key, value] : map_.entries) {
+    if (std::find(known.begin(), known.end(), key) != known.end()) continue;
+    const std::string nearest = nearestWord(key, known);
+    const std::string expected =
+        nearest.empty() ? "expected " + alternatives(known) : "did you mean " + nearest + "?";
+    report(faults_, value.place, this->path(key) + " is not a known key; " + expected);
+  }
+}
+
+const Value* MapReader::required(const std::string& key, const std::string& expected) const {
+  const Value* value = map_.find(key);
+  // A map that is none has been reported as a whole.
+  if (value == nullptr && map_.kind == Value::Kind::kMap) {
+    report(faults_, map_.place, path(key) + " is missing; expected " + expected);
+  }
+  return value;
+}
+
+void MapReader::complain(const std::string& key, const std::string& fault) const {
+  const Value* value = map_.find(key);
+  report(faults_, value == nullptr ? map_.place : value->place, path(key) + " " + fault);
+}
+
+void MapReader::fault(const std::string& key, const std::string& rule) const {
+  const Value* value = map_.find(key);
+  complain(key,
+           (value == nullptr ? "is missing" : "is " + value->describe()) + "; expected " + rule);
+}
+
+std::optional<double> MapReader::number(const std::string& key, const NumberRule& rule) const {
+  const Value* value = required(key, rule.text);
+  if (value == nullptr) return std::nullopt;
+  const std::optional<double> number = finiteNumber(*value);
+  const std::optional<std::string> broken = brokenPart(rule, number);
+  if (broken) fault(key, *broken);
+  return broken ? std::nullopt : number;
+}
+
+double MapReader::number(const std::string& key, const NumberRule& rule, double fallback) const {
+  return has(key) ? number(key, rule).value_or(fallback) : fallback;
+}
+
+std::optional<long long> MapReader::integer(const std::string& key, long long lowest,
+                                            long long highest) const {
+  const std::string rule =
+      "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest);
+  const Value* value = required(key, rule);
+  if (value == nullptr) return std::nullopt;
+  const std::optional<double> number = finiteNumber(*value);
+  const auto in_double = [](long long x) { return static_cast<double>(x); };
+  if (!number || *number != std::floor(*number) || *number < in_double(lowest) ||
+      *number > in_double(highest)) {
+    fault(key, rule);
+    return std::nullopt;
+  }
+  return static_cast<long long>(*number);
+}
+
+long long MapReader::integer(const std::string& key, long long lowest, long long highest,
+                             long long fallback) const {
+  return has(key) ? integer(key, lowest, highest).value_or(fallback) : fallback;
+}
+
+std::optional<std::vector<double>> MapReader::numbers(const std::string& key, std::size_t size,
+                                                      const NumberRule& rule) const {
+  const std::string expected = "a list of " +
+                               (size == 0 ? "numbers" : std::to_string(size) + " numbers") +
+                               ", each " + rule.text;
+  const Value* value = required(key, expected);
+  if (value == nullptr) return std::nullopt;
+  if (value->kind != Value::Kind::kList) {
+    fault(key, expected);
+    return std::nullopt;
+  }
+  if (size != 0 && value->entries.size() != size) {
+    complain(key,
+             "has " + std::to_string(value->entries.size()) + " entries; expected " + expected);
+    return std::nullopt;
+  }
+  std::vector<double> result;
+  for (std::size_t i = 0; i < value->entries.size(); ++i) {
+    const Value& entry = value->entries[i].value;
+    const std::optional<double> number = finiteNumber(entry);
+    if (const std::optional<std::string> broken = brokenPart(rule, number)) {
+      report(faults_, entry.place,
+             indexPath(path(key), i) + " is " + entry.describe() + "; expected " + *broken);
+    } else {
+      result.push_back(*number);
+    }
+  }
+  if (result.size() != value->entries.size()) return std::nullopt;
+  return result;
+}
+
+std::optional<std::string> MapReader::word(const std::string& key) const {
+  const std::string expected = "a word of letters, digits, _ and -";
+  const Value* value = required(key, expected);
+  if (value == nullptr) return std::nullopt;
+  const auto fits = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '-';
+  };
+  const std::string& text = value->text;
+  if (value->kind != Value::Kind::kText || text.empty() ||
+      !std::all_of(text.begin(), text.end(), fits)) {
+    fault(key, expected);
+    return std::nullopt;
+  }
+  return text;
+}
+
+std::optional<std::string> MapReader::choice(const std::string& key,
+                                             const std::vector<std::string>& choices) const {
+  const Value* value = required(key, alternatives(choices));
+  if (value == nullptr) return std::nullopt;
+  if (value->kind != Value::Kind::kText ||
+      std::find(choices.begin(), choices.end(), value->text) == choices.end()) {
+    fault(key, alternatives(choices));
+    return std::nullopt;
+  }
+  return value->text;
+}
+
+const std::vector<Value::Entry>* MapReader::list(const std::string& key) const {
+  const std::string expected = "a list of at least one entry";
+  const Value* value = required(key, expected);
+  if (value == nullptr) return nullptr;
+  if (value->kind != Value::Kind::kList || value->entries.empty()) {
+    const bool hollow = value->kind != Value::Kind::kText && value->entries.empty();
+    complain(key, "is " + (hollow ? "empty" : value->describe()) + "; expected " + expected);
+    return nullptr;
+  }
+  return &value->entries;
+}
+
+std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>& keys) const {
+  if (map_.kind != Value::Kind::kMap) return std::nullopt;
+  std::vector<std::string> given;
+  std::copy_if(keys.begin(), keys.end(), std::back_inserter(given),
+               [this](const auto& key) { return has(key); });
+  if (given.size() == 1) return given.front();
+  const std::string found = given.empty() ? "none" : given[0] + " and " + given[1];
+  report(faults_, map_.place,
+         path_ + " has " + found + "; expected exactly one of " + alternatives(keys));
+  return std::nullopt;
+}
+
+std::string nearestWord(const std::string& word, const std::vector<std::string>& known) {
+  std::string nearest;
+  std::size_t least = word.size() / 2 + 1;  // more edits than that make another word
+  for (const std::string& candidate : known) {
+    const std::size_t distance = editDistance(word, candidate);
+    if (distance < least) {
+      least = distance;
+      nearest = candidate;
+    }
+  }
+  return nearest;
+}
+
+std::string alternatives(const std::vector<std::string>& words) {
+  std::string text;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    if (i > 0) text += i + 1 == words.size() ? " or " : ", ";
+    text += words[i];
+  }
+  return text;
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,79 @@
+#pragma once
+
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "document.hpp"
+#include "helix_arm/io/fault_list.hpp"
+
+namespace helix_arm::io {
+
+/// What a number must be: of the right sign, and then of a size that can be meant. A radius of 25.4
+/// m is one of 25.4 mm.
+struct NumberRule {
+  const char* text;  ///< of the sign, as in "expected a finite value > 0"
+  bool (*holds)(double);
+  double lowest = -std::numeric_limits<double>::infinity();
+  double highest = std::numeric_limits<double>::infinity();
+  const char* unit = "";
+};
+extern const NumberRule kFinite;
+extern const NumberRule kPositive;
+extern const NumberRule kNotNegative;
+extern const NumberRule kLength;            ///< > 0 [m]
+extern const NumberRule kCoordinate;        ///< on the arm [m]
+extern const NumberRule kPressure;          ///< gauge [kPa]
+extern const NumberRule kPositivePressure;  ///< gauge [kPa]
+extern const NumberRule kStiffness;         ///< >= 0
+
+/// Reads the keys of one map by the rules of the schema. What breaks one goes to the faults and
+/// gives nothing (or the default), and reading goes on.
+class MapReader {
+ public:
+  /// Reports a value that is not a map, and each key that the schema does not know.
+  MapReader(const Value& map, std::string path, std::vector<std::string> known, FaultList& faults);
+
+  bool has(const std::string& key) const { return map_.find(key) != nullptr; }
+  std::string path(const std::string& key) const { return joinPath(path_, key); }
+
+  std::optional<double> number(const std::string& key, const NumberRule& rule) const;
+  double number(const std::string& key, const NumberRule& rule, double fallback) const;
+  std::optional<long long> integer(const std::string& key, long long lowest,
+                                   long long highest) const;
+  long long integer(const std::string& key, long long lowest, long long highest,
+                    long long fallback) const;
+  /// A list of numbers; `size` of them unless that is 0.
+  std::optional<std::vector<double>> numbers(const std::string& key, std::size_t size,
+                                             const NumberRule& rule) const;
+  /// A word of letters, digits, `_` and `-`: fit for a tf frame and for a key.
+  std::optional<std::string> word(const std::string& key) const;
+  /// One of a few words.
+  std::optional<std::string> choice(const std::string& key,
+                                    const std::vector<std::string>& choices) const;
+  /// The entries of a list that must hold at least one.
+  const std::vector<Value::Entry>* list(const std::string& key) const;
+  /// A value that must be there, of whatever kind.
+  const Value* required(const std::string& key, const std::string& expected) const;
+  /// The one of several keys that is given; a fault when none is, or more than one.
+  std::optional<std::string> exactlyOne(const std::vector<std::string>& keys) const;
+
+  /// Reports `key value; expected rule` where the key is written.
+  void fault(const std::string& key, const std::string& rule) const;
+  /// Reports anything else about a key (or, where it is missing, about the map).
+  void complain(const std::string& key, const std::string& fault) const;
+
+ private:
+  const Value& map_;
+  std::string path_;
+  FaultList& faults_;
+};
+
+/// The known word that a mistyped one resembles; empty when none does.
+std::string nearestWord(const std::string& word, const std::vector<std::string>& known);
+
+/// "a, b or c".
+std::string alternatives(const std::vector<std::string>& words);
+
+}  // namespace helix_arm::io

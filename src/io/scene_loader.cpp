@@ -1,0 +1,72 @@
+#include <limits>
+
+#include "arm_reader.hpp"
+#include "contraction_reader.hpp"
+#include "document.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "map_reader.hpp"
+#include "text_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+std::optional<SimulatedRegulatorConfig> readRegulator(const MapReader& scene, const Value& document,
+                                                      const ArmParts* arm, FaultList& faults) {
+  const Value* value = document.find("regulator");
+  if (value == nullptr) return std::nullopt;
+  const MapReader regulator(*value, scene.path("regulator"), {"simulated"}, faults);
+  const Value* given = regulator.required("simulated", "a map: the one kind of regulator there is");
+  if (given == nullptr) return std::nullopt;
+  const MapReader simulated(*given, regulator.path("simulated"),
+                            {"time_constant_s", "supply_kpa", "noise_kpa", "seed"}, faults);
+  SimulatedRegulatorConfig config;
+  config.time_constant = simulated.number("time_constant_s", kPositive, config.time_constant);
+  config.supply_pressure =
+      pascals(simulated.number("supply_kpa", kPositivePressure, config.supply_pressure / 1e3));
+  config.noise = pascals(simulated.number("noise_kpa", kNotNegative, config.noise / 1e3));
+  config.seed = static_cast<std::uint32_t>(
+      simulated.integer("seed", 0, std::numeric_limits<std::uint32_t>::max(), config.seed));
+  for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm->arm.actuator(i);
+    if (actuator.drive == model::Drive::kPressure) continue;
+    regulator.complain("simulated",
+                       "regulates pressures, but " + actuator.name +
+                           " is a tendon; expected an arm of pressure actuators or no regulator");
+  }
+  return config;
+}
+
+SafetyConfig readSafety(const MapReader& scene, const Value& document, FaultList& faults) {
+  SafetyConfig config;
+  const Value* value = document.find("safety");
+  if (value == nullptr) return config;
+  const MapReader safety(*value, scene.path("safety"), {"commander_timeout_s"}, faults);
+  config.commander_timeout =
+      safety.number("commander_timeout_s", kPositive, config.commander_timeout);
+  return config;
+}
+
+}  // namespace
+
+Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {
+  FaultList faults(path);
+  const std::optional<std::string> text = readTextFile(path, faults);
+  faults.throwIfAny();
+  std::optional<Value> document = parseDocument(*text, faults);
+  if (!document) faults.throwIfAny();
+  for (const Override& change : overrides) applyOverride(*document, change, faults);
+
+  const MapReader scene(*document, "", {"name", "contractions", "arm", "regulator", "safety"},
+                        faults);
+  const auto name = scene.word("name");
+  const Contractions contractions = readContractions(scene, faults);
+  std::optional<ArmParts> arm = readArm(scene, contractions, faults);
+  const auto regulator = readRegulator(scene, *document, arm ? &*arm : nullptr, faults);
+  const SafetyConfig safety = readSafety(scene, *document, faults);
+  faults.throwIfAny();
+  return {*name,     arm->X_WB, std::move(arm->arm), std::move(arm->planar), std::move(arm->looks),
+          regulator, safety};
+}
+
+}  // namespace helix_arm::io

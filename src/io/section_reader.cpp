@@ -1,0 +1,232 @@
+#include "section_reader.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "helix_arm/io/number.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+double radians(double degrees) { return degrees * (kPi / 180); }
+
+Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
+  return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+}
+
+// A muscle at angle th of the cross-section: its y axis turned outward, its tangent then tilted.
+Eigen::Matrix3d muscleRotation(double th, double tilt) {
+  return rotation(th - kPi / 2, Eigen::Vector3d::UnitX()) *
+         rotation(-tilt, Eigen::Vector3d::UnitZ());
+}
+
+const NumberRule kTilt{"an angle above -90 and below 90",
+                       [](double x) { return std::abs(x) < 90; }};
+
+// What an actuator's keys say beside its pose.
+struct Fitting {
+  const NamedContraction* contraction = nullptr;
+  std::optional<model::Range> limits;
+};
+
+std::optional<model::Range> readLimits(const MapReader& keys, const std::string& contraction_name,
+                                       const NamedContraction& contraction) {
+  const model::Range& range = contraction.curve.inputRange();
+  model::Range limits = range;
+  bool sound = true;
+  for (const auto& [key, limit] : {std::pair{"min_pressure_kpa", &limits.lower},
+                                   std::pair{"max_pressure_kpa", &limits.upper}}) {
+    if (!keys.has(key)) continue;
+    if (contraction.drive != model::Drive::kPressure) {
+      keys.complain(key, "limits a pressure, but contraction " + contraction_name +
+                             " is a tendon; expected its max_angle_rad to be the limit");
+      sound = false;
+      continue;
+    }
+    const std::optional<double> kpa = keys.number(key, kPressure);
+    if (kpa && !range.contains(pascals(*kpa))) {
+      keys.fault(key, "a pressure that contraction " + contraction_name + " covers, " +
+                          formatNumber(range.lower / 1e3) + " to " +
+                          formatNumber(range.upper / 1e3));
+    }
+    sound = sound && kpa && range.contains(pascals(*kpa));
+    if (kpa) *limit = pascals(*kpa);
+  }
+  if (sound && !(limits.lower < limits.upper)) {
+    const std::string key = keys.has("min_pressure_kpa") ? "min_pressure_kpa" : "max_pressure_kpa";
+    keys.fault(key, "a minimum below the maximum");
+    sound = false;
+  }
+  return sound ? std::optional(limits) : std::nullopt;
+}
+
+Fitting readFitting(const MapReader& keys, const ArmContext& arm) {
+  const std::optional<std::string> name = keys.word("contraction");
+  if (!name) return {};
+  const auto found = arm.contractions.find(*name);
+  if (found == arm.contractions.end()) {
+    std::vector<std::string> known;
+    for (const auto& entry : arm.contractions) known.push_back(entry.first);
+    keys.fault("contraction", known.empty() ? "the name of a curve in contractions"
+                                            : "one of contractions: " + alternatives(known));
+    return {};
+  }
+  if (!found->second) return {};
+  return {&*found->second, readLimits(keys, *name, *found->second)};
+}
+
+// Appends an actuator; incomplete ones still count, so that default names stay where they belong.
+void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
+                 const InheritedStiffness& stiffness, const Fitting& fitting,
+                 model::Section& section) {
+  if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
+  section.actuators.push_back({*name, X_O, *stiffness.value, fitting.contraction->curve,
+                               *fitting.limits, fitting.contraction->drive});
+}
+
+// Actuators without a name of their own are numbered from the base on.
+std::string nextName(ArmContext& arm) { return "muscle_" + std::to_string(++arm.actuator_count); }
+
+void claimName(const MapReader& keys, const std::optional<std::string>& name, ArmContext& arm) {
+  if (!name || arm.actuator_names.insert(*name).second) return;
+  keys.complain(keys.has("name") ? "name" : "",
+                "makes a second actuator named " + *name + "; expected names that differ");
+}
+
+void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
+              ArmContext& arm, model::Section& section) {
+  const MapReader ring(
+      value, path,
+      {"count", "radius_m", "tilt_deg", "contraction", "min_pressure_kpa", "max_pressure_kpa"},
+      arm.faults);
+  const auto count = ring.integer("count", 1, model::kMaxActuators);
+  const auto radius = ring.number("radius_m", kLength);
+  const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
+  const Fitting fitting = readFitting(ring, arm);
+  if (arm.planar && count && *count != 2) {
+    ring.fault("count", "2, the muscles that a planar arm's ring can have");
+  }
+  if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  if (!count || !radius) return;
+  for (int i = 0; i < *count; ++i) {
+    const double th = 2 * kPi * i / static_cast<double>(*count);
+    lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
+                 *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
+    // In the plane an untilted muscle needs no turn about its own axis, and sin(pi) no rounding
+    // error.
+    if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
+    const std::string name = nextName(arm);
+    claimName(ring, name, arm);
+    addActuator(name, X_O, stiffness, fitting, section);
+  }
+}
+
+std::optional<lie::SE3> readPose(const MapReader& keys, bool planar) {
+  const bool tilted = keys.has("tilt_deg"), turned = keys.has("rpy_deg");
+  const auto p = vector3(keys.numbers("position_m", 3, kCoordinate));
+  const auto rpy_deg = turned ? vector3(keys.numbers("rpy_deg", 3, kFinite))
+                              : std::optional<Eigen::Vector3d>(Eigen::Vector3d::Zero());
+  const double tilt_deg = keys.number("tilt_deg", kTilt, 0.0);
+  if (tilted && turned) keys.fault("tilt_deg", "either tilt_deg or rpy_deg");
+  if (p && p->x() != 0) {
+    keys.complain("position_m",
+                  "has x = " + formatNumber(p->x()) + "; expected 0, the cross-section");
+  }
+  if (planar && p && p->z() != 0) {
+    keys.complain("position_m",
+                  "has z = " + formatNumber(p->z()) + "; expected 0, the arm's plane");
+  }
+  if (planar && rpy_deg && !rpy_deg->head<2>().isZero(0)) {
+    keys.complain("rpy_deg", "leaves the plane; expected roll and pitch 0 in a planar arm");
+  }
+  if (planar && tilt_deg != 0) keys.fault("tilt_deg", "0: a planar arm has no tilt");
+  if (p && p->isZero(0) && tilt_deg != 0) {
+    keys.fault("tilt_deg", "0 at the centre, which has no outward side to tilt about");
+  }
+  if (!p || !rpy_deg) return std::nullopt;
+  if (!tilted || planar) return lie::SE3{rotationOfRpyDeg(*rpy_deg), *p};
+  return lie::SE3{muscleRotation(std::atan2(p->z(), p->y()), radians(tilt_deg)), *p};
+}
+
+void readActuator(const Value& value, const std::string& path, const InheritedStiffness& inherited,
+                  ArmContext& arm, model::Section& section) {
+  const MapReader keys(value, path,
+                       {"name", "position_m", "rpy_deg", "tilt_deg", "contraction", "stiffness",
+                        "min_pressure_kpa", "max_pressure_kpa"},
+                       arm.faults);
+  const std::string numbered = nextName(arm);
+  const auto name = keys.has("name") ? keys.word("name") : std::optional(numbered);
+  claimName(keys, name, arm);
+  const auto X_O = readPose(keys, arm.planar);
+  const InheritedStiffness stiffness = readStiffness(keys, value, inherited, arm.faults);
+  const Fitting fitting = readFitting(keys, arm);
+  if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
+  if (X_O) addActuator(name, *X_O, stiffness, fitting, section);
+}
+
+}  // namespace
+
+InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
+                                 const InheritedStiffness& inherited, FaultList& faults) {
+  const Value* own = value.find("stiffness");
+  if (own == nullptr) return inherited;
+  const MapReader keys(*own, owner.path("stiffness"), {"K_gamma", "K_tau_m2", "K_kappa_m2"},
+                       faults);
+  const auto gamma = keys.number("K_gamma", kStiffness);
+  const auto tau = keys.number("K_tau_m2", kStiffness);
+  const auto kappa = keys.number("K_kappa_m2", kStiffness);
+  if (!gamma || !tau || !kappa) return {true, std::nullopt};
+  return {true, model::Stiffness{*gamma, *tau, *kappa}};
+}
+
+std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers) {
+  if (!numbers) return std::nullopt;
+  return Eigen::Vector3d((*numbers)[0], (*numbers)[1], (*numbers)[2]);
+}
+
+Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
+  return rotation(radians(rpy_deg[2]), Eigen::Vector3d::UnitZ()) *
+         rotation(radians(rpy_deg[1]), Eigen::Vector3d::UnitY()) *
+         rotation(radians(rpy_deg[0]), Eigen::Vector3d::UnitX());
+}
+
+SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {
+  SectionParts parts;
+  const MapReader keys(value, path,
+                       {"name", "stiffness", "ring", "actuators", "separators",
+                        "separator_radius_m", "muscle_radius_m"},
+                       arm.faults);
+  const auto name = keys.word("name");
+  if (name && !arm.section_names.insert(*name).second) {
+    keys.fault("name", "a name that no other section has");
+  }
+  SectionLook& look = parts.look;
+  look.name = name.value_or("");
+  look.separators = static_cast<int>(keys.integer("separators", 2, 1000, look.separators));
+  look.separator_radius = keys.number("separator_radius_m", kLength, look.separator_radius);
+  look.muscle_radius = keys.number("muscle_radius_m", kLength, look.muscle_radius);
+
+  const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
+  const auto layout = keys.exactlyOne({"ring", "actuators"});
+  if (layout == "ring") {
+    if (!stiffness.given) keys.fault("stiffness", "it here or in arm");
+    readRing(*value.find("ring"), keys.path("ring"), stiffness, arm, parts.section);
+  } else if (layout == "actuators") {
+    const std::vector<Value::Entry>* actuators = keys.list("actuators");
+    if (actuators == nullptr) return parts;
+    if (actuators->size() > model::kMaxActuators) {
+      keys.complain("actuators", "has " + std::to_string(actuators->size()) +
+                                     " entries; expected at most " +
+                                     std::to_string(model::kMaxActuators));
+    }
+    for (std::size_t i = 0; i < actuators->size(); ++i) {
+      readActuator((*actuators)[i].value, indexPath(keys.path("actuators"), i), stiffness, arm,
+                   parts.section);
+    }
+  }
+  return parts;
+}
+
+}  // namespace helix_arm::io

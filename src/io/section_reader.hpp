@@ -1,0 +1,51 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "contraction_reader.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// A stiffness that actuators inherit: none given, given but broken (reported once), or a value.
+struct InheritedStiffness {
+  bool given = false;
+  std::optional<model::Stiffness> value;
+};
+
+/// The map's own `stiffness`, or else what it inherits.
+InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
+                                 const InheritedStiffness& inherited, FaultList& faults);
+
+/// Fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), angles in degrees.
+Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg);
+
+/// Three numbers as a vector.
+std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers);
+
+/// What all sections of an arm share.
+struct ArmContext {
+  bool planar = false;
+  InheritedStiffness stiffness;
+  const Contractions& contractions;
+  FaultList& faults;
+  std::set<std::string> section_names;
+  std::set<std::string> actuator_names;
+  int actuator_count = 0;  ///< numbers the default names, muscle_1 from the base on
+};
+
+struct SectionParts {
+  model::Section section;
+  SectionLook look;
+};
+
+/// Reads one entry of `arm.sections`. Where it has faults its parts are incomplete. The actuators
+/// of a planar arm have poses in the x-y plane.
+SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm);
+
+}  // namespace helix_arm::io

@@ -1,0 +1,73 @@
+#include "command.hpp"
+
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <iomanip>
+#include <sstream>
+#include <stdexcept>
+
+#include <sys/wait.h>
+
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+std::string quoted(const std::string& argument) {
+  std::string text = "'";
+  for (const char c : argument) text += c == '\'' ? "'\\''" : std::string(1, c);
+  return text + "'";
+}
+
+}  // namespace
+
+Outcome runCommand(const std::vector<std::string>& arguments) {
+  const TemporaryFile errors("");
+  std::string command = quoted(HELIX_ARM_COMMAND);
+  for (const std::string& argument : arguments) command += " " + quoted(argument);
+  command += " 2>" + quoted(errors.path());
+
+  FILE* pipe = popen(command.c_str(), "r");
+  if (pipe == nullptr) throw std::runtime_error("cannot run " + command);
+  Outcome outcome{-1, {}, {}};
+  std::array<char, 4096> buffer{};
+  for (std::size_t n; (n = fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
+    outcome.out.append(buffer.data(), n);
+  const int status = pclose(pipe);
+  if (WIFEXITED(status)) outcome.exit_code = WEXITSTATUS(status);
+  std::ostringstream err;
+  err << std::ifstream(errors.path()).rdbuf();
+  outcome.err = err.str();
+  return outcome;
+}
+
+std::string scenePath(const std::string& name) {
+  return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml";
+}
+
+std::vector<double> numbersOf(const nlohmann::json& array) {
+  return array.get<std::vector<double>>();
+}
+
+std::string commaList(const std::vector<double>& numbers, double factor) {
+  std::ostringstream text;
+  text << std::setprecision(17);
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    text << (i == 0 ? "" : ",") << numbers[i] * factor;
+  return text.str();
+}
+
+std::vector<std::vector<std::string>> csvRows(const std::string& text) {
+  std::vector<std::vector<std::string>> rows;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.empty() || line.front() == '#') continue;
+    std::istringstream cells(line + ",");
+    rows.emplace_back();
+    for (std::string cell; std::getline(cells, cell, ',');) rows.back().push_back(cell);
+  }
+  return rows;
+}
+
+}  // namespace helix_arm::test

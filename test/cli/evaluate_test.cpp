@@ -1,0 +1,142 @@
+#include <cmath>
+#include <fstream>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+// Measurements carry no licence and are not part of the project: where they are absent there is
+// nothing to test.
+std::string measurementPath(const std::string& name) {
+  return std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/" + name;
+}
+
+Outcome evaluate(const std::string& scene, const std::string& data,
+                 const std::string& format = "json") {
+  return runCommand({"evaluate", scenePath(scene), data, "--format", format});
+}
+
+void expectCallerError(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
+}
+
+void expectRmsWithin(const std::string& scene, const std::string& measurement, double bound) {
+  const std::string path = measurementPath(measurement);
+  if (!std::ifstream(path)) GTEST_SKIP() << path << " is absent";
+  const Outcome outcome = evaluate(scene, path);
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, "");
+  const nlohmann::json result = outcome.json();
+  double sum = 0, max = 0;
+  ASSERT_EQ(result["points"].size(), 12u);
+  for (const nlohmann::json& point : result["points"]) {
+    const double difference =
+        point["model_rad"].get<double>() - point["measured_rad"].get<double>();
+    sum += difference * difference;
+    max = std::max(max, std::abs(difference));
+  }
+  EXPECT_NEAR(result["rms_rad"].get<double>(), std::sqrt(sum / 12), 1e-15);
+  EXPECT_NEAR(result["max_rad"].get<double>(), max, 1e-15);
+  EXPECT_LE(result["rms_rad"].get<double>(), bound);
+}
+
+TEST(Evaluate, Planar76AgreesWithItsMeasurements) {
+  expectRmsWithin("planar_76", "planar_76_curvature.csv", 0.020);
+}
+
+TEST(Evaluate, Spatial50AgreesWithItsMeasurements) {
+  expectRmsWithin("spatial_50", "spatial_50_curvature.csv", 0.13);
+}
+
+// Two rows whose model curvature is known: r (l2 - l1) / (2 (r^2 + K_kappa)) of the linear curve
+// below.
+const char* const kScene = R"(name: ruler
+contractions:
+  linear: {table: {pressure_kpa: [0, 100], length_m: [0.4, 0.3]}}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
+)";
+
+TEST(Evaluate, ComparesEveryRowWithTheModel) {
+  const TemporaryFile scene(kScene);
+  const TemporaryFile data(
+      "# two rows\npressure_1_kpa,pressure_2_kpa,curvature_rad\n50,0,1\n20,80,0.5\n");
+  const Outcome outcome = runCommand({"evaluate", scene.path(), data.path(), "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  ASSERT_EQ(result["points"].size(), 2u);
+  const double per_metre = 0.03 / (2 * (0.03 * 0.03 + 1e-4));
+  const double model[] = {per_metre * 0.05, per_metre * 0.06},
+               measured[] = {1, 0.5};  // the norm has no sign
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_NEAR(result["points"][i]["model_rad"].get<double>(), model[i], 1e-13);
+    EXPECT_EQ(result["points"][i]["measured_rad"], measured[i]);
+  }
+  EXPECT_EQ(numbersOf(result["points"][1]["pressure_pa"]), (std::vector<double>{20e3, 80e3}));
+  EXPECT_NEAR(result["rms_rad"].get<double>(),
+              std::hypot(model[0] - 1, model[1] - 0.5) / std::sqrt(2.0), 1e-13);
+  EXPECT_NEAR(result["max_rad"].get<double>(),
+              std::max(std::abs(model[0] - 1), std::abs(model[1] - 0.5)), 1e-13);
+
+  const auto rows =
+      csvRows(runCommand({"--format", "csv", "evaluate", scene.path(), data.path()}).out);
+  ASSERT_EQ(rows.size(), 3u);
+  EXPECT_EQ(rows[0], (std::vector<std::string>{"pressure_1_pa", "pressure_2_pa", "measured_rad",
+                                               "model_rad", "difference_rad"}));
+  EXPECT_EQ(std::stod(rows[1][3]), result["points"][0]["model_rad"].get<double>());
+
+  const Outcome text = runCommand({"evaluate", scene.path(), data.path()});
+  EXPECT_NE(text.out.find("RMS "), std::string::npos) << text.out;
+}
+
+TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
+  const TemporaryFile scene(kScene);
+  const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
+  const Outcome outcome = runCommand({"evaluate", scene.path(), high.path()});
+  expectCallerError(outcome,
+                    high.path() +
+                        ":3 pressure_1_kpa is 101 kPa; expected the limits of muscle_1, 0 kPa to "
+                        "100 kPa");
+  expectCallerError(outcome, high.path() + ":4 pressure_1_kpa is -1 kPa");
+  const TemporaryFile broken("pressure_1_kpa,curvature_rad\n50,nan\n");
+  expectCallerError(runCommand({"evaluate", scene.path(), broken.path()}),
+                    broken.path() + ":2 curvature_rad is nan; expected a finite number");
+}
+
+TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
+  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n");
+  expectCallerError(evaluate("planar_76", lengths.path()), "expected a column curvature_rad");
+  const TemporaryFile no_pressure("curvature_rad\n0\n");
+  expectCallerError(evaluate("planar_76", no_pressure.path()),
+                    "expected columns pressure_1_kpa to pressure_2_kpa");
+  const TemporaryFile three("pressure_3_kpa,curvature_rad\n0,0\n");
+  expectCallerError(evaluate("planar_76", three.path()), "has a column pressure_3_kpa");
+  const TemporaryFile tags(
+      "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,6,0,0,0,0,0,0,1\n");
+  expectCallerError(evaluate("helical_50", tags.path()),
+                    "holds tag poses, which need tags in the scene");
+  const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
+  expectCallerError(evaluate("annotated", curvature.path()),
+                    "curvature_rad is that of one section");
+  expectCallerError(evaluate("planar_76", "/nowhere.csv"), "/nowhere.csv cannot be read");
+  const TemporaryFile tendons(R"(name: pulled
+contractions:
+  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
+  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
+)");
+  expectCallerError(runCommand({"evaluate", tendons.path(), curvature.path()}), "has tendons");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,258 @@
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+// The planar arm in closed form: muscles at y = +-r, minimum of sum (v - w y_i - l_i)^2 + K_kappa
+// w^2.
+struct PlanarArc {
+  double v, w;
+  PlanarArc(double l1, double l2, double r, double kappa)
+      : v((l1 + l2) / 2), w(r * (l2 - l1) / (2 * (r * r + kappa))) {}
+  double x() const { return v * std::sin(w) / w; }
+  double y() const { return v * (1 - std::cos(w)) / w; }
+};
+
+// Free length of the planar arms' muscles, the published fit over psi.
+double planarLength(double kpa) {
+  const double c[] = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
+                      4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
+  double sum = 0;
+  for (int k = 0; k < 6; ++k) sum += c[k] * std::pow(kpa / 6.89476, k);
+  return sum;
+}
+
+Outcome forward(const std::string& scene, const std::string& pressure_kpa,
+                std::vector<std::string> more = {}) {
+  more.insert(more.begin(),
+              {"forward", scenePath(scene), "--pressure-kpa", pressure_kpa, "--format", "json"});
+  return runCommand(more);
+}
+
+void expectCallerError(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
+}
+
+TEST(Forward, PlanarArcHasItsClosedForm) {
+  const PlanarArc arc(planarLength(250), planarLength(50), 0.0381, 1.38e-4);
+  for (const char* tier : {"auto", "planar", "linear"}) {
+    const Outcome outcome = forward("planar_76", "250,50", {"--tier", tier});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.err, "");
+    const nlohmann::json result = outcome.json();
+    const bool planar = std::string(tier) != "linear";
+    EXPECT_EQ(result["tier"], planar ? "planar" : "linear");
+    EXPECT_EQ(result["rank"], planar ? 3 : 6);
+    EXPECT_EQ(result["full_rank"], planar ? 3 : 6);
+    EXPECT_GE(result["condition"].get<double>(), 1);
+    ASSERT_EQ(result["twist"].size(), 1u);
+    const std::vector<double> twist = numbersOf(result["twist"][0]),
+                              expected{arc.v, 0, 0, 0, 0, arc.w};
+    ASSERT_EQ(twist.size(), 6u);
+    for (int i = 0; i < 6; ++i) EXPECT_NEAR(twist[i], expected[i], 1e-13) << i;
+    const std::vector<double> position = numbersOf(result["tip"]["position_m"]);
+    EXPECT_NEAR(position[0], arc.x(), 1e-13);
+    EXPECT_NEAR(position[1], arc.y(), 1e-13);
+    EXPECT_NEAR(position[2], 0, 1e-13);
+    const std::vector<double> q = numbersOf(result["tip"]["quaternion_xyzw"]);
+    EXPECT_NEAR(q[2], std::sin(arc.w / 2), 1e-13);
+    EXPECT_NEAR(q[3], std::cos(arc.w / 2), 1e-13);
+    EXPECT_NEAR(numbersOf(result["lengths_m"])[0], planarLength(250), 1e-13);
+    EXPECT_EQ(numbersOf(result["pressure_pa"]), (std::vector<double>{250e3, 50e3}));
+    const nlohmann::json helix = result["sections"][0]["helix"];
+    EXPECT_NEAR(helix["radius_m"].get<double>(), arc.v / arc.w, 1e-12);
+    EXPECT_NEAR(helix["pitch_m"].get<double>(), 0, 1e-12);
+    EXPECT_NEAR(helix["turns"].get<double>(), arc.w / (2 * kPi), 1e-13);
+  }
+}
+
+TEST(Forward, AStraightArmHasNoRadius) {
+  const nlohmann::json helix = forward("spatial_50", "0,0,0").json()["sections"][0]["helix"];
+  EXPECT_TRUE(helix["radius_m"].is_null());
+  EXPECT_EQ(helix["turns"], 0.0);
+}
+
+TEST(Forward, SamplesRunFromBaseToTip) {
+  const PlanarArc arc(planarLength(300), planarLength(0), 0.0254, 1.38e-4);
+  const nlohmann::json result = forward("planar_50", "300,0", {"--samples", "5"}).json();
+  ASSERT_EQ(result["curve"].size(), 5u);
+  for (int i = 0; i < 5; ++i) {
+    const nlohmann::json& point = result["curve"][i];
+    EXPECT_EQ(point["s"], i / 4.0);
+    const std::vector<double> position = numbersOf(point["position_m"]);
+    EXPECT_NEAR(position[0], arc.v * std::sin(arc.w * i / 4) / arc.w, 1e-13);
+    EXPECT_NEAR(position[1], arc.v * (1 - std::cos(arc.w * i / 4)) / arc.w, 1e-13);
+    EXPECT_NEAR(numbersOf(point["quaternion_xyzw"])[2], std::sin(arc.w * i / 8), 1e-13);
+  }
+  EXPECT_FALSE(forward("planar_50", "300,0").json().contains("curve"));
+}
+
+TEST(Forward, SectionsFollowOneAnother) {
+  const nlohmann::json result = forward("annotated", "100,0,0,50,0,0").json();
+  EXPECT_EQ(result["twist"].size(), 2u);
+  EXPECT_EQ(result["lengths_m"].size(), 6u);
+  EXPECT_EQ(result["sections"][1]["name"], "upper");
+  EXPECT_EQ(result["rank"], 6);
+}
+
+TEST(Forward, ALostRankComesWithItsNullSpace) {
+  // Without bending stiffness nothing holds a planar arm against bending out of its plane.
+  const nlohmann::json result =
+      forward("planar_76", "100,0", {"--tier", "linear", "--set", "arm.stiffness.K_kappa_m2=0"})
+          .json();
+  EXPECT_EQ(result["rank"], 5);
+  EXPECT_EQ(result["full_rank"], 6);
+  ASSERT_EQ(result["sections"][0]["null_space"].size(), 1u);
+  const std::vector<double> lost = numbersOf(result["sections"][0]["null_space"][0]);
+  EXPECT_NEAR(std::abs(lost[4]), 1, 1e-12);
+}
+
+TEST(Forward, GlobalOptionsMayStandAnywhere) {
+  const std::string scene = scenePath("planar_76");
+  const std::string set = "arm.sections.0.ring.radius_m=0.02";
+  const Outcome before =
+      runCommand({"--format", "json", "--set", set, "forward", scene, "--pressure-kpa", "200,0"});
+  const Outcome after =
+      runCommand({"forward", scene, "--pressure-kpa", "200,0", "--set", set, "--format=json"});
+  ASSERT_EQ(before.exit_code, 0) << before.err;
+  EXPECT_EQ(before.out, after.out);
+  const PlanarArc arc(planarLength(200), planarLength(0), 0.02, 1.38e-4);
+  EXPECT_NEAR(before.json()["twist"][0][5].get<double>(), arc.w, 1e-13);
+}
+
+TEST(Forward, CsvAndJsonHoldTheSameBits) {
+  const nlohmann::json result = forward("helical_50", "300,20,7").json();
+  const auto rows = csvRows(runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
+                                        "300,20,7", "--format", "csv"})
+                                .out);
+  ASSERT_EQ(rows.size(), 2u);
+  ASSERT_EQ(rows[0].size(), rows[1].size());
+  const auto cell = [&rows](const std::string& column) {
+    for (std::size_t i = 0; i < rows[0].size(); ++i) {
+      if (rows[0][i] == column) return std::stod(rows[1][i]);
+    }
+    ADD_FAILURE() << "no column " << column;
+    return 0.0;
+  };
+  EXPECT_EQ(cell("section_1_wx_rad"), result["twist"][0][3].get<double>());
+  EXPECT_EQ(cell("tip_x_m"), result["tip"]["position_m"][0].get<double>());
+  EXPECT_EQ(cell("tip_qw"), result["tip"]["quaternion_xyzw"][3].get<double>());
+  EXPECT_EQ(cell("length_2_m"), result["lengths_m"][1].get<double>());
+  EXPECT_EQ(cell("pressure_3_pa"), 7000.0);
+  const auto curve = csvRows(runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
+                                         "300,20,7", "--format", "csv", "--samples", "4"})
+                                 .out);
+  ASSERT_EQ(curve.size(), 5u);
+  EXPECT_EQ(curve[0], (std::vector<std::string>{"s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"}));
+  EXPECT_EQ(std::stod(curve[4][1]), result["tip"]["position_m"][0].get<double>());
+}
+
+TEST(Forward, TextIsForPeople) {
+  const Outcome outcome =
+      runCommand({"forward", scenePath("planar_76"), "--pressure-kpa", "100,0"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_NE(outcome.out.find("muscle_1: 100 kPa"), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("tip position ["), std::string::npos) << outcome.out;
+}
+
+TEST(Forward, TendonsTakeRadians) {
+  const TemporaryFile scene(R"(name: pulled
+contractions:
+  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
+  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
+)");
+  const Outcome outcome =
+      runCommand({"--format", "json", "forward", scene.path(), "--input", "2,0"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  EXPECT_NEAR(result["twist"][0][5].get<double>(), PlanarArc(0.28, 0.3, 0.03, 2e-4).w, 1e-13);
+  EXPECT_FALSE(result.contains("pressure_pa"));
+  EXPECT_EQ(numbersOf(result["input"]), (std::vector<double>{2, 0}));
+  EXPECT_EQ(result["input_unit"][0], "rad");
+  expectCallerError(runCommand({"forward", scene.path(), "--pressure-kpa", "2,0"}),
+                    "give --input in SI units");
+  expectCallerError(runCommand({"forward", scene.path(), "--input", "6,0"}),
+                    "--input asks muscle_1 for 6 rad; its limits are 0 rad to 5 rad");
+}
+
+TEST(Forward, PressuresMayBeGivenInPascals) {
+  const Outcome si = runCommand(
+      {"forward", scenePath("planar_76"), "--input", "250000,50000", "--format", "json"});
+  EXPECT_EQ(si.out, forward("planar_76", "250,50").out);
+}
+
+TEST(Forward, BadPressuresNameActuatorValueAndLimit) {
+  expectCallerError(
+      forward("planar_76", "100,500"),
+      "--pressure-kpa asks muscle_2 for 500 kPa; its limits are 0 kPa to 413.6856 kPa");
+  expectCallerError(forward("planar_76", "-1,0"), "muscle_1 for -1 kPa");
+  expectCallerError(forward("planar_76", "0,nan"),
+                    "muscle_2 for \"nan\"; its limits are 0 kPa to 413.6856 kPa");
+  expectCallerError(forward("planar_76", "inf,0"), "muscle_1 for \"inf\"");
+  expectCallerError(forward("planar_76", "1,"), "muscle_2 for \"\"");
+  expectCallerError(forward("planar_76", "1"),
+                    "has 1 values; scene planar_76 has 2 actuators: muscle_1, muscle_2");
+  expectCallerError(forward("planar_76", "1,2,3"), "has 3 values");
+  expectCallerError(runCommand({"forward", scenePath("planar_76")}),
+                    "give either --pressure-kpa or --input");
+  expectCallerError(forward("planar_76", "1,2", {"--input", "1,2"}),
+                    "give either --pressure-kpa or --input");
+}
+
+TEST(Forward, TiersThatTheSceneCannotHaveAreRefused) {
+  expectCallerError(
+      forward("spatial_50", "0,0,0", {"--tier", "planar"}),
+      "needs a scene with arm.geometry: planar; scene spatial_50 is spatial: use --tier linear");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "loaded"}), "needs the key load");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "best"}), "--tier");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--samples", "1"}), "--samples");
+}
+
+TEST(Command, WrongCallsExitWithTwo) {
+  expectCallerError(runCommand({}), "subcommand");
+  expectCallerError(runCommand({"backward"}), "");
+  expectCallerError(runCommand({"forward"}), "SCENE");
+  expectCallerError(forward("planar_76", "0,0", {"--frobnicate"}), "--frobnicate");
+  expectCallerError(forward("planar_76", "0,0", {"--set", "name"}), "--set name is not key=value");
+  expectCallerError(
+      runCommand({"forward", scenePath("planar_76"), "--pressure-kpa", "0,0", "--format", "xml"}),
+      "--format");
+  expectCallerError(runCommand({"forward", "/nowhere.yaml", "--pressure-kpa", "0,0"}),
+                    "/nowhere.yaml cannot be read: No such file or directory");
+}
+
+TEST(Command, AllFaultsOfASceneAreListed) {
+  const Outcome outcome =
+      forward("planar_76", "0,0", {"--set", "arm.sections.0.ring.radius_m=-5", "--set", "nam=x"});
+  expectCallerError(
+      outcome,
+      "--set arm.sections.0.ring.radius_m: arm.sections[0].ring.radius_m is -5; expected a "
+      "finite value > 0");
+  expectCallerError(outcome, "--set nam: nam is not a known key; did you mean name?");
+}
+
+TEST(Command, HelpAndVersionGoToStdout) {
+  const Outcome version = runCommand({"--version"});
+  EXPECT_EQ(version.exit_code, 0);
+  EXPECT_EQ(version.out.find("helix_arm "), 0u) << version.out;
+  for (const char* subcommand : {"forward", "inverse", "evaluate"}) {
+    const Outcome help = runCommand({subcommand, "--help"});
+    EXPECT_EQ(help.exit_code, 0);
+    EXPECT_NE(help.out.find("json:"), std::string::npos) << help.out;
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,223 @@
+#include <Eigen/Core>
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr double kTolerance = 1e-6;  // at which a target counts as reached [m]
+
+nlohmann::json forward(const std::string& scene, const std::string& pressure_kpa) {
+  return runCommand(
+             {"forward", scenePath(scene), "--pressure-kpa", pressure_kpa, "--format", "json"})
+      .json();
+}
+
+Outcome inverse(const std::string& scene, std::vector<std::string> target) {
+  target.insert(target.begin(), {"inverse", scenePath(scene), "--format", "json"});
+  return runCommand(target);
+}
+
+// The tip that the pressures of a result really give.
+std::vector<double> tipOf(const std::string& scene, const nlohmann::json& result) {
+  const nlohmann::json reached =
+      runCommand({"forward", scenePath(scene), "--input",
+                  commaList(numbersOf(result["pressure_pa"])), "--format", "json"})
+          .json();
+  return numbersOf(reached["tip"]["position_m"]);
+}
+
+double distance(const std::vector<double>& a, const std::vector<double>& b) {
+  return (Eigen::Vector3d(a[0], a[1], a[2]) - Eigen::Vector3d(b[0], b[1], b[2])).norm();
+}
+
+void expectCallerError(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
+}
+
+TEST(Inverse, ReachesTheTipThatForwardGave) {
+  std::mt19937 generator(11);
+  std::uniform_real_distribution<double> pressure(5, 400);
+  for (const char* scene : {"spatial_50", "helical_50", "spatial_101"}) {
+    for (int i = 0; i < 4; ++i) {
+      const std::vector<double> wanted{pressure(generator), pressure(generator),
+                                       pressure(generator)};
+      const std::vector<double> tip =
+          numbersOf(forward(scene, commaList(wanted))["tip"]["position_m"]);
+      const Outcome outcome = inverse(scene, {"--tip", commaList(tip)});
+      ASSERT_EQ(outcome.exit_code, 0) << outcome.out << outcome.err;
+      const nlohmann::json result = outcome.json();
+      EXPECT_EQ(result["status"], "reached");
+      EXPECT_TRUE(result["reason"].is_null());
+      EXPECT_EQ(result["converged"], true);
+      EXPECT_LE(result["residual"].get<double>(), kTolerance);
+      EXPECT_LE(result["position_error_m"].get<double>(), kTolerance);
+      EXPECT_LE(distance(tipOf(scene, result), tip), kTolerance);
+    }
+  }
+}
+
+TEST(Inverse, ReachesPosesAndTwistsThatForwardGave) {
+  for (const char* scene : {"spatial_50", "helical_50"}) {
+    const nlohmann::json wanted = forward(scene, "100,30,250");
+    std::vector<double> pose = numbersOf(wanted["tip"]["position_m"]);
+    for (const double q : numbersOf(wanted["tip"]["quaternion_xyzw"])) pose.push_back(q);
+    for (const std::vector<std::string>& target :
+         {std::vector<std::string>{"--pose", commaList(pose)},
+          std::vector<std::string>{"--twist", commaList(numbersOf(wanted["twist"][0]))}}) {
+      const Outcome outcome = inverse(scene, target);
+      ASSERT_EQ(outcome.exit_code, 0) << target[0] << outcome.out << outcome.err;
+      const std::vector<double> pressure = numbersOf(outcome.json()["pressure_pa"]);
+      // Three muscles of these arms fix the pose: only one answer.
+      EXPECT_NEAR(pressure[0], 100e3, 50);
+      EXPECT_NEAR(pressure[1], 30e3, 50);
+      EXPECT_NEAR(pressure[2], 250e3, 50);
+    }
+  }
+}
+
+TEST(Inverse, PlanarAndSerialArmsWork) {
+  for (const auto& [scene, pressure] :
+       {std::pair{"planar_76", "200,60"}, std::pair{"annotated", "90,20,0,50,10,30"}}) {
+    const std::vector<double> tip = numbersOf(forward(scene, pressure)["tip"]["position_m"]);
+    const Outcome outcome = inverse(scene, {"--tip", commaList(tip)});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.out << outcome.err;
+    EXPECT_LE(distance(tipOf(scene, outcome.json()), tip), kTolerance);
+  }
+}
+
+TEST(Inverse, PreferencesPickAmongTheAnswers) {
+  // Six actuators for three coordinates leave room for a preference.
+  const std::string start = "90,20,40,50,10,30";
+  const std::vector<double> tip = numbersOf(forward("annotated", start)["tip"]["position_m"]);
+  const auto solve = [&](std::vector<std::string> options) {
+    options.insert(options.begin(), {"--tip", commaList(tip)});
+    const Outcome outcome = inverse("annotated", options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    const std::vector<double> p = numbersOf(outcome.json()["pressure_pa"]);
+    // Fractions of the limits that the annotated scene sets: 400 kPa and 100 kPa.
+    Eigen::VectorXd fraction(6);
+    for (int i = 0; i < 6; ++i) fraction[i] = p[i] / (i < 3 ? 400e3 : 100e3);
+    return fraction;
+  };
+  const Eigen::VectorXd from = (Eigen::VectorXd(6) << 0.225, 0.05, 0.1, 0.5, 0.1, 0.3).finished();
+  const Eigen::VectorXd least = solve({"--prefer", "min-pressure"});
+  const Eigen::VectorXd nearest = solve({"--prefer", "min-change", "--start-kpa", start});
+  const Eigen::VectorXd stiff = solve({"--prefer", "cocontract", "--cocontraction", "0.8"});
+  EXPECT_LT(least.norm(), nearest.norm());
+  EXPECT_LT(least.norm(), stiff.norm());
+  EXPECT_LT((nearest - from).norm(), (least - from).norm());
+  EXPECT_LT((nearest - from).norm(), 1e-3);
+  const Eigen::VectorXd wanted = Eigen::VectorXd::Constant(6, 0.8);
+  EXPECT_LT((stiff - wanted).norm(), (least - wanted).norm());
+  EXPECT_LT((stiff - wanted).norm(), (nearest - wanted).norm());
+}
+
+TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
+  // Straight ahead and too far: the vented arm, its free length 0.4269760703 m, is the closest.
+  const Outcome outcome = inverse("spatial_50", {"--tip", "0.5,0,0"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["status"], "unreachable");
+  EXPECT_NE(result["reason"].get<std::string>().find("no inputs within the limits"),
+            std::string::npos);
+  EXPECT_NEAR(result["position_error_m"].get<double>(), 0.5 - 0.4269760703, 1e-6);
+  EXPECT_NEAR(result["residual"].get<double>(), 0.5 - 0.4269760703, 1e-6);
+  ASSERT_EQ(result["active_limits"].size(), 3u);
+  EXPECT_EQ(result["active_limits"][0]["actuator"], "muscle_1");
+  EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
+  for (const double p : numbersOf(result["pressure_pa"])) EXPECT_NEAR(p, 0, 1);
+  const Outcome text = runCommand({"inverse", scenePath("spatial_50"), "--tip", "0.5,0,0"});
+  EXPECT_EQ(text.exit_code, 1);
+  EXPECT_NE(text.out.find("no inputs within the limits"), std::string::npos);
+}
+
+TEST(Inverse, NegativeNumbersAreNoOptions) {
+  for (const std::vector<std::string>& target : {std::vector<std::string>{"--tip", "-0.1,0.2,0.3"},
+                                                 std::vector<std::string>{"--tip=-0.1,0.2,0.3"}}) {
+    const Outcome outcome = inverse("spatial_50", target);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+    EXPECT_EQ(outcome.json()["status"], "unreachable");
+  }
+}
+
+TEST(Inverse, CsvHoldsTheSameBits) {
+  const nlohmann::json result = inverse("helical_50", {"--tip", "0.36,0.01,0"}).json();
+  const auto rows = csvRows(
+      runCommand({"inverse", scenePath("helical_50"), "--tip", "0.36,0.01,0", "--format", "csv"})
+          .out);
+  ASSERT_EQ(rows.size(), 2u);
+  ASSERT_EQ(rows[0].size(), rows[1].size());
+  EXPECT_EQ(rows[0][0], "status");
+  EXPECT_EQ(rows[1][0], "reached");
+  ASSERT_EQ(rows[0][2], "pressure_1_pa");
+  EXPECT_EQ(std::stod(rows[1][2]), result["pressure_pa"][0].get<double>());
+}
+
+TEST(Inverse, AQuaternionMustBeOfUnitNorm) {
+  const std::string position = "0.4,0,0,";
+  expectCallerError(inverse("spatial_50", {"--pose", position + "0,0,0,1.0011"}),
+                    "quaternion of norm 1.0011");
+  expectCallerError(inverse("spatial_50", {"--pose", position + "0,0,0,0"}),
+                    "quaternion of norm 0;");
+  // Rounding to a few digits is forgiven: the same answer as of the unit quaternion.
+  const auto pressure = [&](const std::string& q) {
+    return numbersOf(inverse("spatial_50", {"--pose", position + q}).json()["pressure_pa"]);
+  };
+  const std::vector<double> rounded = pressure("0,0,0,1.0009"), unit = pressure("0,0,0,1");
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(rounded[i], unit[i], 1e-3);
+}
+
+TEST(Inverse, WrongTargetsAndOptionsAreRefused) {
+  const std::string scene = "spatial_50";
+  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose or --twist");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--twist", "1,0,0,0,0,0"}),
+                    "give exactly one target");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0"}), "--tip has 2 values; expected 3");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,nan"}), "--tip has \"nan\" as value 3");
+  expectCallerError(inverse(scene, {"--tip", "0.3, 0,0"}), "--tip has \" 0\" as value 2");
+  expectCallerError(inverse(scene, {"--pose", "0.3,0,0"}), "--pose has 3 values; expected 7");
+  expectCallerError(inverse(scene, {"--twist", "0.3,0,0,0,0"}), "--twist has 5 values; expected 6");
+  expectCallerError(inverse("annotated", {"--twist", "0.3,0,0,0,0,0"}),
+                    "--twist has 6 values; expected 12");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--prefer", "speed"}), "--prefer");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--cocontraction", "0.5"}),
+                    "--prefer cocontract");
+  expectCallerError(
+      inverse(scene, {"--tip", "0.3,0,0", "--prefer", "cocontract", "--cocontraction", "1.5"}),
+      "--cocontraction");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--start-kpa", "1,2"}),
+                    "--start-kpa has 2 values");
+  expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--start-kpa", "1,2,999"}),
+                    "muscle_3 for 999 kPa");
+}
+
+TEST(Inverse, TendonsAreAnsweredInRadians) {
+  const TemporaryFile scene(R"(name: pulled
+contractions:
+  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
+  sections: [{name: arm, ring: {count: 3, radius_m: 0.03, contraction: cable}}]
+)");
+  const nlohmann::json wanted =
+      runCommand({"forward", scene.path(), "--input", "3,1,0.5", "--format", "json"}).json();
+  const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
+  const Outcome outcome = runCommand({"inverse", scene.path(), "--tip", tip, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.json()["input_unit"][0], "rad");
+  EXPECT_NEAR(outcome.json()["input"][0].get<double>(), 3, 1e-3);
+  expectCallerError(runCommand({"inverse", scene.path(), "--tip", tip, "--start-kpa", "1,1,1"}),
+                    "give --start in SI units");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

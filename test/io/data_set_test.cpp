@@ -1,0 +1,110 @@
+#include "helix_arm/io/data_set.hpp"
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+DataSet load(const std::string& text) { return loadDataSet(test::TemporaryFile(text).path()); }
+
+// What loading says, without the path of the file.
+std::string faultsOf(const std::string& text) {
+  const test::TemporaryFile file(text);
+  try {
+    loadDataSet(file.path());
+  } catch (const DocumentError& error) {
+    std::string message = error.what();
+    for (std::size_t at; (at = message.find(file.path())) != std::string::npos;) {
+      message.erase(at, file.path().size());
+    }
+    return message;
+  }
+  return {};
+}
+
+TEST(DataSet, ReadsColumnsRowsAndWhereTheyStand) {
+  const DataSet data = load(
+      "# a comment\n# another\npressure_1_kpa,curvature_rad\n0,0.5\n\n# between\n10.5, -1e-3\n");
+  ASSERT_EQ(data.columns, (std::vector<std::string>{"pressure_1_kpa", "curvature_rad"}));
+  ASSERT_EQ(data.values.rows(), 2);
+  EXPECT_EQ(data.values.row(0), Eigen::RowVector2d(0, 0.5));
+  EXPECT_EQ(data.values.row(1), Eigen::RowVector2d(10.5, -1e-3));
+  EXPECT_EQ(data.lines, (std::vector<int>{4, 7}));
+  EXPECT_EQ(data.find("curvature_rad"), 1);
+  EXPECT_EQ(data.find("curvature"), -1);
+}
+
+TEST(DataSet, ReadsWhatASpreadsheetWrites) {
+  const DataSet data = load("\xEF\xBB\xBF# comment\r\na_m,b_m\r\n1,2\r\n3,4");
+  ASSERT_EQ(data.columns, (std::vector<std::string>{"a_m", "b_m"}));
+  EXPECT_EQ(data.values, (Eigen::Matrix2d() << 1, 2, 3, 4).finished());
+}
+
+TEST(DataSet, AllFaultsAreReportedWithTheirLines) {
+  EXPECT_EQ(faultsOf("# c\na_m,b_m\n1,nan\n1\n1,2,3\n,x\n4,inf\n5,6\n"),
+            ":3 b_m is nan; expected a finite number\n"
+            ":4 has 1 cells; expected 2, one for each column\n"
+            ":5 has 3 cells; expected 2, one for each column\n"
+            ":6 a_m is empty; expected a finite number\n"
+            ":6 b_m is x; expected a finite number\n"
+            ":7 b_m is inf; expected a finite number");
+  EXPECT_EQ(faultsOf("a_m,,a_m\n1,2,3\n"),
+            ":1 column 2 has no name; expected one with its unit\n:1 column a_m is named twice; "
+            "expected it once");
+}
+
+TEST(DataSet, AFileWithoutATableIsAFault) {
+  EXPECT_EQ(faultsOf(""), " has no header; expected a line of column names");
+  EXPECT_EQ(faultsOf("# only a comment\n"), " has no header; expected a line of column names");
+  EXPECT_EQ(faultsOf("a_m\n"), " has no rows; expected at least one below the header");
+  try {
+    loadDataSet("/nowhere.csv");
+    FAIL();
+  } catch (const DocumentError& error) {
+    EXPECT_STREQ(error.what(), "/nowhere.csv cannot be read: No such file or directory");
+  }
+}
+
+TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
+  std::string text = "a_m\n";
+  for (int i = 0; i < 250; ++i) text += "x\n";
+  const std::string faults = faultsOf(text);
+  EXPECT_EQ(std::count(faults.begin(), faults.end(), '\n'), 100);
+  EXPECT_NE(faults.find(" has 150 more faults"), std::string::npos);
+}
+
+TEST(PressuresOf, ConvertsToPascalsAndTakesAMissingColumnAsVented) {
+  const DataSet data = load("curvature_rad,pressure_3_kpa,pressure_1_kpa\n9,20,10.5\n9,0,-1\n");
+  const Eigen::MatrixXd expected =
+      (Eigen::MatrixXd(2, 3) << 10500, 0, 20000, -1000, 0, 0).finished();
+  EXPECT_EQ(pressuresOf(data, 3), expected);
+}
+
+TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
+  const auto message = [](const std::string& header, int actuators) {
+    DataSet data;
+    data.path = "data.csv";
+    data.columns = {header};
+    data.values.setZero(1, 1);
+    try {
+      pressuresOf(data, actuators);
+    } catch (const DocumentError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(message("pressure_1_kpa", 2), "");
+  EXPECT_EQ(message("curvature_rad", 2),
+            "data.csv has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
+  for (const char* column :
+       {"pressure_3_kpa", "pressure_0_kpa", "pressure_1_psi", "pressure_01_kpa"}) {
+    EXPECT_EQ(message(column, 2), std::string("data.csv has a column ") + column +
+                                      "; expected pressures in pressure_1_kpa to pressure_2_kpa");
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::io

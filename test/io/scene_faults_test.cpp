@@ -1,0 +1,191 @@
+#include "scene_faults.hpp"
+
+#include <gtest/gtest.h>
+
+#include "scene_text.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::faultsOf;
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::replaced;
+
+TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
+  const auto table = faultsOf(
+      replaced(kSpatialScene, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12, 0.11]"));
+  ASSERT_EQ(table.size(), 1u);
+  EXPECT_EQ(
+      table[0].find(
+          ":9 contractions.bellows.table is no contraction (in Pa, m and rad): length of point 3"),
+      0u)
+      << table[0];
+  // l' = -0.1 + 0.2 u vanishes at u = 0.5, which is 200 kPa.
+  const auto quintic =
+      faultsOf(replaced(kSpatialScene, "[0.4, -0.1, 0, 0, 0, 0]", "[0.4, -0.1, 0.1, 0, 0, 0]"));
+  ASSERT_EQ(quintic.size(), 1u);
+  EXPECT_EQ(quintic[0].find(":4 contractions.muscle.quintic is no contraction"), 0u) << quintic[0];
+  EXPECT_NE(quintic[0].find(" 200000;"), std::string::npos) << quintic[0];
+  const auto sizes =
+      faultsOf(replaced(kSpatialScene, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12]"));
+  ASSERT_EQ(sizes.size(), 1u);
+  EXPECT_EQ(sizes[0].find(":9 contractions.bellows.table is no contraction"), 0u) << sizes[0];
+  const auto tendon = faultsOf(replaced(kSpatialScene, "max_angle_rad: 10", "max_angle_rad: 31"));
+  ASSERT_EQ(tendon.size(), 1u);
+  EXPECT_EQ(tendon[0].find(":11 contractions.cable.tendon is no contraction"), 0u) << tendon[0];
+}
+
+TEST(SceneFaults, ARegulatorOfPressuresRefusesTendons) {
+  const auto faults =
+      faultsOf(replaced(kSpatialScene, "contraction: bellows}", "contraction: cable}"));
+  EXPECT_EQ(faults, std::vector<std::string>{
+                        ":33 regulator.simulated regulates pressures, but left is a tendon; "
+                        "expected an arm of pressure actuators or no regulator"});
+}
+
+TEST(SceneFaults, TooManySectionsOrActuatorsAreReported) {
+  const std::string ring =
+      "    - {name: only, ring: {count: 2, radius_m: 0.03, contraction: muscle}}\n";
+  std::string sections, actuators;
+  for (int i = 0; i < 17; ++i) sections += replaced(ring, "only", "s" + std::to_string(i));
+  const std::string old =
+      "    - name: only\n      ring: {count: 2, radius_m: 0.03, contraction: muscle}\n";
+  EXPECT_EQ(faultsOf(replaced(kPlanarScene, old, sections)),
+            std::vector<std::string>{":8 arm.sections has 17 entries; expected at most 16"});
+  for (int i = 0; i < 25; ++i)
+    actuators += "        - {position_m: [0, 0.01, 0], contraction: muscle}\n";
+  EXPECT_EQ(
+      faultsOf(replaced(kPlanarScene, old, "    - name: only\n      actuators:\n" + actuators)),
+      std::vector<std::string>{
+          ":10 arm.sections[0].actuators has 25 entries; expected at most 24"});
+}
+
+TEST(SceneFaults, AllAreReportedAtOnce) {
+  std::string text = replaced(kSpatialScene, "name: rig", "name: ''");
+  text = replaced(text, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12, 0.11]");
+  text = replaced(text, "geometry: spatial", "geometry: round");
+  text = replaced(text, "radius_m: 0.03", "radius_m: -5");
+  text = replaced(text, "separators: 5", "seperators: 5");
+  text = replaced(text, "noise_kpa: 2", "noise_kpa: much");
+  text = replaced(text, "commander_timeout_s: 0.8", "commander_timeout_s: -1");
+  const auto faults = faultsOf(text, {{"arm.sections.0.ring.count", "0"}});
+  const char* starts[] = {
+      ":1 name",
+      ":9 contractions.bellows.table",
+      ":13 arm.geometry",
+      ":19 arm.sections[0].seperators is not a known key; did you mean separators?",
+      " --set arm.sections.0.ring.count: arm.sections[0].ring.count is 0; expected a whole",
+      ":18 arm.sections[0].ring.radius_m",
+      ":33 regulator.simulated.noise_kpa",
+      ":34 safety.commander_timeout_s"};
+  ASSERT_EQ(faults.size(), std::size(starts));
+  for (std::size_t i = 0; i < faults.size(); ++i)
+    EXPECT_EQ(faults[i].find(starts[i]), 0u) << faults[i];
+}
+
+TEST(SceneFaults, OverridesNameTheirKey) {
+  const std::vector<std::pair<Override, std::string>> cases{
+      {{"arm.sections.0.ring.radius_m", "-5"},
+       " --set arm.sections.0.ring.radius_m: arm.sections[0].ring.radius_m is -5; expected a "
+       "finite value > 0"},
+      {{"arm.stifness", "1"},
+       " --set arm.stifness: arm.stifness is not a known key; did you mean stiffness?"},
+      {{"safty.commander_timeout_s", "1"},
+       " --set safty.commander_timeout_s: safty is not a known key; did you mean safety?"},
+      {{"arm.sections.7.name", "x"},
+       " --set arm.sections.7.name: arm.sections has 2 entries; expected the number of one of "
+       "them, from 0, not 7"},
+      {{"arm.sections.first", "x"},
+       " --set arm.sections.first: arm.sections has 2 entries; expected the number of one of them, "
+       "from 0, not first"},
+      {{"name.first", "x"}, " --set name.first: name is rig; expected a map or a list to go into"},
+      {{"arm..name", "x"},
+       " --set arm..name: is not a key; expected words and numbers joined by dots"},
+      {{"", "x"}, " --set : is not a key; expected words and numbers joined by dots"},
+      {{"name", ""}, " --set name: name is empty; expected a word of letters, digits, _ and -"},
+      {{"safety", "{commander_timeout_s: 1, commander_timeout_s: 2}"},
+       " --set safety: safety.commander_timeout_s is given twice; expected it once"},
+  };
+  for (const auto& [change, fault] : cases) {
+    EXPECT_EQ(faultsOf(kSpatialScene, {change}), std::vector<std::string>{fault}) << change.key;
+  }
+  const auto syntax = faultsOf(kSpatialScene, {{"name", "[1"}});
+  ASSERT_EQ(syntax.size(), 1u);
+  EXPECT_EQ(syntax[0].find(" --set name: is not YAML: "), 0u) << syntax[0];
+}
+
+TEST(SceneFaults, SyntaxErrorsHaveALine) {
+  const auto faults = faultsOf("name: rig\narm: {geometry: planar\nsafety: [\n");
+  ASSERT_EQ(faults.size(), 1u);
+  EXPECT_NE(faults[0].find(" is not YAML: "), std::string::npos) << faults[0];
+  EXPECT_EQ(faultsOf("name: rig\n\tarm: 1\n")[0].find(":2 is not YAML: "), 0u);
+}
+
+TEST(SceneFaults, NothingAfterTheDocumentIsDroppedInSilence) {
+  for (const char* stray : {",", "]", "}", "---"}) {
+    const auto faults = faultsOf(kPlanarScene + stray + "\nsafety: {commander_timeout_s: 9}\n");
+    ASSERT_EQ(faults.size(), 1u) << stray;
+    EXPECT_EQ(faults[0].find(":11 "), 0u) << faults[0];
+  }
+}
+
+TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
+  const std::string keys = "; expected a map of name, contractions, arm, regulator or safety";
+  EXPECT_EQ(faultsOf(""), std::vector<std::string>{":1 the document is empty" + keys});
+  EXPECT_EQ(faultsOf("# nothing\n"), std::vector<std::string>{":1 the document is empty" + keys});
+  EXPECT_EQ(faultsOf("[1, 2]"), std::vector<std::string>{":1 the document is a list" + keys});
+  EXPECT_EQ(faultsOf("just text"), std::vector<std::string>{":1 the document is just text" + keys});
+  EXPECT_EQ(faultsOf(kPlanarScene + "---\nname: other\n"),
+            std::vector<std::string>{":11 begins another document; expected one"});
+  EXPECT_EQ(
+      faultsOf(kPlanarScene + "? [a, b]\n: 1\n"),
+      std::vector<std::string>{":11 the document has a key that is not a word; expected a name"});
+}
+
+TEST(SceneFaults, ADocumentThatUnfoldsWithoutEndIsRefused) {
+  std::string bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n";
+  for (int i = 1; i < 12; ++i) {
+    const std::string previous = "*a" + std::to_string(i - 1);
+    bomb += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " [" + previous;
+    for (int j = 0; j < 9; ++j) bomb += ", " + previous;
+    bomb += "]\n";
+  }
+  EXPECT_EQ(faultsOf(bomb),
+            std::vector<std::string>{":1 is nested too deeply or holds too many values"});
+  EXPECT_EQ(faultsOf("a: &a [*a]\n"),
+            std::vector<std::string>{":1 is nested too deeply or holds too many values"});
+}
+
+TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
+  try {
+    loadScene("/nowhere/arm.yaml");
+    FAIL();
+  } catch (const DocumentError& error) {
+    EXPECT_STREQ(error.what(), "/nowhere/arm.yaml cannot be read: No such file or directory");
+  }
+  try {
+    loadScene("/tmp");
+    FAIL();
+  } catch (const DocumentError& error) {
+    EXPECT_STREQ(error.what(), "/tmp cannot be read: Is a directory");
+  }
+}
+
+TEST(FaultList, ThrowsOnlyWhatItHolds) {
+  FaultList faults("arm.yaml");
+  EXPECT_NO_THROW(faults.throwIfAny());
+  faults.add(14, "muscle.max_pressure_kpa is -5; expected a finite value > 0");
+  faults.add(0, "has no name");
+  try {
+    faults.throwIfAny();
+    FAIL();
+  } catch (const DocumentError& error) {
+    EXPECT_STREQ(error.what(),
+                 "arm.yaml:14 muscle.max_pressure_kpa is -5; expected a finite value > 0\narm.yaml "
+                 "has no name");
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::io

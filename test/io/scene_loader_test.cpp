@@ -1,0 +1,213 @@
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "scene_text.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::replaced;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kTolerance = 1e-15;
+
+Scene load(const std::string& text, const std::vector<Override>& overrides = {}) {
+  return loadScene(test::TemporaryFile(text).path(), overrides);
+}
+
+Eigen::Matrix3d rx(double deg) {
+  const double a = deg * kPi / 180;
+  Eigen::Matrix3d R;
+  R << 1, 0, 0, 0, std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a);
+  return R;
+}
+
+Eigen::Matrix3d ry(double deg) {
+  const double a = deg * kPi / 180;
+  Eigen::Matrix3d R;
+  R << std::cos(a), 0, std::sin(a), 0, 1, 0, -std::sin(a), 0, std::cos(a);
+  return R;
+}
+
+Eigen::Matrix3d rz(double deg) {
+  const double a = deg * kPi / 180;
+  Eigen::Matrix3d R;
+  R << std::cos(a), -std::sin(a), 0, std::sin(a), std::cos(a), 0, 0, 0, 1;
+  return R;
+}
+
+TEST(SceneLoader, RingPosesFollowTheirDefinition) {
+  const Scene scene = load(kSpatialScene);
+  for (int i = 0; i < 3; ++i) {
+    const double th = 2 * kPi * i / 3;
+    const lie::SE3& X_O = scene.arm.actuator(i).X_O;
+    EXPECT_TRUE(X_O.translation.isApprox(0.03 * Eigen::Vector3d(0, std::cos(th), std::sin(th)),
+                                         kTolerance));
+    EXPECT_TRUE(X_O.rotation.isApprox(rx(120.0 * i - 90) * rz(-10), 1e-14)) << X_O.rotation;
+  }
+}
+
+TEST(SceneLoader, ATiltedMuscleWindsAroundTheArm) {
+  // Its tangent has no radial part and leans by the tilt, the same way round for all.
+  const Scene scene = load(kSpatialScene);
+  for (int i = 0; i < 3; ++i) {
+    const lie::SE3& X_O = scene.arm.actuator(i).X_O;
+    const Eigen::Vector3d tangent = X_O.rotation.col(0), outward = X_O.translation.normalized();
+    EXPECT_NEAR(tangent.dot(outward), 0, 1e-15);
+    EXPECT_NEAR(tangent.x(), std::cos(10 * kPi / 180), 1e-15);
+    const Eigen::Vector3d around = Eigen::Vector3d::UnitX().cross(outward);
+    EXPECT_NEAR(tangent.dot(around), std::sin(10 * kPi / 180), 1e-15);
+  }
+}
+
+TEST(SceneLoader, ActuatorPosesAreRpyOrTilt) {
+  const Scene scene = load(replaced(kSpatialScene, "rpy_deg: [0, 0, 5]", "rpy_deg: [30, 40, 50]"));
+  const lie::SE3& left = scene.arm.actuator(3).X_O;
+  EXPECT_EQ(left.translation, Eigen::Vector3d(0, 0.02, 0));
+  EXPECT_TRUE(left.rotation.isApprox(rz(50) * ry(40) * rx(30), 1e-15));
+  EXPECT_EQ(scene.arm.actuator(4).X_O.rotation, Eigen::Matrix3d::Identity());
+  const double th_deg = std::atan2(0.03, 0.01) * 180 / kPi;
+  EXPECT_TRUE(scene.arm.actuator(5).X_O.rotation.isApprox(rx(th_deg - 90) * rz(-12), 1e-15));
+}
+
+TEST(SceneLoader, BasePoseIsFixedAxisRollPitchYaw) {
+  const Scene scene = load(kSpatialScene);
+  EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(0.1, 0.2, 1));
+  EXPECT_TRUE(scene.X_WB.rotation.isApprox(rz(20) * ry(90) * rx(10), 1e-15));
+}
+
+TEST(SceneLoader, LimitsAndCurvesAreInPascals) {
+  const Scene scene = load(kSpatialScene);
+  const model::Actuator& ring = scene.arm.actuator(0);
+  EXPECT_EQ(ring.limits.lower, 0);
+  EXPECT_EQ(ring.limits.upper, 300e3);
+  EXPECT_EQ(ring.contraction.inputRange().upper, 400e3);
+  EXPECT_NEAR(ring.contraction.length(200e3), 0.4 - 0.1 * 0.5, 1e-15);
+  EXPECT_EQ(scene.arm.actuator(3).limits.upper, 100e3);  // left open: the whole curve
+  EXPECT_EQ(scene.arm.actuator(4).limits.lower, 10e3);
+  EXPECT_EQ(scene.arm.actuator(4).limits.upper, 90e3);
+  EXPECT_NEAR(scene.arm.actuator(4).contraction.length(50e3), 0.12, 1e-15);
+}
+
+TEST(SceneLoader, TendonsTakeAngles) {
+  const Scene scene = load(replaced(
+      replaced(kSpatialScene, "contraction: muscle, max_pressure_kpa: 300", "contraction: cable"),
+      "regulator:\n  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}\n",
+      ""));
+  const model::Actuator& tendon = scene.arm.actuator(0);
+  EXPECT_EQ(tendon.drive, model::Drive::kTendon);
+  EXPECT_EQ(tendon.limits.upper, 10);
+  EXPECT_NEAR(tendon.contraction.length(4), 0.3 - 0.01 * 4, 1e-15);
+  EXPECT_EQ(scene.arm.actuator(3).drive, model::Drive::kPressure);
+}
+
+TEST(SceneLoader, TheNearestStiffnessHolds) {
+  const Scene scene = load(kSpatialScene);
+  const double gamma[] = {10, 10, 10, 20, 20, 30}, kappa[] = {1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 3e-4};
+  const double tau[] = {0, 0, 0, 1e-5, 1e-5, 2e-5};
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(scene.arm.actuator(i).stiffness.gamma, gamma[i]) << i;
+    EXPECT_EQ(scene.arm.actuator(i).stiffness.tau, tau[i]) << i;
+    EXPECT_EQ(scene.arm.actuator(i).stiffness.kappa, kappa[i]) << i;
+  }
+}
+
+TEST(SceneLoader, UnnamedActuatorsAreNumberedThroughTheArm) {
+  const Scene scene = load(kSpatialScene);
+  const char* names[] = {"muscle_1", "muscle_2", "muscle_3", "left", "muscle_5", "top"};
+  ASSERT_EQ(scene.arm.actuatorCount(), 6);
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(scene.arm.actuator(i).name, names[i]);
+}
+
+TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
+  const Scene scene = load(kSpatialScene);
+  EXPECT_EQ(scene.name, "rig");
+  ASSERT_EQ(scene.looks.size(), 2u);
+  EXPECT_EQ(scene.looks[0].name, "lower");
+  EXPECT_EQ(scene.looks[0].separators, 5);
+  EXPECT_EQ(scene.looks[0].separator_radius, 0.04);
+  EXPECT_EQ(scene.looks[0].muscle_radius, 0.01);
+  EXPECT_EQ(scene.looks[1].name, "upper");
+  EXPECT_EQ(scene.looks[1].separators, SectionLook().separators);
+  ASSERT_TRUE(scene.regulator);
+  EXPECT_EQ(scene.regulator->time_constant, 0.2);
+  EXPECT_EQ(scene.regulator->supply_pressure, 450e3);
+  EXPECT_EQ(scene.regulator->noise, 2e3);
+  EXPECT_EQ(scene.regulator->seed, 7u);
+  EXPECT_EQ(scene.safety.commander_timeout, 0.8);
+}
+
+TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
+  const Scene scene = load(kPlanarScene);
+  EXPECT_FALSE(scene.regulator);
+  EXPECT_EQ(scene.safety.commander_timeout, SafetyConfig().commander_timeout);
+  EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
+  EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d::Zero());
+}
+
+TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
+  const Scene scene = load(kPlanarScene);
+  ASSERT_TRUE(scene.planar);
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(scene.planar->actuator(i).X_O.translation, Eigen::Vector2d(0, i == 0 ? 0.03 : -0.03));
+    EXPECT_EQ(scene.planar->actuator(i).X_O.rotation, Eigen::Matrix2d::Identity());
+    EXPECT_EQ(scene.arm.actuator(i).X_O.translation, Eigen::Vector3d(0, i == 0 ? 0.03 : -0.03, 0));
+    EXPECT_EQ(scene.arm.actuator(i).X_O.rotation, Eigen::Matrix3d::Identity());
+  }
+  EXPECT_FALSE(load(kSpatialScene).planar);
+}
+
+TEST(SceneLoader, PlanarActuatorsMayTurnInThePlane) {
+  const Scene scene =
+      load(replaced(kPlanarScene, "ring: {count: 2, radius_m: 0.03, contraction: muscle}",
+                    "actuators: [{position_m: [0, 0.02, 0], rpy_deg: [0, 0, 30], contraction: "
+                    "muscle}, {position_m: [0, -0.02, 0], contraction: muscle}]"));
+  ASSERT_TRUE(scene.planar);
+  const Eigen::Matrix2d expected = rz(30).topLeftCorner<2, 2>();
+  EXPECT_TRUE(scene.planar->actuator(0).X_O.rotation.isApprox(expected, 1e-15));
+}
+
+TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
+  const Scene scene = load(kSpatialScene, {{"arm.sections.0.ring.radius_m", "0.05"},
+                                           {"arm.sections[1].actuators[0].name", "port"},
+                                           {"arm.base", "{position_m: [1, 2, 3]}"},
+                                           {"arm.sections.1.separators", "9"},
+                                           {"regulator.simulated.noise_kpa", "0"}});
+  EXPECT_NEAR(scene.arm.actuator(1).X_O.translation.norm(), 0.05, kTolerance);
+  EXPECT_EQ(scene.arm.actuator(3).name, "port");
+  EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
+  EXPECT_EQ(scene.looks[1].separators, 9);
+  EXPECT_EQ(scene.regulator->noise, 0);
+  EXPECT_EQ(scene.regulator->seed, 7u);
+}
+
+TEST(SceneLoader, OverridesMakeTheMapsOnTheirWay) {
+  const Scene scene =
+      load(kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
+  ASSERT_TRUE(scene.regulator);
+  EXPECT_EQ(scene.regulator->seed, 3u);
+  EXPECT_EQ(scene.regulator->time_constant, SimulatedRegulatorConfig().time_constant);
+  EXPECT_EQ(scene.safety.commander_timeout, 2);
+}
+
+TEST(SceneLoader, TheLastOverrideOfAKeyHolds) {
+  EXPECT_EQ(load(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
+}
+
+TEST(SceneLoader, AnAnchorMayBeUsedTwice) {
+  const Scene scene = load(replaced(
+      replaced(kSpatialScene, "  stiffness: {K_gamma: 10,", "  stiffness: &common {K_gamma: 10,"),
+      "stiffness: {K_gamma: 20, K_tau_m2: 1.0e-5, K_kappa_m2: 2.0e-4}", "stiffness: *common"));
+  EXPECT_EQ(scene.arm.actuator(3).stiffness.gamma, 10);
+}
+
+}  // namespace
+}  // namespace helix_arm::io

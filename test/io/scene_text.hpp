@@ -1,0 +1,65 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace helix_arm::test {
+
+/// A spatial scene with every key of the schema, one subject a line: faults are checked by line.
+inline const std::string kSpatialScene = R"(name: rig
+contractions:
+  muscle:
+    quintic:
+      coefficients_m: [0.4, -0.1, 0, 0, 0, 0]
+      reference_pressure_kpa: 400
+      max_pressure_kpa: 400
+  bellows:
+    table: {pressure_kpa: [0, 50, 100], length_m: [0.1, 0.12, 0.13]}
+  cable:
+    tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}
+arm:
+  geometry: spatial
+  base: {position_m: [0.1, 0.2, 1], rpy_deg: [10, 90, 20]}
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections:
+    - name: lower
+      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, contraction: muscle, max_pressure_kpa: 300}
+      separators: 5
+      separator_radius_m: 0.04
+      muscle_radius_m: 0.01
+    - name: upper
+      stiffness: {K_gamma: 20, K_tau_m2: 1.0e-5, K_kappa_m2: 2.0e-4}
+      actuators:
+        - {name: left, position_m: [0, 0.02, 0], rpy_deg: [0, 0, 5], contraction: bellows}
+        - {position_m: [0, -0.02, 0], contraction: bellows, min_pressure_kpa: 10, max_pressure_kpa: 90}
+        - name: top
+          position_m: [0, 0.01, 0.03]
+          tilt_deg: 12
+          contraction: bellows
+          stiffness: {K_gamma: 30, K_tau_m2: 2.0e-5, K_kappa_m2: 3.0e-4}
+regulator:
+  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}
+safety: {commander_timeout_s: 0.8}
+)";
+
+/// The least a planar scene can say.
+inline const std::string kPlanarScene = R"(name: flat
+contractions:
+  muscle:
+    table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections:
+    - name: only
+      ring: {count: 2, radius_m: 0.03, contraction: muscle}
+)";
+
+/// The text with its first `from` replaced.
+inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  if (at == std::string::npos) throw std::invalid_argument("the scene has no " + from);
+  return text.replace(at, from.size(), to);
+}
+
+}  // namespace helix_arm::test

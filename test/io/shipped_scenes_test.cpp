@@ -1,0 +1,140 @@
+// Loads every scene that is shipped and checks it against the published parameters of its arm.
+
+#include <cmath>
+#include <filesystem>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/curve.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kPsi = 6894.76;  // as the experiments counted: 60 psi are 413.6856 kPa [Pa]
+constexpr double kMaxPressure = 413685.6;
+
+// Published fits of the free length [m] over the gauge pressure in psi.
+constexpr double kFig3Quintic[] = {4.269760703e-1, -3.982361379e-4, -8.216242656e-5,
+                                   5.394266367e-7, 2.666729952e-8,  -3.002668523e-10};
+constexpr double kPlanarQuintic[] = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
+                                     4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
+
+double quinticOfPsi(const double (&c)[6], double pressure) {
+  double sum = 0;
+  for (int k = 0; k < 6; ++k) sum += c[k] * std::pow(pressure / kPsi, k);
+  return sum;
+}
+
+std::string scenePath(const std::string& name) {
+  return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml";
+}
+
+struct PublishedArm {
+  const char* scene;
+  bool planar;
+  int muscles;
+  double radius;  // [m]
+  double tilt;    // [rad]
+  const double (&quintic)[6];
+  double gamma, kappa;
+};
+
+const PublishedArm kArms[] = {
+    {"planar_50", true, 2, 0.0508 / 2, 0, kPlanarQuintic, 10, 1.38e-4},
+    {"planar_76", true, 2, 0.0762 / 2, 0, kPlanarQuintic, 10, 1.38e-4},
+    {"planar_101", true, 2, 0.1016 / 2, 0, kPlanarQuintic, 10, 1.38e-4},
+    {"spatial_50", false, 3, 0.0508 / 2, 0, kFig3Quintic, 10, 1.38e-4},
+    {"spatial_101", false, 3, 0.1016 / 2, 0, kFig3Quintic, 10, 1.38e-4},
+    {"helical_50", false, 3, 0.0508 / 2, 15 * kPi / 180, kFig3Quintic, 100, 9.8e-5},
+    {"demo", false, 3, 0.0508 / 2, 15 * kPi / 180, kFig3Quintic, 100, 9.8e-5},
+};
+
+class ShippedArm : public testing::TestWithParam<PublishedArm> {};
+INSTANTIATE_TEST_SUITE_P(Scenes, ShippedArm, testing::ValuesIn(kArms),
+                         [](const auto& arm) { return std::string(arm.param.scene); });
+
+TEST_P(ShippedArm, HasItsPublishedLayout) {
+  const PublishedArm& published = GetParam();
+  const Scene scene = loadScene(scenePath(published.scene));
+  EXPECT_EQ(scene.name, published.scene);
+  EXPECT_EQ(scene.planar.has_value(), published.planar);
+  EXPECT_EQ(scene.arm.sectionCount(), 1);
+  ASSERT_EQ(scene.arm.actuatorCount(), published.muscles);
+  for (int i = 0; i < published.muscles; ++i) {
+    const model::Actuator& muscle = scene.arm.actuator(i);
+    const double th = 2 * kPi * i / published.muscles;
+    const Eigen::Vector3d outward(0, std::cos(th), std::sin(th)),
+        around(0, -std::sin(th), std::cos(th));
+    EXPECT_NEAR((muscle.X_O.translation - published.radius * outward).norm(), 0, 1e-16);
+    const Eigen::Vector3d tangent =
+        std::cos(published.tilt) * Eigen::Vector3d::UnitX() + std::sin(published.tilt) * around;
+    EXPECT_NEAR((muscle.X_O.rotation.col(0) - tangent).norm(), 0, 1e-15);
+    EXPECT_EQ(muscle.stiffness.gamma, published.gamma);
+    EXPECT_EQ(muscle.stiffness.tau, 0);
+    EXPECT_EQ(muscle.stiffness.kappa, published.kappa);
+    EXPECT_EQ(muscle.drive, model::Drive::kPressure);
+    EXPECT_EQ(muscle.limits.lower, 0);
+    EXPECT_DOUBLE_EQ(muscle.limits.upper, kMaxPressure);
+    EXPECT_TRUE(muscle.limits.contains(kMaxPressure)) << "60 psi must be within the limits";
+  }
+}
+
+TEST_P(ShippedArm, ContractsAsPublished) {
+  const PublishedArm& published = GetParam();
+  const Scene scene = loadScene(scenePath(published.scene));
+  const model::Contraction& contraction = scene.arm.actuator(0).contraction;
+  for (int i = 0; i <= 60; ++i) {
+    const double pressure = kMaxPressure * i / 60;
+    EXPECT_NEAR(contraction.length(pressure), quinticOfPsi(published.quintic, pressure), 1e-14)
+        << pressure;
+  }
+}
+
+TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
+  std::set<std::string> found;
+  for (const auto& entry :
+       std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
+    const std::string name = entry.path().stem().string();
+    SCOPED_TRACE(name);
+    found.insert(name);
+    const Scene scene = loadScene(entry.path().string());
+    EXPECT_EQ(scene.name, name);
+    EXPECT_TRUE(scene.regulator);
+    for (int k = 0; k < scene.arm.sectionCount(); ++k) EXPECT_EQ(scene.arm.equilibrium(k).rank, 6);
+    const Eigen::VectorXd vented = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
+    EXPECT_TRUE(scene.arm.tip(vented).translation.allFinite())
+        << "a vented arm must be within the limits";
+  }
+  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "helical_50", "planar_101",
+                                          "planar_50", "planar_76", "spatial_101", "spatial_50"}));
+}
+
+TEST(ShippedScenes, TheDemoArmHangs) {
+  const Scene scene = loadScene(scenePath("demo"));
+  EXPECT_NEAR((scene.X_WB.rotation * Eigen::Vector3d::UnitX() + Eigen::Vector3d::UnitZ()).norm(), 0,
+              1e-15);
+  const lie::SE3 X_WT = scene.X_WB * scene.arm.tip(Eigen::VectorXd::Zero(3));
+  EXPECT_GT(X_WT.translation.z(), 0.1) << "the tip must stay above the ground";
+}
+
+TEST(ShippedScenes, ShearStiffnessSetsTheHelicalArmsCurvature) {
+  // z curvature at 414 kPa in muscle 1, from an independent prototype.
+  const Eigen::Vector3d pressure(kMaxPressure, 0, 0);
+  const std::pair<const char*, double> cases[] = {{"10", 1.455}, {"100", 0.502}, {"1000", 0.066}};
+  for (const auto& [gamma, curvature] : cases) {
+    const Scene scene = loadScene(scenePath("helical_50"), {{"arm.stiffness.K_gamma", gamma}});
+    EXPECT_NEAR(scene.arm.twists(pressure)(5, 0), curvature, 6e-4) << gamma;
+  }
+}
+
+TEST(ShippedScenes, TheAnnotatedSceneHasTwoSectionsAndListsItsActuators) {
+  const Scene scene = loadScene(scenePath("annotated"));
+  ASSERT_EQ(scene.arm.sectionCount(), 2);
+  EXPECT_EQ(scene.arm.actuator(scene.arm.firstActuator(1)).name, "bellows_left");
+}
+
+}  // namespace
+}  // namespace helix_arm::io
