@@ -79,18 +79,25 @@ void addTwists(const FlatActuator* actuators, int size, const double* const* q, 
   sumGroup<true>(actuators, size, q, count, nullptr, block);
 }
 
+// Where tips are read from and written to; the same arrays, but for the section at the base, which
+// writes to the caller's.
+struct Tips {
+  const double* from[3];
+  double* to[3];
+};
+
 // R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j; p = 0 where
 // the tip begins
 template <bool kFirst>
 inline __attribute__((always_inline)) void moveTip(const lie::ExpCoefficients& f, std::size_t j,
-                                                   Block* __restrict block) {
-  const double vx = block->twist[0][j], vy = block->twist[1][j], vz = block->twist[2][j];
-  const double wx = block->twist[3][j], wy = block->twist[4][j], wz = block->twist[5][j];
+                                                   const Block& block, const Tips& tips) {
+  const double vx = block.twist[0][j], vy = block.twist[1][j], vz = block.twist[2][j];
+  const double wx = block.twist[3][j], wy = block.twist[4][j], wz = block.twist[5][j];
   double ux = f.b * vx, uy = f.b * vy, uz = f.b * vz;
   double along = f.c * (wx * vx + wy * vy + wz * vz);
   double x = f.a * vx, y = f.a * vy, z = f.a * vz;
   if constexpr (!kFirst) {
-    const double px = block->tip[0][j], py = block->tip[1][j], pz = block->tip[2][j];
+    const double px = tips.from[0][j], py = tips.from[1][j], pz = tips.from[2][j];
     ux += f.a * px;
     uy += f.a * py;
     uz += f.a * pz;
@@ -99,9 +106,9 @@ inline __attribute__((always_inline)) void moveTip(const lie::ExpCoefficients& f
     y += f.cosine * py;
     z += f.cosine * pz;
   }
-  block->tip[0][j] = x + (wy * uz - wz * uy) + along * wx;
-  block->tip[1][j] = y + (wz * ux - wx * uz) + along * wy;
-  block->tip[2][j] = z + (wx * uy - wy * ux) + along * wz;
+  tips.to[0][j] = x + (wy * uz - wz * uy) + along * wx;
+  tips.to[1][j] = y + (wz * ux - wx * uz) + along * wy;
+  tips.to[2][j] = z + (wx * uy - wy * ux) + along * wz;
 }
 
 inline double squaredAngle(std::size_t j, const Block& block) {
@@ -119,38 +126,40 @@ std::int64_t countFar(std::size_t count, const Block& block) {
 
 // tip = exp(twist) * tip, all samples within the series.
 template <bool kFirst>
-inline __attribute__((always_inline)) void moveNear(std::size_t count, Block* __restrict block) {
+inline __attribute__((always_inline)) void moveNear(std::size_t count, const Block& block,
+                                                    const Tips& tips) {
+#pragma GCC ivdep
   for (std::size_t j = 0; j < count; ++j) {
-    moveTip<kFirst>(lie::detail::expCoefficientsBySeries(squaredAngle(j, *block)), j, block);
+    moveTip<kFirst>(lie::detail::expCoefficientsBySeries(squaredAngle(j, block)), j, block, tips);
   }
 }
 
 HELIX_ARM_CLONES
-void moveTipsNear(std::size_t count, bool first, Block* block) {
-  first ? moveNear<true>(count, block) : moveNear<false>(count, block);
+void moveTipsNear(std::size_t count, bool first, const Block& block, const Tips& tips) {
+  first ? moveNear<true>(count, block, tips) : moveNear<false>(count, block, tips);
 }
 
 // The same where some are beyond: both ways are computed and a factor of 0 or 1 takes one, as a
 // branch would not vectorise.
-HELIX_ARM_CLONES
-void moveTipsFar(std::size_t count, Block* block) {
+template <bool kFirst>
+inline __attribute__((always_inline)) void moveFar(std::size_t count, const Block& block,
+                                                   const Tips& tips) {
+#pragma GCC ivdep
   for (std::size_t j = 0; j < count; ++j) {
-    const double x = squaredAngle(j, *block);
+    const double x = squaredAngle(j, block);
     const lie::ExpCoefficients near =
         lie::detail::expCoefficientsBySeries(std::min(x, lie::kSeriesLimit));
     const lie::ExpCoefficients far = lie::detail::expCoefficientsByReduction(x, 0.0);
     const double n = static_cast<double>(x <= lie::kSeriesLimit), f = 1.0 - n;
-    moveTip<false>({n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c,
-                    n * near.cosine + f * far.cosine},
-                   j, block);
+    moveTip<kFirst>({n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c,
+                     n * near.cosine + f * far.cosine},
+                    j, block, tips);
   }
 }
 
-// Asks for the memory of the next block while this one is computed; neither prefetcher nor cache
-// would by themselves.
-void prefetchBlock(const double* begin, std::size_t count) {
-  constexpr std::size_t kLine = 64 / sizeof(double);
-  for (std::size_t j = 0; j < count; j += kLine) __builtin_prefetch(begin + j, 0, 2);
+HELIX_ARM_CLONES
+void moveTipsFar(std::size_t count, bool first, const Block& block, const Tips& tips) {
+  first ? moveFar<true>(count, block, tips) : moveFar<false>(count, block, tips);
 }
 
 FlatActuator flatten(const Contraction& contraction, const double* column) {
@@ -182,10 +191,6 @@ void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, d
   Block block;
   for (std::size_t first = 0; first < count; first += kBlock) {
     const std::size_t size = std::min(kBlock, count - first);
-    const std::size_t next = first + size, next_size = std::min(kBlock, count - next);
-    for (int i = 0; i < arm.actuatorCount(); ++i) prefetchBlock(inputs[i] + next, next_size);
-    for (double* output : {x, y, z}) prefetchBlock(output + next, next_size);
-    for (double* coordinate : block.tip) std::fill_n(coordinate, size, 0.0);
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
       const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
       for (int i = begin; i < end; i += kGroup) {
@@ -205,15 +210,12 @@ void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, d
           addTwists(&flat[i], members, q, size, &block);
         }
       }
-      if (countFar(size, block) == 0) {
-        moveTipsNear(size, k == arm.sectionCount() - 1, &block);
-      } else {
-        moveTipsFar(size, &block);
-      }
+      const bool at_tip = k == arm.sectionCount() - 1, at_base = k == 0;
+      const Tips tips = {{block.tip[0], block.tip[1], block.tip[2]},
+                         {at_base ? x + first : block.tip[0], at_base ? y + first : block.tip[1],
+                          at_base ? z + first : block.tip[2]}};
+      (countFar(size, block) == 0 ? moveTipsNear : moveTipsFar)(size, at_tip, block, tips);
     }
-    std::copy_n(block.tip[0], size, x + first);
-    std::copy_n(block.tip[1], size, y + first);
-    std::copy_n(block.tip[2], size, z + first);
   }
 }
 

@@ -40,8 +40,10 @@ class InverseSolver::Workspace {
  public:
   Workspace(const Arm& arm, const InverseOptions& options);
 
+  void aimAt(const Eigen::Vector3d& position) noexcept;
+  void aimAt(const lie::SE3& pose) noexcept;
+  void aimAt(const Twists& twists) noexcept;
   const InverseResult& solve(const InputRef& start);
-  InverseTask& task() { return task_; }
   const Arm& arm() const { return arm_; }
 
  private:
@@ -83,6 +85,7 @@ class InverseSolver::Workspace {
   Eigen::VectorXd preference_slope_;  // d((q - q_ref) / range) / dl
   Eigen::VectorXd tangent_, base_lengths_, base_input_;
   Point current_, trial_, best_;
+  bool answered_ = false;  // current_ is the last answer, to a target of this kind
   BoxQuadratic step_;
   Eigen::MatrixXd normal_;  // J'J, lower triangle
   double scale_ = 1.0;      // mean of its diagonal
@@ -287,13 +290,31 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point
   return point.cost <= goal ? Descent::kReached : Descent::kExhausted;
 }
 
+void InverseSolver::Workspace::aimAt(const Eigen::Vector3d& position) noexcept {
+  answered_ = answered_ && task_.kind() == InverseTask::Kind::kPosition;
+  if (answered_) current_.residual.head<3>() += task_.position() - position;
+  task_.setPosition(position);
+}
+
+void InverseSolver::Workspace::aimAt(const lie::SE3& pose) noexcept {
+  answered_ = false;
+  task_.setPose(pose);
+}
+
+void InverseSolver::Workspace::aimAt(const Twists& twists) noexcept {
+  answered_ = false;
+  task_.setTwists(twists);
+}
+
 const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   checkStart(start);
   result_.iterations = 0;
+  // Along a path the start is the last answer: its tip and Jacobian are still at hand.
+  const bool at_hand = answered_ && start == input_;
   for (int i = 0; i < n_; ++i) {
     const Actuator& actuator = arm_.actuator(i);
     const Range& limits = actuator.limits;
-    current_.lengths[i] = actuator.contraction.lengthInside(start[i]);
+    if (!at_hand) current_.lengths[i] = actuator.contraction.lengthInside(start[i]);
     input_[i] = start[i];
     const double fraction =
         options_.preference == Preference::kCocontraction ? options_.cocontraction : 0.0;
@@ -301,7 +322,11 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
                         ? start[i]
                         : limits.lower + fraction * (limits.upper - limits.lower);
   }
-  evaluate(current_);
+  if (at_hand) {
+    current_.cost = current_.residual.head<3>().squaredNorm();
+  } else {
+    evaluate(current_);
+  }
   Descent outcome = descend(current_);
   // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs
   // behind another.
@@ -321,6 +346,7 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   readInputs(current_.lengths);
   if (outcome == Descent::kReached && hasSpareActuators()) followPreference();
   snapToLimits();
+  answered_ = true;
   report(outcome);
   return result_;
 }
@@ -449,7 +475,7 @@ InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
 const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
                                                const InputRef& start) {
   if (!position.allFinite()) throw std::invalid_argument("the target position is not finite");
-  workspace_->task().setPosition(position);
+  workspace_->aimAt(position);
   return workspace_->solve(start);
 }
 
@@ -457,7 +483,7 @@ const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const InputRef&
   if (!pose.translation.allFinite() || !pose.rotation.allFinite()) {
     throw std::invalid_argument("the target pose is not finite");
   }
-  workspace_->task().setPose(pose);
+  workspace_->aimAt(pose);
   return workspace_->solve(start);
 }
 
@@ -466,7 +492,7 @@ const InverseResult& InverseSolver::toTwists(const Twists& twists, const InputRe
     throw std::invalid_argument("the target twists are not finite, or not one a section (" +
                                 std::to_string(workspace_->arm().sectionCount()) + ")");
   }
-  workspace_->task().setTwists(twists);
+  workspace_->aimAt(twists);
   return workspace_->solve(start);
 }
 

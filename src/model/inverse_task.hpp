@@ -20,6 +20,8 @@ class InverseTask {
   void setTwists(const Twists& twists);
 
   Kind kind() const { return kind_; }
+  /// Of the tip that is wanted [m].
+  const Eigen::Vector3d& position() const { return pose_.translation; }
   /// Rows of the residual: 3, 6, or 6 a section.
   int rows() const { return rows_; }
   int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }

@@ -96,8 +96,10 @@ TEST(Inverse, WarmStartTakesFewIterations) {
   for (int i = 0; i < 2000; ++i) {
     for (int k = 0; k < 3; ++k)
       q[k] = std::min(std::max(q[k] + random.uniform(-5e3, 5e3), 1e4), 4e5);
-    const InverseResult& result = solver.toPosition(arm.tip(q).translation, command);
+    const Eigen::Vector3d target = arm.tip(q).translation;
+    const InverseResult& result = solver.toPosition(target, command);
     ASSERT_EQ(result.status, InverseStatus::kReached);
+    ASSERT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
     command = result.input;
     worst = std::max(worst, result.iterations);
   }
