@@ -4,7 +4,8 @@
 
 namespace helix_arm::control {
 
-/// Who may command the arm: the first to speak keeps it until silent for the timeout. Time is a number, any steady clock's.
+/// Who may command the arm: the first to speak keeps it until silent for the timeout. Time is a
+/// number, any steady clock's.
 class CommanderLease {
  public:
   /// @param timeout  silence after which another commander may take over, > 0 [s].
@@ -14,7 +15,8 @@ class CommanderLease {
   /// True when `commander` may command at `now` [s]; grants or renews the lease as it does.
   bool claim(const std::string& commander, double now);
 
-  /// Who holds the lease, empty before the first claim; an expired lease still names its last holder.
+  /// Who holds the lease, empty before the first claim; an expired lease still names its last
+  /// holder.
   const std::string& holder() const { return holder_; }
   double timeout() const { return timeout_; }
 

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <deque>
+#include <string>
+
+#include <visualization_msgs/MarkerArray.h>
+
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Draws an arm for rviz, seen from its base frame. Namespaces and ids are stable; each marker
+/// lives for `lifetime`.
+///
+/// muscles     one tube an actuator, coloured from blue (lower limit) over yellow to red (upper
+/// limit) base_curve  the curve that the muscles bend separators  the discs that hold the muscles
+/// tip_trace   where the tip has been, smoothed over a few drawings
+/// pressures   one line of text an actuator, in kPa and in its muscle's colour, beside the base
+class ArmMarkers {
+ public:
+  /// Keeps a reference to the scene.
+  ///
+  /// @param lifetime  longer than the period of drawing [s].
+  ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
+
+  /// @param twists    (6 x sections) of the shape to draw.
+  /// @param pressure  (n) what the colours and the text tell, gauge [Pa].
+  /// @param stamp     of the shape; a stamp before the last one, a jump back in time, begins a new
+  /// trace.
+  visualization_msgs::MarkerArray draw(const model::Twists& twists, const model::InputRef& pressure,
+                                       const ros::Time& stamp);
+
+ private:
+  visualization_msgs::Marker marker(const char* ns, int id, int type) const;
+  void extendTrace(const Eigen::Vector3d& tip);
+
+  const io::Scene& scene_;
+  std::string base_frame_;
+  ros::Duration lifetime_;
+  ros::Time stamp_;
+  Eigen::Vector3d smooth_tip_;         ///< base frame [m]
+  std::deque<Eigen::Vector3d> trace_;  ///< base frame [m]
+};
+
+}  // namespace helix_arm::ros_bridge

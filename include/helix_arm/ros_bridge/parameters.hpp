@@ -1,0 +1,56 @@
+#pragma once
+
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <ros/node_handle.h>
+
+#include "helix_arm/model/contraction.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Private parameters of a node that break their rules; what() holds all of them, one a line.
+class ParameterError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Reads a node's private parameters and collects what is wrong with them: `~name value rule`.
+class ParameterReader {
+ public:
+  explicit ParameterReader(const ros::NodeHandle& private_node) : node_(private_node) {}
+
+  /// Each returns the fallback when the parameter is absent, and when it is wrong after noting the
+  /// fault.
+  std::string text(const std::string& name, const std::string& fallback);
+  /// Name of a tf frame or the beginning of one: no leading slash, empty only where the fallback
+  /// is.
+  std::string frame(const std::string& name, const std::string& fallback);
+  bool flag(const std::string& name, bool fallback);
+  double number(const std::string& name, double fallback, const model::Range& allowed);
+  int count(const std::string& name, int fallback, int lower, int upper);
+
+  /// Absolute path of a file, or the bare name of one that the package ships in `folder` with this
+  /// extension.
+  std::string file(const std::string& name, const std::string& folder,
+                   const std::string& extension);
+  /// The same; empty when the parameter is absent.
+  std::string optionalFile(const std::string& name, const std::string& folder,
+                           const std::string& extension);
+
+  /// Warns of parameters that were set but never read, most often misspelt ones.
+  /// @throws ParameterError with every fault noted so far, when there are any.
+  void finish();
+
+ private:
+  XmlRpc::XmlRpcValue read(const std::string& name);
+  void fault(const std::string& name, const XmlRpc::XmlRpcValue& value, const std::string& rule);
+
+  ros::NodeHandle node_;
+  std::set<std::string> known_;
+  std::vector<std::string> faults_;
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,133 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+#include <tf2_ros/transform_broadcaster.h>
+
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/control/commander_lease.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/inverse.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/ros_bridge/arm_frames.hpp"
+#include "helix_arm/ros_bridge/arm_markers.hpp"
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/run_node.hpp"
+#include "helix_arm/ros_bridge/target_ledger.hpp"
+#include "helix_arm/ros_bridge/tip_handle.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Private parameters of pressure_command.
+struct PressureCommandOptions {
+  std::string scene;         ///< ~scene: absolute path, or the name of a shipped scene; required
+  double rate = 100.0;       ///< ~rate: of the loop, 1 to 1000 [Hz]
+  double tf_rate = 100.0;    ///< ~tf_rate: of the moving frames, at most the loop's [Hz]
+  double draw_rate = 20.0;   ///< ~draw_rate: of the markers, 0.1 to 100 [Hz]
+  int frames = 5;            ///< ~frames: on the curve, model_0 .. model_(frames - 1), 2 to 1000
+  std::string world_frame;   ///< ~world_frame: "world"
+  std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and model_*
+  bool handle = true;        ///< ~handle: show the interactive marker
+
+  /// @throws ParameterError with every fault.
+  static PressureCommandOptions load();
+};
+
+/// Brings the arm of a scene to pressures, shapes and tips, on a simulated regulator.
+///
+/// Subscribes
+///   pressure_target (PressureArray)  gauge [Pa]; names left out keep their command
+///   shape_target (ShapeTarget)       twists of all sections
+///   tip_target (TipTarget)           position or pose of the tip, base frame
+///   tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
+/// Publishes
+///   pressure_command (PressureArray)   in force: at once on a target, and with every loop [Pa]
+///   pressure_measured (PressureArray)  with every loop [Pa]
+///   model (ArmShape)         with every loop: the model's shape at the measured pressures, clamped
+///   to the limits; carries
+///                            the stamp of that pressure_measured
+///   target_status (TargetStatus)       what became of each target
+///   markers (visualization_msgs/MarkerArray), tip_handle/update and update_full
+///   /diagnostics (diagnostic_msgs/DiagnosticArray)  `<node>: targets` and `<node>: loop`, each
+///   second tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
+/// Parameters: PressureCommandOptions.
+///
+/// A bad target is dropped: counted, warned of once a fault and five seconds, answered on
+/// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
+/// Of several publishers the first to speak commands, until it has been silent for the scene's
+/// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
+/// neither stops the loop nor keeps a lease.
+///
+/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
+class PressureCommandNode {
+ public:
+  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
+  PressureCommandNode();
+
+  int finish() const { return kDone; }
+
+ private:
+  /// Who sent which target.
+  struct Sender {
+    std::string topic;
+    std::string commander;
+    ros::Time stamp;
+  };
+
+  void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
+  void aimTip(const Sender& sender, const TipTarget& target);
+
+  /// The target's value when it is sound and its sender may command; else drops it and returns
+  /// null.
+  template <class T>
+  const T* admit(const Sender& sender, const control::Checked<T>& checked);
+  void drop(const Sender& sender, const control::Refusal& refusal);
+  void follow(const Sender& sender, const model::InverseResult& result);
+  void command(const Eigen::VectorXd& pressure);
+
+  void onLoop(const ros::SteadyTimerEvent& event);
+  void onDraw(const ros::SteadyTimerEvent& event);
+  void onDiagnose(const ros::SteadyTimerEvent& event);
+  void sendFrames(const ros::Time& stamp);
+
+  /// The model's twists at inputs inside the limits: the planar model's where the scene has one.
+  model::Twists twistsAt(const Eigen::VectorXd& pressure) const;
+  TargetStatus answerTo(const Sender& sender) const;
+
+  const PressureCommandOptions options_;
+  const io::Scene scene_;
+  const FrameNames frames_;
+  regulator::SimulatedRegulator regulator_;
+  model::InverseSolver solver_;
+  control::CommanderLease lease_;
+  TargetLedger ledger_;
+  ArmMarkers markers_;
+
+  Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
+  Eigen::VectorXd measured_;   ///< last reading [Pa]
+  model::Twists twists_;       ///< at the measured pressures
+  ros::SteadyTime last_step_;  ///< of the regulator
+  ros::Time last_tf_stamp_;
+  std::uint64_t loops_ = 0;
+  std::uint64_t diagnosed_loops_ = 0;
+  ros::SteadyTime last_diagnosis_;
+
+  ros::NodeHandle node_;
+  ros::Publisher command_publisher_, measured_publisher_, model_publisher_, status_publisher_;
+  ros::Publisher marker_publisher_, diagnostics_publisher_;
+  tf2_ros::TransformBroadcaster tf_;
+  tf2_ros::StaticTransformBroadcaster static_tf_;
+  std::unique_ptr<TipHandle> handle_;
+  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
+  ros::SteadyTimer loop_timer_, draw_timer_, diagnose_timer_;
+};
+
+}  // namespace helix_arm::ros_bridge

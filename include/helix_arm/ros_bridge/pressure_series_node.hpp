@@ -1,0 +1,72 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/control/series_player.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/run_node.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Private parameters of pressure_series.
+struct PressureSeriesOptions {
+  std::string scene;  ///< ~scene: as pressure_command's; required
+  std::string data;   ///< ~data: CSV file, or the name of a shipped series; none: a tour of the arm
+  control::SeriesTiming timing;  ///< ~ramp_s, ~hold_s (0 to 3600 [s]), ~loop
+  double rate = 50.0;            ///< ~rate: of the targets, 1 to 1000 [Hz]
+  bool yields = false;  ///< ~yields: fall silent while someone else wants to command the arm
+  double resume_after =
+      3.0;  ///< ~resume_after_s: silence of the others that ends it, 0.1 to 3600 [s]
+
+  /// @throws ParameterError with every fault.
+  static PressureSeriesOptions load();
+};
+
+/// Plays a table of pressures to pressure_command: the columns pressure_<i>_kpa of a data set, row
+/// by row.
+///
+/// Subscribes
+///   pressure_command (PressureArray)  the first ramp begins at it; nothing is sent before it came
+///   target_status (TargetStatus)      tells that someone else commands, or would like to
+/// Publishes
+///   pressure_target (PressureArray)   all actuators, gauge [Pa]; those without a column rest at 0
+/// Parameters: PressureSeriesOptions.
+///
+/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost or the commanded
+/// arm is not the scene's, 2 on a bad parameter, scene or data set, and when a row leaves the
+/// limits of the scene.
+class PressureSeriesNode {
+ public:
+  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
+  PressureSeriesNode();
+
+  int finish() const { return kDone; }
+
+ private:
+  void onCommand(const PressureArrayConstPtr& command);
+  void onStatus(const TargetStatusConstPtr& status);
+  void onTick(const ros::SteadyTimerEvent& event);
+
+  const PressureSeriesOptions options_;
+  const io::Scene scene_;
+  const Eigen::MatrixXd rows_;                   ///< (rows x actuators) [Pa]
+  std::optional<control::SeriesPlayer> player_;  ///< from the first command on
+  Eigen::VectorXd command_;                      ///< last one in force [Pa]
+  int told_row_ = -1;
+  bool yielding_ = false;
+  ros::SteadyTime last_of_others_;
+  ros::SteadyTime last_tick_;
+
+  ros::NodeHandle node_;
+  ros::Publisher target_publisher_;
+  ros::Subscriber command_subscriber_, status_subscriber_;
+  ros::SteadyTimer timer_;
+};
+
+}  // namespace helix_arm::ros_bridge

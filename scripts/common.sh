@@ -1,0 +1,115 @@
+# shellcheck shell=bash disable=SC2154
+# What scripts/build, scripts/demo and scripts/test share; sourced by them, with `root` set to the top of the sources.
+
+build_dir="$root/build"
+devel_dir="$root/devel"
+
+say() { printf '%s\n' "$*" >&2; }
+fail() { say "$(basename "$0"): $*"; exit 1; }
+
+# Another python3 that comes first on PATH, or in a virtual environment, lacks the modules of ROS.
+use_system_python() {
+  export PATH=/usr/bin:/bin:/usr/sbin:/sbin
+  unset PYTHONPATH PYTHONHOME VIRTUAL_ENV
+}
+
+# ROS, ccache and rviz keep files at home; without one they keep them in the build.
+use_some_home() {
+  if [[ -z ${HOME:-} || ! -w ${HOME:-} ]]; then
+    export HOME="$build_dir/home" ROS_HOME="$build_dir/ros_home"
+    mkdir -p "$HOME" "$ROS_HOME"
+  fi
+}
+
+# Containers may not know their own host name.
+use_localhost() {
+  if [[ -z ${ROS_IP:-} ]]; then export ROS_HOSTNAME="${ROS_HOSTNAME:-localhost}"; fi
+}
+
+# The setup files of ROS read variables that may be unset.
+source_ros() {
+  set +u
+  # shellcheck disable=SC1090
+  source "$1"
+  set -u
+}
+
+# Debian 12 carries ROS itself; Ubuntu 20.04 has it from packages.ros.org.
+ros_release() {
+  local codename
+  codename="$(. /etc/os-release && printf '%s' "${VERSION_CODENAME:-}")"
+  if [[ $codename == focal ]]; then printf noetic; else printf debian; fi
+}
+
+wanted_packages() {
+  sed -n -E "s/^(all|$(ros_release)): *//p" "$root/scripts/packages.txt"
+}
+
+missing_packages() {
+  local package
+  local -A installed=()
+  # shellcheck disable=SC2016,SC2046
+  while read -r package; do
+    installed["$package"]=1
+  done < <(dpkg-query -W -f='${db:Status-Status} ${Package}\n' $(wanted_packages) 2>/dev/null |
+    sed -n 's/^installed //p')
+  for package in $(wanted_packages); do
+    [[ -n ${installed["$package"]:-} ]] || printf '%s\n' "$package"
+  done
+}
+
+install_missing() {
+  local -a missing as_root=()
+  mapfile -t missing < <(missing_packages)
+  ((${#missing[@]})) || return 0
+  command -v apt-get >/dev/null || fail "no apt-get here; install by hand: ${missing[*]}"
+  if ((EUID != 0)); then
+    command -v sudo >/dev/null || fail "neither root nor sudo; have installed: apt-get install ${missing[*]}"
+    as_root=(sudo)
+  fi
+  say "installing ${#missing[@]} packages: ${missing[*]}"
+  local -a apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -y
+    -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
+  # Package lists may be fresh enough even where they cannot be renewed: the install decides.
+  "${apt[@]}" update >&2 || say "apt-get update failed; going on with the lists at hand"
+  "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||
+    fail "apt-get could not install them; on Ubuntu 20.04, is packages.ros.org among its sources?"
+}
+
+# A compiler of these sources takes up to 1.2 GB.
+jobs() {
+  local cores memory_kb
+  cores="$(nproc)"
+  memory_kb="$(awk '/^MemAvailable/ {print $2}' /proc/meminfo)"
+  local fitting=$((memory_kb / 1200000))
+  printf '%d' $((fitting < 1 ? 1 : fitting < cores ? fitting : cores))
+}
+
+# The value of an entry of CMake's cache, empty when there is none.
+cached() { sed -n "s/^$1:[A-Z]*=//p" "$build_dir/CMakeCache.txt" 2>/dev/null || true; }
+
+# build TARGET...
+build() {
+  [[ $(ros_release) != noetic ]] || source_ros /opt/ros/noetic/setup.bash
+  # A build that was copied with its sources still points to where it came from.
+  local built_for
+  built_for="$(cached CMAKE_HOME_DIRECTORY)"
+  if [[ -n $built_for && $built_for != "$root" ]]; then
+    say "$build_dir was made for $built_for: starting anew"
+    rm -rf "$build_dir" "$devel_dir"
+    use_some_home
+  fi
+  local -a generator=() launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=)
+  [[ -n $(cached CMAKE_GENERATOR) ]] || generator=(-G Ninja)
+  if command -v ccache >/dev/null; then launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache); fi
+  cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release "${launcher[@]}" >&2
+  cmake --build "$build_dir" -j "$(jobs)" --target "$@" >&2
+}
+
+prepare() {
+  use_system_python
+  mkdir -p "$build_dir"
+  use_some_home
+  use_localhost
+  install_missing
+}

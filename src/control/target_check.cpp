@@ -1,0 +1,113 @@
+#include "helix_arm/control/target_check.hpp"
+
+#include <array>
+#include <cmath>
+#include <sstream>
+
+namespace helix_arm::control {
+namespace {
+
+constexpr std::array<const char*, kFaultCount> kNames = {
+    "not_finite",  "wrong_size",          "unknown_name", "duplicate_name",  "out_of_range",
+    "wrong_frame", "not_unit_quaternion", "unknown_mode", "other_commander", "not_converged"};
+
+template <class... Parts>
+Refusal refuse(Fault fault, const Parts&... parts) {
+  std::ostringstream message;
+  (message << ... << parts);
+  return {fault, message.str()};
+}
+
+std::string listOfNames(const model::Arm& arm) {
+  std::string list;
+  for (int i = 0; i < arm.actuatorCount(); ++i) list += (i ? ", " : "") + arm.actuator(i).name;
+  return list;
+}
+
+int indexOf(const model::Arm& arm, const std::string& name) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).name == name) return i;
+  }
+  return -1;
+}
+
+}  // namespace
+
+const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]; }
+
+Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
+                                        const std::vector<std::string>& name,
+                                        const std::vector<double>& pressure) {
+  const std::size_t expected = name.empty() ? arm.actuatorCount() : name.size();
+  if (pressure.size() != expected) {
+    return refuse(Fault::kWrongSize, pressure.size(), " pressures for ", expected,
+                  name.empty() ? " actuators (no names: all of the arm's)" : " names",
+                  "; send one pressure for each of ", listOfNames(arm), ", or name those meant");
+  }
+  Eigen::VectorXd wanted = command;
+  std::vector<bool> seen(arm.actuatorCount(), false);
+  for (std::size_t j = 0; j < pressure.size(); ++j) {
+    const int i = name.empty() ? static_cast<int>(j) : indexOf(arm, name[j]);
+    if (i < 0) {
+      return refuse(Fault::kUnknownName, "no actuator is named '", name[j], "'; the arm has ",
+                    listOfNames(arm));
+    }
+    const model::Actuator& actuator = arm.actuator(i);
+    if (seen[i]) {
+      return refuse(Fault::kDuplicateName, "'", actuator.name, "' is named twice; name it once");
+    }
+    seen[i] = true;
+    if (!std::isfinite(pressure[j])) {
+      return refuse(Fault::kNotFinite, "the pressure of ", actuator.name, " is ", pressure[j],
+                    "; send a finite gauge pressure [Pa]");
+    }
+    if (!actuator.limits.contains(pressure[j])) {
+      return refuse(Fault::kOutOfRange, actuator.name, " is asked for ", pressure[j],
+                    " Pa; stay within ", actuator.limits.lower, " to ", actuator.limits.upper,
+                    " Pa (gauge)");
+    }
+    wanted[i] = pressure[j];
+  }
+  return wanted;
+}
+
+Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {
+  const int expected = lie::SE3::kDof * sections;
+  if (static_cast<int>(twist.size()) != expected) {
+    return refuse(Fault::kWrongSize, twist.size(), " numbers for ", sections,
+                  " sections; send 6 a section, [v; w] from the base: ", expected);
+  }
+  for (std::size_t j = 0; j < twist.size(); ++j) {
+    if (!std::isfinite(twist[j])) {
+      return refuse(Fault::kNotFinite, "twist[", j, "] is ", twist[j],
+                    "; send finite v [m] and w [rad]");
+    }
+  }
+  return model::Twists(Eigen::Map<const model::Twists>(twist.data(), lie::SE3::kDof, sections));
+}
+
+Checked<Eigen::Vector3d> checkPosition(const Eigen::Vector3d& position) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!std::isfinite(position[axis])) {
+      return refuse(Fault::kNotFinite, "the tip's ", "xyz"[axis], " is ", position[axis],
+                    "; send a finite position [m]");
+    }
+  }
+  return position;
+}
+
+Checked<lie::SE3> checkPose(const Eigen::Vector3d& position, const Eigen::Quaterniond& rotation) {
+  const Checked<Eigen::Vector3d> checked = checkPosition(position);
+  if (const auto* refusal = std::get_if<Refusal>(&checked)) return *refusal;
+  const double norm = rotation.norm();
+  if (!std::isfinite(norm)) {
+    return refuse(Fault::kNotFinite, "the tip's quaternion is not finite; send a unit quaternion");
+  }
+  if (std::abs(norm - 1.0) > kQuaternionTolerance) {
+    return refuse(Fault::kNotUnitQuaternion, "the tip's quaternion has norm ", norm,
+                  "; normalise it, or send mode POSITION to leave the orientation free");
+  }
+  return lie::SE3{rotation.normalized().toRotationMatrix(), position};
+}
+
+}  // namespace helix_arm::control

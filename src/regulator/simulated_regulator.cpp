@@ -1,0 +1,61 @@
+#include "helix_arm/regulator/simulated_regulator.hpp"
+
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+
+namespace helix_arm::regulator {
+namespace {
+
+void require(bool holds, const char* what, double value, const char* rule) {
+  if (holds) return;
+  std::ostringstream message;
+  message << "simulated regulator: " << what << " is " << value << "; expected " << rule;
+  throw std::invalid_argument(message.str());
+}
+
+int requireChannels(int channels) {
+  require(channels >= 1, "the number of channels", channels, "at least 1");
+  return channels;
+}
+
+}  // namespace
+
+void SimulatedRegulatorConfig::validate() const {
+  require(std::isfinite(time_constant) && time_constant > 0, "the time constant [s]", time_constant,
+          "a finite value > 0");
+  require(std::isfinite(supply_pressure) && supply_pressure > 0, "the supply pressure [Pa]",
+          supply_pressure, "a finite value > 0");
+  require(std::isfinite(noise) && noise >= 0, "the noise [Pa]", noise, "a finite value >= 0");
+}
+
+SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config)
+    : config_(config),
+      set_point_(Eigen::VectorXd::Zero(requireChannels(channels))),
+      pressure_(Eigen::VectorXd::Zero(channels)),
+      generator_(config.seed) {
+  config_.validate();
+}
+
+void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_point) {
+  require(set_point.size() == pressure_.size(), "the number of set points",
+          static_cast<double>(set_point.size()), "one a channel");
+  for (const double value : set_point) {
+    require(std::isfinite(value), "a set point [Pa]", value, "a finite value");
+  }
+  set_point_ = set_point.cwiseMax(0.0).cwiseMin(config_.supply_pressure);
+}
+
+void SimulatedRegulator::step(double dt) {
+  require(dt >= 0, "the time step [s]", dt, "a value >= 0");
+  const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
+  pressure_ += covered * (set_point_ - pressure_);
+}
+
+Eigen::VectorXd SimulatedRegulator::measure() {
+  Eigen::VectorXd reading = pressure_;
+  for (double& value : reading) value += config_.noise * normal_(generator_);
+  return reading;
+}
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,44 @@
+#include "helix_arm/ros_bridge/arm_frames.hpp"
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+geometry_msgs::TransformStamped transform(const std::string& parent, const std::string& child,
+                                          const lie::SE3& X, const ros::Time& stamp) {
+  geometry_msgs::TransformStamped msg;
+  msg.header.frame_id = parent;
+  msg.header.stamp = stamp;
+  msg.child_frame_id = child;
+  msg.transform = toTransformMsg(X);
+  return msg;
+}
+
+}  // namespace
+
+FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix, int count)
+    : world(world_frame), base(prefix + names::kBaseFrame), tip(prefix + names::kTipFrame) {
+  for (int k = 0; k < count; ++k) curve.push_back(prefix + names::kModelFrame + std::to_string(k));
+}
+
+geometry_msgs::TransformStamped baseTransform(const FrameNames& names, const lie::SE3& X_WB) {
+  return transform(names.world, names.base, X_WB, ros::Time::now());
+}
+
+std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
+                                                             const model::Twists& twists,
+                                                             const ros::Time& stamp) {
+  const auto curve = model::sampleCurve(twists, static_cast<int>(names.curve.size()));
+  std::vector<geometry_msgs::TransformStamped> out;
+  out.reserve(curve.size() + 1);
+  for (std::size_t k = 0; k < curve.size(); ++k) {
+    out.push_back(transform(names.base, names.curve[k], curve[k].X, stamp));
+  }
+  out.push_back(transform(names.base, names.tip, model::tipPose(twists), stamp));
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

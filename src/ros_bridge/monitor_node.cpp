@@ -1,0 +1,182 @@
+#include "helix_arm/ros_bridge/monitor_node.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+
+#include <ros/names.h>
+
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kSilence = 2.0;  // a topic silent for so long at the end has stopped [s]
+
+bool allFinite(const std::vector<double>& values) {
+  for (const double value : values) {
+    if (!std::isfinite(value)) return false;
+  }
+  return true;
+}
+
+std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {
+  for (const auto& entry : status.values) {
+    if (entry.key == key) return entry.value;
+  }
+  return "";
+}
+
+std::uint64_t countOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {
+  return std::strtoull(valueOf(status, key).c_str(), nullptr, 10);
+}
+
+}  // namespace
+
+MonitorOptions MonitorOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  MonitorOptions out;
+  out.seconds = reader.number("seconds", out.seconds, {0.0, 86400.0});
+  out.startup = reader.number("startup_s", out.startup, {0.1, 3600.0});
+  out.min_rate = reader.number("min_rate", out.min_rate, {0.1, 1000.0});
+  reader.finish();
+  return out;
+}
+
+void MonitorNode::Stream::arrived(bool is_finite) {
+  last = ros::SteadyTime::now();
+  if (count++ == 0) first = last;
+  finite = finite && is_finite;
+}
+
+double MonitorNode::Stream::rate() const {
+  const double seconds = (last - first).toSec();
+  return count > 1 && seconds > 0 ? static_cast<double>(count - 1) / seconds : 0.0;
+}
+
+MonitorNode::MonitorNode()
+    : options_(MonitorOptions::load()), start_(ros::SteadyTime::now()), last_line_(start_) {
+  command_.topic = names::kPressureCommand;
+  measured_.topic = names::kPressureMeasured;
+  model_.topic = names::kModel;
+  using Node = MonitorNode;
+  command_subscriber_ = node_.subscribe(command_.topic, 1000, &Node::onCommand, this);
+  measured_subscriber_ = node_.subscribe(measured_.topic, 1000, &Node::onMeasured, this);
+  model_subscriber_ = node_.subscribe(model_.topic, 1000, &Node::onModel, this);
+  diagnostics_subscriber_ = node_.subscribe(names::kDiagnostics, 10, &Node::onDiagnostics, this);
+  timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
+}
+
+void MonitorNode::onCommand(const PressureArrayConstPtr& command) {
+  command_.arrived(allFinite(command->pressure));
+}
+
+void MonitorNode::onMeasured(const PressureArrayConstPtr& measured) {
+  measured_.arrived(allFinite(measured->pressure));
+  pressure_ = measured->pressure;
+}
+
+void MonitorNode::onModel(const ArmShapeConstPtr& model) {
+  const auto& p = model->tip.position;
+  tip_ = {p.x, p.y, p.z};
+  reach_.extend(tip_);
+  model_.arrived(allFinite(model->twist) && tip_.allFinite());
+}
+
+void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& diagnostics) {
+  const std::string node = ros::names::resolve(names::kPressureCommandNode).substr(1) + ": ";
+  for (const auto& status : diagnostics->status) {
+    if (status.name.compare(0, node.size(), node) != 0) continue;
+    diagnosed_ = true;
+    if (status.level >= diagnostic_msgs::DiagnosticStatus::ERROR) error_ = status.message;
+    if (status.name != node + names::kTargetsStatus) continue;
+    dropped_ = countOf(status, names::kDroppedKey);
+    refused_ = countOf(status, std::string(names::kDroppedPrefix) +
+                                   control::nameOf(control::Fault::kOtherCommander));
+    last_fault_ = valueOf(status, names::kLastFaultKey);
+  }
+}
+
+void MonitorNode::onSecond(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (model_.count == 0) {
+    std::printf("waiting for %s\n", ros::names::resolve(model_.topic).c_str());
+    last_line_ = now;
+    const bool given_up = options_.seconds > 0 && (now - start_).toSec() > options_.startup;
+    if (given_up) ros::requestShutdown();
+    return;
+  }
+  const double seconds = (now - model_.first).toSec();
+  printLine(seconds);
+  if (options_.seconds > 0 && seconds >= options_.seconds) ros::requestShutdown();
+}
+
+void MonitorNode::printLine(double seconds) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const double elapsed = (now - last_line_).toSec();
+  last_line_ = now;
+  std::string line;
+  char part[64];
+  std::snprintf(part, sizeof part, "%7.1f s  kPa", seconds);
+  line += part;
+  for (const double pressure : pressure_) {
+    std::snprintf(part, sizeof part, " %6.1f", pressure / 1e3);
+    line += part;
+  }
+  std::snprintf(part, sizeof part, "  tip %6.3f %6.3f %6.3f m ", tip_.x(), tip_.y(), tip_.z());
+  line += part;
+  for (Stream* stream : {&command_, &measured_, &model_}) {
+    const auto fresh = static_cast<double>(stream->count - stream->printed);
+    stream->printed = stream->count;
+    std::snprintf(part, sizeof part, " %s %.0f Hz", stream->topic.c_str(), fresh / elapsed);
+    line += part;
+  }
+  std::printf("%s  dropped %lu\n", line.c_str(), static_cast<unsigned long>(dropped_));
+}
+
+std::vector<std::string> MonitorNode::faults() const {
+  std::vector<std::string> out;
+  char text[256];
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  for (const Stream* stream : {&command_, &measured_, &model_}) {
+    const char* topic = stream->topic.c_str();
+    if (stream->count == 0) {
+      std::snprintf(text, sizeof text, "nothing came on %s", topic);
+    } else if ((now - stream->last).toSec() > kSilence) {
+      std::snprintf(text, sizeof text, "%s fell silent %.1f s before the end", topic,
+                    (now - stream->last).toSec());
+    } else if (stream->rate() < options_.min_rate) {
+      std::snprintf(text, sizeof text, "%s came at %.1f Hz; expected at least %g", topic,
+                    stream->rate(), options_.min_rate);
+    } else if (!stream->finite) {
+      std::snprintf(text, sizeof text, "%s held numbers that are not finite", topic);
+    } else {
+      continue;
+    }
+    out.emplace_back(text);
+  }
+  if (!diagnosed_) out.emplace_back("no diagnostics of pressure_command came");
+  if (!error_.empty()) out.push_back("diagnostics: " + error_);
+  if (dropped_ > refused_) {
+    out.push_back(std::to_string(dropped_ - refused_) +
+                  " targets were dropped, last fault: " + last_fault_);
+  }
+  return out;
+}
+
+int MonitorNode::finish() {
+  const double seconds = model_.count > 0 ? (ros::SteadyTime::now() - model_.first).toSec() : 0.0;
+  const double travel = reach_.isEmpty() ? 0.0 : reach_.diagonal().norm();
+  std::printf(
+      "summary: %.1f s, %s %.1f Hz, %s %.1f Hz, %s %.1f Hz, tip moved within %.3f m, dropped %lu\n",
+      seconds, command_.topic.c_str(), command_.rate(), measured_.topic.c_str(), measured_.rate(),
+      model_.topic.c_str(), model_.rate(), travel, static_cast<unsigned long>(dropped_));
+  const std::vector<std::string> found = faults();
+  for (const std::string& fault : found) std::printf("fault: %s\n", fault.c_str());
+  std::printf("verdict: %s\n", found.empty() ? "the arm runs" : "not healthy");
+  return found.empty() ? kDone : kFailed;
+}
+
+}  // namespace helix_arm::ros_bridge

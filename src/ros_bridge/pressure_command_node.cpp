@@ -1,0 +1,319 @@
+#include "helix_arm/ros_bridge/pressure_command_node.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/console.h>
+#include <ros/this_node.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
+
+double steadyNow() { return ros::SteadyTime::now().toSec(); }
+
+// The scene, when this node can drive all of its actuators.
+io::Scene requirePneumatic(io::Scene scene) {
+  std::string faults;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    if (actuator.drive == model::Drive::kPressure) continue;
+    faults += "\n" + actuator.name + " is a tendon; expected muscles and bellows only";
+  }
+  if (!faults.empty()) {
+    throw std::invalid_argument("scene " + scene.name + " cannot be driven by pressure:" + faults);
+  }
+  return scene;
+}
+
+regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
+  if (!scene.regulator) {
+    throw std::invalid_argument("scene " + scene.name +
+                                " has no regulator; add the section `regulator` to it");
+  }
+  const io::SimulatedRegulatorConfig& config = *scene.regulator;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = scene.arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    if (limits.lower < 0 || limits.upper > config.supply_pressure) {
+      ROS_WARN("%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+               actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+               config.supply_pressure / 1e3);
+    }
+  }
+  return {scene.arm.actuatorCount(),
+          {config.time_constant, config.supply_pressure, config.noise, config.seed}};
+}
+
+Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Range& limits = arm.actuator(i).limits;
+    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
+  }
+  return pressure;
+}
+
+Eigen::VectorXd lowerLimits(const model::Arm& arm) {
+  Eigen::VectorXd out(arm.actuatorCount());
+  for (int i = 0; i < arm.actuatorCount(); ++i) out[i] = arm.actuator(i).limits.lower;
+  return out;
+}
+
+std::string fixed(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f", value);
+  return text;
+}
+
+// Name of a status: `<node>: <what>`, the node without its leading slash (REP-107).
+std::string statusName(const char* what) {
+  return ros::this_node::getName().substr(1) + ": " + what;
+}
+
+}  // namespace
+
+PressureCommandOptions PressureCommandOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  PressureCommandOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
+  out.tf_rate = std::min(out.rate, reader.number("tf_rate", out.tf_rate, {0.1, 1000.0}));
+  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
+  out.frames = reader.count("frames", out.frames, 2, 1000);
+  out.world_frame = reader.frame("world_frame", names::kWorldFrame);
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  out.handle = reader.flag("handle", out.handle);
+  reader.finish();
+  return out;
+}
+
+PressureCommandNode::PressureCommandNode()
+    : options_(PressureCommandOptions::load()),
+      scene_(requirePneumatic(io::loadScene(options_.scene))),
+      frames_(options_.world_frame, options_.frame_prefix, options_.frames),
+      regulator_(makeRegulator(scene_)),
+      solver_(scene_.arm),
+      lease_(scene_.safety.commander_timeout),
+      markers_(scene_, frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
+      command_(lowerLimits(scene_.arm)),
+      measured_(command_),
+      twists_(twistsAt(command_)),
+      last_step_(ros::SteadyTime::now()),
+      last_diagnosis_(last_step_) {
+  regulator_.command(command_);
+  command_publisher_ = node_.advertise<PressureArray>(names::kPressureCommand, 10);
+  measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+  model_publisher_ = node_.advertise<ArmShape>(names::kModel, 10);
+  status_publisher_ = node_.advertise<TargetStatus>(names::kTargetStatus, 100);
+  marker_publisher_ = node_.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2);
+  diagnostics_publisher_ =
+      node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10);
+  static_tf_.sendTransform(baseTransform(frames_, scene_.X_WB));
+  if (options_.handle) {
+    const double size = std::clamp(4.0 * scene_.looks.back().separator_radius, 0.1, 0.2);
+    handle_ = std::make_unique<TipHandle>(
+        frames_.base, scene_.planar.has_value(), size, [this](const TipTarget& target) {
+          aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp}, target);
+        });
+  }
+
+  using Node = PressureCommandNode;
+  const auto hints = ros::TransportHints().tcpNoDelay();
+  const auto listen = [&](const char* topic, auto callback) {
+    return node_.subscribe(topic, 10, callback, this, hints);
+  };
+  pressure_subscriber_ = listen(names::kPressureTarget, &Node::onPressureTarget);
+  shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
+  tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
+
+  const auto every = [&](double rate, auto callback) {
+    return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
+  };
+  loop_timer_ = every(options_.rate, &Node::onLoop);
+  draw_timer_ = every(options_.draw_rate, &Node::onDraw);
+  diagnose_timer_ = every(1.0, &Node::onDiagnose);
+  ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
+           scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
+}
+
+void PressureCommandNode::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
+  const PressureArray& target = *event.getMessage();
+  const Sender sender{names::kPressureTarget, event.getPublisherName(), target.header.stamp};
+  const auto checked = fromMsg(target, scene_.arm, command_);
+  if (const Eigen::VectorXd* pressure = admit(sender, checked)) {
+    command(*pressure);
+    ledger_.taken();
+    status_publisher_.publish(answerTo(sender));
+  }
+}
+
+void PressureCommandNode::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
+  const ShapeTarget& target = *event.getMessage();
+  const Sender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
+  const auto checked = fromMsg(target, scene_.arm.sectionCount());
+  if (const model::Twists* twists = admit(sender, checked)) {
+    follow(sender, solver_.toTwists(*twists, command_));
+  }
+}
+
+void PressureCommandNode::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
+  const TipTarget& target = *event.getMessage();
+  aimTip({names::kTipTarget, event.getPublisherName(), target.header.stamp}, target);
+}
+
+void PressureCommandNode::aimTip(const Sender& sender, const TipTarget& target) {
+  const auto checked = fromMsg(target, frames_.base);
+  if (const TipGoal* goal = admit(sender, checked)) {
+    follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, command_)
+                                       : solver_.toPosition(goal->X_BT.translation, command_));
+  }
+}
+
+template <class T>
+const T* PressureCommandNode::admit(const Sender& sender, const control::Checked<T>& checked) {
+  // Checked before the lease: nonsense neither takes nor keeps it.
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    drop(sender, *refusal);
+    return nullptr;
+  }
+  if (!lease_.claim(sender.commander, steadyNow())) {
+    char text[256];
+    std::snprintf(text, sizeof text,
+                  "%s commands the arm; stop it and wait for %g s (safety.commander_timeout)",
+                  lease_.holder().c_str(), lease_.timeout());
+    drop(sender, {control::Fault::kOtherCommander, text});
+    return nullptr;
+  }
+  return &std::get<T>(checked);
+}
+
+void PressureCommandNode::drop(const Sender& sender, const control::Refusal& refusal) {
+  ledger_.dropped(sender.topic, sender.commander, refusal);
+  TargetStatus status = answerTo(sender);
+  status.outcome = TargetStatus::DROPPED;
+  status.fault = control::nameOf(refusal.fault);
+  status.message = refusal.message;
+  status_publisher_.publish(status);
+}
+
+void PressureCommandNode::follow(const Sender& sender, const model::InverseResult& result) {
+  if (!result.converged()) {
+    drop(sender, {control::Fault::kNotConverged,
+                  "no pressures were found for it; send a target closer to the arm's shape"});
+    return;
+  }
+  command(result.input);
+  TargetStatus status = answerTo(sender);
+  status.residual = result.residual;
+  status.position_error = result.position_error;
+  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+    const std::string& name = scene_.arm.actuator(i).name;
+    if (result.limits[i] == model::Limit::kLower) status.at_lower_limit.push_back(name);
+    if (result.limits[i] == model::Limit::kUpper) status.at_upper_limit.push_back(name);
+  }
+  if (result.status == model::InverseStatus::kReached) {
+    ledger_.taken();
+  } else {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "the tip stays %.1f mm away, residual %.2g m; the closest shape is commanded",
+                  1e3 * result.position_error, result.residual);
+    ledger_.closest(sender.topic, sender.commander, text);
+    status.outcome = TargetStatus::CLOSEST;
+    status.message = text;
+  }
+  status_publisher_.publish(status);
+}
+
+void PressureCommandNode::command(const Eigen::VectorXd& pressure) {
+  // The old set points held until now: the lag up to this moment belongs to them.
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  regulator_.step((now - last_step_).toSec());
+  last_step_ = now;
+  command_ = pressure;
+  regulator_.command(command_);
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
+}
+
+void PressureCommandNode::onLoop(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  regulator_.step((now - last_step_).toSec());
+  last_step_ = now;
+  measured_ = regulator_.measure();
+  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
+  ++loops_;
+
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
+  measured_publisher_.publish(toPressureMsg(header, scene_.arm, measured_));
+  std_msgs::Header shape_header = header;
+  shape_header.frame_id = frames_.base;
+  model_publisher_.publish(toShapeMsg(shape_header, scene_.planar ? "planar" : "linear", twists_));
+  const auto every = static_cast<std::uint64_t>(std::lround(options_.rate / options_.tf_rate));
+  if (loops_ % every == 0) sendFrames(header.stamp);
+}
+
+void PressureCommandNode::sendFrames(const ros::Time& stamp) {
+  if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
+  last_tf_stamp_ = stamp;
+  tf_.sendTransform(curveTransforms(frames_, twists_, stamp));
+}
+
+void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
+  if (handle_) handle_->follow(model::tipPose(twistsAt(command_)));
+  marker_publisher_.publish(markers_.draw(twists_, measured_, ros::Time::now()));
+}
+
+void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
+  using diagnostic_msgs::DiagnosticStatus;
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const double rate =
+      static_cast<double>(loops_ - diagnosed_loops_) / (now - last_diagnosis_).toSec();
+  last_diagnosis_ = now;
+  diagnosed_loops_ = loops_;
+
+  diagnostic_msgs::DiagnosticArray msg;
+  msg.header.stamp = ros::Time::now();
+  msg.status.resize(2);
+  DiagnosticStatus& targets = msg.status[0];
+  targets.name = statusName(names::kTargetsStatus);
+  ledger_.report(targets);
+  addValue(targets, names::kLeaseHolderKey, lease_.holder());
+  DiagnosticStatus& loop = msg.status[1];
+  loop.name = statusName(names::kLoopStatus);
+  const bool slow = rate < kSlowShare * options_.rate;
+  loop.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
+  loop.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  addValue(loop, names::kRateKey, fixed(rate));
+  addValue(loop, names::kWantedRateKey, fixed(options_.rate));
+  for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
+  diagnostics_publisher_.publish(msg);
+}
+
+model::Twists PressureCommandNode::twistsAt(const Eigen::VectorXd& pressure) const {
+  return scene_.planar ? model::embed(scene_.planar->twists(pressure))
+                       : scene_.arm.twists(pressure);
+}
+
+TargetStatus PressureCommandNode::answerTo(const Sender& sender) const {
+  TargetStatus status;
+  status.header.stamp = ros::Time::now();
+  status.target_stamp = sender.stamp;
+  status.topic = sender.topic;
+  status.commander = sender.commander;
+  status.outcome = TargetStatus::TAKEN;
+  return status;
+}
+
+}  // namespace helix_arm::ros_bridge

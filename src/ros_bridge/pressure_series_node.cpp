@@ -1,0 +1,120 @@
+#include "helix_arm/ros_bridge/pressure_series_node.hpp"
+
+#include <sstream>
+#include <stdexcept>
+#include <vector>
+
+#include <ros/console.h>
+#include <ros/this_node.h>
+
+#include "helix_arm/control/pressure_tour.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+// The rows to play, each of them a target that the node would take.
+Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
+  if (options.data.empty()) return control::pressureTour(arm);
+  const Eigen::MatrixXd rows = io::pressuresOf(io::loadDataSet(options.data), arm.actuatorCount());
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
+  std::ostringstream faults;
+  for (int row = 0; row < rows.rows(); ++row) {
+    const Eigen::VectorXd wanted = rows.row(row);
+    const std::vector<double> pressure(wanted.begin(), wanted.end());
+    const auto checked = control::checkPressures(arm, rest, {}, pressure);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      faults << options.data << " row " << row + 1 << ": " << refusal->message << "\n";
+    }
+  }
+  if (!faults.str().empty()) throw std::invalid_argument(faults.str());
+  return rows;
+}
+
+}  // namespace
+
+PressureSeriesOptions PressureSeriesOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  PressureSeriesOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.data = reader.optionalFile("data", "config/series", ".csv");
+  out.timing.ramp = reader.number("ramp_s", out.timing.ramp, {0.0, 3600.0});
+  out.timing.hold = reader.number("hold_s", out.timing.hold, {0.0, 3600.0});
+  out.timing.loop = reader.flag("loop", out.timing.loop);
+  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
+  out.yields = reader.flag("yields", out.yields);
+  out.resume_after = reader.number("resume_after_s", out.resume_after, {0.1, 3600.0});
+  reader.finish();
+  return out;
+}
+
+PressureSeriesNode::PressureSeriesNode()
+    : options_(PressureSeriesOptions::load()),
+      scene_(io::loadScene(options_.scene)),
+      rows_(loadRows(options_, scene_.arm)) {
+  const auto hints = ros::TransportHints().tcpNoDelay();
+  target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
+  command_subscriber_ =
+      node_.subscribe(names::kPressureCommand, 10, &PressureSeriesNode::onCommand, this, hints);
+  status_subscriber_ =
+      node_.subscribe(names::kTargetStatus, 100, &PressureSeriesNode::onStatus, this, hints);
+  timer_ = node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate),
+                                   &PressureSeriesNode::onTick, this);
+}
+
+void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
+  const auto checked =
+      fromMsg(*command, scene_.arm, Eigen::VectorXd::Zero(scene_.arm.actuatorCount()));
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    throw std::runtime_error("pressure_command is not of scene " + scene_.name + ": " +
+                             refusal->message);
+  }
+  command_ = std::get<Eigen::VectorXd>(checked);
+  if (!player_) player_.emplace(rows_, command_, options_.timing);
+}
+
+void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
+  const bool mine = status->commander == ros::this_node::getName();
+  const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
+  const bool others_command =
+      mine ? refused_to_command : refused_to_command || status->outcome != TargetStatus::DROPPED;
+  if (!options_.yields || !others_command) return;
+  if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");
+  yielding_ = true;
+  last_of_others_ = ros::SteadyTime::now();
+}
+
+void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const double dt = last_tick_.isZero() ? 0.0 : (now - last_tick_).toSec();
+  last_tick_ = now;
+  if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
+  if (yielding_) {
+    if ((now - last_of_others_).toSec() < options_.resume_after) return;
+    ROS_INFO("the series goes on");
+    yielding_ = false;
+    player_->resume(command_);
+  } else {
+    player_->advance(dt);
+  }
+  if (player_->row() != told_row_) {
+    told_row_ = player_->row();
+    std::ostringstream text;
+    text << 1e-3 * rows_.row(told_row_);
+    ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
+             text.str().c_str());
+  }
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  target_publisher_.publish(toPressureMsg(header, scene_.arm, player_->pressure()));
+  if (player_->finished()) {
+    ROS_INFO("the series is over");
+    ros::requestShutdown();
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

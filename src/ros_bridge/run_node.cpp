@@ -1,0 +1,36 @@
+#include "helix_arm/ros_bridge/run_node.hpp"
+
+#include <sstream>
+#include <stdexcept>
+
+#include <ros/console.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+int report(const std::exception& error, ExitCode code) {
+  std::istringstream lines(error.what());
+  for (std::string line; std::getline(lines, line);) ROS_FATAL("%s", line.c_str());
+  return code;
+}
+
+}  // namespace
+
+int guarded(const std::function<int()>& body) {
+  try {
+    return body();
+  } catch (const io::DocumentError& error) {
+    return report(error, kBadConfiguration);
+  } catch (const ParameterError& error) {
+    return report(error, kBadConfiguration);
+  } catch (const std::invalid_argument& error) {
+    return report(error, kBadConfiguration);
+  } catch (const std::exception& error) {
+    return report(error, kFailed);
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

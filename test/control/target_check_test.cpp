@@ -1,0 +1,138 @@
+#include "helix_arm/control/target_check.hpp"
+
+#include <cmath>
+#include <limits>
+#include <set>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "support/sample_arm.hpp"
+
+namespace helix_arm::control {
+namespace {
+
+const double kNan = std::nan("");
+const double kInfinity = std::numeric_limits<double>::infinity();
+
+class PressureCheck : public ::testing::Test {
+ protected:
+  using Names = std::vector<std::string>;
+
+  // Expects the fault, and every word in the message to the sender.
+  void expectRefused(const Names& name, const std::vector<double>& pressure, Fault fault,
+                     const std::vector<std::string>& words) {
+    const auto checked = checkPressures(arm_, command_, name, pressure);
+    ASSERT_TRUE(std::holds_alternative<Refusal>(checked));
+    const Refusal& refusal = std::get<Refusal>(checked);
+    EXPECT_STREQ(nameOf(refusal.fault), nameOf(fault));
+    for (const std::string& word : words) {
+      EXPECT_NE(refusal.message.find(word), std::string::npos)
+          << word << " in: " << refusal.message;
+    }
+  }
+
+  const model::Arm arm_ = test::sampleArm();
+  const Eigen::VectorXd command_ = Eigen::Vector3d(1e5, 2e5, 3e5);
+};
+
+TEST_F(PressureCheck, WithoutNamesAllAreMeantInTheOrderOfTheArm) {
+  const auto checked = checkPressures(arm_, command_, {}, {0.0, 1e4, test::kSampleMaxPressure});
+  ASSERT_TRUE(std::holds_alternative<Eigen::VectorXd>(checked));
+  EXPECT_EQ(std::get<Eigen::VectorXd>(checked),
+            Eigen::Vector3d(0.0, 1e4, test::kSampleMaxPressure));
+}
+
+TEST_F(PressureCheck, ThoseNotNamedKeepTheirCommand) {
+  const auto checked = checkPressures(arm_, command_, {"s1_m3", "s1_m1"}, {5e4, 6e4});
+  ASSERT_TRUE(std::holds_alternative<Eigen::VectorXd>(checked));
+  EXPECT_EQ(std::get<Eigen::VectorXd>(checked), Eigen::Vector3d(6e4, 2e5, 5e4));
+}
+
+TEST_F(PressureCheck, AWrongNumberIsRefused) {
+  expectRefused({}, {}, Fault::kWrongSize, {"0 pressures", "s1_m1, s1_m2, s1_m3"});
+  expectRefused({}, {1.0, 2.0}, Fault::kWrongSize, {"2 pressures for 3 actuators"});
+  expectRefused({"s1_m1"}, {1.0, 2.0}, Fault::kWrongSize, {"2 pressures for 1 names"});
+  expectRefused({"s1_m1", "s1_m2"}, {1.0}, Fault::kWrongSize, {"1 pressures for 2 names"});
+}
+
+TEST_F(PressureCheck, NamesMustBeKnownAndSingle) {
+  expectRefused({"s9_m1"}, {1.0}, Fault::kUnknownName, {"'s9_m1'", "s1_m1, s1_m2, s1_m3"});
+  expectRefused({""}, {1.0}, Fault::kUnknownName, {"''"});
+  expectRefused({"s1_m2", "s1_m2"}, {1.0, 1.0}, Fault::kDuplicateName, {"'s1_m2'", "once"});
+}
+
+TEST_F(PressureCheck, OnlyFiniteNumbersPass) {
+  expectRefused({}, {0.0, kNan, 0.0}, Fault::kNotFinite, {"s1_m2", "nan"});
+  expectRefused({}, {0.0, 0.0, kInfinity}, Fault::kNotFinite, {"s1_m3", "inf"});
+  expectRefused({"s1_m1"}, {-kInfinity}, Fault::kNotFinite, {"s1_m1", "-inf"});
+}
+
+TEST_F(PressureCheck, LimitsHoldFromBothSides) {
+  const double upper = test::kSampleMaxPressure;
+  expectRefused({"s1_m1"}, {std::nextafter(upper, 1e9)}, Fault::kOutOfRange,
+                {"s1_m1", "0 to 400000"});
+  expectRefused({"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"});
+}
+
+TEST(FaultName, EveryFaultHasItsOwn) {
+  std::set<std::string> names;
+  for (int i = 0; i < kFaultCount; ++i) names.insert(nameOf(static_cast<Fault>(i)));
+  EXPECT_EQ(names.size(), static_cast<std::size_t>(kFaultCount));
+}
+
+TEST(TwistCheck, RowsAreSections) {
+  std::vector<double> row_by_row(12);
+  for (int i = 0; i < 12; ++i) row_by_row[i] = i;
+  const auto checked = checkTwists(2, row_by_row);
+  ASSERT_TRUE(std::holds_alternative<model::Twists>(checked));
+  const auto& twists = std::get<model::Twists>(checked);
+  EXPECT_EQ(twists(5, 0), 5.0);
+  EXPECT_EQ(twists(0, 1), 6.0);
+}
+
+TEST(TwistCheck, AWrongSizeOrANumberThatIsNoneIsRefused) {
+  for (const int size : {0, 6, 11, 13}) {
+    const auto checked = checkTwists(2, std::vector<double>(size, 0.0));
+    ASSERT_TRUE(std::holds_alternative<Refusal>(checked)) << size;
+    EXPECT_EQ(std::get<Refusal>(checked).fault, Fault::kWrongSize);
+  }
+  std::vector<double> twist(6, 0.0);
+  twist[4] = kNan;
+  const auto checked = checkTwists(1, twist);
+  ASSERT_TRUE(std::holds_alternative<Refusal>(checked));
+  EXPECT_EQ(std::get<Refusal>(checked).fault, Fault::kNotFinite);
+  EXPECT_NE(std::get<Refusal>(checked).message.find("twist[4]"), std::string::npos);
+}
+
+Fault faultOfPose(const Eigen::Vector3d& position, const Eigen::Quaterniond& rotation) {
+  return std::get<Refusal>(checkPose(position, rotation)).fault;
+}
+
+TEST(PoseCheck, AUnitQuaternionPassesAndIsNormalised) {
+  const Eigen::Quaterniond unit(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
+  const double share = 1.0 + 0.9 * kQuaternionTolerance;
+  const Eigen::Quaterniond nearly(share * unit.w(), share * unit.x(), share * unit.y(),
+                                  share * unit.z());
+  const auto checked = checkPose({1, 2, 3}, nearly);
+  ASSERT_TRUE(std::holds_alternative<lie::SE3>(checked));
+  const auto& X = std::get<lie::SE3>(checked);
+  EXPECT_LT((X.rotation - unit.toRotationMatrix()).norm(), 1e-14);
+  EXPECT_EQ(X.translation, Eigen::Vector3d(1, 2, 3));
+}
+
+TEST(PoseCheck, OthersAreRefused) {
+  const Eigen::Quaterniond unit = Eigen::Quaterniond::Identity();
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {0, 0, 0, 0}), Fault::kNotUnitQuaternion);
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {1 + 1.1 * kQuaternionTolerance, 0, 0, 0}),
+            Fault::kNotUnitQuaternion);
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {1 - 1.1 * kQuaternionTolerance, 0, 0, 0}),
+            Fault::kNotUnitQuaternion);
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {1, kNan, 0, 0}), Fault::kNotFinite);
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {kInfinity, 0, 0, 0}), Fault::kNotFinite);
+  EXPECT_EQ(faultOfPose({0, kNan, 0}, unit), Fault::kNotFinite);
+  EXPECT_EQ(faultOfPose({0, 0, -kInfinity}, unit), Fault::kNotFinite);
+}
+
+}  // namespace
+}  // namespace helix_arm::control

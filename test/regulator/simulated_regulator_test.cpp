@@ -1,0 +1,115 @@
+#include "helix_arm/regulator/simulated_regulator.hpp"
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+namespace helix_arm::regulator {
+namespace {
+
+constexpr double kTau = 0.1, kSupply = 5e5;
+const SimulatedRegulatorConfig kQuiet{kTau, kSupply, 0.0, 1};
+
+TEST(SimulatedRegulator, AStepIsAnsweredByTheExponentialOfItsLag) {
+  for (const double t : {1e-9, 1e-3, 0.05, 0.1, 0.5, 3.0}) {
+    SimulatedRegulator regulator(1, kQuiet);
+    regulator.command(Eigen::VectorXd::Constant(1, 2e5));
+    regulator.step(t);
+    const long double expected = 2e5L * -std::expm1(-static_cast<long double>(t) / kTau);
+    EXPECT_NEAR(regulator.pressure()[0] / static_cast<double>(expected), 1.0, 1e-15) << t;
+  }
+}
+
+TEST(SimulatedRegulator, TheSizeOfTheStepsDoesNotMatter) {
+  SimulatedRegulator once(1, kQuiet), often(1, kQuiet);
+  for (const double target : {2e5, 5e4}) {
+    once.command(Eigen::VectorXd::Constant(1, target));
+    often.command(Eigen::VectorXd::Constant(1, target));
+    once.step(0.25);
+    for (int i = 0; i < 250; ++i) often.step(1e-3);
+    EXPECT_NEAR(once.pressure()[0], often.pressure()[0], 1e-9 * target);
+  }
+}
+
+TEST(SimulatedRegulator, ChannelsAreIndependent) {
+  SimulatedRegulator regulator(3, kQuiet);
+  regulator.command(Eigen::Vector3d(1e5, 0, 3e5));
+  regulator.step(100 * kTau);
+  EXPECT_EQ(regulator.pressure(), Eigen::Vector3d(1e5, 0, 3e5));
+}
+
+TEST(SimulatedRegulator, NoChannelRisesAboveTheSupplyOrBelowTheAtmosphere) {
+  SimulatedRegulator regulator(2, kQuiet);
+  regulator.command(Eigen::Vector2d(9e5, -2e5));
+  for (int i = 0; i < 1000; ++i) {
+    regulator.step(0.01);
+    ASSERT_LE(regulator.pressure()[0], kSupply);
+    ASSERT_GE(regulator.pressure()[1], 0.0);
+  }
+  EXPECT_NEAR(regulator.pressure()[0], kSupply, 1e-6);
+}
+
+TEST(SimulatedRegulator, WithoutNoiseItMeasuresTheTruth) {
+  SimulatedRegulator regulator(2, kQuiet);
+  regulator.command(Eigen::Vector2d(1e5, 2e5));
+  regulator.step(0.03);
+  EXPECT_EQ(regulator.measure(), regulator.pressure());
+}
+
+// 20000 seeded draws: the mean of their errors is sigma / 141, so 4 of those; their deviation is
+// known to 0.5 %.
+TEST(SimulatedRegulator, TheNoiseIsGaussianWithTheGivenDeviation) {
+  constexpr double kNoise = 5e3;
+  constexpr int kDraws = 20000;
+  SimulatedRegulator regulator(1, {kTau, kSupply, kNoise, 7});
+  regulator.command(Eigen::VectorXd::Constant(1, 2e5));
+  regulator.step(100 * kTau);
+  double sum = 0, squares = 0;
+  int within_one = 0;
+  for (int i = 0; i < kDraws; ++i) {
+    const double error = regulator.measure()[0] - 2e5;
+    sum += error;
+    squares += error * error;
+    if (std::abs(error) < kNoise) ++within_one;
+  }
+  EXPECT_NEAR(sum / kDraws, 0.0, 4 * kNoise / std::sqrt(kDraws));
+  EXPECT_NEAR(std::sqrt(squares / kDraws) / kNoise, 1.0, 0.02);
+  EXPECT_NEAR(static_cast<double>(within_one) / kDraws, 0.6827, 0.015);
+}
+
+TEST(SimulatedRegulator, TheSeedDecidesTheNoise) {
+  SimulatedRegulator a(2, {kTau, kSupply, 5e3, 3}), b(2, {kTau, kSupply, 5e3, 3});
+  SimulatedRegulator other(2, {kTau, kSupply, 5e3, 4});
+  const Eigen::VectorXd first = a.measure();
+  EXPECT_EQ(first, b.measure());
+  EXPECT_NE(first, other.measure());
+  EXPECT_NE(first, a.measure());
+}
+
+TEST(SimulatedRegulator, ARefusedCommandLeavesTheOldOne) {
+  SimulatedRegulator regulator(1, kQuiet);
+  regulator.command(Eigen::VectorXd::Constant(1, 1e5));
+  EXPECT_THROW(regulator.command(Eigen::VectorXd::Constant(1, std::nan(""))),
+               std::invalid_argument);
+  EXPECT_THROW(regulator.command(Eigen::Vector2d(1, 2)), std::invalid_argument);
+  regulator.step(100 * kTau);
+  EXPECT_EQ(regulator.pressure()[0], 1e5);
+}
+
+TEST(SimulatedRegulator, UnusableArgumentsAreRefused) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_THROW(SimulatedRegulator(0, kQuiet), std::invalid_argument);
+  EXPECT_THROW(SimulatedRegulator(1, {0.0, kSupply, 0.0, 1}), std::invalid_argument);
+  EXPECT_THROW(SimulatedRegulator(1, {infinity, kSupply, 0.0, 1}), std::invalid_argument);
+  EXPECT_THROW(SimulatedRegulator(1, {kTau, -1.0, 0.0, 1}), std::invalid_argument);
+  EXPECT_THROW(SimulatedRegulator(1, {kTau, kSupply, -1.0, 1}), std::invalid_argument);
+  EXPECT_THROW(SimulatedRegulator(1, {kTau, kSupply, std::nan(""), 1}), std::invalid_argument);
+  SimulatedRegulator regulator(1, kQuiet);
+  EXPECT_THROW(regulator.step(-1e-9), std::invalid_argument);
+  EXPECT_THROW(regulator.step(std::nan("")), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

@@ -1,0 +1,142 @@
+// Nodes and launch files as processes: what they print, how they end, what becomes of them without
+// a master.
+#include <csignal>
+
+#include <gtest/gtest.h>
+
+#include "support/process.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+const std::string kScene = "_scene:=" HELIX_ARM_SOURCE_DIR "/config/scenes/spatial_50.yaml";
+const std::string kReady = "loop at";
+
+class NodeProcess : public ::testing::Test {
+ protected:
+  Process::Variables variables() const { return master_.variables(); }
+
+  // Runs pressure_command with these arguments; expects it to end with 2 and to print all the
+  // words.
+  void expectRefused(std::vector<std::string> arguments, const std::vector<std::string>& words) {
+    arguments.insert(arguments.begin(), HELIX_ARM_PRESSURE_COMMAND);
+    const Master master;  // its own: parameters outlive the node that brought them
+    Process node(arguments, master.variables());
+    EXPECT_EQ(node.exitCode(), 2) << node.output();
+    for (const std::string& word : words) {
+      EXPECT_NE(node.output().find(word), std::string::npos) << word << " in:\n" << node.output();
+    }
+    EXPECT_EQ(node.output().find(kReady), std::string::npos) << "it started nevertheless";
+  }
+
+  Master master_;
+};
+
+TEST_F(NodeProcess, ABadSceneEndsItWith2AndEveryFault) {
+  const TemporaryFile scene(R"(name: bad
+contractions:
+  muscle:
+    table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: -3, K_tau_m2: 0, K_kappa_m2: .nan}
+  sections:
+    - name: arm
+      ring: {count: 3, radius_m: 0.03, contraction: mussel, max_pressure_kpa: 400}
+colour: green
+)");
+  expectRefused({"_scene:=" + scene.path()},
+                {"K_gamma", "-3", "K_kappa_m2", "mussel", "colour", scene.path() + ":"});
+}
+
+TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
+  expectRefused({"_rate:=0", "_draw_rate:=often", "_frames:=1.5", "_world_frame:=/world"},
+                {"~scene is missing", "~rate is 0", "~draw_rate is often", "~frames is 1.5",
+                 "~world_frame is /world"});
+  expectRefused({"_scene:=scenes/demo.yaml"}, {"~scene is scenes/demo.yaml", "absolute path"});
+  expectRefused({"_scene:=no_such_arm"}, {"config/scenes/no_such_arm.yaml"});
+}
+
+TEST_F(NodeProcess, AnArmThatItCannotDriveIsRefused) {
+  const TemporaryFile scene(R"(name: tendon
+contractions:
+  cable:
+    tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 6}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections:
+    - name: arm
+      ring: {count: 3, radius_m: 0.03, contraction: cable}
+)");
+  expectRefused({"_scene:=" + scene.path()}, {"muscle_1 is a tendon", "muscle_3 is a tendon"});
+}
+
+TEST_F(NodeProcess, AskedToEndItEndsWith0) {
+  Process node({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
+  ASSERT_TRUE(node.prints(kReady)) << node.output();
+  node.signal(SIGINT);
+  EXPECT_EQ(node.exitCode(), 0) << node.output();
+}
+
+TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {
+  Process command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
+  Process series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables());
+  Process monitor({HELIX_ARM_MONITOR}, variables());
+  ASSERT_TRUE(command.prints(kReady)) << command.output();
+  ASSERT_TRUE(series.prints("row 1")) << series.output();
+  ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
+  master_.stop();
+  for (Process* node : {&command, &series, &monitor}) {
+    EXPECT_EQ(node->exitCode(), 1) << node->output();
+    EXPECT_NE(node->output().find("is gone"), std::string::npos) << node->output();
+  }
+}
+
+TEST_F(NodeProcess, AMasterThatForgotTheNodeEndsIt) {
+  Process node({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
+  ASSERT_TRUE(node.prints(kReady)) << node.output();
+  master_.stop();
+  master_.start();
+  EXPECT_EQ(node.exitCode(), 1) << node.output();
+  EXPECT_NE(node.output().find("does not know this node"), std::string::npos) << node.output();
+}
+
+TEST_F(NodeProcess, TheMonitorFailsWhereThereIsNoArm) {
+  Process monitor({HELIX_ARM_MONITOR, "_seconds:=1", "_startup_s:=1"}, variables());
+  EXPECT_EQ(monitor.exitCode(), 1);
+  for (const char* words : {"nothing came on pressure_command", "nothing came on pressure_measured",
+                            "nothing came on model", "not healthy"}) {
+    EXPECT_NE(monitor.output().find(words), std::string::npos) << words << monitor.output();
+  }
+}
+
+TEST_F(NodeProcess, ASeriesThatLeavesTheLimitsIsRefused) {
+  const TemporaryFile data("# made up\npressure_1_kpa,pressure_2_kpa\n100,0\n100,900\n");
+  Process series({HELIX_ARM_SERIES, kScene, "_data:=" + data.path()}, variables());
+  EXPECT_EQ(series.exitCode(), 2) << series.output();
+  EXPECT_NE(series.output().find("row 2: muscle_2 is asked for 900000 Pa"), std::string::npos)
+      << series.output();
+}
+
+class LaunchFile : public NodeProcess, public ::testing::WithParamInterface<const char*> {};
+
+TEST_P(LaunchFile, BringsUpAnArmThatRuns) {
+  const std::string file = HELIX_ARM_SOURCE_DIR "/launch/" + std::string(GetParam());
+  Process launch({"roslaunch", "-p", std::to_string(master_.port()), file, "rviz:=false"},
+                 variables());
+  Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1"}, variables());
+  EXPECT_EQ(monitor.exitCode(45), 0) << monitor.output() << launch.output();
+  launch.signal(SIGINT);
+  EXPECT_EQ(launch.exitCode(), 0);
+  for (const char* trouble : {"has died", "cannot launch", "ERROR", "FATAL"}) {
+    EXPECT_EQ(launch.output().find(trouble), std::string::npos) << launch.output();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, LaunchFile,
+                         ::testing::Values("arm.launch", "demo.launch", "replay.launch"));
+
+}  // namespace
+}  // namespace helix_arm::test
