@@ -46,7 +46,7 @@ void SeriesPlayer::advance(double dt) {
 }
 
 Eigen::VectorXd SeriesPlayer::pressure() const {
-  const Eigen::VectorXd to = rows_.row(row_);
+  Eigen::VectorXd to = rows_.row(row_);
   if (finished_ || time_ >= timing_.ramp) return to;
   return from_ + time_ / timing_.ramp * (to - from_);
 }

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "helix_arm/model/inverse.hpp"
+
 namespace helix_arm::control {
 namespace {
 
@@ -82,6 +84,10 @@ Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twis
       return refuse(Fault::kNotFinite, "twist[", j, "] is ", twist[j],
                     "; send finite v [m] and w [rad]");
     }
+    if (std::abs(twist[j]) > model::kFarthestTarget) {
+      return refuse(Fault::kOutOfRange, "twist[", j, "] is ", twist[j],
+                    "; send v [m] and w [rad] of a size that an arm has");
+    }
   }
   return model::Twists(Eigen::Map<const model::Twists>(twist.data(), lie::SE3::kDof, sections));
 }
@@ -91,6 +97,10 @@ Checked<Eigen::Vector3d> checkPosition(const Eigen::Vector3d& position) {
     if (!std::isfinite(position[axis])) {
       return refuse(Fault::kNotFinite, "the tip's ", "xyz"[axis], " is ", position[axis],
                     "; send a finite position [m]");
+    }
+    if (std::abs(position[axis]) > model::kFarthestTarget) {
+      return refuse(Fault::kOutOfRange, "the tip's ", "xyz"[axis], " is ", position[axis],
+                    "; send a position in metres, seen from the arm's base");
     }
   }
   return position;

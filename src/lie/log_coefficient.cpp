@@ -3,12 +3,6 @@
 #include "helix_arm/lie/coefficients.hpp"
 
 namespace helix_arm::lie {
-namespace {
-
-// Below this theta^2 [rad^2] the quotient would cancel.
-constexpr double kLogSeriesLimit = 2.0;
-
-}  // namespace
 
 double logCoefficient(double x) {
   if (x >= kLogSeriesLimit) {

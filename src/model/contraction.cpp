@@ -42,14 +42,20 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> edges = signChanges(derivative(c), lo, hi);
   edges.insert(edges.begin(), lo);
   edges.push_back(hi);
-  for (std::size_t i = 0; i + 1 < edges.size(); ++i) {
-    double a = edges[i], b = edges[i + 1];
-    const bool positive = evaluate(c, a) > 0;
-    if (positive == (evaluate(c, b) > 0)) continue;
-    for (double m = 0.5 * (a + b); a < m && m < b; m = 0.5 * (a + b)) {
-      (evaluate(c, m) > 0) == positive ? a = m : b = m;
+  double from = lo;
+  double sign = 0.0;  // of the last edge that is not a zero: touching zero is no change
+  for (const double edge : edges) {
+    const double value = evaluate(c, edge);
+    if (value == 0) continue;
+    if (value * sign < 0) {
+      double a = from, b = edge;
+      for (double m = 0.5 * (a + b); a < m && m < b; m = 0.5 * (a + b)) {
+        (evaluate(c, m) * sign > 0 ? a : b) = m;
+      }
+      roots.push_back(b);
     }
-    roots.push_back(b);
+    from = edge;
+    sign = value > 0 ? 1.0 : -1.0;
   }
   return roots;
 }
@@ -200,9 +206,10 @@ double Contraction::inverseInside(double length, double guess) const noexcept {
     double next = q - error * slope / ((slope * slope - error * half_bend) * piece.inverse_scale);
     const bool inside = next >= lower && next <= upper;
     if (!inside) next = 0.5 * (lower + upper);
-    if (std::abs(next - q) <=
-        (inside ? small_step : std::numeric_limits<double>::epsilon() * upper))
-      return next;
+    // Where the slope nearly vanishes the digits come one by one.
+    const bool cubic = inside && std::abs(error * half_bend) <= 3e-5 * slope * slope;
+    const double last_bit = std::numeric_limits<double>::epsilon() * upper;
+    if (std::abs(next - q) <= (cubic ? small_step : last_bit)) return next;
     q = next;
   }
   return q;

@@ -22,7 +22,12 @@ Group sectionStart(const TwistsOf<Group>& twists, int k) {
 
 template <class Group>
 Group poseOnCurve(const TwistsOf<Group>& twists, double s) {
-  const int k = std::clamp(static_cast<int>(std::floor(s)), 0, static_cast<int>(twists.cols()) - 1);
+  const auto sections = static_cast<double>(twists.cols());
+  if (!(s >= 0 && s <= sections)) {
+    throw std::invalid_argument("s is " + std::to_string(s) + "; expected 0 to " +
+                                std::to_string(twists.cols()));
+  }
+  const int k = static_cast<int>(std::min(std::floor(s), sections - 1));
   return sectionStart<Group>(twists, k) * Group::exp((s - k) * twists.col(k));
 }
 

@@ -31,7 +31,7 @@ void checkStrands(const std::vector<Strand<Group>>& strands) {
 }
 
 // The length that makes bending and shear comparable: distance of the actuators from the base
-// curve, or, where all are centred, the one their own bending stiffness carries.
+// curve, and, where that is next to nothing, one that their own bending stiffness carries.
 template <class Group>
 double characteristicLength(const std::vector<Strand<Group>>& strands) {
   double offset = 0.0, bending = 0.0;
@@ -39,8 +39,8 @@ double characteristicLength(const std::vector<Strand<Group>>& strands) {
     offset += X_O.translation.squaredNorm() / static_cast<double>(strands.size());
     bending = std::max(bending, K.template tail<Group::kRotations>().maxCoeff());
   }
-  if (offset > 0) return std::sqrt(offset);
-  return bending > 0 ? std::sqrt(bending) : 1.0;
+  const double length = std::max(std::sqrt(offset), 1e-6 * std::sqrt(bending));
+  return length > 0 ? length : 1.0;
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 #include "helix_arm/model/inverse.hpp"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -19,6 +21,7 @@ constexpr int kNearestStarts = 12;  // of the seeds; later starts are spread ove
 constexpr int kMaxActuatorsForCorners = 6;
 constexpr double kGoalFraction =
     0.1;  // aim below the tolerance: room for rounding on the way to inputs
+constexpr double kMapRankTolerance = 1e-9;
 constexpr double kSnapFraction = 1e-2;   // of the tolerance: closer to a limit is at it
 constexpr double kAtRest = 1e-13;        // relative decrease that is no longer worth a step
 constexpr double kLeastDamping = 1e-12;  // relative to the mean of diag(J'J)
@@ -32,6 +35,15 @@ void requirePositive(const char* name, double value) {
   if (std::isfinite(value) && value > 0) return;
   throw std::invalid_argument("InverseOptions::" + std::string(name) + " is " +
                               std::to_string(value) + "; expected a finite value > 0");
+}
+
+// Farther away the arm would vanish in the rounding of the distance.
+template <class Target>
+void requireNear(const char* what, const Target& target) {
+  if (target.cwiseAbs().maxCoeff() <= kFarthestTarget) return;
+  throw std::invalid_argument("the target " + std::string(what) +
+                              " is not finite, or has an entry beyond " +
+                              std::to_string(kFarthestTarget) + " m or rad");
 }
 
 }  // namespace
@@ -63,6 +75,7 @@ class InverseSolver::Workspace {
   void setStepBounds(const Point& point) noexcept;
   bool takeNewtonStep(Point& point) noexcept;
   Descent descend(Point& point) noexcept;
+  Descent tryOtherStarts(Descent first) noexcept;
   void sampleSeeds();
   int nextSeed(int start_number) noexcept;
   void snapToLimits() noexcept;
@@ -129,8 +142,10 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& option
   lower_ = at_lower_limit_.cwiseMin(at_upper_limit_);
   upper_ = at_lower_limit_.cwiseMax(at_upper_limit_);
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    map_rank_ += static_cast<int>(
-        std::min<Eigen::Index>(arm.equilibrium(k).rank, arm.equilibrium(k).map.cols()));
+    // Of the map, not of A: an untilted ring can shear and twist, but its muscles cannot make it.
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(arm.equilibrium(k).map);
+    qr.setThreshold(kMapRankTolerance);
+    map_rank_ += static_cast<int>(qr.rank());
   }
   for (Point* point : {&current_, &trial_, &best_}) {
     point->lengths.resize(n_);
@@ -246,9 +261,11 @@ bool InverseSolver::Workspace::takeNewtonStep(Point& point) noexcept {
 // Levenberg-Marquardt inside the box, from a point evaluated to the goal or to a local minimum.
 InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point) noexcept {
   const double goal = std::pow(kGoalFraction * options_.position_tolerance, 2);
+  // A residual that no step shortens by a thousandth of the tolerance is as short as it gets.
+  const double rest_gain = 2e-3 * options_.position_tolerance;
   double damping = kLeastDamping;
   bool fresh = true;
-  bool newton = n_ == 3 && task_.rows() == 3;
+  bool newton = n_ == 3 && task_.rows() == 3 && !hasSpareActuators();
   for (int i = 0; i < options_.max_iterations; ++i) {
     if (point.cost <= goal) return Descent::kReached;
     ++result_.iterations;
@@ -273,7 +290,9 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point
       promised -= 2.0 * delta[a] * (step_.g[a] + row);
       trial_.lengths[a] = std::min(std::max(point.lengths[a] + delta[a], lower_[a]), upper_[a]);
     }
-    if (promised <= kAtRest * point.cost) return Descent::kAtRest;
+    if (promised <= std::max(kAtRest * point.cost, rest_gain * std::sqrt(point.cost))) {
+      return Descent::kAtRest;
+    }
     evaluate(trial_);
     const double ratio = (point.cost - trial_.cost) / promised;
     fresh = ratio > 1e-3;
@@ -331,24 +350,34 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs
   // behind another.
   if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
-    std::swap(best_, current_);
-    for (int s = 0; s < options_.max_starts && outcome != Descent::kReached; ++s) {
-      current_.lengths = seeds_.col(nextSeed(s));
-      evaluate(current_);
-      const Descent descent = descend(current_);
-      if (descent == Descent::kReached || current_.cost < best_.cost) {
-        std::swap(best_, current_);
-        outcome = descent;
-      }
-    }
-    std::swap(best_, current_);
+    outcome = tryOtherStarts(outcome);
   }
   readInputs(current_.lengths);
   if (outcome == Descent::kReached && hasSpareActuators()) followPreference();
   snapToLimits();
-  answered_ = true;
   report(outcome);
+  answered_ = result_.status == InverseStatus::kReached;
   return result_;
+}
+
+// The best of the starts, left in current_. It counts as at rest where any start as good came to
+// rest.
+InverseSolver::Workspace::Descent InverseSolver::Workspace::tryOtherStarts(Descent first) noexcept {
+  const double infinity = std::numeric_limits<double>::infinity();
+  double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;
+  std::swap(best_, current_);
+  for (int s = 0; s < options_.max_starts; ++s) {
+    current_.lengths = seeds_.col(nextSeed(s));
+    evaluate(current_);
+    const Descent descent = descend(current_);
+    if (descent == Descent::kReached) return descent;
+    if (descent == Descent::kAtRest) rest_cost = std::min(rest_cost, current_.cost);
+    if (current_.cost < best_.cost) std::swap(best_, current_);
+  }
+  std::swap(best_, current_);
+  const bool at_rest =
+      std::sqrt(rest_cost) <= std::sqrt(current_.cost) + options_.position_tolerance;
+  return at_rest ? Descent::kAtRest : Descent::kExhausted;
 }
 
 bool InverseSolver::Workspace::hasSpareActuators() const {
@@ -474,24 +503,28 @@ InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
 
 const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
                                                const InputRef& start) {
-  if (!position.allFinite()) throw std::invalid_argument("the target position is not finite");
+  requireNear("position", position);
   workspace_->aimAt(position);
   return workspace_->solve(start);
 }
 
 const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const InputRef& start) {
-  if (!pose.translation.allFinite() || !pose.rotation.allFinite()) {
-    throw std::invalid_argument("the target pose is not finite");
+  requireNear("position", pose.translation);
+  const Eigen::Matrix3d& R = pose.rotation;
+  if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= 1e-6 && R.determinant() > 0)) {
+    throw std::invalid_argument("the target's rotation is not orthogonal and right-handed");
   }
   workspace_->aimAt(pose);
   return workspace_->solve(start);
 }
 
 const InverseResult& InverseSolver::toTwists(const Twists& twists, const InputRef& start) {
-  if (twists.cols() != workspace_->arm().sectionCount() || !twists.allFinite()) {
-    throw std::invalid_argument("the target twists are not finite, or not one a section (" +
-                                std::to_string(workspace_->arm().sectionCount()) + ")");
+  const int sections = workspace_->arm().sectionCount();
+  if (twists.cols() != sections) {
+    throw std::invalid_argument("got twists of " + std::to_string(twists.cols()) +
+                                " sections; the arm has " + std::to_string(sections));
   }
+  requireNear("twists", twists);
   workspace_->aimAt(twists);
   return workspace_->solve(start);
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"

@@ -40,7 +40,7 @@ std::string ParameterReader::text(const std::string& name, const std::string& fa
 }
 
 std::string ParameterReader::frame(const std::string& name, const std::string& fallback) {
-  const std::string given = text(name, fallback);
+  std::string given = text(name, fallback);
   const bool empty = given.empty() && !fallback.empty();
   if (!empty && given.compare(0, 1, "/") != 0) return given;
   fault(name, XmlRpc::XmlRpcValue(given), "a tf2 frame: not empty, no leading slash");
@@ -80,7 +80,7 @@ int ParameterReader::count(const std::string& name, int fallback, int lower, int
 
 std::string ParameterReader::optionalFile(const std::string& name, const std::string& folder,
                                           const std::string& extension) {
-  const std::string given = text(name, "");
+  std::string given = text(name, "");
   if (given.empty() || given.front() == '/') return given;
   if (given.find('/') == std::string::npos && given.find('.') == std::string::npos) {
     return join(ros::package::getPath("helix_arm"), "/", folder, "/", given, extension);
@@ -95,7 +95,7 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
 std::string ParameterReader::file(const std::string& name, const std::string& folder,
                                   const std::string& extension) {
   const std::size_t before = faults_.size();
-  const std::string path = optionalFile(name, folder, extension);
+  std::string path = optionalFile(name, folder, extension);
   if (path.empty() && faults_.size() == before) {
     faults_.push_back(join("~", name,
                            " is missing; expected an absolute path, or the name of a file in ",

@@ -20,7 +20,7 @@ namespace {
 // The rows to play, each of them a target that the node would take.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
   if (options.data.empty()) return control::pressureTour(arm);
-  const Eigen::MatrixXd rows = io::pressuresOf(io::loadDataSet(options.data), arm.actuatorCount());
+  Eigen::MatrixXd rows = io::pressuresOf(io::loadDataSet(options.data), arm.actuatorCount());
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
   std::ostringstream faults;
   for (int row = 0; row < rows.rows(); ++row) {
@@ -103,8 +103,9 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   }
   if (player_->row() != told_row_) {
     told_row_ = player_->row();
+    static const Eigen::IOFormat kPlain(4, Eigen::DontAlignCols, " ");
     std::ostringstream text;
-    text << 1e-3 * rows_.row(told_row_);
+    text << (1e-3 * rows_.row(told_row_)).format(kPlain);
     ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
              text.str().c_str());
   }

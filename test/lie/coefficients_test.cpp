@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "log_coefficient.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
 
@@ -107,6 +108,42 @@ TEST(Coefficients, AgreeWithTheirDefinitionOnBothSidesOfTheSwitch) {
   above.print("above the switch");
   below.expectWithin(6.0);
   above.expectWithin(6.0);
+}
+
+TEST(Coefficients, CosineIsAsGoodWhereItsTwoFormsMeet) {
+  Worst below, above;
+  for (int ulps = 0; ulps < 500; ++ulps) {
+    below.measure(detail::kVersineLimit * (1 - ulps * test::kEps));
+    above.measure(detail::kVersineLimit * (1 + (ulps + 1) * test::kEps));
+  }
+  below.print("below the versine's limit");
+  above.print("above the versine's limit");
+  below.expectWithin(4.0);
+  above.expectWithin(4.0);
+}
+
+// (1 - (theta/2) cot(theta/2)) / theta^2, by the series of a / (2 b) where it would cancel.
+double logErrorEps(double x) {
+  const Reference f{Real(x)};
+  const Real exact = x < 1e-20 ? Real(1) / 12 : (1 - f.a / (2 * f.b)) / Real(x);
+  return static_cast<double>(Real(abs((exact - logCoefficient(x)) / exact) / test::kEps));
+}
+
+TEST(LogCoefficient, HoldsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
+  test::Random random(33);
+  double worst = 0;
+  for (int i = 0; i < 3000; ++i) {
+    worst = std::max(worst, logErrorEps(std::pow(random.logUniform(1e-300, kPi), 2)));
+    worst = std::max(worst, logErrorEps(random.uniform(0, kPi * kPi)));
+  }
+  double at_switch = 0;
+  for (int ulps = -500; ulps <= 500; ++ulps) {
+    at_switch = std::max(at_switch, logErrorEps(kLogSeriesLimit * (1 + ulps * test::kEps)));
+  }
+  std::printf("log coefficient: %.2f eps, %.2f at its switch\n", worst, at_switch);
+  // Its term in log is theta^2 / 12 of the whole, so these are less than one eps of a result.
+  EXPECT_LE(worst, 16.0);
+  EXPECT_LE(at_switch, 16.0);
 }
 
 TEST(Coefficients, AgreeWithTheirDefinitionWhereTheReductionChangesQuadrant) {

@@ -55,6 +55,31 @@ TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
   EXPECT_NE(message.find("turns back is 56"), std::string::npos) << message;
 }
 
+TEST(Quintic, MayBeFlatWhereItBeginsOrEnds) {
+  for (const double sign : {1.0, -1.0}) {
+    // l' is zero at the lower end, at the upper end, and at a point inside that does not turn.
+    EXPECT_NO_THROW(Contraction::quintic({0.3, 0, sign * 0.1, 0, 0, 0}, 1e5, 1e5));
+    EXPECT_NO_THROW(Contraction::quintic({0.3, sign * 0.2, sign * -0.1, 0, 0, 0}, 1e5, 1e5));
+    EXPECT_NO_THROW(
+        Contraction::quintic({0.3, sign * 0.075, sign * -0.15, sign * 0.1, 0, 0}, 1e5, 1e5));
+  }
+}
+
+TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
+  test::Random random(44);
+  for (const double first : {0.0, -1e-8, -1e-4}) {
+    const Contraction curve = Contraction::quintic({0.4, first, -0.1, 0, 0, 0}, 1e5, 1e5);
+    for (int i = 0; i < 20000; ++i) {
+      const double q = random.logUniform(1e-3, 1e5);
+      const double length = curve.length(q);
+      EXPECT_NEAR(curve.length(curve.inverse(length)), length, 4 * kEps) << q;
+      EXPECT_NEAR(curve.length(curve.inverseInside(length, random.uniform(0, 1e5))), length,
+                  4 * kEps)
+          << q;
+    }
+  }
+}
+
 TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
   EXPECT_NE(refusal([] {
               Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5);

@@ -51,6 +51,13 @@ TEST(Curve, IsContinuousWhereSectionsMeet) {
   EXPECT_LT((poseAt(g, 1 - 1e-12).translation - poseAt(g, 1).translation).norm(), 1e-11);
 }
 
+TEST(Curve, IsNotExtrapolated) {
+  const Twists g = twist({0.4, 0, 0}, {0, 0, 1});
+  for (const double s : {-1e-9, 1.0 + 1e-9, double(NAN)}) {
+    EXPECT_THROW(poseAt(g, s), std::invalid_argument) << s;
+  }
+}
+
 TEST(Curve, RefusesFewerThanTwoSamples) {
   EXPECT_THROW(sampleCurve(twist({0.4, 0, 0}, {0, 0, 1}), 1), std::invalid_argument);
 }

@@ -71,7 +71,7 @@ std::vector<Strand<lie::SE3>> flatPair(double offset, const lie::SE3::Tangent& K
 std::vector<Case> cases() {
   const double tilt = 15 * test::kPi / 180;
   std::vector<Case> all;
-  for (const double radius : {1e-4, 0.0254, 1.0}) {
+  for (const double radius : {5e-5, 1e-4, 0.0254, 1.0}) {
     for (const double gamma : {1.0, 1e2, 1e6, 1e12}) {
       for (const double kappa : {1e-12, 9.8e-5, 1e2}) {
         for (const double angle : {0.0, tilt}) {
@@ -90,6 +90,11 @@ std::vector<Case> cases() {
   const lie::SE3 centred;
   all.push_back({"one centred muscle, K_tau = 0", {{centred, stiffness(10, 0, 1e-4)}}, 3});
   all.push_back({"one centred muscle, K_tau > 0", {{centred, stiffness(10, 1e-5, 1e-4)}}});
+  for (const double offset : {1e-20, 1e-17, 1e-12, 1e-6}) {
+    const lie::SE3 almost{Eigen::Matrix3d::Identity(), {0, offset, 0}};
+    all.push_back(
+        {"one muscle " + std::to_string(offset) + " m off", {{almost, stiffness(10, 1e-5, 1e-4)}}});
+  }
   all.push_back({"planar pair, K_kappa = 0", flatPair(0.0381, stiffness(10, 0, 0)), 4});
   lie::SE3::Tangent printed;
   printed << 1, 10, 10, 0, 0, 1.38e-4;  // the paper's own K, with one entry of bending
@@ -97,34 +102,37 @@ std::vector<Case> cases() {
   return all;
 }
 
-// Bending entries as arc lengths, so that the error is one number in metres.
-RealMatrix scaled(const RealMatrix& map, const std::vector<Strand<lie::SE3>>& strands) {
-  double radius = 0;
-  for (const auto& strand : strands) radius = std::max(radius, strand.X_O.translation.norm());
-  RealMatrix out = map;
-  out.bottomRows(3) *= Real(radius > 0 ? radius : 0.01);
-  return out;
+// Relative error of the rows from `first` on, or of nothing where they are zero.
+double blockError(const RealMatrix& map, const RealMatrix& reference, int first) {
+  const RealMatrix block = reference.middleRows(first, 3);
+  if (block.norm() < Real(1e-12) * reference.norm()) return 0.0;
+  return test::relativeEps(map.middleRows(first, 3), block) * test::kEps;
 }
 
 TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
-  double worst = 0;
+  double worst_v = 0, worst_w = 0;
   std::string worst_name;
+  int arms = 0;
   for (const Case& c : cases()) {
     const Equilibrium<lie::SE3> result = solveEquilibrium(c.strands);
     EXPECT_EQ(result.rank, c.rank()) << c.name;
     EXPECT_EQ(result.null_space.cols(), 6 - c.rank()) << c.name;
     EXPECT_GE(result.condition, 1.0) << c.name;
-    const double error =
-        test::relativeEps(scaled(result.map.cast<Real>(), c.strands),
-                          scaled(mapByDefinition(c.strands, c.nullSpace()), c.strands)) *
-        test::kEps;
-    EXPECT_LE(error, 1e-14) << c.name;
-    if (error > worst) {
-      worst = error;
-      worst_name = c.name;
-    }
+    const RealMatrix map = result.map.cast<Real>();
+    const RealMatrix reference = mapByDefinition(c.strands, c.nullSpace());
+    const double v = blockError(map, reference, 0), w = blockError(map, reference, 3);
+    EXPECT_LE(v, 1e-14) << c.name;
+    // Muscles too stiff to bend over so short a lever: what little bending is left loses digits.
+    const double lever = c.strands.front().X_O.translation.norm();
+    const bool rigid = c.strands.front().K[5] > 1e8 * lever * lever;
+    EXPECT_LE(w, rigid ? 1e-11 : 1e-14) << c.name;
+    if (std::max(v, w) > std::max(worst_v, worst_w)) worst_name = c.name;
+    worst_v = std::max(worst_v, v);
+    worst_w = std::max(worst_w, w);
+    ++arms;
   }
-  std::printf("worst relative error of the map: %.2g (%s)\n", worst, worst_name.c_str());
+  std::printf("%d arms, worst relative error of v %.2g, of w %.2g (%s)\n", arms, worst_v, worst_w,
+              worst_name.c_str());
 }
 
 TEST(Equilibrium, EnergyGradientVanishesAtTheSolution) {

@@ -76,15 +76,64 @@ TEST(Preference, ChoosesTheBestOfTheInputsThatReachTheTarget) {
   EXPECT_EQ(compared, 135);
 }
 
-TEST(Preference, LeastPressureLeavesAnAntagonistEmpty) {
-  // Four straight muscles: the common pressure of an opposite pair moves nothing that a tip on
-  // their plane needs.
+TEST(Preference, FindsTheBestAlongTheOneSpareMotionOfFourMuscles) {
+  // Lengths (+, -, +, -) move nothing of four straight muscles: a line search along it is the
+  // reference.
   const Arm arm = test::ringArm(test::straightRing(4));
-  InverseSolver solver(arm);
-  const Eigen::Vector3d target = arm.tip(Eigen::Vector4d(3e5, 1e5, 1e5, 1e5)).translation;
-  const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
-  EXPECT_EQ(result.status, InverseStatus::kReached);
-  EXPECT_LE(result.input.sum(), 6.001e5);
+  const Contraction muscle = test::fig3Muscle();
+  const Eigen::Vector4d q(3e5, 1.2e5, 1e5, 1.5e5), spare(1, -1, 1, -1);
+  const Eigen::VectorXd l = arm.lengths(q);
+  for (const Preference preference : {Preference::kMinPressure, Preference::kCocontraction}) {
+    const Eigen::VectorXd reference = arm.inputAt(preference == Preference::kMinPressure ? 0 : 0.6);
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = -20000; k <= 20000; ++k) {
+      const Eigen::VectorXd moved = l + 5e-6 * k * spare;
+      if ((moved.array() < muscle.lengthRange().lower).any() ||
+          (moved.array() > muscle.lengthRange().upper).any()) {
+        continue;
+      }
+      Eigen::VectorXd input(4);
+      for (int i = 0; i < 4; ++i) input[i] = muscle.inverse(moved[i]);
+      least = std::min(least, preferenceCost(arm, input, reference));
+    }
+    ASSERT_LT(least, 0.99 * preferenceCost(arm, q, reference)) << "q is already the best";
+    InverseOptions options;
+    options.preference = preference;
+    options.cocontraction = 0.6;
+    InverseSolver solver(arm, options);
+    const InverseResult position = solver.toPosition(arm.tip(q).translation, q);
+    const InverseResult pose = solver.toPose(arm.tip(q), q);
+    const InverseResult twists = solver.toTwists(arm.twists(q), q);
+    for (const InverseResult& result : {position, pose, twists}) {
+      EXPECT_EQ(result.status, InverseStatus::kReached);
+      EXPECT_NEAR(preferenceCost(arm, result.input, reference), least, 1e-5);
+    }
+  }
+}
+
+TEST(Preference, CountsTheMotionsThatTheMusclesMakeNotThoseThatResist) {
+  // Three parallel muscles in a plane reach a tip of the plane with one to spare.
+  Section section;
+  for (const double y : {0.04, 0.0, -0.04}) {
+    section.actuators.push_back({"muscle",
+                                 {Eigen::Matrix3d::Identity(), {0, y, 0}},
+                                 {10, 0, 1.38e-4},
+                                 test::fig3Muscle(),
+                                 {0, test::kMaxPressure}});
+  }
+  const Arm arm({section});
+  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(2.5e5, 2e5, 1e5)).translation;
+  double cost[2] = {0, 0};
+  for (const int k : {0, 1}) {
+    InverseOptions options;
+    options.preference = k == 0 ? Preference::kMinPressure : Preference::kCocontraction;
+    options.cocontraction = 0.9;
+    InverseSolver solver(arm, options);
+    const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
+    ASSERT_EQ(result.status, InverseStatus::kReached);
+    cost[k] = preferenceCost(arm, result.input, arm.inputAt(0));
+  }
+  EXPECT_LT(cost[0], 0.97 * cost[1]);
 }
 
 TEST(Inverse, WarmStartTakesFewIterations) {
@@ -149,6 +198,29 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
   }
 }
 
+TEST(Inverse, ComesToRestForTargetsAnywhere) {
+  test::Random random(104);
+  for (const Arm& arm : {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),
+                         test::ringArm(test::straightRing(4), 2)}) {
+    InverseSolver solver(arm);
+    const int count = arm.sectionCount() == 1 ? 3000 : 200;
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Vector3d target = random.logUniform(0.01, 100) * random.direction<3>();
+      EXPECT_TRUE(solver.toPosition(target, arm.inputAt(0)).converged()) << target.transpose();
+    }
+  }
+}
+
+TEST(Inverse, ForgetsAFarTargetBeforeANearOne) {
+  const Arm arm = test::ringArm(test::straightRing());
+  InverseSolver solver(arm);
+  const Eigen::VectorXd away = solver.toPosition({1e6, 3e5, 2e5}, arm.inputAt(0)).input;
+  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(1e5, 2e5, 5e4)).translation;
+  const InverseResult& result = solver.toPosition(target, away);
+  EXPECT_EQ(result.status, InverseStatus::kReached);
+  EXPECT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
+}
+
 TEST(Inverse, ReportsActiveLimits) {
   const Arm arm = test::ringArm(test::straightRing());
   InverseSolver solver(arm);
@@ -206,9 +278,12 @@ TEST(Inverse, RefusesWhatBreaksItsContract) {
   EXPECT_THROW(solver.toPosition({NAN, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector2d::Zero()), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector3d(-1, 0, 0)), std::invalid_argument);
+  EXPECT_THROW(solver.toPosition({1e7, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
   EXPECT_THROW(solver.toTwists(Twists::Zero(6, 2), arm.inputAt(0.5)), std::invalid_argument);
   lie::SE3 pose;
   pose.rotation(0, 0) = INFINITY;
+  EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);
+  pose.rotation = Eigen::Matrix3d::Zero();
   EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);
   InverseOptions options;
   options.cocontraction = 2;

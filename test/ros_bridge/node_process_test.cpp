@@ -3,6 +3,7 @@
 #include <csignal>
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
@@ -120,23 +121,33 @@ TEST_F(NodeProcess, ASeriesThatLeavesTheLimitsIsRefused) {
       << series.output();
 }
 
-class LaunchFile : public NodeProcess, public ::testing::WithParamInterface<const char*> {};
-
-TEST_P(LaunchFile, BringsUpAnArmThatRuns) {
-  const std::string file = HELIX_ARM_SOURCE_DIR "/launch/" + std::string(GetParam());
-  Process launch({"roslaunch", "-p", std::to_string(master_.port()), file, "rviz:=false"},
-                 variables());
-  Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1"}, variables());
-  EXPECT_EQ(monitor.exitCode(45), 0) << monitor.output() << launch.output();
-  launch.signal(SIGINT);
-  EXPECT_EQ(launch.exitCode(), 0);
-  for (const char* trouble : {"has died", "cannot launch", "ERROR", "FATAL"}) {
-    EXPECT_EQ(launch.output().find(trouble), std::string::npos) << launch.output();
+class LaunchFile : public NodeProcess {
+ protected:
+  // Launches a file of the package; the arm must run well, and everything must end well.
+  void expectRuns(const std::string& file, const std::vector<std::string>& arguments = {}) {
+    std::vector<std::string> command = {"roslaunch", "-p", std::to_string(master_.port()),
+                                        HELIX_ARM_SOURCE_DIR "/launch/" + file, "rviz:=false"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Process launch(command, variables());
+    Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1"}, variables());
+    EXPECT_EQ(monitor.exitCode(45), 0) << monitor.output() << launch.output();
+    launch.signal(SIGINT);
+    EXPECT_EQ(launch.exitCode(), 0);
+    for (const char* trouble : {"has died", "cannot launch", "ERROR", "FATAL"}) {
+      EXPECT_EQ(launch.output().find(trouble), std::string::npos) << launch.output();
+    }
   }
-}
+};
 
-INSTANTIATE_TEST_SUITE_P(, LaunchFile,
-                         ::testing::Values("arm.launch", "demo.launch", "replay.launch"));
+TEST_F(LaunchFile, ArmRuns) { expectRuns("arm.launch"); }
+TEST_F(LaunchFile, DemoRuns) { expectRuns("demo.launch"); }
+TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
+
+TEST_F(LaunchFile, ReplayTakesTheMeasuredSeries) {
+  const std::string data = HELIX_ARM_SOURCE_DIR "/../shared/data/planar_76_curvature.csv";
+  if (access(data.c_str(), R_OK) != 0) GTEST_SKIP() << data << " is not here";
+  expectRuns("replay.launch", {"scene:=planar_76", "data:=" + data, "hold_s:=0.1"});
+}
 
 }  // namespace
 }  // namespace helix_arm::test

@@ -90,9 +90,11 @@ struct HalfAngleSeries {
   double e() const { return 0.0625 * (s4 + s5 + s2 * s3); }
 };
 
+/// theta^2 up to which 1 - b theta^2 is the better cosine, and 2 cos^2(theta/2) - 1 beyond: either
+/// magnifies its rounding where the other does not.
+inline constexpr double kVersineLimit = 2.5;
+
 inline ExpCoefficients expCoefficientsBySeries(double x) {
-  // Of the two ways to the cosine, the one whose rounding is not yet, or no longer, magnified.
-  constexpr double kVersineLimit = 2.5;
   const HalfAngleSeries f(x);
   const double b = f.b();
   return {f.a(), b, f.c(), x < kVersineLimit ? 1.0 - b * x : 2.0 * f.cosine * f.cosine - 1.0};

@@ -11,6 +11,7 @@ namespace helix_arm::model {
 /// Each s is evaluated directly, so a fine sampling does not drift.
 /// @param twists  (dof x sections); v [m], w [rad].
 /// @param s       in [0, sections]: section k covers [k, k + 1].
+/// @throws std::invalid_argument when s is outside.
 lie::SE3 poseAt(const Twists& twists, double s);
 lie::SE2 poseAt(const PlanarTwists& twists, double s);
 

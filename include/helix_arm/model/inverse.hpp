@@ -20,12 +20,15 @@ enum class Preference {
                    ///< bundle
 };
 
+/// The largest entry of a target, [m] or [rad].
+inline constexpr double kFarthestTarget = 1e6;
+
 struct InverseOptions {
   Preference preference = Preference::kMinPressure;
   double cocontraction = 0.5;        ///< wanted fraction of each actuator's range, in [0, 1]
   double position_tolerance = 1e-6;  ///< residual at which a target counts as reached [m]
   double rotation_weight = 0.1;  ///< an angle error of 1 rad weighs as much as this distance [m]
-  int max_iterations = 60;       ///< of one start
+  int max_iterations = 200;      ///< of one start
   int max_starts = 24;           ///< tried before a target is called unreachable
 };
 
@@ -35,7 +38,7 @@ enum class Limit { kNone, kLower, kUpper };
 enum class InverseStatus {
   kReached,       ///< residual <= position_tolerance
   kUnreachable,   ///< a local minimum of the residual, the least of all starts: the closest found
-  kNotConverged,  ///< no start came to rest within max_iterations
+  kNotConverged,  ///< the best start had not come to rest within max_iterations
 };
 
 struct InverseResult {
@@ -53,12 +56,15 @@ struct InverseResult {
 ///
 /// Works in the actuators' lengths, where the arm is linear up to exp and the limits stay a box;
 /// least squares by Levenberg-Marquardt with an active set, from the start given and, if that
-/// fails, from sampled ones. All memory is taken in the constructor: solving does not allocate.
+/// fails, from sampled ones. Finds every reachable target of arms whose sections turn once at most;
+/// of arms that curl up further it may miss some. All memory is taken in the constructor: solving
+/// does not allocate.
 class InverseSolver {
  public:
   /// Keeps a reference to the arm, which must outlive the solver.
   /// @throws std::invalid_argument naming the option that breaks its rule.
   explicit InverseSolver(const Arm& arm, const InverseOptions& options = {});
+  explicit InverseSolver(const Arm&& arm, const InverseOptions& options = {}) = delete;
   ~InverseSolver();
   InverseSolver(InverseSolver&&) noexcept;
   InverseSolver& operator=(InverseSolver&&) noexcept;
@@ -68,8 +74,9 @@ class InverseSolver {
   /// @param start  (n) inputs to begin from, inside the limits; the last command makes a warm
   /// start.
   /// @return a result that stays valid until the next call.
-  /// @throws std::invalid_argument on a non-finite target or a start of wrong size or outside the
-  /// limits.
+  /// @throws std::invalid_argument on a target that is not finite or beyond kFarthestTarget, a
+  /// rotation
+  ///         that is none, or a start of wrong size or outside the limits.
   const InverseResult& toPosition(const Eigen::Vector3d& position, const InputRef& start);
   /// The same for the tip's pose (base frame): least squares of position and rotation_weight *
   /// angle.

@@ -9,13 +9,14 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Draws an arm for rviz, seen from its base frame. Namespaces and ids are stable; each marker
-/// lives for `lifetime`.
+/// Draws an arm for rviz, seen from its base frame, in stable namespaces and ids.
 ///
-/// muscles     one tube an actuator, coloured from blue (lower limit) over yellow to red (upper
-/// limit) base_curve  the curve that the muscles bend separators  the discs that hold the muscles
-/// tip_trace   where the tip has been, smoothed over a few drawings
-/// pressures   one line of text an actuator, in kPa and in its muscle's colour, beside the base
+/// - muscles: one tube an actuator, coloured by its pressure: blue at the lower limit, then green,
+///   yellow, and red at the upper limit
+/// - base_curve: the curve that the muscles bend
+/// - separators: the discs that hold the muscles
+/// - tip_trace: where the tip has been, smoothed over a few drawings
+/// - pressures: one line of text an actuator, in kPa and in its muscle's colour, beside the base
 class ArmMarkers {
  public:
   /// Keeps a reference to the scene.

@@ -18,10 +18,8 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of monitor.
 struct MonitorOptions {
-  double seconds =
-      0.0;  ///< ~seconds: run for so long after the first model, 0 until asked to end, to 86400 [s]
-  double startup =
-      30.0;  ///< ~startup_s: how long the first model may take when ~seconds is set [s]
+  double seconds = 0.0;    ///< ~seconds: after the first model, to 86400; 0: until asked to end [s]
+  double startup = 30.0;   ///< ~startup_s: that the first model may take, if ~seconds is set [s]
   double min_rate = 10.0;  ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
 
   /// @throws ParameterError with every fault.
@@ -31,10 +29,10 @@ struct MonitorOptions {
 /// Watches pressure_command from outside: prints a line a second, and a verdict at the end.
 ///
 /// Subscribes
-///   pressure_command, pressure_measured (PressureArray)
-///   model (ArmShape)
-///   /diagnostics (diagnostic_msgs/DiagnosticArray), the statuses of the node pressure_command of
-///   its own namespace
+/// - pressure_command, pressure_measured (PressureArray)
+/// - model (ArmShape)
+/// - /diagnostics (diagnostic_msgs/DiagnosticArray): those of pressure_command in its namespace
+///
 /// Prints to stdout. Parameters: MonitorOptions.
 ///
 /// Ends with 0 when all three topics flowed to the end at ~min_rate or more, with finite numbers,

@@ -42,20 +42,22 @@ struct PressureCommandOptions {
 /// Brings the arm of a scene to pressures, shapes and tips, on a simulated regulator.
 ///
 /// Subscribes
-///   pressure_target (PressureArray)  gauge [Pa]; names left out keep their command
-///   shape_target (ShapeTarget)       twists of all sections
-///   tip_target (TipTarget)           position or pose of the tip, base frame
-///   tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
+/// - pressure_target (PressureArray): gauge [Pa]; names left out keep their command
+/// - shape_target (ShapeTarget): twists of all sections
+/// - tip_target (TipTarget): position or pose of the tip, base frame
+/// - tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
+///
 /// Publishes
-///   pressure_command (PressureArray)   in force: at once on a target, and with every loop [Pa]
-///   pressure_measured (PressureArray)  with every loop [Pa]
-///   model (ArmShape)         with every loop: the model's shape at the measured pressures, clamped
-///   to the limits; carries
-///                            the stamp of that pressure_measured
-///   target_status (TargetStatus)       what became of each target
-///   markers (visualization_msgs/MarkerArray), tip_handle/update and update_full
-///   /diagnostics (diagnostic_msgs/DiagnosticArray)  `<node>: targets` and `<node>: loop`, each
-///   second tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
+/// - pressure_command (PressureArray): in force [Pa]; at once on a target, and with every loop
+/// - pressure_measured (PressureArray): with every loop [Pa]
+/// - model (ArmShape): with every loop, the model's shape at the measured pressures clamped to the
+///   limits, with the stamp of that pressure_measured. On hardware, too, the measurement is all
+///   that is known of the pressures.
+/// - target_status (TargetStatus): what became of each target
+/// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
+/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets` and `<node>: loop`, 1 Hz
+/// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
+///
 /// Parameters: PressureCommandOptions.
 ///
 /// A bad target is dropped: counted, warned of once a fault and five seconds, answered on

@@ -16,13 +16,12 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of pressure_series.
 struct PressureSeriesOptions {
-  std::string scene;  ///< ~scene: as pressure_command's; required
-  std::string data;   ///< ~data: CSV file, or the name of a shipped series; none: a tour of the arm
+  std::string scene;             ///< ~scene: as pressure_command's; required
+  std::string data;              ///< ~data: CSV file, or name of a shipped series; none: a tour
   control::SeriesTiming timing;  ///< ~ramp_s, ~hold_s (0 to 3600 [s]), ~loop
   double rate = 50.0;            ///< ~rate: of the targets, 1 to 1000 [Hz]
-  bool yields = false;  ///< ~yields: fall silent while someone else wants to command the arm
-  double resume_after =
-      3.0;  ///< ~resume_after_s: silence of the others that ends it, 0.1 to 3600 [s]
+  bool yields = false;           ///< ~yields: fall silent while someone else wants the arm
+  double resume_after = 3.0;     ///< ~resume_after_s: the others' silence that ends it [s]
 
   /// @throws ParameterError with every fault.
   static PressureSeriesOptions load();
@@ -32,10 +31,12 @@ struct PressureSeriesOptions {
 /// by row.
 ///
 /// Subscribes
-///   pressure_command (PressureArray)  the first ramp begins at it; nothing is sent before it came
-///   target_status (TargetStatus)      tells that someone else commands, or would like to
+/// - pressure_command (PressureArray): where the first ramp begins; nothing is sent before it came
+/// - target_status (TargetStatus): tells that someone else commands, or would like to
+///
 /// Publishes
-///   pressure_target (PressureArray)   all actuators, gauge [Pa]; those without a column rest at 0
+/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0
+///
 /// Parameters: PressureSeriesOptions.
 ///
 /// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost or the commanded

@@ -17,12 +17,15 @@ enum ExitCode {
   kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
 };
 
-/// Runs `body`, turns what it throws into printed faults and an exit code. ROS must be up: it does the printing.
+/// Runs `body`, turns what it throws into printed faults and an exit code.
+///
+/// ROS must be up, since it does the printing.
 int guarded(const std::function<int()>& body);
 
 /// The main of a node: makes it, spins until it is to end, returns its exit code.
 ///
-/// A Node does its set-up in the default constructor, which may throw; finish() gives the verdict on its run.
+/// A Node does its set-up in the default constructor, which may throw; finish() gives the verdict
+/// on its run.
 template <class Node>
 int runNode(int argc, char** argv, const char* name) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // lines show at once in pipes and files, too
