@@ -21,8 +21,13 @@ use_some_home() {
   fi
 }
 
-# Containers may not know their own host name.
+# Containers may not know their own host name; the barest of them do not even know localhost, without which roslaunch
+# refuses to run.
 use_localhost() {
+  if ! getent hosts localhost >/dev/null; then
+    say "localhost does not resolve: adding it to /etc/hosts"
+    printf '127.0.0.1 localhost\n' | as_root tee -a /etc/hosts >/dev/null
+  fi
   if [[ -z ${ROS_IP:-} ]]; then export ROS_HOSTNAME="${ROS_HOSTNAME:-localhost}"; fi
 }
 
@@ -45,6 +50,17 @@ wanted_packages() {
   sed -n -E "s/^(all|$(ros_release)): *//p" "$root/scripts/packages.txt"
 }
 
+# as_root COMMAND...
+as_root() {
+  if ((EUID == 0)); then
+    "$@"
+  elif command -v sudo >/dev/null; then
+    sudo "$@"
+  else
+    fail "neither root nor sudo; have done by root: $*"
+  fi
+}
+
 missing_packages() {
   local package
   local -A installed=()
@@ -59,20 +75,16 @@ missing_packages() {
 }
 
 install_missing() {
-  local -a missing as_root=()
+  local -a missing
   mapfile -t missing < <(missing_packages)
   ((${#missing[@]})) || return 0
   command -v apt-get >/dev/null || fail "no apt-get here; install by hand: ${missing[*]}"
-  if ((EUID != 0)); then
-    command -v sudo >/dev/null || fail "neither root nor sudo; have installed: apt-get install ${missing[*]}"
-    as_root=(sudo)
-  fi
   say "installing ${#missing[@]} packages: ${missing[*]}"
-  local -a apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -y
+  local -a apt=(env DEBIAN_FRONTEND=noninteractive apt-get -y
     -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
   # Package lists may be fresh enough even where they cannot be renewed: the install decides.
-  "${apt[@]}" update >&2 || say "apt-get update failed; going on with the lists at hand"
-  "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||
+  as_root "${apt[@]}" update >&2 || say "apt-get update failed; going on with the lists at hand"
+  as_root "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||
     fail "apt-get could not install them; on Ubuntu 20.04, is packages.ros.org among its sources?"
 }
 

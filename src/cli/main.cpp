@@ -45,7 +45,12 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
+    const bool unknown_command = app.get_subcommands().empty() && !app.remaining().empty();
+    if (unknown_command) {
+      std::cerr << "there is no command " << app.remaining().front() << ": ";
+    }
     if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
+    if (app.get_subcommands().empty()) std::cerr << "commands: forward, inverse, evaluate\n";
     return helix_arm::cli::kCallerErred;
   }
   global.format = formats.at(format);

@@ -1,5 +1,6 @@
 #include "text_file.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
@@ -18,7 +19,16 @@ std::optional<std::string> readTextFile(const std::string& path, FaultList& faul
     faults.add(0, std::string("cannot be read: ") + std::strerror(errno == 0 ? EIO : errno));
     return std::nullopt;
   }
-  return content.str();
+  const std::string text = content.str();
+  const auto binary = std::find_if(text.begin(), text.end(), [](char c) {
+    return static_cast<unsigned char>(c) < 0x20 && c != '\t' && c != '\n' && c != '\r';
+  });
+  if (binary != text.end()) {
+    const auto line = std::count(text.begin(), binary, '\n') + 1;
+    faults.add(static_cast<int>(line), "holds a control character; expected a text file");
+    return std::nullopt;
+  }
+  return text;
 }
 
 }  // namespace helix_arm::io

@@ -40,8 +40,8 @@ SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorCon
 void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_point) {
   require(set_point.size() == pressure_.size(), "the number of set points",
           static_cast<double>(set_point.size()), "one a channel");
-  for (const double value : set_point) {
-    require(std::isfinite(value), "a set point [Pa]", value, "a finite value");
+  for (int i = 0; i < set_point.size(); ++i) {
+    require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }
   set_point_ = set_point.cwiseMax(0.0).cwiseMin(config_.supply_pressure);
 }
@@ -54,7 +54,7 @@ void SimulatedRegulator::step(double dt) {
 
 Eigen::VectorXd SimulatedRegulator::measure() {
   Eigen::VectorXd reading = pressure_;
-  for (double& value : reading) value += config_.noise * normal_(generator_);
+  for (int i = 0; i < reading.size(); ++i) reading[i] += config_.noise * normal_(generator_);
   return reading;
 }
 

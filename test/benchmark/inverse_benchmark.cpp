@@ -32,8 +32,9 @@ void inverse(::benchmark::State& state, const test::Ring& ring) {
   Eigen::VectorXd q = arm.inputAt(0.5);
   std::vector<Eigen::Vector3d> targets;
   for (int i = 0; i < kTargets; ++i) {
-    for (double& pressure : q)
-      pressure = std::clamp(pressure + random.uniform(-5e3, 5e3), 1e4, 4e5);
+    for (int k = 0; k < q.size(); ++k) {
+      q[k] = std::clamp(q[k] + random.uniform(-5e3, 5e3), 1e4, 4e5);
+    }
     targets.push_back(arm.tip(q).translation);
   }
   Eigen::VectorXd command = arm.inputAt(0.5);
