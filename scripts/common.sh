@@ -24,7 +24,7 @@ use_some_home() {
 # Containers may not know their own host name; the barest of them do not even know localhost, without which roslaunch
 # refuses to run.
 use_localhost() {
-  if ! getent hosts localhost >/dev/null; then
+  if ! getent hosts localhost >/dev/null && may_be_root; then
     say "localhost does not resolve: adding it to /etc/hosts"
     printf '127.0.0.1 localhost\n' | as_root tee -a /etc/hosts >/dev/null
   fi
@@ -50,15 +50,11 @@ wanted_packages() {
   sed -n -E "s/^(all|$(ros_release)): *//p" "$root/scripts/packages.txt"
 }
 
+may_be_root() { ((EUID == 0)) || command -v sudo >/dev/null; }
+
 # as_root COMMAND...
 as_root() {
-  if ((EUID == 0)); then
-    "$@"
-  elif command -v sudo >/dev/null; then
-    sudo "$@"
-  else
-    fail "neither root nor sudo; have done by root: $*"
-  fi
+  if ((EUID == 0)); then "$@"; else sudo "$@"; fi
 }
 
 missing_packages() {
@@ -78,7 +74,8 @@ install_missing() {
   local -a missing
   mapfile -t missing < <(missing_packages)
   ((${#missing[@]})) || return 0
-  command -v apt-get >/dev/null || fail "no apt-get here; install by hand: ${missing[*]}"
+  command -v apt-get >/dev/null || fail "no apt-get here; missing: ${missing[*]}"
+  may_be_root || fail "neither root nor sudo; have installed by root: apt-get install ${missing[*]}"
   say "installing ${#missing[@]} packages: ${missing[*]}"
   local -a apt=(env DEBIAN_FRONTEND=noninteractive apt-get -y
     -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
