@@ -49,8 +49,7 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
                config.supply_pressure / 1e3);
     }
   }
-  return {scene.arm.actuatorCount(),
-          {config.time_constant, config.supply_pressure, config.noise, config.seed}};
+  return {scene.arm.actuatorCount(), config};
 }
 
 Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure) {
@@ -59,12 +58,6 @@ Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure) {
     pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
   }
   return pressure;
-}
-
-Eigen::VectorXd lowerLimits(const model::Arm& arm) {
-  Eigen::VectorXd out(arm.actuatorCount());
-  for (int i = 0; i < arm.actuatorCount(); ++i) out[i] = arm.actuator(i).limits.lower;
-  return out;
 }
 
 std::string fixed(double value) {
@@ -103,7 +96,7 @@ PressureCommandNode::PressureCommandNode()
       solver_(scene_.arm),
       lease_(scene_.safety.commander_timeout),
       markers_(scene_, frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
-      command_(lowerLimits(scene_.arm)),
+      command_(scene_.arm.inputAt(0)),
       measured_(command_),
       twists_(twistsAt(command_)),
       last_step_(ros::SteadyTime::now()),
@@ -118,7 +111,7 @@ PressureCommandNode::PressureCommandNode()
       node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10);
   static_tf_.sendTransform(baseTransform(frames_, scene_.X_WB));
   if (options_.handle) {
-    const double size = std::clamp(4.0 * scene_.looks.back().separator_radius, 0.1, 0.2);
+    const double size = std::clamp(4.0 * scene_.looks.back().separator_radius, 0.1, 0.15);
     handle_ = std::make_unique<TipHandle>(
         frames_.base, scene_.planar.has_value(), size, [this](const TipTarget& target) {
           aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp}, target);

@@ -1,12 +1,12 @@
 #pragma once
 
-#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
 
 namespace helix_arm::io {
 
@@ -18,13 +18,8 @@ struct SectionLook {
   double muscle_radius = 0.008;    ///< [m]
 };
 
-/// The simulated pressure regulator.
-struct SimulatedRegulatorConfig {
-  double time_constant = 0.1;    ///< first-order lag of every channel [s]
-  double supply_pressure = 5e5;  ///< gauge; no channel rises above it [Pa]
-  double noise = 5e3;            ///< standard deviation of the measured pressure [Pa]
-  std::uint32_t seed = 1;
-};
+/// Of the simulated pressure regulator.
+using SimulatedRegulatorConfig = regulator::SimulatedRegulatorConfig;
 
 /// The rules of the pressure path.
 struct SafetyConfig {
