@@ -39,6 +39,7 @@ MonitorOptions MonitorOptions::load() {
   ParameterReader reader{ros::NodeHandle("~")};
   MonitorOptions out;
   out.seconds = reader.number("seconds", out.seconds, {0.0, 86400.0});
+  out.min_travel = reader.number("min_travel_m", out.min_travel, {0.0, 10.0});
   out.startup = reader.number("startup_s", out.startup, {0.1, 3600.0});
   out.min_rate = reader.number("min_rate", out.min_rate, {0.1, 1000.0});
   reader.finish();
@@ -157,6 +158,11 @@ std::vector<std::string> MonitorNode::faults() const {
     }
     out.emplace_back(text);
   }
+  if (travel() < options_.min_travel) {
+    std::snprintf(text, sizeof text, "the tip moved within %.3f m; expected at least %g", travel(),
+                  options_.min_travel);
+    out.emplace_back(text);
+  }
   if (!diagnosed_) out.emplace_back("no diagnostics of pressure_command came");
   if (!error_.empty()) out.push_back("diagnostics: " + error_);
   if (dropped_ > refused_) {
@@ -166,13 +172,14 @@ std::vector<std::string> MonitorNode::faults() const {
   return out;
 }
 
+double MonitorNode::travel() const { return reach_.isEmpty() ? 0.0 : reach_.diagonal().norm(); }
+
 int MonitorNode::finish() {
   const double seconds = model_.count > 0 ? (ros::SteadyTime::now() - model_.first).toSec() : 0.0;
-  const double travel = reach_.isEmpty() ? 0.0 : reach_.diagonal().norm();
   std::printf(
       "summary: %.1f s, %s %.1f Hz, %s %.1f Hz, %s %.1f Hz, tip moved within %.3f m, dropped %lu\n",
       seconds, command_.topic.c_str(), command_.rate(), measured_.topic.c_str(), measured_.rate(),
-      model_.topic.c_str(), model_.rate(), travel, static_cast<unsigned long>(dropped_));
+      model_.topic.c_str(), model_.rate(), travel(), static_cast<unsigned long>(dropped_));
   const std::vector<std::string> found = faults();
   for (const std::string& fault : found) std::printf("fault: %s\n", fault.c_str());
   std::printf("verdict: %s\n", found.empty() ? "the arm runs" : "not healthy");

@@ -82,7 +82,11 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
   const bool others_command =
       mine ? refused_to_command : refused_to_command || status->outcome != TargetStatus::DROPPED;
-  if (!options_.yields || !others_command) return;
+  const bool waits = options_.yields && others_command;
+  if (mine && status->outcome == TargetStatus::DROPPED && !waits) {
+    throw std::runtime_error("the series was refused: " + status->message);
+  }
+  if (!waits) return;
   if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");
   yielding_ = true;
   last_of_others_ = ros::SteadyTime::now();

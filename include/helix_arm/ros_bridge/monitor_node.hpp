@@ -19,6 +19,7 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of monitor.
 struct MonitorOptions {
   double seconds = 0.0;    ///< ~seconds: after the first model, to 86400; 0: until asked to end [s]
+  double min_travel = 0.0;  ///< ~min_travel_m: of the tip, less is a fault, to 10 [m]
   double startup = 30.0;   ///< ~startup_s: that the first model may take, if ~seconds is set [s]
   double min_rate = 10.0;  ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
 
@@ -65,6 +66,7 @@ class MonitorNode {
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& diagnostics);
   void onSecond(const ros::SteadyTimerEvent& event);
   void printLine(double seconds);
+  double travel() const;  ///< diagonal of the box that the tip stayed in [m]
   std::vector<std::string> faults() const;
 
   const MonitorOptions options_;
