@@ -18,10 +18,10 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of monitor.
 struct MonitorOptions {
-  double seconds = 0.0;    ///< ~seconds: after the first model, to 86400; 0: until asked to end [s]
+  double seconds = 0.0;  ///< ~seconds: after the first model, to 86400; 0: until asked to end [s]
   double min_travel = 0.0;  ///< ~min_travel_m: of the tip, less is a fault, to 10 [m]
-  double startup = 30.0;   ///< ~startup_s: that the first model may take, if ~seconds is set [s]
-  double min_rate = 10.0;  ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
+  double startup = 30.0;    ///< ~startup_s: that the first model may take, if ~seconds is set [s]
+  double min_rate = 10.0;   ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
 
   /// @throws ParameterError with every fault.
   static MonitorOptions load();
