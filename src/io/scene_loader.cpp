@@ -65,8 +65,17 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
   const auto regulator = readRegulator(scene, *document, arm ? &*arm : nullptr, faults);
   const SafetyConfig safety = readSafety(scene, *document, faults);
   faults.throwIfAny();
-  return {*name,     arm->X_WB, std::move(arm->arm), std::move(arm->planar), std::move(arm->looks),
-          regulator, safety};
+  return {*name,
+          arm->X_WB,
+          std::move(arm->arm),
+          std::move(arm->planar),
+          std::move(arm->looks),
+          regulator,
+          std::nullopt,
+          std::nullopt,
+          {},
+          {},
+          safety};
 }
 
 }  // namespace helix_arm::io

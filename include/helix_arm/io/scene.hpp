@@ -4,9 +4,15 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frame_source.hpp"
 
 namespace helix_arm::io {
 
@@ -20,6 +26,19 @@ struct SectionLook {
 
 /// Of the simulated pressure regulator.
 using SimulatedRegulatorConfig = regulator::SimulatedRegulatorConfig;
+
+/// The camera that looks at the arm.
+struct CameraConfig {
+  estimation::Camera model;                    ///< its intrinsics
+  lie::SE3 X_WC;                               ///< optical frame C (z forward) seen from the world
+  std::optional<vision::WebcamConfig> webcam;  ///< where it is one of this machine's
+};
+
+/// What the simulated rig does better, or worse, than its scene says.
+struct SimulationConfig {
+  simulation::ArmDeviation arm;
+  simulation::SimulatedCameraConfig camera;
+};
 
 /// The rules of the pressure path.
 struct SafetyConfig {
@@ -36,7 +55,18 @@ struct Scene {
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;  ///< (sections)
   std::optional<SimulatedRegulatorConfig> regulator;
+  std::optional<estimation::TagLayout> tags;
+  std::optional<CameraConfig> camera;
+  /// How pictures are searched and fitted. The family of the tags is in it; defaults where the file
+  /// says nothing.
+  vision::LocalizerConfig vision;
+  SimulationConfig simulation;
   SafetyConfig safety;
+
+  /// The arm's base seen from the camera. Only with a camera.
+  lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
+  /// What the camera looks at. Only with a camera and tags.
+  estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
 };
 
 /// An override of one key, as `--set regulator.simulated.noise_kpa=1` gives it; list entries by

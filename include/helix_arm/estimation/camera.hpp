@@ -1,0 +1,42 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <optional>
+
+namespace helix_arm::estimation {
+
+/// A pinhole camera with the lens distortion of OpenCV and of sensor_msgs/CameraInfo (plumb_bob and
+/// rational_polynomial).
+///
+/// Frame C: z forward, x right and y down in the picture. Pixels: (0, 0) is the centre of the
+/// top-left pixel, as in OpenCV.
+struct Camera {
+  int width = 0, height = 0;              ///< [px]
+  double fx = 0, fy = 0;                  ///< focal lengths [px]
+  double cx = 0, cy = 0;                  ///< principal point [px]
+  std::array<double, 8> distortion = {};  ///< k1 k2 p1 p2 k3 k4 k5 k6
+
+  /// @throws std::invalid_argument naming the value and its rule: sizes and focal lengths > 0,
+  /// everything finite.
+  void validate() const;
+
+  bool distorts() const;
+
+  /// Pixel of a point seen from C [m]; nothing where it lies behind the camera, or so far off its
+  /// axis that the distortion folds back.
+  std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_C) const;
+
+  /// Pixel of a direction (x/z, y/z), without the check of project().
+  Eigen::Vector2d pixelOf(const Eigen::Vector2d& direction) const;
+
+  /// The direction (x/z, y/z) that is seen at a pixel; nothing where the distortion cannot be
+  /// undone there. pixelOf() of it is the pixel to 1e-9 px.
+  std::optional<Eigen::Vector2d> directionOf(const Eigen::Vector2d& pixel) const;
+
+  bool contains(const Eigen::Vector2d& pixel) const {
+    return pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() <= width - 1 && pixel.y() <= height - 1;
+  }
+};
+
+}  // namespace helix_arm::estimation

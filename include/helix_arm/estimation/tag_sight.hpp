@@ -1,0 +1,37 @@
+#pragma once
+
+#include <vector>
+
+#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/estimation/tag_layout.hpp"
+
+namespace helix_arm::estimation {
+
+/// One camera looking at one arm.
+struct ArmView {
+  Camera camera;
+  lie::SE3 X_CB;  ///< the arm's base seen from the camera
+  TagLayout layout;
+  int sections = 1;
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// A tag as a camera sees it.
+struct TagSight {
+  int tag;          ///< index in the layout
+  Corners corners;  ///< [px]
+};
+
+/// The tags of an arm of this shape that turn their faces to the camera and lie wholly in its
+/// picture; whether something hides them is not looked at.
+///
+/// @param least_cosine  of the angle between a tag's normal and its line of sight.
+std::vector<TagSight> visibleTags(const ArmView& view, const model::Twists& twists,
+                                  double least_cosine = 0.2);
+/// The same, writing to `out`.
+void visibleTags(const ArmView& view, const model::Twists& twists, double least_cosine,
+                 std::vector<TagSight>& out);
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/model/arm.hpp"
+
+namespace helix_arm::estimation {
+
+/// What one picture says of one tag.
+struct CornerObservation {
+  int tag;            ///< index in the layout
+  Corners direction;  ///< where its corners are seen, undistorted: (x/z, y/z)
+};
+
+/// What some other instrument says of one tag.
+struct PoseObservation {
+  int tag;        ///< index in the layout
+  lie::SE3 X_BT;  ///< seen from the arm's nominal base [m]
+};
+
+/// A prior of the arm's base about its nominal place: standard deviations about and along each of
+/// its axes.
+struct BasePrior {
+  double translation = 0.002;  ///< [m]
+  double rotation = 0.0087;    ///< [rad]
+};
+
+struct TwistFitOptions {
+  double corner_noise = 0.3;      ///< expected standard deviation of a corner's coordinate [px]
+  double position_noise = 0.010;  ///< of a tag pose's position, each axis [m]
+  double rotation_noise = 0.0;    ///< of its rotation, each axis [rad]; 0 leaves rotations out
+  /// Tags this many of their expected errors away begin to lose their weight (Cauchy, per tag).
+  double robust_scale = 3.0;
+  bool free_base = false;  ///< fit the base as well, under its prior
+  BasePrior base_prior;
+  bool free_bleed = false;      ///< fit how far white bleeds into black, under its prior
+  double bleed_prior = 0.0005;  ///< standard deviation of the bleed [m]
+  int max_iterations = 50;      ///< of Levenberg and Marquardt
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+enum class FitStatus {
+  kConverged,
+  kNotConverged,     ///< the last estimate is given, but it is no minimum
+  kUnderdetermined,  ///< the tags say too little about some of the twists; nothing is estimated
+};
+
+/// "converged", "not_converged" or "underdetermined".
+const char* nameOf(FitStatus status);
+
+/// How one tag agrees with the fit.
+struct TagResidual {
+  int tag;        ///< index in the layout
+  double rms;     ///< of its corners [px], or distance of its position [m]
+  double weight;  ///< that the fit gave it, in (0, 1]
+  bool outlier;   ///< it does not fit: farther off than its noise allows
+};
+
+/// Shape of an arm fitted to its tags.
+struct TwistFit {
+  using Covariance = Eigen::MatrixXd;
+
+  FitStatus status = FitStatus::kUnderdetermined;
+  model::Twists twists;  ///< (6 x sections), v [m], w [rad]
+  /// (6 sections)^2 of the twists, [m, rad]: inverse Hessian, the noise scaled by what the
+  /// residuals say of it.
+  Covariance covariance;
+  lie::SE3 X_B0B;    ///< fitted base seen from its nominal place; identity where fixed
+  double bleed = 0;  ///< [m]
+  double rms = 0;    ///< over the tags that fit: corners [px], or positions [m]
+  double cost = 0;   ///< the robust objective, in units of expected variances
+  int iterations = 0;
+  std::vector<TagResidual> tags;
+
+  int outliers() const;
+};
+
+/// Fits the twists of all sections to tags: one robust least squares with an analytic Jacobian
+/// (Levenberg and Marquardt).
+///
+/// Holds its work space: fit() does not allocate once it has seen as many tags. Not for two threads
+/// at once.
+class TwistFitter {
+ public:
+  /// @param layout  of the tags; sections of the arm in [1, model::kMaxSections].
+  /// @throws std::invalid_argument naming what breaks a rule.
+  TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options);
+  ~TwistFitter();
+  TwistFitter(TwistFitter&&) noexcept;
+  TwistFitter& operator=(TwistFitter&&) noexcept;
+
+  const TagLayout& layout() const;
+  const TwistFitOptions& options() const;
+
+  /// From a start that is near: the last picture's twists, or the model's.
+  ///
+  /// @param seen   one entry a tag; none twice.
+  /// @param X_CB   the arm's nominal base seen from the camera.
+  /// @param focal  focal length, so that errors are counted in pixels [px].
+  const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
+                      double focal, const model::Twists& start);
+  const TwistFit& fit(const std::vector<PoseObservation>& seen, const model::Twists& start);
+
+  /// From a start that may be far off: tries the start, and the answers that leave out a tag at a
+  /// time, and keeps the least cost over all tags.
+  const TwistFit& fitCold(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
+                          double focal, const model::Twists& start);
+  const TwistFit& fitCold(const std::vector<PoseObservation>& seen, const model::Twists& start);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+/// Covariance of the tip's position (3 x 3), base frame [m^2].
+Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance);
+
+}  // namespace helix_arm::estimation

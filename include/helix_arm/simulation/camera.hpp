@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/vision/tag_family.hpp"
+
+namespace helix_arm::simulation {
+
+/// What spoils the pictures of a simulated camera.
+struct SimulatedCameraConfig {
+  double blur = 0.7;      ///< standard deviation of the lens and sensor, >= 0 [px]
+  double noise = 2.0;     ///< standard deviation, >= 0 [gray levels]
+  double exposure = 1.0;  ///< factor on every gray level before it saturates, > 0
+  double bleed = 0.0;     ///< that white bleeds into black at each edge [m]
+  int jpeg_quality = 90;  ///< 1 to 100
+  int clutter = 0;    ///< objects in the background, among them ones with edges like tags', >= 0
+  int occluders = 0;  ///< bars that wander through the picture, before the arm, >= 0
+  std::uint32_t seed = 1;
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// How thick the drawn arm is.
+struct ArmBody {
+  double radius = 0.03;  ///< [m]
+};
+
+/// Renders the tags of an arm, on its body, as a webcam sees them: lens distortion, blur, noise,
+/// exposure, clutter and occluders.
+///
+/// The same seed and calls give the same pictures.
+class SimulatedCamera {
+ public:
+  /// @throws std::invalid_argument naming the value and its rule.
+  SimulatedCamera(const estimation::ArmView& view, const vision::TagFamily& family,
+                  const ArmBody& body, const SimulatedCameraConfig& config);
+  ~SimulatedCamera();
+  SimulatedCamera(SimulatedCamera&&) noexcept;
+  SimulatedCamera& operator=(SimulatedCamera&&) noexcept;
+
+  /// The next picture (CV_8UC1) of an arm of this shape; valid until the next call.
+  const cv::Mat& render(const model::Twists& twists);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace helix_arm::simulation

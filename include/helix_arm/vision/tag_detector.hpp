@@ -1,0 +1,59 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/vision/tag_family.hpp"
+
+namespace helix_arm::vision {
+
+struct DetectorConfig {
+  std::string family = "36h11";
+  double quad_decimate = 2.0;  ///< quads are looked for in a picture so many times smaller, >= 1
+  double quad_sigma = 0.0;     ///< of the blur before that (below 0: sharpens) [px]
+  int threads = 1;             ///< >= 1
+  bool refine_edges = true;    ///< move the edges to the steepest gradient of the full picture
+  int max_hamming = 1;         ///< wrong bits that are put up with, 0 to 3
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// One tag found in a picture.
+struct TagDetection {
+  int id;
+  int hamming;                  ///< bits that were wrong
+  double margin;                ///< how clearly black and white differ, in gray levels
+  estimation::Corners corners;  ///< [px], (0, 0) the centre of the top-left pixel
+};
+
+/// Finds all tags of a family in a picture, with libapriltag; prints nothing. Not for two threads
+/// at once.
+class TagDetector {
+ public:
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit TagDetector(const DetectorConfig& config);
+  ~TagDetector();
+  TagDetector(TagDetector&&) noexcept;
+  TagDetector& operator=(TagDetector&&) noexcept;
+
+  const DetectorConfig& config() const;
+  const TagFamily& family() const;
+
+  /// @param gray  (CV_8UC1); an empty or tiny one holds no tags.
+  /// @return sorted by id; the same id twice where the picture holds it twice.
+  /// @throws std::invalid_argument on another type of picture.
+  std::vector<TagDetection> detect(const cv::Mat& gray);
+  /// The same within a region of the picture, corners in pixels of the whole.
+  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
+
+ private:
+  struct Handle;
+  std::unique_ptr<Handle> handle_;
+};
+
+}  // namespace helix_arm::vision

@@ -1,0 +1,45 @@
+#include "helix_arm/estimation/tag_sight.hpp"
+
+namespace helix_arm::estimation {
+
+void ArmView::validate() const {
+  camera.validate();
+  layout.validate(sections);
+}
+
+void visibleTags(const ArmView& view, const model::Twists& twists, double least_cosine,
+                 std::vector<TagSight>& out) {
+  out.clear();
+  const Corners plane = view.layout.corners();
+  lie::SE3 X_CS;  // where section k begins
+  for (int k = 0; k < twists.cols(); ++k) {
+    if (k == 0) X_CS = view.X_CB;
+    for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
+      const TagPlacement& tag = view.layout.tags[i];
+      if (tag.section != k) continue;
+      const lie::SE3 X_CT = X_CS * lie::SE3::exp(tag.s * twists.col(k)) * tag.X_ST;
+      const double distance = X_CT.translation.norm();
+      const double facing = -X_CT.rotation.col(2).dot(X_CT.translation);
+      if (!(facing >= least_cosine * distance)) continue;
+      TagSight sight{static_cast<int>(i), {}};
+      bool visible = true;
+      for (int c = 0; c < 4 && visible; ++c) {
+        const auto pixel =
+            view.camera.project(X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0));
+        visible = pixel && view.camera.contains(*pixel);
+        if (visible) sight.corners.col(c) = *pixel;
+      }
+      if (visible) out.push_back(sight);
+    }
+    X_CS = X_CS * lie::SE3::exp(twists.col(k));
+  }
+}
+
+std::vector<TagSight> visibleTags(const ArmView& view, const model::Twists& twists,
+                                  double least_cosine) {
+  std::vector<TagSight> out;
+  visibleTags(view, twists, least_cosine, out);
+  return out;
+}
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,1 @@
+#include "helix_arm/estimation/twist_fit.hpp"

@@ -1,0 +1,1 @@
+#include "helix_arm/simulation/camera.hpp"

@@ -1,0 +1,1 @@
+#include "helix_arm/vision/tag_family.hpp"
