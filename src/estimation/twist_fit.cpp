@@ -1,1 +1,556 @@
 #include "helix_arm/estimation/twist_fit.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+#include "helix_arm/model/curve.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr int kBaseParameters = 6;
+constexpr int kMaxParameters = 6 * model::kMaxSections + kBaseParameters + 1;
+
+// Marquardt's damping, relative to the Hessian's diagonal.
+constexpr double kFirstDamping = 1e-6;
+constexpr double kLeastDamping = 1e-12;
+constexpr double kMaxDamping = 1e8;
+constexpr double kDampingFall = 0.1;
+constexpr double kDampingRise = 10.0;
+// Damping takes a parameter that the tags say nothing of as known to a metre or a radian.
+constexpr double kLeastInformation = 1.0;
+// Steps that promise less than this part of an expected variance are not worth taking.
+constexpr double kConverged = 1e-6;
+// Of the Hessian scaled to a unit diagonal: smaller pivots are rounding.
+constexpr double kSingular = 1e-11;
+// The expected noise counts as much as this many residuals when few say how large it really is.
+constexpr double kNoisePrior = 4.0;
+// A cold search also starts this far to each side [rad].
+constexpr double kColdTurn = 1.5;
+
+void require(bool holds, const char* what, double value, const char* rule) {
+  if (holds) return;
+  std::ostringstream message;
+  message << "twist fit: " << what << " is " << value << "; expected " << rule;
+  throw std::invalid_argument(message.str());
+}
+
+// Residuals of one tag, in expected deviations, and how they change with eta, a small motion of the
+// tag in its own frame, and with the bleed.
+template <int kRows>
+struct TagRows {
+  static constexpr int kCount = kRows;
+  Eigen::Matrix<double, kRows, 1> residual;
+  Eigen::Matrix<double, kRows, 6> by_eta;
+  Eigen::Matrix<double, kRows, 1> by_bleed;
+};
+
+struct CornerModel {
+  using Observation = CornerObservation;
+  using Rows = TagRows<8>;
+  static constexpr bool kBleeds = true;
+
+  lie::SE3 X_CB0;  // nominal base
+  double weight;   // focal length / noise
+  const TwistFitOptions& options;
+
+  int residuals() const { return 8; }
+  // Root mean square of the corners' distances along either axis [px].
+  double shown(const Observation&, const lie::SE3&, double square) const {
+    return options.corner_noise * std::sqrt(square / residuals());
+  }
+
+  // False where a corner lies behind the camera.
+  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners& plane,
+                Rows& rows) const {
+    const lie::SE3 X_CT = X_CB0 * X_B0T;
+    const Eigen::Matrix3d& R = X_CT.rotation;
+    for (int c = 0; c < 4; ++c) {
+      const double px = plane(0, c), py = plane(1, c);
+      const Eigen::Vector3d p = R.col(0) * px + R.col(1) * py + X_CT.translation;
+      if (!(p.z() > 0)) return false;
+      const double per_z = 1.0 / p.z(), scale = weight * per_z;
+      for (int axis = 0; axis < 2; ++axis) {
+        const int row = 2 * c + axis;
+        const double direction = p[axis] * per_z;
+        const double nx = scale * (R(axis, 0) - direction * R(2, 0));
+        const double ny = scale * (R(axis, 1) - direction * R(2, 1));
+        const double nz = scale * (R(axis, 2) - direction * R(2, 2));
+        rows.residual[row] = weight * (direction - seen.direction(axis, c));
+        rows.by_eta.row(row) << nx, ny, nz, py * nz, -px * nz, px * ny - py * nx;
+        rows.by_bleed[row] = -((px > 0 ? nx : -nx) + (py > 0 ? ny : -ny));
+      }
+    }
+    return true;
+  }
+};
+
+struct PoseModel {
+  using Observation = PoseObservation;
+  using Rows = TagRows<6>;
+  static constexpr bool kBleeds = false;
+
+  const TwistFitOptions& options;
+
+  int residuals() const { return options.rotation_noise > 0 ? 6 : 3; }
+  // Distance of the positions [m].
+  double shown(const Observation& seen, const lie::SE3& X_B0T, double) const {
+    return (X_B0T.translation - seen.X_BT.translation).norm();
+  }
+
+  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners&, Rows& rows) const {
+    const double weight = 1.0 / options.position_noise;
+    rows.residual.setZero();
+    rows.by_eta.setZero();
+    rows.residual.head<3>() = weight * (X_B0T.translation - seen.X_BT.translation);
+    rows.by_eta.topLeftCorner<3, 3>() = weight * X_B0T.rotation;
+    if (options.rotation_noise > 0) {
+      const lie::SE3 turn{seen.X_BT.rotation.transpose() * X_B0T.rotation, Eigen::Vector3d::Zero()};
+      const lie::Vector6 phi = turn.log();
+      rows.residual.tail<3>() = phi.tail<3>() / options.rotation_noise;
+      rows.by_eta.bottomRightCorner<3, 3>() =
+          lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() / options.rotation_noise;
+    }
+    return true;
+  }
+};
+
+// Ad(X)^-1 M for a 6-row M.
+template <class Derived>
+Eigen::Matrix<double, 6, Derived::ColsAtCompileTime> movedTo(const lie::SE3& X,
+                                                             const Eigen::MatrixBase<Derived>& M) {
+  Eigen::Matrix<double, 6, Derived::ColsAtCompileTime> out(6, M.cols());
+  const Eigen::Matrix3d Rt = X.rotation.transpose();
+  out.template bottomRows<3>().noalias() = Rt * M.template bottomRows<3>();
+  out.template topRows<3>().noalias() =
+      Rt * (M.template topRows<3>() - lie::skew(X.translation) * M.template bottomRows<3>());
+  return out;
+}
+
+// Where a search stands.
+struct Point {
+  model::Twists twists;
+  lie::SE3 X_B0B;
+  lie::Vector6 base_offset = lie::Vector6::Zero();  // log of X_B0B, for the prior
+  double bleed = 0;
+  double cost = std::numeric_limits<double>::infinity();
+  std::vector<TagResidual> residuals;
+  std::vector<double> squares;  // of the tags' residuals, in expected variances
+};
+
+// Normal equations of all parameters: twists, base, bleed.
+template <int kSize>
+struct System {
+  static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
+  using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
+  using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
+  using Columns = Eigen::Matrix<double, 6, kSize, Eigen::ColMajor, 6, kMax>;
+  Vector gradient;
+  Matrix hessian;  // lower triangle
+};
+
+}  // namespace
+
+struct TwistFitter::Workspace {
+  TagLayout layout;
+  int sections;
+  TwistFitOptions options;
+  Point at, next;
+  std::vector<lie::SE3> starts;  // X_B0 of each section's start, and of the tip
+  TwistFit result, best;
+  System<Eigen::Dynamic> large, large_next;
+
+  Workspace(TagLayout tags, int section_count, const TwistFitOptions& fit_options)
+      : layout(std::move(tags)), sections(section_count), options(fit_options) {
+    require(sections >= 1 && sections <= model::kMaxSections, "the number of sections", sections,
+            "1 to 16");
+    layout.validate(sections);
+    options.validate();
+    starts.resize(sections + 1);
+    for (Point* point : {&at, &next}) {
+      point->residuals.reserve(layout.tags.size());
+      point->squares.reserve(layout.tags.size());
+    }
+    for (TwistFit* fit : {&result, &best}) {
+      fit->tags.reserve(layout.tags.size());
+      fit->covariance.setZero(6 * sections, 6 * sections);
+    }
+  }
+
+  int baseColumn() const { return 6 * sections; }
+  int bleedColumn() const { return 6 * sections + (options.free_base ? kBaseParameters : 0); }
+  template <class Model>
+  bool bleeds() const {
+    return Model::kBleeds && options.free_bleed;
+  }
+  template <class Model>
+  int parameters() const {
+    return bleedColumn() + (bleeds<Model>() ? 1 : 0);
+  }
+
+  // Fills in a point's cost and residuals, and the normal equations there; an infinite cost where a
+  // tag would lie behind the camera.
+  template <class Model, int kSize>
+  void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
+                int skipped, Point& point, System<kSize>& system) {
+    const int size = parameters<Model>();
+    system.gradient.setZero(size);
+    system.hessian.setZero(size, size);
+    point.residuals.clear();
+    point.squares.clear();
+    point.cost = std::numeric_limits<double>::infinity();
+    starts[0] = point.X_B0B;
+    for (int k = 0; k < sections; ++k) {
+      starts[k + 1] = starts[k] * lie::SE3::exp(point.twists.col(k));
+    }
+    const Corners plane = layout.corners(point.bleed);
+    const double threshold = options.robust_scale * options.robust_scale * model.residuals();
+    double cost = 0;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const TagPlacement& tag = layout.tags[seen[i].tag];
+      const lie::SE3 X_kT = lie::SE3::exp(tag.s * point.twists.col(tag.section)) * tag.X_ST;
+      const lie::SE3 X_B0T = starts[tag.section] * X_kT;
+      typename Model::Rows rows;
+      if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
+      const double square = rows.residual.squaredNorm();
+      const double weight = 1.0 / (1.0 + square / threshold);
+      point.squares.push_back(square);
+      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
+      if (static_cast<int>(i) == skipped) continue;
+      cost += threshold * std::log1p(square / threshold);
+      accumulate<Model>(tag, X_kT, X_B0T, weight, rows, point, system);
+    }
+    point.cost = cost + addPriors<Model>(point, 1.0, system);
+  }
+
+  // Adds one tag's equations: its motion eta by each of the parameters.
+  template <class Model, int kSize>
+  void accumulate(const TagPlacement& tag, const lie::SE3& X_kT, const lie::SE3& X_B0T,
+                  double weight, const typename Model::Rows& rows, const Point& point,
+                  System<kSize>& system) const {
+    using Columns = typename System<kSize>::Columns;
+    const int size = static_cast<int>(system.gradient.size());
+    const int k = tag.section;
+    Columns eta = Columns::Zero(6, size);
+    eta.template middleCols<6>(6 * k) = movedTo(
+        tag.X_ST, lie::Matrix6(tag.s * lie::SE3::rightJacobian(tag.s * point.twists.col(k))));
+    for (int j = 0; j < k; ++j) {
+      const lie::SE3 X_jT = starts[j + 1].inverse() * starts[k] * X_kT;
+      eta.template middleCols<6>(6 * j) =
+          movedTo(X_jT, lie::SE3::rightJacobian(point.twists.col(j)));
+    }
+    if (options.free_base) {
+      eta.template middleCols<6>(baseColumn()) =
+          movedTo(starts[0].inverse() * X_B0T, lie::Matrix6(lie::Matrix6::Identity()));
+    }
+    Eigen::Matrix<double, Model::Rows::kCount, kSize, 0, Model::Rows::kCount, System<kSize>::kMax>
+    J(int{Model::Rows::kCount}, size);
+    J.noalias() = rows.by_eta.lazyProduct(eta);
+    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
+    system.hessian.noalias() += J.transpose().lazyProduct(weight * J);
+    system.gradient.noalias() += J.transpose().lazyProduct(weight * rows.residual);
+  }
+
+  // Adds `share` of the priors' equations; returns their cost.
+  template <class Model, int kSize>
+  double addPriors(const Point& point, double share, System<kSize>& system) const {
+    double cost = 0;
+    if (options.free_base) {
+      // The prior is of log X_B0B, a step moves X_B0B on its right.
+      lie::Vector6 precision;
+      precision << Eigen::Vector3d::Constant(1 / options.base_prior.translation),
+          Eigen::Vector3d::Constant(1 / options.base_prior.rotation);
+      const lie::Vector6 residual = precision.cwiseProduct(point.base_offset);
+      const lie::Matrix6 rows =
+          precision.asDiagonal() * lie::SE3::rightJacobianInverse(point.base_offset);
+      cost += residual.squaredNorm();
+      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) +=
+          share * (rows.transpose() * rows);
+      system.gradient.template segment<6>(baseColumn()) += share * (rows.transpose() * residual);
+    }
+    if (bleeds<Model>()) {
+      const int b = bleedColumn();
+      const double precision = 1 / options.bleed_prior, residual = precision * point.bleed;
+      cost += residual * residual;
+      system.hessian(b, b) += share * precision * precision;
+      system.gradient[b] += share * precision * residual;
+    }
+    return share * cost;
+  }
+
+  template <class Model, class Step>
+  void move(const Point& from, const Step& step, Point& to) const {
+    to.twists = from.twists;
+    for (int k = 0; k < sections; ++k) to.twists.col(k) += step.template segment<6>(6 * k);
+    to.X_B0B = from.X_B0B;
+    to.base_offset = from.base_offset;
+    if (options.free_base) {
+      to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
+      to.base_offset = to.X_B0B.log();
+    }
+    to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
+  }
+
+  // Levenberg and Marquardt from `at`; leaves out one of the tags seen, or none (-1).
+  template <class Model, int kSize>
+  void search(const Model& model, const std::vector<typename Model::Observation>& seen, int skipped,
+              System<kSize>& system, System<kSize>& trial) {
+    result.status = FitStatus::kUnderdetermined;
+    result.iterations = 0;
+    const int used = static_cast<int>(seen.size()) - (skipped >= 0 ? 1 : 0);
+    if (used * model.residuals() < 6 * sections) return;
+    evaluate(model, seen, skipped, at, system);
+    result.status = FitStatus::kNotConverged;
+    if (!std::isfinite(at.cost)) return;
+
+    Eigen::LDLT<typename System<kSize>::Matrix> factors;
+    typename System<kSize>::Vector step;
+    double damping = kFirstDamping;
+    while (result.iterations < options.max_iterations && damping < kMaxDamping) {
+      ++result.iterations;
+      typename System<kSize>::Matrix damped = system.hessian;
+      damped.diagonal() += damping * system.hessian.diagonal().cwiseMax(kLeastInformation);
+      factors.compute(damped);
+      step = -factors.solve(system.gradient);
+      const double promised = -step.dot(system.gradient);
+      if (promised < kConverged) {
+        result.status = FitStatus::kConverged;
+        break;
+      }
+      move<Model>(at, step, next);
+      evaluate(model, seen, skipped, next, trial);
+      if (next.cost < at.cost) {
+        std::swap(at, next);
+        std::swap(system, trial);
+        damping = std::max(damping * kDampingFall, kLeastDamping);
+      } else {
+        damping = std::max(damping * kDampingRise, kFirstDamping);
+      }
+    }
+    if (!determined(system)) result.status = FitStatus::kUnderdetermined;
+    report();
+    reportStatistics(model, system);
+  }
+
+  // Whether the tags, with the priors, say something about every combination of the parameters.
+  template <int kSize>
+  static bool determined(const System<kSize>& system) {
+    using Matrix = typename System<kSize>::Matrix;
+    typename System<kSize>::Vector scale = system.hessian.diagonal();
+    if (!(scale.minCoeff() > 0)) return false;
+    scale = scale.cwiseSqrt().cwiseInverse();
+    const Matrix unit = scale.asDiagonal() * system.hessian * scale.asDiagonal();
+    return Eigen::LDLT<Matrix>(unit).vectorD().minCoeff() > kSingular;
+  }
+
+  void report() {
+    result.twists = at.twists;
+    result.X_B0B = at.X_B0B;
+    result.bleed = at.bleed;
+    result.cost = at.cost;
+    result.tags = at.residuals;
+  }
+
+  template <class Model, int kSize>
+  void reportStatistics(const Model& model, System<kSize>& system) {
+    const int m = model.residuals();
+    const double threshold = options.robust_scale * options.robust_scale * m;
+    double weighted = 0, freedom = -6.0 * sections, square = 0;
+    int fitting = 0;
+    for (std::size_t i = 0; i < result.tags.size(); ++i) {
+      TagResidual& tag = result.tags[i];
+      tag.outlier = at.squares[i] > threshold;
+      weighted += tag.weight * at.squares[i];
+      freedom += tag.weight * m;
+      if (tag.outlier) continue;
+      square += tag.rms * tag.rms;
+      ++fitting;
+    }
+    result.rms = fitting > 0 ? std::sqrt(square / fitting) : 0;
+
+    // What the residuals say of the noise; the priors are what they are.
+    const double variance = (kNoisePrior + weighted) / (kNoisePrior + std::max(0.0, freedom));
+    system.hessian /= variance;
+    addPriors<Model>(at, 1 - 1 / variance, system);
+    using Matrix = typename System<kSize>::Matrix;
+    const int size = static_cast<int>(system.gradient.size());
+    Matrix inverse = Matrix::Identity(size, size);
+    Eigen::LDLT<Matrix>(system.hessian).solveInPlace(inverse);
+    result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
+  }
+
+  template <class Model>
+  void run(const Model& model, const std::vector<typename Model::Observation>& seen, int skipped) {
+    switch (parameters<Model>()) {
+      case 6:
+        return runOf<6>(model, seen, skipped);
+      case 7:
+        return runOf<7>(model, seen, skipped);
+      case 12:
+        return runOf<12>(model, seen, skipped);
+      case 13:
+        return runOf<13>(model, seen, skipped);
+      default:
+        return search(model, seen, skipped, large, large_next);
+    }
+  }
+  template <int kSize, class Model>
+  void runOf(const Model& model, const std::vector<typename Model::Observation>& seen,
+             int skipped) {
+    System<kSize> system, trial;
+    search(model, seen, skipped, system, trial);
+  }
+
+  void startFrom(const model::Twists& twists) {
+    at.twists = twists;
+    at.X_B0B = {};
+    at.base_offset.setZero();
+    at.bleed = 0;
+  }
+
+  template <class Model>
+  void checkCall(const std::vector<typename Model::Observation>& seen,
+                 const model::Twists& start) const {
+    require(start.cols() == sections, "the number of twists to start from",
+            static_cast<double>(start.cols()), "one a section");
+    for (const auto& observation : seen) {
+      require(observation.tag >= 0 && observation.tag < static_cast<int>(layout.tags.size()),
+              "the index of a tag", observation.tag, "one of the layout");
+    }
+    require(seen.size() <= layout.tags.size(), "the number of tags seen",
+            static_cast<double>(seen.size()), "each tag at most once");
+  }
+
+  template <class Model>
+  const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
+                      const model::Twists& start) {
+    checkCall<Model>(seen, start);
+    startFrom(start);
+    run(model, seen, -1);
+    return result;
+  }
+
+  void keepBetter() {
+    const bool usable = result.status == FitStatus::kConverged;
+    const bool have = best.status == FitStatus::kConverged;
+    if (usable && (!have || result.cost < best.cost)) std::swap(best, result);
+  }
+
+  template <class Model>
+  const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
+                          const model::Twists& start) {
+    checkCall<Model>(seen, start);
+    startFrom(start);
+    run(model, seen, -1);
+    best = result;
+    const auto refine = [&](const model::Twists& from, int skipped) {
+      startFrom(from);
+      run(model, seen, skipped);
+      if (skipped >= 0) {
+        if (result.status != FitStatus::kConverged) return;
+        startFrom(result.twists);
+        run(model, seen, -1);
+      }
+      keepBetter();
+    };
+    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(start, i);
+    for (int k = 0; k < sections; ++k) {
+      for (int axis = 3; axis < 6; ++axis) {
+        for (const double turn : {-kColdTurn, kColdTurn}) {
+          model::Twists from = start;
+          from(axis, k) += turn;
+          refine(from, -1);
+        }
+      }
+    }
+    std::swap(best, result);
+    return result;
+  }
+};
+
+TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options)
+    : work_(std::make_unique<Workspace>(std::move(layout), sections, options)) {}
+TwistFitter::~TwistFitter() = default;
+TwistFitter::TwistFitter(TwistFitter&&) noexcept = default;
+TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
+
+const TagLayout& TwistFitter::layout() const { return work_->layout; }
+const TwistFitOptions& TwistFitter::options() const { return work_->options; }
+
+const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
+                                 double focal, const model::Twists& start) {
+  return work_->fit(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options}, seen,
+                    start);
+}
+
+const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
+                                 const model::Twists& start) {
+  return work_->fit(PoseModel{work_->options}, seen, start);
+}
+
+const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
+                                     const lie::SE3& X_CB, double focal,
+                                     const model::Twists& start) {
+  return work_->fitCold(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options},
+                        seen, start);
+}
+
+const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
+                                     const model::Twists& start) {
+  return work_->fitCold(PoseModel{work_->options}, seen, start);
+}
+
+void TwistFitOptions::validate() const {
+  const auto positive = [](const char* what, double value) {
+    require(std::isfinite(value) && value > 0, what, value, "a finite value > 0");
+  };
+  positive("the noise of corners [px]", corner_noise);
+  positive("the noise of tag positions [m]", position_noise);
+  require(std::isfinite(rotation_noise) && rotation_noise >= 0, "the noise of tag rotations [rad]",
+          rotation_noise, "a finite value >= 0");
+  positive("the robust scale", robust_scale);
+  positive("the prior of the base's place [m]", base_prior.translation);
+  positive("the prior of the base's rotation [rad]", base_prior.rotation);
+  positive("the prior of the bleed [m]", bleed_prior);
+  require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
+}
+
+const char* nameOf(FitStatus status) {
+  switch (status) {
+    case FitStatus::kConverged:
+      return "converged";
+    case FitStatus::kNotConverged:
+      return "not_converged";
+    case FitStatus::kUnderdetermined:
+      return "underdetermined";
+  }
+  return "";
+}
+
+int TwistFit::outliers() const {
+  return static_cast<int>(
+      std::count_if(tags.begin(), tags.end(), [](const TagResidual& tag) { return tag.outlier; }));
+}
+
+Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance) {
+  const int sections = static_cast<int>(twists.cols());
+  Eigen::Matrix<double, 3, Eigen::Dynamic> J(3, 6 * sections);
+  lie::SE3 X_Bk;
+  for (int k = 0; k < sections; ++k) {
+    // The tip p seen from where section k ends moves with it: dp = R (v + w x p).
+    X_Bk = X_Bk * lie::SE3::exp(twists.col(k));
+    lie::SE3 X_kTip;
+    for (int j = k + 1; j < sections; ++j) X_kTip = X_kTip * lie::SE3::exp(twists.col(j));
+    Eigen::Matrix<double, 3, 6> motion;
+    motion << Eigen::Matrix3d::Identity(), -lie::skew(X_kTip.translation);
+    J.middleCols<6>(6 * k) = X_Bk.rotation * motion * lie::SE3::rightJacobian(twists.col(k));
+  }
+  return J * covariance * J.transpose();
+}
+
+}  // namespace helix_arm::estimation

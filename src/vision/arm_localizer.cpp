@@ -1,1 +1,198 @@
 #include "helix_arm/vision/arm_localizer.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+namespace helix_arm::vision {
+namespace {
+
+// Of the angle between a tag's normal and its line of sight: a tag turned farther away is found now
+// and then, but not to be counted on.
+constexpr double kLeastCosine = 0.3;
+
+bool contains(const std::vector<int>& ids, int id) {
+  return std::find(ids.begin(), ids.end(), id) != ids.end();
+}
+
+}  // namespace
+
+struct ArmLocalizer::Workspace {
+  estimation::ArmView view;
+  LocalizerConfig config;
+  TagTracker tracker;
+  estimation::TwistFitter fitter;
+  Sight sight;
+
+  bool warm = false;  // the last picture was measured
+  model::Twists last_twists, last_model;
+  lie::SE3 last_X_B0B;
+  std::vector<int> last_ids, last_outliers;
+
+  estimation::ArmView expected_view;  // with the base where it was seen last
+  std::vector<estimation::TagSight> sights;
+  std::vector<ExpectedTag> expected;
+  std::vector<estimation::CornerObservation> seen;
+
+  Workspace(const estimation::ArmView& arm_view, const LocalizerConfig& localizer_config)
+      : view(arm_view),
+        config(localizer_config),
+        tracker(config.detector, config.tracking),
+        fitter(view.layout, view.sections, config.fit),
+        expected_view(view) {}
+
+  // Where the tags of the last shape, moved on as the model did, appear.
+  model::Twists expectTags(const model::Twists& model) {
+    expected.clear();
+    if (!warm) return model;
+    const model::Twists twists = last_twists + (model - last_model);
+    expected_view.X_CB = view.X_CB * last_X_B0B;
+    estimation::visibleTags(expected_view, twists, kLeastCosine, sights);
+    for (const estimation::TagSight& tag : sights) {
+      const int id = view.layout.tags[tag.tag].id;
+      expected.push_back({id, tag.corners, contains(last_ids, id)});
+    }
+    return twists;
+  }
+
+  void take(const TrackResult& found) {
+    sight.detections = found.tags;
+    sight.by_edges = found.by_edges;
+    sight.by_regions = found.by_regions;
+    sight.whole_picture = found.whole_picture;
+    sight.foreign_ids.clear();
+    sight.repeated_ids.clear();
+    seen.clear();
+    const std::vector<TagDetection>& tags = sight.detections;
+    for (std::size_t i = 0; i < tags.size(); ++i) {
+      const int id = tags[i].id;
+      if (i > 0 && tags[i - 1].id == id) continue;
+      const int tag = view.layout.find(id);
+      const bool repeated = i + 1 < tags.size() && tags[i + 1].id == id;
+      if (tag < 0) {
+        sight.foreign_ids.push_back(id);
+      } else if (repeated) {
+        sight.repeated_ids.push_back(id);
+      } else {
+        observe(tag, tags[i].corners);
+      }
+    }
+  }
+
+  void observe(int tag, const estimation::Corners& corners) {
+    estimation::CornerObservation observation{tag, {}};
+    for (int c = 0; c < 4; ++c) {
+      const auto direction = view.camera.directionOf(corners.col(c));
+      if (!direction) return;
+      observation.direction.col(c) = *direction;
+    }
+    seen.push_back(observation);
+  }
+
+  // Fits from near by, and, where that does not explain the tags, from everywhere.
+  void fit(const model::Twists& start, const model::Twists& model) {
+    sight.fit.status = estimation::FitStatus::kUnderdetermined;
+    sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
+    if (static_cast<int>(seen.size()) < config.min_tags) return;
+    const double focal = 0.5 * (view.camera.fx + view.camera.fy);
+    const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start);
+    if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
+      fit = &fitter.fitCold(seen, view.X_CB, focal, model);
+    }
+    sight.fit = *fit;
+    if (fit->status == estimation::FitStatus::kUnderdetermined) return;
+    const int fitting = static_cast<int>(seen.size()) - fit->outliers();
+    const bool explained =
+        fitting >= config.min_tags && 2 * fitting > static_cast<int>(seen.size());
+    sight.state = fit->status == estimation::FitStatus::kConverged && explained
+                      ? SightState::kMeasured
+                      : SightState::kNoFit;
+  }
+
+  // A tag that came off the arm stays an outlier; only new ones cast doubt on the fit.
+  bool unexpectedOutliers(const estimation::TwistFit& fit) const {
+    return std::any_of(fit.tags.begin(), fit.tags.end(), [this](const auto& tag) {
+      return tag.outlier && !contains(last_outliers, view.layout.tags[tag.tag].id);
+    });
+  }
+
+  void remember(const model::Twists& model) {
+    warm = sight.state == SightState::kMeasured;
+    last_ids.clear();
+    last_outliers.clear();
+    if (!warm) return;
+    last_twists = sight.fit.twists;
+    last_X_B0B = sight.fit.X_B0B;
+    last_model = model;
+    for (const TagDetection& tag : sight.detections) last_ids.push_back(tag.id);
+    for (const estimation::TagResidual& tag : sight.fit.tags) {
+      if (tag.outlier) last_outliers.push_back(view.layout.tags[tag.tag].id);
+    }
+  }
+
+  const Sight& locate(const cv::Mat& gray, const model::Twists& model) {
+    const estimation::Camera& camera = view.camera;
+    if (gray.cols != camera.width || gray.rows != camera.height) {
+      throw std::invalid_argument("a picture of " + std::to_string(gray.cols) + " x " +
+                                  std::to_string(gray.rows) + " pixels; expected the camera's " +
+                                  std::to_string(camera.width) + " x " +
+                                  std::to_string(camera.height));
+    }
+    const model::Twists start = expectTags(model);
+    take(tracker.track(gray, expected));
+    fit(start, model);
+    const bool doubtful = sight.state != SightState::kMeasured || unexpectedOutliers(sight.fit);
+    if (doubtful && !sight.whole_picture) {
+      take(tracker.search(gray));
+      fit(start, model);
+    }
+    remember(model);
+    return sight;
+  }
+};
+
+ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config) {
+  view.validate();
+  config.validate();
+  work_ = std::make_unique<Workspace>(view, config);
+}
+ArmLocalizer::~ArmLocalizer() = default;
+ArmLocalizer::ArmLocalizer(ArmLocalizer&&) noexcept = default;
+ArmLocalizer& ArmLocalizer::operator=(ArmLocalizer&&) noexcept = default;
+
+const Sight& ArmLocalizer::locate(const cv::Mat& gray, const model::Twists& model) {
+  return work_->locate(gray, model);
+}
+
+void ArmLocalizer::reset() {
+  work_->warm = false;
+  work_->last_ids.clear();
+  work_->last_outliers.clear();
+}
+
+const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
+
+void LocalizerConfig::validate() const {
+  detector.validate();
+  fit.validate();
+  if (min_tags < 1) {
+    throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
+                                "; expected at least 1");
+  }
+}
+
+const char* nameOf(SightState state) {
+  switch (state) {
+    case SightState::kMeasured:
+      return "measured";
+    case SightState::kNoTags:
+      return "no_tags";
+    case SightState::kTooFewTags:
+      return "too_few_tags";
+    case SightState::kNoFit:
+      return "no_fit";
+  }
+  return "";
+}
+
+}  // namespace helix_arm::vision

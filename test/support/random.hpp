@@ -21,11 +21,13 @@ class Random {
   int integer(int lower, int upper) {
     return std::uniform_int_distribution<int>(lower, upper)(generator_);
   }
+  /// Of mean 0 and standard deviation 1.
+  double normal() { return std::normal_distribution<double>()(generator_); }
   template <int kSize>
   Eigen::Matrix<double, kSize, 1> direction() {
     Eigen::Matrix<double, kSize, 1> u;
     do {
-      for (int i = 0; i < kSize; ++i) u[i] = std::normal_distribution<double>()(generator_);
+      for (int i = 0; i < kSize; ++i) u[i] = normal();
     } while (u.norm() < 1e-3);
     return u.normalized();
   }

@@ -34,7 +34,7 @@ struct TwistFitOptions {
   double position_noise = 0.010;  ///< of a tag pose's position, each axis [m]
   double rotation_noise = 0.0;    ///< of its rotation, each axis [rad]; 0 leaves rotations out
   /// Tags this many of their expected errors away begin to lose their weight (Cauchy, per tag).
-  double robust_scale = 3.0;
+  double robust_scale = 3.5;
   bool free_base = false;  ///< fit the base as well, under its prior
   BasePrior base_prior;
   bool free_bleed = false;      ///< fit how far white bleeds into black, under its prior

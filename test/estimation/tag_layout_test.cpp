@@ -1,0 +1,116 @@
+#include "helix_arm/estimation/tag_layout.hpp"
+
+#include <stdexcept>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/sample_view.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+TEST(TagLayout, TagsRideOnTheCurve) {
+  const TagLayout layout = test::sampleLayout(2);
+  model::Twists twists(6, 2);
+  twists.col(0) << 0.4, 0.01, 0.02, 1.0, -0.5, 0.8;
+  twists.col(1) << 0.3, 0.0, -0.02, -1.0, 0.5, 0.2;
+  const std::vector<lie::SE3> poses = tagPoses(layout, twists);
+  ASSERT_EQ(poses.size(), layout.tags.size());
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const TagPlacement& tag = layout.tags[i];
+    lie::SE3 X = lie::SE3::exp(tag.s * twists.col(tag.section)) * tag.X_ST;
+    if (tag.section == 1) X = lie::SE3::exp(twists.col(0)) * X;
+    EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
+    EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
+  }
+}
+
+TEST(TagLayout, BleedShrinksTheBorder) {
+  TagLayout layout;
+  layout.size = 0.03;
+  const Corners corners = layout.corners(0.001);
+  EXPECT_NEAR(corners(0, 1) - corners(0, 0), 0.028, 1e-15);
+  EXPECT_NEAR(corners(1, 2) - corners(1, 1), 0.028, 1e-15);
+  // Left below, right below, right above, left above.
+  EXPECT_TRUE(corners(0, 0) < 0 && corners(1, 0) < 0 && corners(0, 2) > 0 && corners(1, 2) > 0);
+}
+
+std::string refusal(const TagLayout& layout) {
+  try {
+    layout.validate(1);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(TagLayout, FaultsAreNamed) {
+  const TagLayout sound = test::sampleLayout();
+  EXPECT_EQ(refusal(sound), "");
+  TagLayout layout = sound;
+  layout.tags[1].id = 0;
+  EXPECT_NE(refusal(layout).find("tag 0 is placed twice"), std::string::npos);
+  layout = sound;
+  layout.tags[2].s = 1.01;
+  EXPECT_NE(refusal(layout).find("tag 2 is at s = 1.01"), std::string::npos);
+  layout = sound;
+  layout.tags[2].section = 1;
+  EXPECT_NE(refusal(layout).find("tag 2 is on section 1; expected 0 to 0"), std::string::npos);
+  layout = sound;
+  layout.tags[2].id = -4;
+  EXPECT_NE(refusal(layout).find("expected an id >= 0"), std::string::npos);
+  layout = sound;
+  layout.tags[3].X_ST.translation.x() = std::nan("");
+  EXPECT_NE(refusal(layout).find("tag 3 has a pose that is not finite"), std::string::npos);
+  layout = sound;
+  layout.size = 0;
+  EXPECT_NE(refusal(layout).find("size"), std::string::npos);
+  layout = sound;
+  for (int id = 100; id < 200; ++id) layout.tags.push_back({id, 0, 0.5, {}});
+  EXPECT_NE(refusal(layout).find("expected at most 64"), std::string::npos);
+}
+
+TEST(TagSight, VisibleTagsFaceTheCameraAndLieInThePicture) {
+  const ArmView view = test::sampleView();
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const model::Twists twists = arm.twists(arm.inputAt(0.3));
+  const std::vector<lie::SE3> poses = tagPoses(view.layout, twists);
+  const std::vector<TagSight> sights = visibleTags(view, twists, 0.2);
+  std::vector<bool> visible(poses.size(), false);
+  for (const TagSight& sight : sights) visible[sight.tag] = true;
+  int hidden = 0;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const lie::SE3 X_CT = view.X_CB * poses[i];
+    const double cosine = -X_CT.rotation.col(2).dot(X_CT.translation.normalized());
+    EXPECT_EQ(visible[i], cosine >= 0.2) << "tag " << i;  // all of this arm is in the picture
+    hidden += visible[i] ? 0 : 1;
+  }
+  EXPECT_GT(sights.size(), 8u);
+  EXPECT_GT(hidden, 8);
+  // As it is read: the corners go around against the clock where y points up, with it where it
+  // points down.
+  for (const TagSight& sight : sights) {
+    const Eigen::Vector2d a = sight.corners.col(1) - sight.corners.col(0);
+    const Eigen::Vector2d b = sight.corners.col(2) - sight.corners.col(1);
+    EXPECT_LT(a.x() * b.y() - a.y() * b.x(), 0);
+  }
+}
+
+TEST(TagSight, TagsAtTheEdgeOfThePictureAreNotWhollyVisible) {
+  ArmView view = test::sampleView();
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const model::Twists twists = arm.twists(arm.inputAt(0.3));
+  const std::size_t all = visibleTags(view, twists).size();
+  view.X_CB.translation.y() -= 0.2;
+  const std::vector<TagSight> sights = visibleTags(view, twists);
+  EXPECT_LT(sights.size(), all);
+  EXPECT_GT(sights.size(), 0u);
+  for (const TagSight& sight : sights) {
+    EXPECT_TRUE((sight.corners.array() >= 0).all());
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation
