@@ -25,7 +25,7 @@ constexpr double kDampingRise = 10.0;
 // Damping takes a parameter that the tags say nothing of as known to a metre or a radian.
 constexpr double kLeastInformation = 1.0;
 // Steps that promise less than this part of an expected variance are not worth taking.
-constexpr double kConverged = 1e-6;
+constexpr double kConverged = 1e-5;
 // Of the Hessian scaled to a unit diagonal: smaller pivots are rounding.
 constexpr double kSingular = 1e-11;
 // The expected noise counts as much as this many residuals when few say how large it really is.
@@ -40,13 +40,13 @@ void require(bool holds, const char* what, double value, const char* rule) {
   throw std::invalid_argument(message.str());
 }
 
-// Residuals of one tag, in expected deviations, and how they change with eta, a small motion of the
-// tag in its own frame, and with the bleed.
+// Residuals of one tag, in expected deviations, and how a small rigid motion [v; w] of it, seen
+// from the nominal base B0 and its origin, changes them: by_v v + by_w w; and how the bleed does.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
   Eigen::Matrix<double, kRows, 1> residual;
-  Eigen::Matrix<double, kRows, 6> by_eta;
+  Eigen::Matrix<double, kRows, 3> by_v, by_w;
   Eigen::Matrix<double, kRows, 1> by_bleed;
 };
 
@@ -68,22 +68,25 @@ struct CornerModel {
   // False where a corner lies behind the camera.
   bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners& plane,
                 Rows& rows) const {
-    const lie::SE3 X_CT = X_CB0 * X_B0T;
-    const Eigen::Matrix3d& R = X_CT.rotation;
+    const Eigen::Matrix3d& R = X_B0T.rotation;
     for (int c = 0; c < 4; ++c) {
-      const double px = plane(0, c), py = plane(1, c);
-      const Eigen::Vector3d p = R.col(0) * px + R.col(1) * py + X_CT.translation;
-      if (!(p.z() > 0)) return false;
-      const double per_z = 1.0 / p.z(), scale = weight * per_z;
+      const Eigen::Vector3d arm = R.col(0) * plane(0, c) + R.col(1) * plane(1, c);
+      const Eigen::Vector3d p = arm + X_B0T.translation;
+      const Eigen::Vector3d p_C = X_CB0 * p;
+      if (!(p_C.z() > 0)) return false;
+      const double per_z = 1.0 / p_C.z(), scale = weight * per_z;
+      // Towards the middle of the tag, along both of its axes.
+      const Eigen::Vector3d inward =
+          R.col(0) * (plane(0, c) > 0 ? -1.0 : 1.0) + R.col(1) * (plane(1, c) > 0 ? -1.0 : 1.0);
       for (int axis = 0; axis < 2; ++axis) {
         const int row = 2 * c + axis;
-        const double direction = p[axis] * per_z;
-        const double nx = scale * (R(axis, 0) - direction * R(2, 0));
-        const double ny = scale * (R(axis, 1) - direction * R(2, 1));
-        const double nz = scale * (R(axis, 2) - direction * R(2, 2));
+        const double direction = p_C[axis] * per_z;
+        const Eigen::Vector3d n =
+            scale * (X_CB0.rotation.row(axis) - direction * X_CB0.rotation.row(2)).transpose();
         rows.residual[row] = weight * (direction - seen.direction(axis, c));
-        rows.by_eta.row(row) << nx, ny, nz, py * nz, -px * nz, px * ny - py * nx;
-        rows.by_bleed[row] = -((px > 0 ? nx : -nx) + (py > 0 ? ny : -ny));
+        rows.by_v.row(row) = n.transpose();
+        rows.by_w.row(row) = p.cross(n).transpose();
+        rows.by_bleed[row] = n.dot(inward);
       }
     }
     return true;
@@ -105,32 +108,48 @@ struct PoseModel {
 
   bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners&, Rows& rows) const {
     const double weight = 1.0 / options.position_noise;
+    const Eigen::Matrix3d& R = X_B0T.rotation;
     rows.residual.setZero();
-    rows.by_eta.setZero();
+    rows.by_v.setZero();
+    rows.by_w.setZero();
     rows.residual.head<3>() = weight * (X_B0T.translation - seen.X_BT.translation);
-    rows.by_eta.topLeftCorner<3, 3>() = weight * X_B0T.rotation;
+    rows.by_v.topRows<3>().setIdentity();
+    rows.by_v *= weight;
+    rows.by_w.topRows<3>() = -weight * lie::skew(X_B0T.translation);
     if (options.rotation_noise > 0) {
-      const lie::SE3 turn{seen.X_BT.rotation.transpose() * X_B0T.rotation, Eigen::Vector3d::Zero()};
+      const lie::SE3 turn{seen.X_BT.rotation.transpose() * R, Eigen::Vector3d::Zero()};
       const lie::Vector6 phi = turn.log();
       rows.residual.tail<3>() = phi.tail<3>() / options.rotation_noise;
-      rows.by_eta.bottomRightCorner<3, 3>() =
-          lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() / options.rotation_noise;
+      rows.by_w.bottomRows<3>() = lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() *
+                                  R.transpose() / options.rotation_noise;
     }
     return true;
   }
 };
 
-// Ad(X)^-1 M for a 6-row M.
-template <class Derived>
-Eigen::Matrix<double, 6, Derived::ColsAtCompileTime> movedTo(const lie::SE3& X,
-                                                             const Eigen::MatrixBase<Derived>& M) {
-  Eigen::Matrix<double, 6, Derived::ColsAtCompileTime> out(6, M.cols());
-  const Eigen::Matrix3d Rt = X.rotation.transpose();
-  out.template bottomRows<3>().noalias() = Rt * M.template bottomRows<3>();
-  out.template topRows<3>().noalias() =
-      Rt * (M.template topRows<3>() - lie::skew(X.translation) * M.template bottomRows<3>());
-  return out;
-}
+// How a part of the arm moves, about the origin of B0 and seen from there, when some twist changes:
+// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
+struct Mover {
+  Eigen::Matrix3d v_by_v, v_by_w;
+
+  // All that lies beyond s on a section that starts at X_B0k.
+  Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
+    const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
+    v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
+    v_by_w = s * X_B0k.rotation * J.topRightCorner<3, 3>();
+    v_by_w += lie::skew(X_B0k.translation) * v_by_v;
+  }
+  // Everything, with the base.
+  explicit Mover(const lie::SE3& X_B0B)
+      : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
+
+  template <class Rows, class Jacobian>
+  void fill(const Rows& rows, int column, Jacobian& J) const {
+    J.template middleCols<3>(column).noalias() = rows.by_v.lazyProduct(v_by_v);
+    J.template middleCols<3>(column + 3).noalias() = rows.by_v.lazyProduct(v_by_w);
+    J.template middleCols<3>(column + 3).noalias() += rows.by_w.lazyProduct(v_by_v);
+  }
+};
 
 // Where a search stands.
 struct Point {
@@ -149,7 +168,6 @@ struct System {
   static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
   using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
   using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
-  using Columns = Eigen::Matrix<double, 6, kSize, Eigen::ColMajor, 6, kMax>;
   Vector gradient;
   Matrix hessian;  // lower triangle
 };
@@ -161,7 +179,8 @@ struct TwistFitter::Workspace {
   int sections;
   TwistFitOptions options;
   Point at, next;
-  std::vector<lie::SE3> starts;  // X_B0 of each section's start, and of the tip
+  std::vector<lie::SE3> starts;  // X_B0k of each section's start, and of the tip
+  std::vector<Mover> movers;     // of what lies beyond each section
   TwistFit result, best;
   System<Eigen::Dynamic> large, large_next;
 
@@ -172,6 +191,7 @@ struct TwistFitter::Workspace {
     layout.validate(sections);
     options.validate();
     starts.resize(sections + 1);
+    movers.reserve(sections);
     for (Point* point : {&at, &next}) {
       point->residuals.reserve(layout.tags.size());
       point->squares.reserve(layout.tags.size());
@@ -205,16 +225,18 @@ struct TwistFitter::Workspace {
     point.squares.clear();
     point.cost = std::numeric_limits<double>::infinity();
     starts[0] = point.X_B0B;
-    for (int k = 0; k < sections; ++k) {
+    movers.clear();
+    for (int k = 0; k + 1 < sections; ++k) {
       starts[k + 1] = starts[k] * lie::SE3::exp(point.twists.col(k));
+      movers.emplace_back(starts[k], point.twists.col(k), 1.0);
     }
     const Corners plane = layout.corners(point.bleed);
     const double threshold = options.robust_scale * options.robust_scale * model.residuals();
     double cost = 0;
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const TagPlacement& tag = layout.tags[seen[i].tag];
-      const lie::SE3 X_kT = lie::SE3::exp(tag.s * point.twists.col(tag.section)) * tag.X_ST;
-      const lie::SE3 X_B0T = starts[tag.section] * X_kT;
+      const lie::SE3 X_B0T =
+          starts[tag.section] * lie::SE3::exp(tag.s * point.twists.col(tag.section)) * tag.X_ST;
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
       const double square = rows.residual.squaredNorm();
@@ -223,37 +245,32 @@ struct TwistFitter::Workspace {
       point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
       if (static_cast<int>(i) == skipped) continue;
       cost += threshold * std::log1p(square / threshold);
-      accumulate<Model>(tag, X_kT, X_B0T, weight, rows, point, system);
+      accumulate<Model>(tag, weight, rows, point, system);
     }
     point.cost = cost + addPriors<Model>(point, 1.0, system);
   }
 
-  // Adds one tag's equations: its motion eta by each of the parameters.
+  // Adds one tag's equations.
   template <class Model, int kSize>
-  void accumulate(const TagPlacement& tag, const lie::SE3& X_kT, const lie::SE3& X_B0T,
-                  double weight, const typename Model::Rows& rows, const Point& point,
-                  System<kSize>& system) const {
-    using Columns = typename System<kSize>::Columns;
-    const int size = static_cast<int>(system.gradient.size());
+  void accumulate(const TagPlacement& tag, double weight, const typename Model::Rows& rows,
+                  const Point& point, System<kSize>& system) const {
+    constexpr int kRows = Model::Rows::kCount;
+    using Jacobian =
+        Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, System<kSize>::kMax>;
     const int k = tag.section;
-    Columns eta = Columns::Zero(6, size);
-    eta.template middleCols<6>(6 * k) = movedTo(
-        tag.X_ST, lie::Matrix6(tag.s * lie::SE3::rightJacobian(tag.s * point.twists.col(k))));
-    for (int j = 0; j < k; ++j) {
-      const lie::SE3 X_jT = starts[j + 1].inverse() * starts[k] * X_kT;
-      eta.template middleCols<6>(6 * j) =
-          movedTo(X_jT, lie::SE3::rightJacobian(point.twists.col(j)));
-    }
-    if (options.free_base) {
-      eta.template middleCols<6>(baseColumn()) =
-          movedTo(starts[0].inverse() * X_B0T, lie::Matrix6(lie::Matrix6::Identity()));
-    }
-    Eigen::Matrix<double, Model::Rows::kCount, kSize, 0, Model::Rows::kCount, System<kSize>::kMax>
-    J(int{Model::Rows::kCount}, size);
-    J.noalias() = rows.by_eta.lazyProduct(eta);
+    const int size = static_cast<int>(system.gradient.size());
+    Jacobian J = Jacobian::Zero(kRows, size);
+    for (int j = 0; j < k; ++j) movers[j].fill(rows, 6 * j, J);
+    Mover(starts[k], point.twists.col(k), tag.s).fill(rows, 6 * k, J);
+    if (options.free_base) Mover(starts[0]).fill(rows, baseColumn(), J);
     if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
-    system.hessian.noalias() += J.transpose().lazyProduct(weight * J);
-    system.gradient.noalias() += J.transpose().lazyProduct(weight * rows.residual);
+    for (int column = 0; column < size; ++column) {
+      const Eigen::Matrix<double, kRows, 1> weighted = weight * J.col(column);
+      system.gradient[column] += weighted.dot(rows.residual);
+      for (int row = column; row < size; ++row) {
+        system.hessian(row, column) += weighted.dot(J.col(row));
+      }
+    }
   }
 
   // Adds `share` of the priors' equations; returns their cost.
@@ -308,7 +325,7 @@ struct TwistFitter::Workspace {
     result.status = FitStatus::kNotConverged;
     if (!std::isfinite(at.cost)) return;
 
-    Eigen::LDLT<typename System<kSize>::Matrix> factors;
+    Eigen::LLT<typename System<kSize>::Matrix> factors;
     typename System<kSize>::Vector step;
     double damping = kFirstDamping;
     while (result.iterations < options.max_iterations && damping < kMaxDamping) {
@@ -380,7 +397,7 @@ struct TwistFitter::Workspace {
     using Matrix = typename System<kSize>::Matrix;
     const int size = static_cast<int>(system.gradient.size());
     Matrix inverse = Matrix::Identity(size, size);
-    Eigen::LDLT<Matrix>(system.hessian).solveInPlace(inverse);
+    Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
     result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
   }
 

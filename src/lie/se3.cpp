@@ -93,16 +93,16 @@ Matrix6 SE3::adjoint() const {
 }
 
 Matrix6 SE3::leftJacobian(const Tangent& xi) {
-  const Eigen::Matrix3d P = skew(xi.head<3>());
-  const Eigen::Matrix3d W = skew(xi.tail<3>());
-  const auto [a, b, c, d, e] = jacobianCoefficients(xi.tail<3>().squaredNorm());
-  const Eigen::Matrix3d WP = W * P, PW = P * W, WPW = WP * W;
-  Eigen::Matrix3d V = b * W + c * xi.tail<3>() * xi.tail<3>().transpose();
-  V.diagonal().array() += a;
-  const Eigen::Matrix3d Q = 0.5 * P + c * (WP + PW + WPW) + d * (W * WP + PW * W - 3.0 * WPW) +
-                            0.5 * (d - 3.0 * e) * (WPW * W + W * WPW);
+  // A left step turns about the origin: of the change of p = V v, w x p is the turning's.
+  const Eigen::Matrix<double, 3, 6> D = translationJacobian(xi);
+  const Eigen::Matrix3d V = D.leftCols<3>();
+  const Eigen::Vector3d p = V * xi.head<3>();
   Matrix6 J;
-  J << V, Q, Eigen::Matrix3d::Zero(), V;
+  J.topLeftCorner<3, 3>() = V;
+  J.bottomRightCorner<3, 3>() = V;
+  J.bottomLeftCorner<3, 3>().setZero();
+  J.topRightCorner<3, 3>() = D.rightCols<3>();
+  for (int i = 0; i < 3; ++i) J.block<3, 1>(0, 3 + i) += p.cross(V.col(i));
   return J;
 }
 

@@ -62,5 +62,12 @@ int main(int argc, char** argv) {
     reporter.printRatio("batch of 1e6, " + arm + ", of the FMA roof", "batch/" + arm, "fmaRoof");
   }
   reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");
+  for (const std::string size : {"720p", "1080p"}) {
+    reporter.printRatio("JPEG " + size + " to twist, against the colour chain",
+                        "sight/" + size + "_edges", "sightOfPeer/" + size + "_colour");
+    reporter.printRatio("JPEG " + size + " to twist, against the gray chain",
+                        "sight/" + size + "_edges", "sightOfPeer/" + size + "_gray");
+  }
+  reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit/twist", "fitOfPeer");
   return 0;
 }
