@@ -38,5 +38,8 @@ struct Subcommand {
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
+Subcommand addFit(CLI::App& app);
+Subcommand addLocalize(CLI::App& app);
+Subcommand addSimulate(CLI::App& app);
 
 }  // namespace helix_arm::cli

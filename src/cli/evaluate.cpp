@@ -5,9 +5,10 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "evaluate_tags.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "measurements.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
@@ -31,44 +32,15 @@ struct CurvatureComparison {
 
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
-    if (data.find("tag") >= 0) {
-      throw CallerError(
-          data.path +
-          " holds tag poses, which need tags in the scene; scenes have none: expected a "
-          "column curvature_rad");
-    }
-    throw CallerError(
-        data.path +
-        " holds nothing to compare; expected a column curvature_rad beside pressure_1_kpa "
-        "and so on");
+    throw CallerError(data.path +
+                      " holds nothing to compare; expected a column curvature_rad beside "
+                      "pressure_1_kpa and so on, or tag poses");
   }
-  if (hasTendon(scene.arm)) {
-    throw CallerError("scene " + scene.name +
-                      " has tendons, but the data set gives pressures; expected a scene whose "
-                      "actuators are all driven by pressure");
-  }
+  requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
     throw CallerError("curvature_rad is that of one section; scene " + scene.name + " has " +
                       std::to_string(scene.arm.sectionCount()));
   }
-}
-
-Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data) {
-  Eigen::MatrixXd pressures = io::pressuresOf(data, scene.arm.actuatorCount());
-  io::FaultList faults(data.path);
-  for (int row = 0; row < pressures.rows(); ++row) {
-    for (int i = 0; i < pressures.cols(); ++i) {
-      const model::Actuator& actuator = scene.arm.actuator(i);
-      if (actuator.limits.contains(pressures(row, i))) continue;
-      faults.add(data.lines[row], "pressure_" + std::to_string(i + 1) + "_kpa is " +
-                                      inputText(actuator, pressures(row, i)) +
-                                      "; expected the limits of " + actuator.name + ", " +
-                                      inputText(actuator, actuator.limits.lower) + " to " +
-                                      inputText(actuator, actuator.limits.upper));
-    }
-  }
-  faults.throwIfAny();
-  return pressures;
 }
 
 CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
@@ -76,9 +48,7 @@ CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& 
       pressuresWithinLimits(scene, data), data.values.col(data.find("curvature_rad")), {}};
   comparison.model.resize(comparison.pressures.rows());
   for (int row = 0; row < comparison.pressures.rows(); ++row) {
-    const Eigen::VectorXd inputs = comparison.pressures.row(row);
-    const model::Twists twists =
-        scene.planar ? model::embed(scene.planar->twists(inputs)) : scene.arm.twists(inputs);
+    const model::Twists twists = modelTwists(scene, comparison.pressures.row(row));
     comparison.model[row] = model::curvatureOf(twists.col(0));
   }
   return comparison;
@@ -92,7 +62,7 @@ void printJsonResult(const io::Scene& scene, const CurvatureComparison& c) {
                       {"model_rad", c.model[row]}});
   }
   printJson({{"scene", scene.name},
-             {"tier", scene.planar ? "planar" : "linear"},
+             {"tier", modelTier(scene)},
              {"rms_rad", c.rms()},
              {"max_rad", c.max()},
              {"points", points}});
@@ -130,15 +100,21 @@ void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
   std::cout << "RMS " << c.rms() << " rad, max " << c.max() << " rad\n";
 }
 
+int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
+  requireComparable(scene, data);
+  const CurvatureComparison comparison = compareCurvature(scene, data);
+  if (format == Format::kJson) printJsonResult(scene, comparison);
+  if (format == Format::kCsv) printCsvResult(scene, comparison);
+  if (format == Format::kText) printTextResult(scene, comparison);
+  return kDone;
+}
+
 int run(const EvaluateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   const io::DataSet data = io::loadDataSet(options.data);
-  requireComparable(scene, data);
-  const CurvatureComparison comparison = compareCurvature(scene, data);
-  if (global.format == Format::kJson) printJsonResult(scene, comparison);
-  if (global.format == Format::kCsv) printCsvResult(scene, comparison);
-  if (global.format == Format::kText) printTextResult(scene, comparison);
-  return kDone;
+  const bool tags = data.find("curvature_rad") < 0 && data.find("tag") >= 0;
+  return tags ? evaluateTags(scene, data, global.format)
+              : evaluateCurvature(scene, data, global.format);
 }
 
 }  // namespace
@@ -151,12 +127,19 @@ Subcommand addEvaluate(CLI::App& app) {
       ->add_option("DATA", options->data,
                    "data set: # comments, a header, rows; columns pressure_1_kpa .. (gauge, a "
                    "missing one is 0) and "
-                   "curvature_rad, the length-scaled curvature")
+                   "curvature_rad, the length-scaled curvature, or the tag poses that fit takes")
       ->required();
   command->footer(
-      "json: rms_rad and max_rad of model - measured, points [{pressure_pa, measured_rad, "
-      "model_rad}], tier.\n"
-      "csv: the summary as # comments, then one row a point.");
+      "Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa, "
+      "measured_rad, model_rad}], tier.\n"
+      "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), rms_m (the model's "
+      "tags against those\n"
+      "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted tip, "
+      "of the arm's length\n"
+      "at rest), outlier_tags, unknown_tags}], median_rms_m and median_tip_error_percent over the "
+      "captures whose tags\n"
+      "all fit, arm_length_m, tier, reason.\n"
+      "csv: the summary as # comments, then one row a point or capture.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

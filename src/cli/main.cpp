@@ -39,9 +39,10 @@ int run(int argc, char** argv) {
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
 
-  const Subcommand subcommands[] = {helix_arm::cli::addForward(app),
-                                    helix_arm::cli::addInverse(app),
-                                    helix_arm::cli::addEvaluate(app)};
+  const Subcommand subcommands[] = {
+      helix_arm::cli::addForward(app),  helix_arm::cli::addInverse(app),
+      helix_arm::cli::addEvaluate(app), helix_arm::cli::addFit(app),
+      helix_arm::cli::addLocalize(app), helix_arm::cli::addSimulate(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -50,7 +51,13 @@ int run(int argc, char** argv) {
       std::cerr << "there is no command " << app.remaining().front() << ": ";
     }
     if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
-    if (app.get_subcommands().empty()) std::cerr << "commands: forward, inverse, evaluate\n";
+    if (app.get_subcommands().empty()) {
+      std::string commands;
+      for (const Subcommand& subcommand : subcommands) {
+        commands += (commands.empty() ? "" : ", ") + subcommand.app->get_name();
+      }
+      std::cerr << "commands: " << commands << "\n";
+    }
     return helix_arm::cli::kCallerErred;
   }
   global.format = formats.at(format);

@@ -14,6 +14,8 @@ json toJson(const Eigen::VectorXd& vector) {
   return std::vector<double>(vector.data(), vector.data() + vector.size());
 }
 
+json toJson(const std::optional<double>& number) { return number ? json(*number) : json(); }
+
 json toJson(const lie::SE3& pose) {
   return {{"position_m", toJson(Eigen::VectorXd(pose.translation))},
           {"quaternion_xyzw", toJson(Eigen::VectorXd(quaternionXyzw(pose.rotation)))}};

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/inverse.hpp"
 
 namespace helix_arm::control {
@@ -33,26 +34,24 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   return -1;
 }
 
-}  // namespace
+enum class Bounds { kLimits, kNone };
 
-const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]; }
-
-Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
-                                        const std::vector<std::string>& name,
-                                        const std::vector<double>& pressure) {
+// The pressures (n) of an arm, of which those that `name` lists change.
+Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
+                                const std::vector<std::string>& name,
+                                const std::vector<double>& pressure, Bounds bounds) {
   const std::size_t expected = name.empty() ? arm.actuatorCount() : name.size();
   if (pressure.size() != expected) {
     return refuse(Fault::kWrongSize, pressure.size(), " pressures for ", expected,
                   name.empty() ? " actuators (no names: all of the arm's)" : " names",
                   "; send one pressure for each of ", listOfNames(arm), ", or name those meant");
   }
-  Eigen::VectorXd wanted = command;
   std::vector<bool> seen(arm.actuatorCount(), false);
   for (std::size_t j = 0; j < pressure.size(); ++j) {
     const int i = name.empty() ? static_cast<int>(j) : indexOf(arm, name[j]);
     if (i < 0) {
-      return refuse(Fault::kUnknownName, "no actuator is named '", name[j], "'; the arm has ",
-                    listOfNames(arm));
+      return refuse(Fault::kUnknownName, "no actuator is named '", quoted(name[j]),
+                    "'; the arm has ", listOfNames(arm));
     }
     const model::Actuator& actuator = arm.actuator(i);
     if (seen[i]) {
@@ -63,7 +62,7 @@ Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::Inpu
       return refuse(Fault::kNotFinite, "the pressure of ", actuator.name, " is ", pressure[j],
                     "; send a finite gauge pressure [Pa]");
     }
-    if (!actuator.limits.contains(pressure[j])) {
+    if (bounds == Bounds::kLimits && !actuator.limits.contains(pressure[j])) {
       return refuse(Fault::kOutOfRange, actuator.name, " is asked for ", pressure[j],
                     " Pa; stay within ", actuator.limits.lower, " to ", actuator.limits.upper,
                     " Pa (gauge)");
@@ -71,6 +70,25 @@ Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::Inpu
     wanted[i] = pressure[j];
   }
   return wanted;
+}
+
+}  // namespace
+
+const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]; }
+
+Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
+                                        const std::vector<std::string>& name,
+                                        const std::vector<double>& pressure) {
+  return assign(arm, command, name, pressure, Bounds::kLimits);
+}
+
+Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,
+                                      const std::vector<double>& pressure) {
+  if (!name.empty() && static_cast<int>(name.size()) < arm.actuatorCount()) {
+    return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
+                  " actuators; send a reading of each of ", listOfNames(arm));
+  }
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, Bounds::kNone);
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {

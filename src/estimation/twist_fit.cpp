@@ -319,6 +319,8 @@ struct TwistFitter::Workspace {
               System<kSize>& system, System<kSize>& trial) {
     result.status = FitStatus::kUnderdetermined;
     result.iterations = 0;
+    result.rms = result.cost = 0;
+    result.tags.clear();
     const int used = static_cast<int>(seen.size()) - (skipped >= 0 ? 1 : 0);
     if (used * model.residuals() < 6 * sections) return;
     evaluate(model, seen, skipped, at, system);

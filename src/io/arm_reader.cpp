@@ -2,24 +2,16 @@
 
 #include <stdexcept>
 
+#include "pose_reader.hpp"
 #include "section_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 lie::SE3 readBase(const MapReader& arm, const Value& value, FaultList& faults) {
-  lie::SE3 X_WB;
   const Value* given = value.find("base");
-  if (given == nullptr) return X_WB;
-  const MapReader base(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults);
-  if (base.has("position_m")) {
-    if (const auto p = vector3(base.numbers("position_m", 3, kFinite))) X_WB.translation = *p;
-  }
-  if (base.has("rpy_deg")) {
-    const auto rpy_deg = vector3(base.numbers("rpy_deg", 3, kFinite));
-    if (rpy_deg) X_WB.rotation = rotationOfRpyDeg(*rpy_deg);
-  }
-  return X_WB;
+  if (given == nullptr) return {};
+  return readPose(MapReader(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults), kFinite);
 }
 
 model::PlanarArm planarArm(const std::vector<model::Section>& sections) {

@@ -16,14 +16,21 @@ bool notNegative(double x) { return x >= 0; }
 
 }  // namespace
 
-const NumberRule kFinite{"a finite value", any};
-const NumberRule kPositive{"a finite value > 0", positive};
-const NumberRule kNotNegative{"a finite value >= 0", notNegative};
-const NumberRule kLength{"a finite value > 0", positive, 1e-6, 10, " m"};
-const NumberRule kCoordinate{"a finite value", any, -10, 10, " m"};
-const NumberRule kPressure{"a finite value", any, -101.325, 1e5, " kPa (gauge)"};
-const NumberRule kPositivePressure{"a finite value > 0", positive, 1e-3, 1e5, " kPa (gauge)"};
-const NumberRule kStiffness{"a finite value >= 0", notNegative, 0, 1e15};
+constexpr NumberRule kFinite{"a finite value", any};
+constexpr NumberRule kPositive{"a finite value > 0", positive};
+constexpr NumberRule kNotNegative{"a finite value >= 0", notNegative};
+constexpr NumberRule kLength{"a finite value > 0", positive, 1e-6, 10, " m"};
+constexpr NumberRule kCoordinate{"a finite value", any, -10, 10, " m"};
+constexpr NumberRule kPressure{"a finite value", any, -101.325, 1e5, " kPa (gauge)"};
+constexpr NumberRule kPositivePressure{"a finite value > 0", positive, 1e-3, 1e5, " kPa (gauge)"};
+constexpr NumberRule kStiffness{"a finite value >= 0", notNegative, 0, 1e15};
+
+NumberRule within(NumberRule rule, double lowest, double highest, const char* unit) {
+  rule.lowest = lowest;
+  rule.highest = highest;
+  rule.unit = unit;
+  return rule;
+}
 
 namespace {
 
@@ -106,6 +113,11 @@ double MapReader::number(const std::string& key, const NumberRule& rule, double 
   return has(key) ? number(key, rule).value_or(fallback) : fallback;
 }
 
+std::optional<double> MapReader::optionalNumber(const std::string& key,
+                                                const NumberRule& rule) const {
+  return has(key) ? number(key, rule) : std::nullopt;
+}
+
 std::optional<long long> MapReader::integer(const std::string& key, long long lowest,
                                             long long highest) const {
   const std::string rule =
@@ -125,6 +137,23 @@ std::optional<long long> MapReader::integer(const std::string& key, long long lo
 long long MapReader::integer(const std::string& key, long long lowest, long long highest,
                              long long fallback) const {
   return has(key) ? integer(key, lowest, highest).value_or(fallback) : fallback;
+}
+
+bool MapReader::truth(const std::string& key, bool fallback) const {
+  if (!has(key)) return fallback;
+  const std::optional<std::string> word = choice(key, {"true", "false"});
+  return word ? *word == "true" : fallback;
+}
+
+std::optional<std::string> MapReader::text(const std::string& key,
+                                           const std::string& expected) const {
+  const Value* value = required(key, expected);
+  if (value == nullptr) return std::nullopt;
+  if (value->kind != Value::Kind::kText || value->text.empty()) {
+    fault(key, expected);
+    return std::nullopt;
+  }
+  return value->text;
 }
 
 std::optional<std::vector<double>> MapReader::numbers(const std::string& key, std::size_t size,

@@ -28,6 +28,9 @@ extern const NumberRule kPressure;          ///< gauge [kPa]
 extern const NumberRule kPositivePressure;  ///< gauge [kPa]
 extern const NumberRule kStiffness;         ///< >= 0
 
+/// A rule of sign with the sizes that can be meant.
+NumberRule within(NumberRule rule, double lowest, double highest, const char* unit = "");
+
 /// Reads the keys of one map by the rules of the schema. What breaks one goes to the faults and
 /// gives nothing (or the default), and reading goes on.
 class MapReader {
@@ -40,10 +43,16 @@ class MapReader {
 
   std::optional<double> number(const std::string& key, const NumberRule& rule) const;
   double number(const std::string& key, const NumberRule& rule, double fallback) const;
+  /// A number that may be missing; a broken one is a fault and counts as missing.
+  std::optional<double> optionalNumber(const std::string& key, const NumberRule& rule) const;
   std::optional<long long> integer(const std::string& key, long long lowest,
                                    long long highest) const;
   long long integer(const std::string& key, long long lowest, long long highest,
                     long long fallback) const;
+  /// `true` or `false`.
+  bool truth(const std::string& key, bool fallback) const;
+  /// A text that is not empty; `expected` tells what of.
+  std::optional<std::string> text(const std::string& key, const std::string& expected) const;
   /// A list of numbers; `size` of them unless that is 0.
   std::optional<std::vector<double>> numbers(const std::string& key, std::size_t size,
                                              const NumberRule& rule) const;

@@ -1,12 +1,16 @@
 #include <limits>
 
 #include "arm_reader.hpp"
+#include "camera_reader.hpp"
 #include "contraction_reader.hpp"
 #include "document.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "map_reader.hpp"
+#include "simulation_reader.hpp"
+#include "tag_reader.hpp"
 #include "text_file.hpp"
+#include "vision_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -57,12 +61,20 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
   if (!document) faults.throwIfAny();
   for (const Override& change : overrides) applyOverride(*document, change, faults);
 
-  const MapReader scene(*document, "", {"name", "contractions", "arm", "regulator", "safety"},
+  const MapReader scene(*document, "",
+                        {"name", "contractions", "arm", "tags", "camera", "vision", "simulation",
+                         "regulator", "safety"},
                         faults);
   const auto name = scene.word("name");
   const Contractions contractions = readContractions(scene, faults);
   std::optional<ArmParts> arm = readArm(scene, contractions, faults);
-  const auto regulator = readRegulator(scene, *document, arm ? &*arm : nullptr, faults);
+  const ArmParts* const known_arm = arm ? &*arm : nullptr;
+  std::optional<TagParts> tags = readTags(scene, *document, known_arm, faults);
+  const auto camera = readCamera(scene, *document, faults);
+  const vision::LocalizerConfig vision =
+      readVision(scene, *document, tags ? tags->family : std::string(), faults);
+  const SimulationConfig simulation = readSimulation(scene, *document, faults);
+  const auto regulator = readRegulator(scene, *document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, *document, faults);
   faults.throwIfAny();
   return {*name,
@@ -71,10 +83,10 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
           std::move(arm->planar),
           std::move(arm->looks),
           regulator,
-          std::nullopt,
-          std::nullopt,
-          {},
-          {},
+          tags ? std::optional(std::move(tags->layout)) : std::nullopt,
+          camera,
+          vision,
+          simulation,
           safety};
 }
 

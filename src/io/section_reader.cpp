@@ -4,19 +4,18 @@
 #include <cmath>
 
 #include "helix_arm/io/number.hpp"
+#include "pose_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-double radians(double degrees) { return degrees * (kPi / 180); }
-
 Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
 }
 
-// A muscle at angle th of the cross-section: its y axis turned outward, its tangent then tilted.
+// A muscle at angle th of the cross-section: its z axis turned outward, its tangent then tilted.
 Eigen::Matrix3d muscleRotation(double th, double tilt) {
   return rotation(th - kPi / 2, Eigen::Vector3d::UnitX()) *
          rotation(-tilt, Eigen::Vector3d::UnitZ());
@@ -123,7 +122,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   }
 }
 
-std::optional<lie::SE3> readPose(const MapReader& keys, bool planar) {
+std::optional<lie::SE3> readActuatorPose(const MapReader& keys, bool planar) {
   const bool tilted = keys.has("tilt_deg"), turned = keys.has("rpy_deg");
   const auto p = vector3(keys.numbers("position_m", 3, kCoordinate));
   const auto rpy_deg = turned ? vector3(keys.numbers("rpy_deg", 3, kFinite))
@@ -159,7 +158,7 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   const std::string numbered = nextName(arm);
   const auto name = keys.has("name") ? keys.word("name") : std::optional(numbered);
   claimName(keys, name, arm);
-  const auto X_O = readPose(keys, arm.planar);
+  const auto X_O = readActuatorPose(keys, arm.planar);
   const InheritedStiffness stiffness = readStiffness(keys, value, inherited, arm.faults);
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
@@ -179,17 +178,6 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
   const auto kappa = keys.number("K_kappa_m2", kStiffness);
   if (!gamma || !tau || !kappa) return {true, std::nullopt};
   return {true, model::Stiffness{*gamma, *tau, *kappa}};
-}
-
-std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers) {
-  if (!numbers) return std::nullopt;
-  return Eigen::Vector3d((*numbers)[0], (*numbers)[1], (*numbers)[2]);
-}
-
-Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
-  return rotation(radians(rpy_deg[2]), Eigen::Vector3d::UnitZ()) *
-         rotation(radians(rpy_deg[1]), Eigen::Vector3d::UnitY()) *
-         rotation(radians(rpy_deg[0]), Eigen::Vector3d::UnitX());
 }
 
 SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {

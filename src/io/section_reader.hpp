@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 #include <set>
 #include <string>
@@ -21,12 +20,6 @@ struct InheritedStiffness {
 /// The map's own `stiffness`, or else what it inherits.
 InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
                                  const InheritedStiffness& inherited, FaultList& faults);
-
-/// Fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), angles in degrees.
-Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg);
-
-/// Three numbers as a vector.
-std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers);
 
 /// What all sections of an arm share.
 struct ArmContext {

@@ -19,25 +19,28 @@ geometry_msgs::TransformStamped transform(const std::string& parent, const std::
 
 }  // namespace
 
-FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix, int count)
-    : world(world_frame), base(prefix + names::kBaseFrame), tip(prefix + names::kTipFrame) {
-  for (int k = 0; k < count; ++k) curve.push_back(prefix + names::kModelFrame + std::to_string(k));
+FrameNames::FrameNames(const std::string& world_frame, const std::string& prefix,
+                       const std::string& shape, int count)
+    : world(world_frame), base(prefix + names::kBaseFrame), tip(prefix + shape + names::kTipFrame) {
+  for (int k = 0; k < count; ++k) curve.push_back(prefix + shape + std::to_string(k));
 }
 
-geometry_msgs::TransformStamped baseTransform(const FrameNames& names, const lie::SE3& X_WB) {
-  return transform(names.world, names.base, X_WB, ros::Time::now());
+geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
+                                               const lie::SE3& X) {
+  return transform(world, frame, X, ros::Time::now());
 }
 
 std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
                                                              const model::Twists& twists,
-                                                             const ros::Time& stamp) {
+                                                             const ros::Time& stamp,
+                                                             const lie::SE3& X_BS) {
   const auto curve = model::sampleCurve(twists, static_cast<int>(names.curve.size()));
   std::vector<geometry_msgs::TransformStamped> out;
   out.reserve(curve.size() + 1);
   for (std::size_t k = 0; k < curve.size(); ++k) {
-    out.push_back(transform(names.base, names.curve[k], curve[k].X, stamp));
+    out.push_back(transform(names.base, names.curve[k], X_BS * curve[k].X, stamp));
   }
-  out.push_back(transform(names.base, names.tip, model::tipPose(twists), stamp));
+  out.push_back(transform(names.base, names.tip, X_BS * model::tipPose(twists), stamp));
   return out;
 }
 

@@ -9,6 +9,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
+#include "marker_parts.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -19,21 +20,12 @@ using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 constexpr int kRings = 24;             // of a tube, a section
 constexpr int kSides = 10;             // of a tube
 constexpr double kDisc = 0.004;        // thickness of a separator [m]
-constexpr double kLine = 0.004;        // width of the base curve [m]
+constexpr double kLine = 0.002;        // width of the base curve [m]
 constexpr double kTextHeight = 0.022;  // legible in a view of a whole 0.4 m arm [m]
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;  // between points of the trace [m]
 constexpr double kTraceSmoothing =
     0.3;  // share of a new tip, else the noise of the readings frays the trace
-
-std_msgs::ColorRGBA color(double r, double g, double b, double a = 1.0) {
-  std_msgs::ColorRGBA out;
-  out.r = static_cast<float>(r);
-  out.g = static_cast<float>(g);
-  out.b = static_cast<float>(b);
-  out.a = static_cast<float>(a);
-  return out;
-}
 
 // Blue, green, yellow, red: all of them bright enough for text on a dark background.
 std_msgs::ColorRGBA pressureColor(double share) {
@@ -97,16 +89,10 @@ ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double li
     : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
 
 Marker ArmMarkers::marker(const char* ns, int id, int type) const {
-  Marker out;
-  out.header.frame_id = base_frame_;
-  out.header.stamp = stamp_;
-  out.ns = ns;
-  out.id = id;
-  out.type = type;
-  out.action = Marker::ADD;
-  out.pose.orientation.w = 1.0;
-  out.lifetime = lifetime_;
-  return out;
+  std_msgs::Header header;
+  header.frame_id = base_frame_;
+  header.stamp = stamp_;
+  return makeMarker(header, ns, id, type, lifetime_);
 }
 
 void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
@@ -165,7 +151,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Twists& twists,
 
   if (trace_.size() > 1) {
     Marker trace = marker(names::kTipTraceNs, 0, Marker::LINE_STRIP);
-    trace.scale.x = 0.5 * kLine;
+    trace.scale.x = kLine;
     trace.color = color(0.4, 1.0, 0.6, 0.8);
     for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
     out.markers.push_back(std::move(trace));

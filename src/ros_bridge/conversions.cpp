@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -47,12 +48,14 @@ lie::SE3 fromMsg(const geometry_msgs::Pose& pose) {
 }
 
 ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
-                    const model::Twists& twists) {
+                    const model::Twists& twists, const Eigen::MatrixXd& covariance) {
   ArmShape msg;
   msg.header = header;
   msg.tier = tier;
   msg.sections = static_cast<std::uint32_t>(twists.cols());
   msg.twist.assign(twists.data(), twists.data() + twists.size());
+  // Symmetric: rows or columns first is all the same.
+  msg.twist_covariance.assign(covariance.data(), covariance.data() + covariance.size());
   msg.tip = toPoseMsg(model::tipPose(twists));
   return msg;
 }
@@ -76,11 +79,15 @@ control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections)
   return control::checkTwists(sections, target.twist);
 }
 
+control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections) {
+  return control::checkTwists(sections, shape.twist);
+}
+
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
   using control::Fault, control::Refusal;
   const std::string& frame = target.header.frame_id;
   if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the tip target is seen from '" + frame +
+    return Refusal{Fault::kWrongFrame, "the tip target is seen from '" + control::quoted(frame) +
                                            "'; transform it to '" + base_frame +
                                            "', or leave frame_id empty"};
   }

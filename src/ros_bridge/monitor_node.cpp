@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/monitor_node.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -7,11 +8,27 @@
 #include <ros/names.h>
 
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/diagnostics.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
+#include "helix_arm/ros_bridge/vision_ledger.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+// Whether the scene promises measured shapes.
+bool hasSight(const std::string& path) {
+  if (path.empty()) return false;
+  const io::Scene scene = io::loadScene(path);
+  return scene.camera && scene.tags;
+}
+
+double medianOf(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 constexpr double kSilence = 2.0;  // a topic silent for so long at the end has stopped [s]
 
@@ -42,6 +59,8 @@ MonitorOptions MonitorOptions::load() {
   out.min_travel = reader.number("min_travel_m", out.min_travel, {0.0, 10.0});
   out.startup = reader.number("startup_s", out.startup, {0.1, 3600.0});
   out.min_rate = reader.number("min_rate", out.min_rate, {0.1, 1000.0});
+  out.min_measured_rate = reader.number("min_measured_rate", out.min_measured_rate, {0.1, 1000.0});
+  out.scene = reader.optionalFile("scene", "config/scenes", ".yaml");
   reader.finish();
   return out;
 }
@@ -58,14 +77,21 @@ double MonitorNode::Stream::rate() const {
 }
 
 MonitorNode::MonitorNode()
-    : options_(MonitorOptions::load()), start_(ros::SteadyTime::now()), last_line_(start_) {
-  command_.topic = names::kPressureCommand;
-  measured_.topic = names::kPressureMeasured;
-  model_.topic = names::kModel;
+    : options_(MonitorOptions::load()),
+      expects_vision_(hasSight(options_.scene)),
+      start_(ros::SteadyTime::now()),
+      command_{names::kPressureCommand, options_.min_rate},
+      measured_{names::kPressureMeasured, options_.min_rate},
+      model_{names::kModel, options_.min_rate},
+      shape_{names::kMeasured, options_.min_measured_rate},
+      last_line_(start_) {
   using Node = MonitorNode;
   command_subscriber_ = node_.subscribe(command_.topic, 1000, &Node::onCommand, this);
   measured_subscriber_ = node_.subscribe(measured_.topic, 1000, &Node::onMeasured, this);
   model_subscriber_ = node_.subscribe(model_.topic, 1000, &Node::onModel, this);
+  shape_subscriber_ = node_.subscribe(shape_.topic, 1000, &Node::onShape, this);
+  error_subscriber_ = node_.subscribe(names::kModelError, 1000, &Node::onModelError, this);
+  vision_subscriber_ = node_.subscribe(names::kVisionStatus, 100, &Node::onVisionStatus, this);
   diagnostics_subscriber_ = node_.subscribe(names::kDiagnostics, 10, &Node::onDiagnostics, this);
   timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
 }
@@ -85,6 +111,17 @@ void MonitorNode::onModel(const ArmShapeConstPtr& model) {
   reach_.extend(tip_);
   model_.arrived(allFinite(model->twist) && tip_.allFinite());
 }
+
+void MonitorNode::onShape(const ArmShapeConstPtr& shape) {
+  shape_.arrived(allFinite(shape->twist) && allFinite(shape->twist_covariance));
+}
+
+void MonitorNode::onModelError(const ModelErrorConstPtr& error) {
+  model_error_ = *error;
+  tip_errors_.push_back(error->tip_error);
+}
+
+void MonitorNode::onVisionStatus(const VisionStatusConstPtr& status) { vision_ = *status; }
 
 void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& diagnostics) {
   const std::string node = ros::names::resolve(names::kPressureCommandNode).substr(1) + ": ";
@@ -128,29 +165,50 @@ void MonitorNode::printLine(double seconds) {
   }
   std::snprintf(part, sizeof part, "  tip %6.3f %6.3f %6.3f m ", tip_.x(), tip_.y(), tip_.z());
   line += part;
-  for (Stream* stream : {&command_, &measured_, &model_}) {
+  for (Stream* stream : {&command_, &measured_, &model_, &shape_}) {
+    if (stream == &shape_ && !vision_) continue;
     const auto fresh = static_cast<double>(stream->count - stream->printed);
     stream->printed = stream->count;
     std::snprintf(part, sizeof part, " %s %.0f Hz", stream->topic.c_str(), fresh / elapsed);
     line += part;
   }
-  std::printf("%s  dropped %lu\n", line.c_str(), static_cast<unsigned long>(dropped_));
+  std::printf("%s%s  dropped %lu\n", line.c_str(), visionText().c_str(),
+              static_cast<unsigned long>(dropped_));
+}
+
+std::string MonitorNode::visionText() const {
+  if (!vision_) return "";
+  if (vision_->state != VisionStatus::MEASURED) {
+    return std::string(" (") + nameOfState(vision_->state) + ")";
+  }
+  std::string text = " (" + std::to_string(vision_->tags) + " tags";
+  if (model_error_) {
+    text += ", model off by " + fixed(1e3 * model_error_->tip_error) + " mm, " +
+            fixed(model_error_->tip_percent) + " %";
+  }
+  return text + ")";
+}
+
+std::vector<const MonitorNode::Stream*> MonitorNode::expected() const {
+  std::vector<const Stream*> out = {&command_, &measured_, &model_};
+  if (expects_vision_) out.push_back(&shape_);
+  return out;
 }
 
 std::vector<std::string> MonitorNode::faults() const {
   std::vector<std::string> out;
   char text[256];
   const ros::SteadyTime now = ros::SteadyTime::now();
-  for (const Stream* stream : {&command_, &measured_, &model_}) {
+  for (const Stream* stream : expected()) {
     const char* topic = stream->topic.c_str();
     if (stream->count == 0) {
       std::snprintf(text, sizeof text, "nothing came on %s", topic);
     } else if ((now - stream->last).toSec() > kSilence) {
       std::snprintf(text, sizeof text, "%s fell silent %.1f s before the end", topic,
                     (now - stream->last).toSec());
-    } else if (stream->rate() < options_.min_rate) {
+    } else if (stream->rate() < stream->min_rate) {
       std::snprintf(text, sizeof text, "%s came at %.1f Hz; expected at least %g", topic,
-                    stream->rate(), options_.min_rate);
+                    stream->rate(), stream->min_rate);
     } else if (!stream->finite) {
       std::snprintf(text, sizeof text, "%s held numbers that are not finite", topic);
     } else {
@@ -180,6 +238,14 @@ int MonitorNode::finish() {
       "summary: %.1f s, %s %.1f Hz, %s %.1f Hz, %s %.1f Hz, tip moved within %.3f m, dropped %lu\n",
       seconds, command_.topic.c_str(), command_.rate(), measured_.topic.c_str(), measured_.rate(),
       model_.topic.c_str(), model_.rate(), travel(), static_cast<unsigned long>(dropped_));
+  if (shape_.count > 0) {
+    std::printf("%s %.1f Hz", shape_.topic.c_str(), shape_.rate());
+    if (!tip_errors_.empty()) {
+      std::printf(", model off by %.1f mm at the tip (median of %lu)", 1e3 * medianOf(tip_errors_),
+                  static_cast<unsigned long>(tip_errors_.size()));
+    }
+    std::printf("\n");
+  }
   const std::vector<std::string> found = faults();
   for (const std::string& fault : found) std::printf("fault: %s\n", fault.c_str());
   std::printf("verdict: %s\n", found.empty() ? "the arm runs" : "not healthy");

@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/parameters.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -44,6 +45,16 @@ std::string ParameterReader::frame(const std::string& name, const std::string& f
   const bool empty = given.empty() && !fallback.empty();
   if (!empty && given.compare(0, 1, "/") != 0) return given;
   fault(name, XmlRpc::XmlRpcValue(given), "a tf2 frame: not empty, no leading slash");
+  return fallback;
+}
+
+std::string ParameterReader::choice(const std::string& name, const std::string& fallback,
+                                    const std::vector<std::string>& words) {
+  std::string given = text(name, fallback);
+  if (std::find(words.begin(), words.end(), given) != words.end()) return given;
+  std::string list;
+  for (const std::string& word : words) list += (list.empty() ? "" : " or ") + word;
+  fault(name, XmlRpc::XmlRpcValue(given), list);
   return fallback;
 }
 

@@ -9,67 +9,20 @@
 #include <ros/console.h>
 #include <ros/this_node.h>
 
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/diagnostics.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
+#include "helix_arm/ros_bridge/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
+constexpr double kFresh = 1.0;      // a regulator silent for longer is worth an error [s]
 constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
 
 double steadyNow() { return ros::SteadyTime::now().toSec(); }
-
-// The scene, when this node can drive all of its actuators.
-io::Scene requirePneumatic(io::Scene scene) {
-  std::string faults;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = scene.arm.actuator(i);
-    if (actuator.drive == model::Drive::kPressure) continue;
-    faults += "\n" + actuator.name + " is a tendon; expected muscles and bellows only";
-  }
-  if (!faults.empty()) {
-    throw std::invalid_argument("scene " + scene.name + " cannot be driven by pressure:" + faults);
-  }
-  return scene;
-}
-
-regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
-  if (!scene.regulator) {
-    throw std::invalid_argument("scene " + scene.name +
-                                " has no regulator; add the section `regulator` to it");
-  }
-  const io::SimulatedRegulatorConfig& config = *scene.regulator;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = scene.arm.actuator(i);
-    const model::Range& limits = actuator.limits;
-    if (limits.lower < 0 || limits.upper > config.supply_pressure) {
-      ROS_WARN("%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
-               actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
-               config.supply_pressure / 1e3);
-    }
-  }
-  return {scene.arm.actuatorCount(), config};
-}
-
-Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::Range& limits = arm.actuator(i).limits;
-    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
-  }
-  return pressure;
-}
-
-std::string fixed(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f", value);
-  return text;
-}
-
-// Name of a status: `<node>: <what>`, the node without its leading slash (REP-107).
-std::string statusName(const char* what) {
-  return ros::this_node::getName().substr(1) + ": " + what;
-}
 
 }  // namespace
 
@@ -84,6 +37,7 @@ PressureCommandOptions PressureCommandOptions::load() {
   out.world_frame = reader.frame("world_frame", names::kWorldFrame);
   out.frame_prefix = reader.frame("frame_prefix", "");
   out.handle = reader.flag("handle", out.handle);
+  out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
   reader.finish();
   return out;
 }
@@ -91,8 +45,7 @@ PressureCommandOptions PressureCommandOptions::load() {
 PressureCommandNode::PressureCommandNode()
     : options_(PressureCommandOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
-      frames_(options_.world_frame, options_.frame_prefix, options_.frames),
-      regulator_(makeRegulator(scene_)),
+      frames_(options_.world_frame, options_.frame_prefix, names::kModelFrames, options_.frames),
       solver_(scene_.arm),
       lease_(scene_.safety.commander_timeout),
       markers_(scene_, frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
@@ -101,15 +54,18 @@ PressureCommandNode::PressureCommandNode()
       twists_(twistsAt(command_)),
       last_step_(ros::SteadyTime::now()),
       last_diagnosis_(last_step_) {
-  regulator_.command(command_);
   command_publisher_ = node_.advertise<PressureArray>(names::kPressureCommand, 10);
-  measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+  if (options_.regulator == "scene") {
+    regulator_.emplace(makeRegulator(scene_));
+    regulator_->command(command_);
+    measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+  }
   model_publisher_ = node_.advertise<ArmShape>(names::kModel, 10);
   status_publisher_ = node_.advertise<TargetStatus>(names::kTargetStatus, 100);
   marker_publisher_ = node_.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2);
   diagnostics_publisher_ =
       node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10);
-  static_tf_.sendTransform(baseTransform(frames_, scene_.X_WB));
+  static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
   if (options_.handle) {
     const double size = std::clamp(4.0 * scene_.looks.back().separator_radius, 0.1, 0.15);
     handle_ = std::make_unique<TipHandle>(
@@ -126,6 +82,7 @@ PressureCommandNode::PressureCommandNode()
   pressure_subscriber_ = listen(names::kPressureTarget, &Node::onPressureTarget);
   shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
   tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
+  if (!regulator_) reading_subscriber_ = listen(names::kPressureMeasured, &Node::onReading);
 
   const auto every = [&](double rate, auto callback) {
     return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
@@ -181,7 +138,7 @@ const T* PressureCommandNode::admit(const Sender& sender, const control::Checked
     char text[256];
     std::snprintf(text, sizeof text,
                   "%s commands the arm; stop it and wait for %g s (safety.commander_timeout)",
-                  lease_.holder().c_str(), lease_.timeout());
+                  control::quoted(lease_.holder()).c_str(), lease_.timeout());
     drop(sender, {control::Fault::kOtherCommander, text});
     return nullptr;
   }
@@ -229,32 +186,57 @@ void PressureCommandNode::follow(const Sender& sender, const model::InverseResul
 void PressureCommandNode::command(const Eigen::VectorXd& pressure) {
   // The old set points held until now: the lag up to this moment belongs to them.
   const ros::SteadyTime now = ros::SteadyTime::now();
-  regulator_.step((now - last_step_).toSec());
-  last_step_ = now;
   command_ = pressure;
-  regulator_.command(command_);
+  if (regulator_) {
+    regulator_->step((now - last_step_).toSec());
+    regulator_->command(command_);
+  }
+  last_step_ = now;
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
 }
 
 void PressureCommandNode::onLoop(const ros::SteadyTimerEvent&) {
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  regulator_.step((now - last_step_).toSec());
-  last_step_ = now;
-  measured_ = regulator_.measure();
-  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
   ++loops_;
-
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
-  measured_publisher_.publish(toPressureMsg(header, scene_.arm, measured_));
-  std_msgs::Header shape_header = header;
-  shape_header.frame_id = frames_.base;
-  model_publisher_.publish(toShapeMsg(shape_header, scene_.planar ? "planar" : "linear", twists_));
+  if (!regulator_) return;
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  regulator_->step((now - last_step_).toSec());
+  last_step_ = now;
+  const Eigen::VectorXd measured = regulator_->measure();
+  measured_publisher_.publish(toPressureMsg(header, scene_.arm, measured));
+  take(measured, header.stamp);
+}
+
+void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
+  const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
+  if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
+    take(*measured, reading->header.stamp);
+  } else if (bad_readings_.add()) {
+    ROS_WARN("pressure_measured is not of scene %s: %s", scene_.name.c_str(),
+             std::get<control::Refusal>(checked).message.c_str());
+  }
+}
+
+void PressureCommandNode::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
+  measured_ = measured;
+  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
+  last_reading_ = ros::SteadyTime::now();
+  ++readings_;
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = frames_.base;
+  model_publisher_.publish(toShapeMsg(header, scene_.planar ? "planar" : "linear", twists_));
   const auto every = static_cast<std::uint64_t>(std::lround(options_.rate / options_.tf_rate));
-  if (loops_ % every == 0) sendFrames(header.stamp);
+  if (readings_ % every == 0) sendFrames(stamp);
+}
+
+bool PressureCommandNode::measures() const {
+  return !last_reading_.isZero() &&
+         ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
 }
 
 void PressureCommandNode::sendFrames(const ros::Time& stamp) {
@@ -265,6 +247,7 @@ void PressureCommandNode::sendFrames(const ros::Time& stamp) {
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (handle_) handle_->follow(model::tipPose(twistsAt(command_)));
+  if (!measures()) return;
   marker_publisher_.publish(markers_.draw(twists_, measured_, ros::Time::now()));
 }
 
@@ -280,16 +263,24 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   msg.header.stamp = ros::Time::now();
   msg.status.resize(2);
   DiagnosticStatus& targets = msg.status[0];
-  targets.name = statusName(names::kTargetsStatus);
+  const std::string& node = ros::this_node::getName();
+  targets.name = statusName(node, names::kTargetsStatus);
   ledger_.report(targets);
   addValue(targets, names::kLeaseHolderKey, lease_.holder());
   DiagnosticStatus& loop = msg.status[1];
-  loop.name = statusName(names::kLoopStatus);
+  loop.name = statusName(node, names::kLoopStatus);
   const bool slow = rate < kSlowShare * options_.rate;
   loop.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
   loop.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  if (!measures()) {
+    const bool never = last_reading_.isZero();
+    loop.level = never ? DiagnosticStatus::WARN : DiagnosticStatus::ERROR;
+    loop.message = never ? "waits for the first pressure_measured"
+                         : "pressure_measured has stopped coming: is the regulator's node up?";
+  }
   addValue(loop, names::kRateKey, fixed(rate));
   addValue(loop, names::kWantedRateKey, fixed(options_.rate));
+  addValue(loop, names::kBadReadingsKey, std::to_string(bad_readings_.total()));
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
 }

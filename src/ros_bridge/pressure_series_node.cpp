@@ -20,7 +20,17 @@ namespace {
 // The rows to play, each of them a target that the node would take.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
   if (options.data.empty()) return control::pressureTour(arm);
-  Eigen::MatrixXd rows = io::pressuresOf(io::loadDataSet(options.data), arm.actuatorCount());
+  const io::DataSet data = io::loadDataSet(options.data);
+  Eigen::MatrixXd rows = io::pressuresOf(data, arm.actuatorCount());
+  std::string without;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const std::string column = "pressure_" + std::to_string(i + 1) + "_kpa";
+    if (data.find(column) < 0) without += (without.empty() ? "" : ", ") + arm.actuator(i).name;
+  }
+  if (!without.empty()) {
+    ROS_WARN("%s has no column for %s: they rest at 0; is it of another arm?", options.data.c_str(),
+             without.c_str());
+  }
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
   std::ostringstream faults;
   for (int row = 0; row < rows.rows(); ++row) {

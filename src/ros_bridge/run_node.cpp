@@ -22,6 +22,9 @@ int report(const std::exception& error, ExitCode code) {
 int guarded(const std::function<int()>& body) {
   try {
     return body();
+  } catch (const NothingToDo& reason) {
+    ROS_INFO("%s", reason.what());
+    return kDone;
   } catch (const io::DocumentError& error) {
     return report(error, kBadConfiguration);
   } catch (const ParameterError& error) {

@@ -2,35 +2,18 @@
 
 #include <ros/console.h>
 
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
 
-constexpr double kWarningPeriod = 5.0;  // of each fault [s]
-
-}  // namespace
-
-void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
-              const std::string& value) {
-  diagnostic_msgs::KeyValue entry;
-  entry.key = key;
-  entry.value = value;
-  status.values.push_back(entry);
-}
-
-void TargetLedger::warn(Count& count, const std::string& topic, const std::string& commander,
+void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::string& commander,
                         const std::string& message, const char* consequence) {
-  ++count.total;
   news_ = true;
-  last_fault_ = topic + " from " + commander + ": " + message;
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  const bool quiet =
-      count.total > 1 && now - count.last_warning < ros::WallDuration(kWarningPeriod);
-  if (quiet) return;
-  count.last_warning = now;
+  last_fault_ = topic + " from " + control::quoted(commander) + ": " + message;
+  if (!count.add()) return;
   ROS_WARN("%s (%s, %lu so far)", last_fault_.c_str(), consequence,
-           static_cast<unsigned long>(count.total));
+           static_cast<unsigned long>(count.total()));
 }
 
 void TargetLedger::closest(const std::string& topic, const std::string& commander,
@@ -46,16 +29,16 @@ void TargetLedger::dropped(const std::string& topic, const std::string& commande
 
 void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
   std::uint64_t total = 0;
-  for (const Count& count : dropped_) total += count.total;
+  for (const FaultCount& count : dropped_) total += count.total();
   status.level =
       news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
   status.message = news_ ? last_fault_ : "targets are fine";
   addValue(status, names::kTakenKey, std::to_string(taken_));
-  addValue(status, names::kClosestKey, std::to_string(closest_.total));
+  addValue(status, names::kClosestKey, std::to_string(closest_.total()));
   addValue(status, names::kDroppedKey, std::to_string(total));
   for (int i = 0; i < control::kFaultCount; ++i) {
     addValue(status, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),
-             std::to_string(dropped_[i].total));
+             std::to_string(dropped_[i].total()));
   }
   addValue(status, names::kLastFaultKey, last_fault_);
   news_ = false;

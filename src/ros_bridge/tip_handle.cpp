@@ -30,11 +30,11 @@ visualization_msgs::Marker ball(double size) {
   visualization_msgs::Marker out;
   out.type = visualization_msgs::Marker::SPHERE;
   out.pose.orientation.w = 1.0;
-  out.scale.x = out.scale.y = out.scale.z = 0.35 * size;
+  out.scale.x = out.scale.y = out.scale.z = 0.2 * size;
   out.color.r = 0.4F;
   out.color.g = 1.0F;
   out.color.b = 0.6F;
-  out.color.a = 0.7F;
+  out.color.a = 0.5F;
   return out;
 }
 

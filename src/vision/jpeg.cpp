@@ -1,1 +1,110 @@
 #include "helix_arm/vision/jpeg.hpp"
+
+#include <new>
+#include <stdexcept>
+#include <type_traits>
+
+#include <turbojpeg.h>
+
+namespace helix_arm::vision {
+namespace {
+
+struct Destroy {
+  void operator()(tjhandle handle) const { tjDestroy(handle); }
+};
+using Codec = std::unique_ptr<std::remove_pointer_t<tjhandle>, Destroy>;
+
+// A block of 8 x 8 pixels takes a bit at least, wherever Huffman's codes are used.
+constexpr long kMaxPixelsPerByte = 8 * 64;
+
+// Padding after the last pixel, which many webcams send: all is decoded by then.
+bool isHarmless(const std::string& warning) {
+  return warning.find("extraneous bytes before marker 0xd9") != std::string::npos;
+}
+
+std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, std::size_t size,
+                                      cv::Mat& gray) {
+  if (size == 0) return "no data; expected a JPEG";
+  int width = 0, height = 0, subsampling = 0, colours = 0;
+  if (tjDecompressHeader3(codec, data, size, &width, &height, &subsampling, &colours) != 0) {
+    return std::string("no sound JPEG header: ") + tjGetErrorStr2(codec);
+  }
+  if (colours == TJCS_CMYK || colours == TJCS_YCCK) {
+    return "a JPEG in CMYK, which holds no gray; expected gray or YCbCr";
+  }
+  const long pixels = static_cast<long>(width) * height;
+  const std::string claim =
+      "a JPEG header that claims " + std::to_string(width) + " x " + std::to_string(height) + " px";
+  if (pixels <= 0 || pixels > JpegDecoder::kMaxPixels) {
+    return claim + "; expected 1 to " + std::to_string(JpegDecoder::kMaxPixels) + " pixels";
+  }
+  if (pixels / kMaxPixelsPerByte > static_cast<long>(size)) {
+    return claim + ", which " + std::to_string(size) + " bytes cannot hold";
+  }
+  gray.create(height, width, CV_8UC1);
+  if (tjDecompress2(codec, data, size, gray.data, width, static_cast<int>(gray.step[0]), height,
+                    TJPF_GRAY, TJFLAG_LIMITSCANS) != 0) {
+    const std::string reason = tjGetErrorStr2(codec);
+    const bool warned = tjGetErrorCode(codec) == TJERR_WARNING;
+    if (!warned || !isHarmless(reason)) return "a broken or truncated JPEG: " + reason;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::optional<std::string> JpegDecoder::decode(const std::uint8_t* data, std::size_t size,
+                                               cv::Mat& gray) {
+  // One codec a picture: it would keep the last one's tables for a picture that has none.
+  const Codec codec(tjInitDecompress());
+  if (!codec) throw std::bad_alloc();
+  std::optional<std::string> fault = decodeWith(codec.get(), data, size, gray);
+  if (fault) gray.release();
+  return fault;
+}
+
+struct JpegEncoder::Handle {
+  Handle() : codec(tjInitCompress()) {
+    if (!codec) throw std::bad_alloc();
+  }
+  Codec codec;
+  std::vector<std::uint8_t> buffer;  // for the worst case
+};
+
+JpegEncoder::JpegEncoder(int quality) : handle_(std::make_unique<Handle>()), quality_(quality) {
+  if (quality < 1 || quality > 100) {
+    throw std::invalid_argument("JPEG quality is " + std::to_string(quality) +
+                                "; expected 1 to 100");
+  }
+}
+JpegEncoder::~JpegEncoder() = default;
+JpegEncoder::JpegEncoder(JpegEncoder&&) noexcept = default;
+JpegEncoder& JpegEncoder::operator=(JpegEncoder&&) noexcept = default;
+
+std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
+  if (gray.empty() || gray.type() != CV_8UC1) {
+    throw std::invalid_argument(
+        "the picture to encode is " +
+        (gray.empty() ? "empty" : "of type " + cv::typeToString(gray.type())) +
+        "; expected gray of 8 bits, CV_8UC1");
+  }
+  const tjhandle codec = handle_->codec.get();
+  const auto refuse = [&]() {
+    throw std::runtime_error("a picture of " + std::to_string(gray.cols) + " x " +
+                             std::to_string(gray.rows) +
+                             " px does not encode: " + tjGetErrorStr2(codec));
+  };
+  const unsigned long worst = tjBufSize(gray.cols, gray.rows, TJSAMP_GRAY);
+  if (worst == static_cast<unsigned long>(-1)) refuse();
+  if (handle_->buffer.size() < worst) handle_->buffer.resize(worst);
+  unsigned char* const begin = handle_->buffer.data();
+  unsigned char* place = begin;
+  unsigned long size = worst;
+  if (tjCompress2(codec, gray.data, gray.cols, static_cast<int>(gray.step[0]), gray.rows, TJPF_GRAY,
+                  &place, &size, TJSAMP_GRAY, quality_, TJFLAG_NOREALLOC) != 0) {
+    refuse();
+  }
+  return {begin, begin + size};
+}
+
+}  // namespace helix_arm::vision

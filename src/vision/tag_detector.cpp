@@ -1,1 +1,159 @@
 #include "helix_arm/vision/tag_detector.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <tuple>
+
+#include <apriltag/apriltag.h>
+
+#include "corner_refinement.hpp"
+
+namespace helix_arm::vision {
+namespace {
+
+constexpr int kMaxThreads = 64;
+constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits a weight
+constexpr double kMaxTableBytes = 2147483648;  // what the wrong bits cost in memory
+constexpr int kTile = 4;                       // of libapriltag's threshold [px]
+constexpr int kMaxSide = 32767;                // of the pictures it searches [px]
+
+template <class... Parts>
+void require(bool holds, const Parts&... parts) {
+  if (holds) return;
+  std::ostringstream message;
+  (message << ... << parts);
+  throw std::invalid_argument(message.str());
+}
+
+// libapriltag looks up every word that is at most so many bits from one of its codes.
+double tableBytes(const TagFamily& family, int wrong_bits) {
+  constexpr double kBytesPerWord = 48;
+  double words = 1, sum = 1;
+  for (int i = 0; i < wrong_bits; ++i) sum += words *= family.bitCount() - i;
+  return kBytesPerWord * family.count() * sum;
+}
+
+// Pixels over which libapriltag blurs or sharpens.
+int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
+
+int decimatedSide(int side, double decimate) {
+  return decimate == 1.5 ? side / 3 * 2 : 1 + (side - 1) / static_cast<int>(decimate);
+}
+
+}  // namespace
+
+void DetectorConfig::validate() const {
+  const TagFamily of(family);
+  require(quad_decimate == 1.5 || (quad_decimate >= 1 && quad_decimate <= kMaxSide &&
+                                   quad_decimate == std::floor(quad_decimate)),
+          "quad_decimate is ", quad_decimate, "; expected 1, 1.5 or a whole number");
+  require(std::abs(quad_sigma) <= kMaxSigma, "quad_sigma is ", quad_sigma, "; expected ",
+          -kMaxSigma, " to ", kMaxSigma, " px");
+  require(threads >= 1 && threads <= kMaxThreads, "threads is ", threads, "; expected 1 to ",
+          kMaxThreads);
+  require(max_hamming >= 0 && max_hamming <= 3, "max_hamming is ", max_hamming,
+          "; expected 0 to 3");
+  require(2 * max_hamming < of.distance(), "max_hamming is ", max_hamming, "; tags of ", family,
+          " differ in ", of.distance(), " bits, so that no more than ", (of.distance() - 1) / 2,
+          " can be put right");
+  require(tableBytes(of, max_hamming) <= kMaxTableBytes, "max_hamming is ", max_hamming,
+          ", which takes ", tableBytes(of, max_hamming) / 1e9, " GB for the ", of.count(),
+          " tags of ", family, "; expected at most ", kMaxTableBytes / 1e9, " GB: lower it");
+}
+
+struct TagDetector::Handle {
+  explicit Handle(const DetectorConfig& c)
+      : config(c), family((c.validate(), c.family)), detector(apriltag_detector_create()) {
+    apriltag_detector_add_family_bits(detector, family.get(), config.max_hamming);
+    detector->quad_decimate = static_cast<float>(config.quad_decimate);
+    detector->quad_sigma = static_cast<float>(config.quad_sigma);
+    detector->nthreads = config.threads;
+    // At full size its refinement makes quads worse: fewer tags are decoded. Where quads are from a
+    // smaller picture, more are.
+    detector->refine_edges = config.refine_edges && config.quad_decimate > 1;
+  }
+  ~Handle() { apriltag_detector_destroy(detector); }
+  Handle(const Handle&) = delete;
+  Handle& operator=(const Handle&) = delete;
+
+  // libapriltag reads, or aborts, beyond the limits of this.
+  bool canSearch(const cv::Mat& gray) const {
+    if (gray.empty()) return false;
+    const int width = decimatedSide(gray.cols, config.quad_decimate);
+    const int height = decimatedSide(gray.rows, config.quad_decimate);
+    return std::min(width, height) >= std::max(kTile, kernelSize(config.quad_sigma)) &&
+           std::max(width, height) <= kMaxSide;
+  }
+
+  std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
+
+  DetectorConfig config;
+  TagFamily family;
+  apriltag_detector_t* detector;
+  cv::Mat copy;
+};
+
+std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const cv::Rect& region) {
+  std::vector<TagDetection> tags;
+  cv::Mat searched = gray(region);
+  if (!canSearch(searched)) return tags;
+  if (config.quad_decimate == 1 && config.quad_sigma != 0) {
+    searched.copyTo(copy);  // libapriltag would blur the caller's
+    searched = copy;
+  }
+  image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]), searched.data};
+  const std::unique_ptr<zarray_t, void (*)(zarray_t*)> found(
+      apriltag_detector_detect(detector, &image), apriltag_detections_destroy);
+  tags.reserve(zarray_size(found.get()));
+  for (int i = 0; i < zarray_size(found.get()); ++i) {
+    const apriltag_detection_t* tag = nullptr;
+    zarray_get(found.get(), i, &tag);
+    TagDetection& out = tags.emplace_back();
+    out.id = tag->id;
+    out.hamming = tag->hamming;
+    out.margin = tag->decision_margin;
+    for (int k = 0; k < 4; ++k) {
+      // Its pixels have their centres at halves.
+      out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
+    }
+    if (config.refine_edges) {
+      out.corners = refineCorners(gray, family, 1 + config.quad_decimate, out.corners);
+    }
+  }
+  const auto key = [](const TagDetection& tag) {
+    return std::make_tuple(tag.id, tag.corners(0, 0), tag.corners(1, 0));
+  };
+  std::sort(tags.begin(), tags.end(),
+            [&key](const TagDetection& a, const TagDetection& b) { return key(a) < key(b); });
+  return tags;
+}
+
+TagDetector::TagDetector(const DetectorConfig& config)
+    : handle_(std::make_unique<Handle>(config)) {}
+TagDetector::~TagDetector() = default;
+TagDetector::TagDetector(TagDetector&&) noexcept = default;
+TagDetector& TagDetector::operator=(TagDetector&&) noexcept = default;
+
+const DetectorConfig& TagDetector::config() const { return handle_->config; }
+const TagFamily& TagDetector::family() const { return handle_->family; }
+
+std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray) {
+  return detect(gray, cv::Rect({0, 0}, gray.size()));
+}
+
+std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rect& region) {
+  if (gray.empty()) return {};
+  require(gray.type() == CV_8UC1, "the picture is of type ", cv::typeToString(gray.type()),
+          "; expected gray of 8 bits, CV_8UC1");
+  // Where the region begins on the grid of the whole picture, the same quads come out.
+  const int grid = static_cast<int>(std::lround(kTile * config().quad_decimate));
+  cv::Rect inside = region & cv::Rect({0, 0}, gray.size());
+  if (inside.empty()) return {};
+  inside += cv::Size(inside.x % grid, inside.y % grid);
+  inside -= cv::Point(inside.x % grid, inside.y % grid);
+  return handle_->detect(gray, inside);
+}
+
+}  // namespace helix_arm::vision

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
@@ -97,6 +98,53 @@ TEST(Evaluate, ComparesEveryRowWithTheModel) {
   EXPECT_NE(text.out.find("RMS "), std::string::npos) << text.out;
 }
 
+TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
+  const TemporaryFile scene(kRodScene);
+  // As the model has them, but stretched by 20 mm: the tags are off by 5, 10 and 20 mm.
+  const TemporaryFile data(std::string(kTagPoseHeader) +
+                           "5,0,1,0.08,0.05,0,0,0,0,1\n5,0,2,0.16,0.05,0,0,0,0,1\n"
+                           "5,0,3,0.32,0.05,0,0,0,0,1\n5,0,4,0.08,0,0.05,0,0,0,1\n"
+                           "5,0,5,0.16,0,0.05,0,0,0,1\n5,0,6,0.32,0,0.05,0,0,0,1\n");
+  const Outcome outcome = runCommand({"evaluate", scene.path(), data.path(), "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  ASSERT_EQ(result["captures"].size(), 1u);
+  const nlohmann::json& capture = result["captures"][0];
+  EXPECT_EQ(capture["capture"], 5);
+  EXPECT_EQ(capture["outlier_tags"], nlohmann::json::array());
+  const double rms = std::sqrt((25 + 100 + 400) / 3.0) * 1e-3;
+  EXPECT_NEAR(capture["rms_m"].get<double>(), rms, 1e-12);
+  EXPECT_NEAR(capture["tip_error_percent"].get<double>(), 100 * 0.02 / 0.3, 1e-3);
+  EXPECT_EQ(result["median_rms_m"], capture["rms_m"]);
+
+  const auto rows =
+      csvRows(runCommand({"--format", "csv", "evaluate", scene.path(), data.path()}).out);
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[0],
+            (std::vector<std::string>{"capture", "status", "pressure_1_pa", "pressure_2_pa",
+                                      "pressure_3_pa", "rms_m", "tip_error_m", "tip_error_percent",
+                                      "outlier_tags", "unknown_tags"}));
+  EXPECT_EQ(std::stod(rows[1][5]), capture["rms_m"].get<double>());
+  const Outcome text = runCommand({"evaluate", scene.path(), data.path()});
+  EXPECT_NE(text.out.find("6.7 % of the arm"), std::string::npos) << text.out;
+}
+
+TEST(Evaluate, RealTagPosesHaveWrongTagsInTheKnownCaptures) {
+  const std::string path = measurementPath("helical_50_tag_poses.csv");
+  if (!std::ifstream(path)) GTEST_SKIP() << path << " is absent";
+  const Outcome outcome = evaluate("helical_50", path);
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["captures"].size(), 21u);
+  for (const nlohmann::json& capture : result["captures"]) {
+    const int number = capture["capture"];
+    if (number != 24 && number != 39 && number != 40 && number != 41) continue;
+    EXPECT_FALSE(capture["outlier_tags"].empty()) << number;
+  }
+  EXPECT_GT(result["median_rms_m"].get<double>(), 0);
+  EXPECT_GT(result["median_tip_error_percent"].get<double>(), 0);
+}
+
 TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
   const TemporaryFile scene(kScene);
   const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
@@ -121,8 +169,8 @@ TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
   expectCallerError(evaluate("planar_76", three.path()), "has a column pressure_3_kpa");
   const TemporaryFile tags(
       "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,6,0,0,0,0,0,0,1\n");
-  expectCallerError(evaluate("helical_50", tags.path()),
-                    "holds tag poses, which need tags in the scene");
+  expectCallerError(evaluate("spatial_50", tags.path()),
+                    "holds tag poses, but scene spatial_50 has no tags");
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
   expectCallerError(evaluate("annotated", curvature.path()),
                     "curvature_rad is that of one section");

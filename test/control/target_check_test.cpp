@@ -75,6 +75,30 @@ TEST_F(PressureCheck, LimitsHoldFromBothSides) {
   expectRefused({"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"});
 }
 
+TEST_F(PressureCheck, AForeignNameIsShownShortAndPrintable) {
+  const auto checked = checkPressures(arm_, command_, {std::string(2'000'000, '\n')}, {1.0});
+  const Refusal& refusal = std::get<Refusal>(checked);
+  EXPECT_LT(refusal.message.size(), 200U);
+  EXPECT_EQ(refusal.message.find('\n'), std::string::npos);
+}
+
+TEST_F(PressureCheck, AReadingMayLieOutsideTheLimitsButMustBeWhole) {
+  const auto read = [&](const Names& name, const std::vector<double>& pressure) {
+    return checkReading(arm_, name, pressure);
+  };
+  const auto faultOf = [&](const Names& name, const std::vector<double>& pressure) {
+    return std::get<Refusal>(read(name, pressure)).fault;
+  };
+  EXPECT_EQ(std::get<Eigen::VectorXd>(read({}, {-2e3, 9e5, 0.0})), Eigen::Vector3d(-2e3, 9e5, 0.0));
+  EXPECT_EQ(std::get<Eigen::VectorXd>(read({"s1_m3", "s1_m1", "s1_m2"}, {3, 1, 2})),
+            Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(faultOf({"s1_m3", "s1_m1"}, {3, 1}), Fault::kWrongSize);
+  EXPECT_EQ(faultOf({}, {1, 2}), Fault::kWrongSize);
+  EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "s1_m1"}, {3, 1, 2}), Fault::kDuplicateName);
+  EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "other"}, {3, 1, 2}), Fault::kUnknownName);
+  EXPECT_EQ(faultOf({}, {1, kNan, 2}), Fault::kNotFinite);
+}
+
 TEST(FaultName, EveryFaultHasItsOwn) {
   std::set<std::string> names;
   for (int i = 0; i < kFaultCount; ++i) names.insert(nameOf(static_cast<Fault>(i)));

@@ -12,6 +12,13 @@
 
 namespace helix_arm::test {
 
+/// A rule of the schema, broken by replacing one text by another.
+struct BrokenRule {
+  const char* from;
+  const char* to;
+  std::vector<std::string> faults;  ///< all of them, no more
+};
+
 /// What loading says, without the path of the file; empty when it says nothing.
 inline std::vector<std::string> faultsOf(const std::string& text,
                                          const std::vector<io::Override>& overrides = {}) {

@@ -144,9 +144,116 @@ TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
   EXPECT_EQ(scene.safety.commander_timeout, 0.8);
 }
 
+TEST(SceneLoader, TagsAreSeenFromTheBaseCurve) {
+  const Scene scene = load(kSpatialScene);
+  ASSERT_TRUE(scene.tags);
+  EXPECT_EQ(scene.tags->size, 0.02);
+  EXPECT_EQ(scene.vision.detector.family, "25h9");
+  ASSERT_EQ(scene.tags->tags.size(), 3u);
+  const int ids[] = {3, 1, 0}, sections[] = {1, 1, 0};
+  const double s[] = {0.25, 1, 0.5};
+  const lie::SE3 X_MT{rz(35) * ry(25) * rx(15), {0.01, -0.02, 0.04}};
+  const lie::SE3 X_ST = scene.arm.actuator(5).X_O * X_MT;
+  for (int i = 0; i < 3; ++i) {
+    const estimation::TagPlacement& tag = scene.tags->tags[i];
+    EXPECT_EQ(tag.id, ids[i]);
+    EXPECT_EQ(tag.section, sections[i]);
+    EXPECT_EQ(tag.s, s[i]);
+    const lie::SE3 expected = i < 2 ? X_ST : lie::SE3();  // the last is given in the base curve
+    EXPECT_TRUE(tag.X_ST.rotation.isApprox(expected.rotation, 1e-14));
+    EXPECT_LT((tag.X_ST.translation - expected.translation).norm(), kTolerance);
+  }
+}
+
+TEST(SceneLoader, TheCameraLooksAlongTheXAxisOfItsBody) {
+  const Scene scene = load(kSpatialScene);
+  ASSERT_TRUE(scene.camera);
+  const Eigen::Matrix3d body = rz(170) * ry(12) * rx(5);
+  EXPECT_EQ(scene.camera->X_WC.translation, Eigen::Vector3d(1, 0.5, 0.8));
+  const Eigen::Matrix3d& optical = scene.camera->X_WC.rotation;
+  EXPECT_TRUE(optical.col(2).isApprox(body.col(0), 1e-14));   // z forward
+  EXPECT_TRUE(optical.col(0).isApprox(-body.col(1), 1e-14));  // x right
+  EXPECT_TRUE(optical.col(1).isApprox(-body.col(2), 1e-14));  // y down
+  const estimation::Camera& model = scene.camera->model;
+  EXPECT_EQ(model.width, 640);
+  EXPECT_EQ(model.height, 480);
+  EXPECT_EQ(model.fx, 600);
+  EXPECT_EQ(model.fy, 610);
+  EXPECT_EQ(model.cx, 320.5);
+  EXPECT_EQ(model.cy, 239.5);
+  EXPECT_EQ(model.distortion, (std::array<double, 8>{0.1, -0.2, 0.001, -0.002, 0.05, 0, 0, 0}));
+  EXPECT_NO_THROW(scene.view().validate());
+}
+
+TEST(SceneLoader, TheWebcamTakesItsSizeFromTheCamera) {
+  const Scene scene = load(kSpatialScene);
+  ASSERT_TRUE(scene.camera && scene.camera->webcam);
+  const vision::WebcamConfig& webcam = *scene.camera->webcam;
+  EXPECT_EQ(webcam.device, "/dev/video2");
+  EXPECT_EQ(webcam.fourcc, "YUYV");
+  EXPECT_EQ(webcam.fps, 15);
+  EXPECT_EQ(webcam.focus, 20);
+  EXPECT_EQ(webcam.exposure, 300);
+  EXPECT_EQ(webcam.width, 640);
+  EXPECT_EQ(webcam.height, 480);
+}
+
+TEST(SceneLoader, DistortionHasFourFiveOrEightNumbers) {
+  const std::string five = "[0.1, -0.2, 0.001, -0.002, 0.05]";
+  const auto distortionOf = [&](const std::string& list) {
+    return load(replaced(kSpatialScene, five, list)).camera->model.distortion;
+  };
+  EXPECT_EQ(distortionOf("[1, 2, 3, 4]"), (std::array<double, 8>{1, 2, 3, 4, 0, 0, 0, 0}));
+  EXPECT_EQ(distortionOf("[1, 2, 3, 4, 5, 6, 7, 8]"),
+            (std::array<double, 8>{1, 2, 3, 4, 5, 6, 7, 8}));
+  EXPECT_FALSE(
+      load(replaced(kSpatialScene, "  distortion: " + five + "\n", "")).camera->model.distorts());
+}
+
+TEST(SceneLoader, VisionIsInSi) {
+  const vision::LocalizerConfig config = load(kSpatialScene).vision;
+  EXPECT_EQ(config.detector.quad_decimate, 1.5);
+  EXPECT_EQ(config.detector.quad_sigma, 0.8);
+  EXPECT_EQ(config.detector.threads, 2);
+  EXPECT_FALSE(config.detector.refine_edges);
+  EXPECT_EQ(config.detector.max_hamming, 0);
+  EXPECT_EQ(config.tracking, vision::TrackingMode::kRegions);
+  EXPECT_EQ(config.min_tags, 3);
+  EXPECT_EQ(config.fit.corner_noise, 0.4);
+  EXPECT_EQ(config.fit.position_noise, 0.025);
+  EXPECT_NEAR(config.fit.rotation_noise, 5 * kPi / 180, kTolerance);
+  EXPECT_EQ(config.fit.robust_scale, 4);
+  EXPECT_TRUE(config.fit.free_base);
+  EXPECT_EQ(config.fit.base_prior.translation, 0.003);
+  EXPECT_NEAR(config.fit.base_prior.rotation, 0.9 * kPi / 180, kTolerance);
+  EXPECT_TRUE(config.fit.free_bleed);
+  EXPECT_EQ(config.fit.bleed_prior, 0.0004);
+}
+
+TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
+  const SimulationConfig config = load(kSpatialScene).simulation;
+  EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
+  EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
+  EXPECT_EQ(config.arm.length_scale, 1.02);
+  EXPECT_EQ(config.camera.blur, 0.5);
+  EXPECT_EQ(config.camera.noise, 3);
+  EXPECT_EQ(config.camera.exposure, 1.1);
+  EXPECT_EQ(config.camera.bleed, 0.0003);
+  EXPECT_EQ(config.camera.jpeg_quality, 80);
+  EXPECT_EQ(config.camera.clutter, 4);
+  EXPECT_EQ(config.camera.occluders, 2);
+  EXPECT_EQ(config.camera.seed, 9u);
+}
+
 TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
   const Scene scene = load(kPlanarScene);
   EXPECT_FALSE(scene.regulator);
+  EXPECT_FALSE(scene.tags);
+  EXPECT_FALSE(scene.camera);
+  EXPECT_FALSE(scene.vision.fit.free_base);
+  EXPECT_FALSE(scene.vision.fit.free_bleed);
+  EXPECT_EQ(scene.vision.detector.quad_decimate, vision::DetectorConfig().quad_decimate);
+  EXPECT_EQ(scene.simulation.arm.K_kappa_scale, 1);
   EXPECT_EQ(scene.safety.commander_timeout, SafetyConfig().commander_timeout);
   EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
   EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d::Zero());
@@ -196,6 +303,28 @@ TEST(SceneLoader, OverridesMakeTheMapsOnTheirWay) {
   EXPECT_EQ(scene.regulator->seed, 3u);
   EXPECT_EQ(scene.regulator->time_constant, SimulatedRegulatorConfig().time_constant);
   EXPECT_EQ(scene.safety.commander_timeout, 2);
+}
+
+TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
+  const Scene scene = load(kPlanarScene, {{"vision.quad_decimate", "1"},
+                                          {"vision.base_prior.translation_m", "0.004"},
+                                          {"vision.tracking", "full"},
+                                          {"simulation.camera.noise", "0"}});
+  EXPECT_EQ(scene.vision.detector.quad_decimate, 1);
+  EXPECT_EQ(scene.vision.tracking, vision::TrackingMode::kFull);
+  EXPECT_TRUE(scene.vision.fit.free_base);
+  EXPECT_EQ(scene.vision.fit.base_prior.translation, 0.004);
+  EXPECT_EQ(scene.vision.fit.base_prior.rotation, estimation::BasePrior().rotation);
+  EXPECT_EQ(scene.simulation.camera.noise, 0);
+  EXPECT_FALSE(scene.tags);
+}
+
+TEST(SceneLoader, APlanarArmMayCarryTags) {
+  const Scene scene = load(
+      kPlanarScene + "tags: {size_m: 0.03, groups: [{actuator: muscle_2, ids: [4], s: [1]}]}\n");
+  ASSERT_TRUE(scene.tags);
+  EXPECT_EQ(scene.vision.detector.family, "36h11");
+  EXPECT_EQ(scene.tags->tags[0].X_ST.translation, Eigen::Vector3d(0, -0.03, 0));
 }
 
 TEST(SceneLoader, TheLastOverrideOfAKeyHolds) {

@@ -8,16 +8,11 @@
 namespace helix_arm::io {
 namespace {
 
+using test::BrokenRule;
 using test::faultsOf;
 using test::kPlanarScene;
 using test::kSpatialScene;
 using test::replaced;
-
-struct BrokenRule {
-  const char* from;
-  const char* to;
-  std::vector<std::string> faults;  // all of them, no more
-};
 
 class SpatialSceneRules : public testing::TestWithParam<BrokenRule> {};
 class PlanarSceneRules : public testing::TestWithParam<BrokenRule> {};
@@ -113,7 +108,9 @@ const BrokenRule kKeys[] = {
       ":18 arm.sections[0].ring.radius_m is missing; expected a finite value > 0"}},
     {"safety:",
      "zzz: 1\nsafety:",
-     {":34 zzz is not a known key; expected name, contractions, arm, regulator or safety"}},
+     {":34 zzz is not a known key; expected name, contractions, arm, tags, camera, vision, "
+      "simulation, "
+      "regulator or safety"}},
     {"K_tau_m2: 0, ", "", {":15 arm.stiffness.K_tau_m2 is missing; expected a finite value >= 0"}},
     {"  geometry: spatial\n", "", {":12 arm.geometry is missing; expected planar or spatial"}},
     {"geometry: spatial",

@@ -40,6 +40,42 @@ arm:
 regulator:
   simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}
 safety: {commander_timeout_s: 0.8}
+tags:
+  family: 25h9
+  size_m: 0.02
+  groups:
+    - section: upper
+      actuator: top
+      ids: [3, 1]
+      s: [0.25, 1]
+      position_m: [0.01, -0.02, 0.04]
+      rpy_deg: [15, 25, 35]
+    - {ids: [0], s: [0.5]}
+camera:
+  size_px: [640, 480]
+  focal_px: [600, 610]
+  centre_px: [320.5, 239.5]
+  distortion: [0.1, -0.2, 0.001, -0.002, 0.05]
+  position_m: [1, 0.5, 0.8]
+  rpy_deg: [5, 12, 170]
+  webcam: {device: /dev/video2, fourcc: YUYV, fps: 15, focus: 20, exposure: 300}
+vision:
+  quad_decimate: 1.5
+  quad_sigma_px: 0.8
+  threads: 2
+  refine_edges: false
+  max_hamming: 0
+  tracking: regions
+  min_tags: 3
+  corner_noise_px: 0.4
+  tag_position_noise_m: 0.025
+  tag_rotation_noise_deg: 5
+  robust_scale: 4
+  base_prior: {translation_m: 0.003, rotation_deg: 0.9}
+  bleed_prior_m: 0.0004
+simulation:
+  arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02}
+  camera: {blur_px: 0.5, noise: 3, exposure: 1.1, bleed_m: 0.0003, jpeg_quality: 80, clutter: 4, occluders: 2, seed: 9}
 )";
 
 /// The least a planar scene can say.

@@ -1,13 +1,19 @@
 // Loads every scene that is shipped and checks it against the published parameters of its arm.
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <set>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/control/pressure_tour.hpp"
+#include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "support/random.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -130,10 +136,91 @@ TEST(ShippedScenes, ShearStiffnessSetsTheHelicalArmsCurvature) {
   }
 }
 
+TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {
+  const Scene scene = loadScene(scenePath("helical_50"));
+  ASSERT_TRUE(scene.tags);
+  EXPECT_EQ(scene.tags->size, 0.031);
+  const int ids[2][4] = {{10, 11, 30, 31}, {6, 7, 8, 9}};
+  const double along[] = {0, 0.115, 0.245, 0.365};
+  ASSERT_EQ(scene.tags->tags.size(), 8u);
+  for (int group = 0; group < 2; ++group) {
+    const lie::SE3& X_SM = scene.arm.actuator(1 + group).X_O;
+    for (int i = 0; i < 4; ++i) {
+      const estimation::TagPlacement& tag = scene.tags->tags[scene.tags->find(ids[group][i])];
+      EXPECT_EQ(tag.section, 0);
+      EXPECT_NEAR(tag.s * 0.46, along[i], 1e-9) << tag.id;
+      const Eigen::Vector3d moved = X_SM.inverse() * tag.X_ST.translation;
+      EXPECT_LT((moved - Eigen::Vector3d(0, -0.0117094, 0.042545)).norm(), 1e-15) << tag.id;
+      EXPECT_LT((tag.X_ST.rotation - X_SM.rotation).norm(), 1e-14) << tag.id;
+    }
+  }
+  // The tag at the base as every capture of the rig has it, since all were aligned to it.
+  const std::vector<lie::SE3> poses =
+      estimation::tagPoses(*scene.tags, scene.arm.twists(Eigen::VectorXd::Zero(3)));
+  const lie::SE3& X_B6 = poses[scene.tags->find(6)];
+  EXPECT_LT(
+      (X_B6.translation - Eigen::Vector3d(-0.00303062691, -0.0241773527, -0.0644974634)).norm(),
+      1e-6);
+  const Eigen::Quaterniond q(X_B6.rotation);
+  const Eigen::Quaterniond measured(0.25660332, 0.957662719, 0.126077587, -0.0337830599);
+  EXPECT_LT(q.angularDistance(measured), 1e-5);
+}
+
+TEST(ShippedScenes, TheDemoCameraSeesSixTagsInEveryPose) {
+  const Scene scene = loadScene(scenePath("demo"));
+  ASSERT_TRUE(scene.tags && scene.camera);
+  const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
+  test::Random random(11);
+  for (int i = 0; i < 2000; ++i) {
+    Eigen::Vector3d pressure;
+    for (int j = 0; j < 3; ++j) pressure[j] = i == 0 ? 0.0 : random.uniform(0, kMaxPressure);
+    const auto seen = estimation::visibleTags(scene.view(), truth.twists(pressure), 0.35);
+    EXPECT_GE(seen.size(), 6u) << pressure.transpose();
+    EXPECT_TRUE(std::any_of(
+        seen.begin(), seen.end(),
+        [&](const estimation::TagSight& sight) { return scene.tags->tags[sight.tag].s >= 0.8; }))
+        << "none near the tip at " << pressure.transpose();
+  }
+}
+
+TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
+  const Scene scene = loadScene(scenePath("demo"));
+  const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
+  const Eigen::MatrixXd tour = control::pressureTour(scene.arm);
+  double most = 0;
+  for (int i = 0; i < tour.rows(); ++i) {
+    const Eigen::VectorXd pressure = tour.row(i);
+    const Eigen::Vector3d error =
+        model::tipPose(truth.twists(pressure)).translation - scene.arm.tip(pressure).translation;
+    most = std::max(most, error.norm());
+  }
+  EXPECT_GT(most, 0.01);
+  EXPECT_LT(most, 0.03);
+}
+
 TEST(ShippedScenes, TheAnnotatedSceneHasTwoSectionsAndListsItsActuators) {
   const Scene scene = loadScene(scenePath("annotated"));
   ASSERT_EQ(scene.arm.sectionCount(), 2);
   EXPECT_EQ(scene.arm.actuator(scene.arm.firstActuator(1)).name, "bellows_left");
+}
+
+TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
+  const vision::LocalizerConfig shown = loadScene(scenePath("annotated")).vision, defaults;
+  EXPECT_EQ(shown.detector.family, defaults.detector.family);
+  EXPECT_EQ(shown.detector.quad_decimate, defaults.detector.quad_decimate);
+  EXPECT_EQ(shown.detector.quad_sigma, defaults.detector.quad_sigma);
+  EXPECT_EQ(shown.detector.threads, defaults.detector.threads);
+  EXPECT_EQ(shown.detector.refine_edges, defaults.detector.refine_edges);
+  EXPECT_EQ(shown.detector.max_hamming, defaults.detector.max_hamming);
+  EXPECT_EQ(shown.tracking, defaults.tracking);
+  EXPECT_EQ(shown.min_tags, defaults.min_tags);
+  EXPECT_EQ(shown.fit.corner_noise, defaults.fit.corner_noise);
+  EXPECT_EQ(shown.fit.position_noise, defaults.fit.position_noise);
+  EXPECT_EQ(shown.fit.rotation_noise, defaults.fit.rotation_noise);
+  EXPECT_EQ(shown.fit.robust_scale, defaults.fit.robust_scale);
+  EXPECT_EQ(shown.fit.base_prior.translation, defaults.fit.base_prior.translation);
+  EXPECT_NEAR(shown.fit.base_prior.rotation, defaults.fit.base_prior.rotation, 1e-4);
+  EXPECT_EQ(shown.fit.bleed_prior, defaults.fit.bleed_prior);
 }
 
 }  // namespace

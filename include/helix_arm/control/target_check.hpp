@@ -47,6 +47,13 @@ Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::Inpu
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure);
 
+/// What an instrument reads of all the arm's pressures: (n) gauge [Pa]. Unlike a target it may lie
+/// outside the limits.
+///
+/// @param name  every actuator once, in any order; or empty: the arm's order.
+Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,
+                                      const std::vector<double>& pressure);
+
 /// Twists (6 x sections) of a row-by-row list, [v; w] a section; v [m], w [rad].
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist);
 

@@ -9,7 +9,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Names of one arm's frames.
+/// Names of one arm's frames, for one of its shapes: the model's or the measured one.
 struct FrameNames {
   std::string world;
   std::string base;  ///< of the arm, X_WB seen from the world
@@ -18,17 +18,25 @@ struct FrameNames {
   std::string tip;
 
   /// @param prefix  set before all names but the world's, so that several arms share one tf tree.
+  /// @param shape   of the curve's frames: names::kModelFrames or names::kMeasuredFrames.
   /// @param count   frames on the curve, >= 2.
-  FrameNames(const std::string& world, const std::string& prefix, int count);
+  FrameNames(const std::string& world, const std::string& prefix, const std::string& shape,
+             int count);
 };
 
-/// world -> base, which does not move.
-geometry_msgs::TransformStamped baseTransform(const FrameNames& names, const lie::SE3& X_WB);
+/// world -> a frame that does not move: the arm's base, or the camera.
+///
+/// @param X  the frame seen from the world.
+geometry_msgs::TransformStamped worldTransform(const std::string& world, const std::string& frame,
+                                               const lie::SE3& X);
 
 /// base -> every frame on the curve, and base -> tip. All hang from the base: none sums up the
 /// errors of others.
+///
+/// @param X_BS  where the curve starts, seen from the base.
 std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
                                                              const model::Twists& twists,
-                                                             const ros::Time& stamp);
+                                                             const ros::Time& stamp,
+                                                             const lie::SE3& X_BS = {});
 
 }  // namespace helix_arm::ros_bridge

@@ -26,8 +26,10 @@ geometry_msgs::Transform toTransformMsg(const lie::SE3& X);
 lie::SE3 fromMsg(const geometry_msgs::Pose& pose);
 
 /// Shape of an arm whose base is `header.frame_id`.
+///
+/// @param covariance  (6 sections)^2 of the twists, [m, rad]; empty where none is known.
 ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
-                    const model::Twists& twists);
+                    const model::Twists& twists, const Eigen::MatrixXd& covariance = {});
 
 /// Pressures (n) [Pa] of all the arm's actuators, with their names.
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,
@@ -40,6 +42,9 @@ control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const mod
 /// The twists (6 x sections) of a target; its frame_id is not looked at, since twists are the
 /// sections' own.
 control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections);
+
+/// The twists (6 x sections) of a shape.
+control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections);
 
 /// What a tip target asks for, base frame.
 struct TipGoal {

@@ -13,6 +13,16 @@ inline constexpr char kPressureMeasured[] = "pressure_measured";
 inline constexpr char kModel[] = "model";
 inline constexpr char kTargetStatus[] = "target_status";
 inline constexpr char kMarkers[] = "markers";
+inline constexpr char kImage[] = "image";
+inline constexpr char kCompressedImage[] = "image/compressed";
+inline constexpr char kCameraInfo[] = "camera_info";
+inline constexpr char kMeasured[] = "measured";
+inline constexpr char kTruth[] = "truth";  ///< of a simulated arm
+inline constexpr char kTagDetections[] = "tag_detections";
+inline constexpr char kModelError[] = "model_error";
+inline constexpr char kVisionStatus[] = "vision_status";
+inline constexpr char kOverlay[] = "overlay";
+inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kTipHandle[] =
     "tip_handle";  ///< namespace of the interactive marker's topics
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
@@ -21,6 +31,8 @@ inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots 
 inline constexpr char kPressureCommandNode[] = "pressure_command";
 inline constexpr char kPressureSeriesNode[] = "pressure_series";
 inline constexpr char kMonitorNode[] = "monitor";
+inline constexpr char kSimulatedRigNode[] = "simulated_rig";
+inline constexpr char kVisionNode[] = "vision";
 
 // Who commands when the interactive marker is dragged, whichever rviz drags it.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";
@@ -28,8 +40,11 @@ inline constexpr char kInteractiveMarker[] = "interactive_marker";
 // Frames; those of the arm carry the prefix of the node's parameters.
 inline constexpr char kWorldFrame[] = "world";
 inline constexpr char kBaseFrame[] = "arm_base";
-inline constexpr char kModelFrame[] = "model_";  ///< followed by 0 .. n, from the base to the tip
-inline constexpr char kTipFrame[] = "model_tip";
+// Of one shape, followed by 0 .. n from the base to the tip, and by kTipFrame.
+inline constexpr char kModelFrames[] = "model_";
+inline constexpr char kMeasuredFrames[] = "measured_";
+inline constexpr char kTipFrame[] = "tip";
+inline constexpr char kCameraFrame[] = "camera_optical";
 
 // Namespaces of the markers.
 inline constexpr char kMusclesNs[] = "muscles";
@@ -37,10 +52,17 @@ inline constexpr char kBaseCurveNs[] = "base_curve";
 inline constexpr char kSeparatorsNs[] = "separators";
 inline constexpr char kTipTraceNs[] = "tip_trace";
 inline constexpr char kPressuresNs[] = "pressures";
+inline constexpr char kMeasuredCurveNs[] = "measured_curve";
+inline constexpr char kModelCurveNs[] = "model_curve";
+inline constexpr char kTagsNs[] = "tags";
+inline constexpr char kTipErrorNs[] = "tip_error";
+inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 
-// Diagnostics: `<node>: targets` and `<node>: loop`, and the keys that others read.
+// Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kTargetsStatus[] = "targets";
 inline constexpr char kLoopStatus[] = "loop";
+inline constexpr char kCameraStatus[] = "camera";
+inline constexpr char kMeasurementStatus[] = "measurement";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`
 inline constexpr char kDroppedPrefix[] = "dropped_";
 inline constexpr char kTakenKey[] = "taken";
@@ -49,5 +71,8 @@ inline constexpr char kLeaseHolderKey[] = "lease_holder";
 inline constexpr char kLastFaultKey[] = "last_fault";
 inline constexpr char kRateKey[] = "rate_hz";
 inline constexpr char kWantedRateKey[] = "wanted_rate_hz";
+inline constexpr char kBadReadingsKey[] = "bad_readings";
+inline constexpr char kPictureRateKey[] = "pictures_hz";
+inline constexpr char kMeasuredRateKey[] = "measured_hz";
 
 }  // namespace helix_arm::ros_bridge::names

@@ -28,6 +28,9 @@ class ParameterReader {
   /// Name of a tf frame or the beginning of one: no leading slash, empty only where the fallback
   /// is.
   std::string frame(const std::string& name, const std::string& fallback);
+  /// One of these words.
+  std::string choice(const std::string& name, const std::string& fallback,
+                     const std::vector<std::string>& words);
   bool flag(const std::string& name, bool fallback);
   double number(const std::string& name, double fallback, const model::Range& allowed);
   int count(const std::string& name, int fallback, int lower, int upper);

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <ros/message_event.h>
@@ -34,23 +35,29 @@ struct PressureCommandOptions {
   std::string world_frame;   ///< ~world_frame: "world"
   std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and model_*
   bool handle = true;        ///< ~handle: show the interactive marker
+  /// ~regulator: `scene` simulates the scene's regulator in this node; `topic` leaves the pressures
+  /// to another node, which reports them on pressure_measured.
+  std::string regulator = "scene";
 
   /// @throws ParameterError with every fault.
   static PressureCommandOptions load();
 };
 
-/// Brings the arm of a scene to pressures, shapes and tips, on a simulated regulator.
+/// Brings the arm of a scene to pressures, shapes and tips, on a regulator that it simulates or
+/// that is another node's.
 ///
 /// Subscribes
 /// - pressure_target (PressureArray): gauge [Pa]; names left out keep their command
 /// - shape_target (ShapeTarget): twists of all sections
 /// - tip_target (TipTarget): position or pose of the tip, base frame
 /// - tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
+/// - pressure_measured (PressureArray): with ~regulator `topic`; gauge [Pa], all actuators
 ///
 /// Publishes
 /// - pressure_command (PressureArray): in force [Pa]; at once on a target, and with every loop
-/// - pressure_measured (PressureArray): with every loop [Pa]
-/// - model (ArmShape): with every loop, the model's shape at the measured pressures clamped to the
+/// - pressure_measured (PressureArray): with ~regulator `scene`, with every loop [Pa]
+/// - model (ArmShape): with every pressure_measured, the model's shape at the measured pressures
+/// clamped to the
 ///   limits, with the stamp of that pressure_measured. On hardware, too, the measurement is all
 ///   that is known of the pressures.
 /// - target_status (TargetStatus): what became of each target
@@ -64,7 +71,8 @@ struct PressureCommandOptions {
 /// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
 /// Of several publishers the first to speak commands, until it has been silent for the scene's
 /// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease.
+/// neither stops the loop nor keeps a lease. Without fresh measurements there is neither model nor
+/// drawing, and the diagnostics say so.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class PressureCommandNode {
@@ -95,6 +103,10 @@ class PressureCommandNode {
   void follow(const Sender& sender, const model::InverseResult& result);
   void command(const Eigen::VectorXd& pressure);
 
+  void onReading(const PressureArrayConstPtr& reading);
+  void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
+  bool measures() const;  ///< the last reading is fresh
+
   void onLoop(const ros::SteadyTimerEvent& event);
   void onDraw(const ros::SteadyTimerEvent& event);
   void onDiagnose(const ros::SteadyTimerEvent& event);
@@ -107,7 +119,7 @@ class PressureCommandNode {
   const PressureCommandOptions options_;
   const io::Scene scene_;
   const FrameNames frames_;
-  regulator::SimulatedRegulator regulator_;
+  std::optional<regulator::SimulatedRegulator> regulator_;
   model::InverseSolver solver_;
   control::CommanderLease lease_;
   TargetLedger ledger_;
@@ -118,6 +130,9 @@ class PressureCommandNode {
   model::Twists twists_;       ///< at the measured pressures
   ros::SteadyTime last_step_;  ///< of the regulator
   ros::Time last_tf_stamp_;
+  ros::SteadyTime last_reading_;  ///< zero: none yet
+  std::uint64_t readings_ = 0;
+  FaultCount bad_readings_;
   std::uint64_t loops_ = 0;
   std::uint64_t diagnosed_loops_ = 0;
   ros::SteadyTime last_diagnosis_;
@@ -128,7 +143,7 @@ class PressureCommandNode {
   tf2_ros::TransformBroadcaster tf_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
-  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
+  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_, reading_subscriber_;
   ros::SteadyTimer loop_timer_, draw_timer_, diagnose_timer_;
 };
 

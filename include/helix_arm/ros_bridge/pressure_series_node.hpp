@@ -35,7 +35,9 @@ struct PressureSeriesOptions {
 /// - target_status (TargetStatus): tells that someone else commands, or would like to
 ///
 /// Publishes
-/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0
+/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0,
+/// which
+///   is warned of at the start
 ///
 /// Parameters: PressureSeriesOptions.
 ///

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <functional>
+#include <stdexcept>
 
 #include <ros/init.h>
 #include <ros/node_handle.h>
@@ -15,6 +16,12 @@ enum ExitCode {
   kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or its work is done
   kFailed = 1,            ///< the ROS master was lost, or the node's own verdict
   kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
+};
+
+/// Thrown by the set-up of a node that has no work here, and rightly so: it ends with kDone.
+class NothingToDo : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
 };
 
 /// Runs `body`, turns what it throws into printed faults and an exit code.

@@ -5,9 +5,9 @@
 #include <string>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <ros/time.h>
 
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/ros_bridge/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -29,23 +29,14 @@ class TargetLedger {
   void report(diagnostic_msgs::DiagnosticStatus& status);
 
  private:
-  struct Count {
-    std::uint64_t total = 0;
-    ros::SteadyTime last_warning;
-  };
-
-  void warn(Count& count, const std::string& topic, const std::string& commander,
+  void warn(FaultCount& count, const std::string& topic, const std::string& commander,
             const std::string& message, const char* consequence);
 
   std::uint64_t taken_ = 0;
-  Count closest_;
-  std::array<Count, control::kFaultCount> dropped_;
+  FaultCount closest_;
+  std::array<FaultCount, control::kFaultCount> dropped_;
   std::string last_fault_;
   bool news_ = false;
 };
-
-/// Appends a key and its value.
-void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
-              const std::string& value);
 
 }  // namespace helix_arm::ros_bridge

@@ -5,9 +5,11 @@
 
 #include <opencv2/core.hpp>
 
+#include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/vision/tag_family.hpp"
 
 namespace helix_arm::simulation {
 
@@ -24,15 +26,63 @@ struct ArmDeviation {
 /// An arm that is not quite what its scene says.
 class TrueArm {
  public:
+  /// @throws std::invalid_argument naming the value and its rule.
   TrueArm(const model::Arm& arm, const ArmDeviation& deviation);
 
   const model::Arm& arm() const { return arm_; }
   /// Twists (6 x sections) at gauge pressures (n) [Pa], clamped to the limits.
+  /// @throws std::invalid_argument on a wrong size, std::out_of_range on a pressure that is no
+  /// number.
   model::Twists twists(const model::InputRef& pressure) const;
 
  private:
   model::Arm arm_;
   double length_scale_;
+};
+
+/// What the camera of a simulated rig is made of.
+struct CameraSetup {
+  estimation::ArmView view;
+  vision::TagFamily family;
+  ArmBody body;
+  SimulatedCameraConfig config;
+};
+
+/// The whole rig: regulators that follow their set points, an arm that follows their pressures at
+/// once, and a camera that looks at it. It has no clock; its time is the sum of the steps.
+///
+/// The same seeds and calls give the same measurements and pictures.
+class SimulatedRig {
+ public:
+  /// @param arm  of the scene; the true one deviates from it.
+  /// @throws std::invalid_argument naming the value and its rule.
+  SimulatedRig(const model::Arm& arm, const regulator::SimulatedRegulatorConfig& regulator,
+               const ArmDeviation& deviation,
+               const std::optional<CameraSetup>& camera = std::nullopt);
+
+  const TrueArm& trueArm() const { return arm_; }
+  bool hasCamera() const { return camera_.has_value(); }
+
+  /// Sets the pressures to follow from now on: (n) gauge, finite [Pa]. Throws as
+  /// SimulatedRegulator::command() does.
+  void command(const model::InputRef& set_point) { regulator_.command(set_point); }
+  /// Lets dt >= 0 pass [s]. Throws as SimulatedRegulator::step() does.
+  void step(double dt) { regulator_.step(dt); }
+
+  /// True pressures (n), gauge [Pa].
+  const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
+  /// One noisy reading of them (n), gauge, may be below 0 [Pa]; each call draws anew.
+  Eigen::VectorXd measure() { return regulator_.measure(); }
+  /// The twists (6 x sections) that the arm has now.
+  model::Twists twists() const { return arm_.twists(pressure()); }
+  /// The next picture (CV_8UC1) of the arm as it is now; valid until the next call.
+  /// @throws std::logic_error when the rig has no camera.
+  const cv::Mat& render();
+
+ private:
+  TrueArm arm_;
+  regulator::SimulatedRegulator regulator_;
+  std::optional<SimulatedCamera> camera_;
 };
 
 }  // namespace helix_arm::simulation

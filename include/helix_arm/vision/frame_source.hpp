@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -13,11 +15,11 @@ namespace helix_arm::vision {
 struct WebcamConfig {
   std::string device = "/dev/video0";
   int width = 1280, height = 720;  ///< [px]
-  std::string fourcc = "MJPG";     ///< four characters
+  std::string fourcc = "MJPG";     ///< MJPG, YUYV, UYVY or GREY
   double fps = 30.0;               ///< > 0 [Hz]
-  /// Locked, so that the focal length stays as calibrated; in the driver's units.
+  /// Locked, so that the focal length stays as calibrated; in the driver's units, >= 0.
   int focus = 0;
-  int exposure = 157;            ///< locked; in the driver's units (often 100 us)
+  int exposure = 157;            ///< locked; in the driver's units (often 100 us), >= 0
   double reconnect_after = 1.0;  ///< between tries to open it again, >= 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -32,24 +34,65 @@ enum class FrameStatus {
 };
 
 struct Frame {
-  cv::Mat gray;              ///< (CV_8UC1); its memory is used again by the next call
+  cv::Mat gray;              ///< (CV_8UC1) empty with a fault; its memory is used again
   std::string name;          ///< file, or `file#number`, or the device
   std::string fault;         ///< culprit and remedy
+  double retry_after = 0;    ///< with a fault: before this nothing will have changed [s]
   std::uint64_t number = 0;  ///< counted from 0, faults included
 };
 
+/// A camera that may be unplugged, as a source of frames uses it.
+class VideoDevice {
+ public:
+  /// What came of reading.
+  enum class Read {
+    kPicture,
+    kBroken,  ///< this picture is of no use; the next may be
+    kGone,    ///< no more pictures until it is opened again
+  };
+
+  virtual ~VideoDevice() = default;
+  /// @return nothing when it is open, else why it is not and what to do.
+  virtual std::optional<std::string> open() = 0;
+  /// Waits for the next picture.
+  /// @param gray   (CV_8UC1) where this gives a picture.
+  /// @param fault  where it does not: why, and what to do.
+  virtual Read read(cv::Mat& gray, std::string& fault) = 0;
+  virtual void close() = 0;
+};
+
 /// Gray pictures, one after the other, from a webcam, a video file, a picture or a folder of
-/// pictures (in the order of their names).
+/// pictures (in the order of their names). Not for two threads at once.
 class FrameSource {
  public:
   virtual ~FrameSource() = default;
-  virtual FrameStatus next(Frame& frame) = 0;
 
-  /// Unplugged cameras are opened again as soon as they are back.
+  /// The next picture. A webcam's is waited for (OpenCV gives up after 10 s); nothing else is: who
+  /// calls this in a loop waits for Frame::retry_after in its own way, so that it can be woken.
+  virtual FrameStatus next(Frame& frame) = 0;
+  /// True where one frame follows the other in time; false where each stands alone.
+  virtual bool continuous() const = 0;
+
+  /// Unplugged cameras are opened again as soon as they are back; a camera that does not take the
+  /// size, the format or the locks is a fault as well. None of them throws.
+  /// @throws std::invalid_argument naming the value and its rule.
   static std::unique_ptr<FrameSource> webcam(const WebcamConfig& config);
+  /// The same with any device.
+  /// @param reconnect_after  between tries to open it again [s].
+  /// @param now              a clock that never jumps [s].
+  static std::unique_ptr<FrameSource> camera(std::unique_ptr<VideoDevice> device,
+                                             const std::string& name, double reconnect_after,
+                                             std::function<double()> now);
+  /// A broken picture or video is a fault that names it.
   /// @throws std::invalid_argument when there is no such file or folder, or nothing in it that
   /// could be a picture.
   static std::unique_ptr<FrameSource> files(const std::string& path);
+
+ protected:
+  void begin(Frame& frame, const std::string& name);
+  static FrameStatus fail(Frame& frame, const std::string& fault, double retry_after = 0);
+
+  std::uint64_t number_ = 0;  ///< of the next frame
 };
 
 }  // namespace helix_arm::vision

@@ -21,17 +21,23 @@ class TagFamily {
   static std::vector<std::string> names();
 
   const std::string& name() const { return name_; }
-  int count() const;  ///< ids are 0 .. count - 1
+  int count() const;     ///< ids are 0 .. count - 1
+  int bitCount() const;  ///< of one tag
+  int distance() const;  ///< bits in which any two tags differ at least
 
-  /// One pixel (0 or 255) a cell, the white quiet zone included, as one reads the tag.
+  /// One pixel (0 or 255) a cell, all around the border included, as one reads the tag.
   /// @throws std::out_of_range on an unknown id.
   cv::Mat cells(int id) const;
-  /// Cells from the edge of that picture to the outer edge of the black border, on each side.
+  /// The square whose corners a detector finds is the outer edge of the black border, or, of the
+  /// families that have bits outside it (Circle, Custom, Standard), the inner edge of the black
+  /// ring. Cells from the edge of that picture to that square, on each side.
   int quietCells() const;
-  /// Cells between the outer edges of the black border.
+  /// Cells along a side of that square.
   int borderCells() const;
+  /// True where that square is white inside, and black around it.
+  bool isReversed() const;
 
-  /// For the detector; lives as long as any copy of this.
+  /// For one detector, which writes to it; lives as long as any copy of this.
   apriltag_family* get() const { return family_.get(); }
 
  private:

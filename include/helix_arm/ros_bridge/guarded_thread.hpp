@@ -1,0 +1,28 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <thread>
+
+#include "helix_arm/ros_bridge/run_node.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// A thread whose exceptions do not kill the process unheard: they are printed, and end the node.
+class GuardedThread {
+ public:
+  /// Joins a body that must have been told to end.
+  ~GuardedThread() { join(); }
+
+  void start(std::function<void()> body);
+  void join();
+
+  /// What the node should end with for the body's sake.
+  int verdict() const { return verdict_; }
+
+ private:
+  std::atomic<int> verdict_{kDone};
+  std::thread thread_;
+};
+
+}  // namespace helix_arm::ros_bridge

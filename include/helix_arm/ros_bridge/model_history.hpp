@@ -1,0 +1,42 @@
+#pragma once
+
+#include <deque>
+#include <optional>
+
+#include <ros/time.h>
+
+#include "helix_arm/model/arm.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// The model's shapes of the last seconds, so that a picture meets the one of its own time.
+class ModelHistory {
+ public:
+  struct Entry {
+    ros::Time stamp;
+    model::Twists twists;
+  };
+
+  /// Longest time between a picture and a model that has to do with it [s].
+  static constexpr double kReach = 0.25;
+  /// How long shapes are kept, by their stamps [s].
+  static constexpr double kMemory = 2.0;
+
+  /// A stamp before the last one is a jump back in time: what was kept is forgotten.
+  void add(const ros::Time& stamp, const model::Twists& twists);
+
+  /// Forgets what lies farther ahead of `now` than kReach: it is from before a jump back in time.
+  void forgetFuture(const ros::Time& now);
+
+  /// The nearest within kReach; of two as near, the earlier.
+  std::optional<Entry> nearest(const ros::Time& stamp) const;
+
+  /// True when a model that is yet to come may be nearer than those that came: models do come, and
+  /// none of them is as late as the stamp.
+  bool mayGetNearer(const ros::Time& stamp) const;
+
+ private:
+  std::deque<Entry> entries_;  ///< by ascending stamp
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,19 @@
+#pragma once
+
+#include "helix_arm/io/scene.hpp"
+
+/// What every node that has to do with the arm's pressures asks of a scene.
+namespace helix_arm::ros_bridge {
+
+/// The scene, when all of its actuators are driven by pressure.
+/// @throws std::invalid_argument naming those that are not.
+io::Scene requirePneumatic(io::Scene scene);
+
+/// The regulator of the scene; warns of actuators whose limits its supply does not reach.
+/// @throws std::invalid_argument when the scene has none.
+regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
+
+/// Gauge pressures (n) inside the actuators' limits [Pa].
+Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure);
+
+}  // namespace helix_arm::ros_bridge

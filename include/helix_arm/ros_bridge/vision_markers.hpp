@@ -1,0 +1,40 @@
+#pragma once
+
+#include <string>
+
+#include <visualization_msgs/MarkerArray.h>
+
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/estimation/twist_fit.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Draws for rviz what is measured, seen from the arm's base frame, in stable namespaces and ids.
+///
+/// - measured_curve: solid
+/// - model_curve: dashed
+/// - tags: outlines of those that the shape was fitted to, red where they do not fit
+/// - tip_error: what the tip's distance from the model is, as text beyond the tip
+/// - tip_covariance: where the tip is within two standard deviations, an ellipsoid
+class VisionMarkers {
+ public:
+  /// @param lifetime  longer than the period of drawing [s].
+  VisionMarkers(std::string base_frame, double lifetime);
+
+  /// @param model  null: there is none to compare with, and none is drawn.
+  /// @param text   beyond the tip.
+  visualization_msgs::MarkerArray draw(const ros::Time& stamp, const estimation::TagLayout& layout,
+                                       const estimation::TwistFit& fit, const model::Twists* model,
+                                       const std::string& text) const;
+
+  /// Takes everything off the screen.
+  visualization_msgs::MarkerArray remove(const ros::Time& stamp) const;
+
+ private:
+  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
+
+  std::string base_frame_;
+  ros::Duration lifetime_;
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,168 @@
+#include "evaluate_tags.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+
+// The model's tags and tip against those of one capture.
+struct CaptureComparison {
+  FittedCapture measured;
+  std::vector<int> outlier_tags;
+  std::optional<double> rms;        // of the tags that fit the measured shape [m]
+  std::optional<double> tip_error;  // [m]
+};
+
+struct TagComparison {
+  std::vector<CaptureComparison> captures;
+  double arm_length;                                   // at rest [m]
+  std::optional<double> median_rms, median_tip_error;  // over the sound captures [m]
+
+  std::optional<double> percent(const std::optional<double>& tip_error) const {
+    return tip_error ? std::optional(100 * *tip_error / arm_length) : std::nullopt;
+  }
+};
+
+CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured) {
+  CaptureComparison comparison{std::move(measured), {}, {}, {}};
+  const FittedCapture& capture = comparison.measured;
+  comparison.outlier_tags = capture.outlierTags(*scene.tags);
+  const std::vector<lie::SE3> model = estimation::tagPoses(*scene.tags, capture.model);
+  double square = 0;
+  int count = 0;
+  for (const estimation::PoseObservation& seen : capture.seen) {
+    const int id = scene.tags->tags[seen.tag].id;
+    const std::vector<int>& outliers = comparison.outlier_tags;
+    if (std::find(outliers.begin(), outliers.end(), id) != outliers.end()) continue;
+    square += (model[seen.tag].translation - seen.X_BT.translation).squaredNorm();
+    ++count;
+  }
+  if (count > 0) comparison.rms = std::sqrt(square / count);
+  if (capture.converged()) {
+    comparison.tip_error =
+        (model::tipPose(capture.model).translation - measuredTip(*capture.fit).translation).norm();
+  }
+  return comparison;
+}
+
+TagComparison compareTags(const io::Scene& scene, const io::DataSet& data) {
+  TagComparison comparison{{}, 0, {}, {}};
+  for (int k = 0; k < scene.arm.sectionCount(); ++k) {
+    comparison.arm_length += scene.arm.restTwist(k).head<3>().norm();
+  }
+  std::vector<double> rms, tip_errors;
+  for (FittedCapture& measured : fitCaptures(scene, data)) {
+    comparison.captures.push_back(compareCapture(scene, std::move(measured)));
+    const CaptureComparison& capture = comparison.captures.back();
+    if (!capture.measured.sound()) continue;
+    rms.push_back(*capture.rms);
+    tip_errors.push_back(*capture.tip_error);
+  }
+  comparison.median_rms = median(std::move(rms));
+  comparison.median_tip_error = median(std::move(tip_errors));
+  return comparison;
+}
+
+std::vector<FittedCapture> fittedOf(const TagComparison& c) {
+  std::vector<FittedCapture> captures;
+  for (const CaptureComparison& capture : c.captures) captures.push_back(capture.measured);
+  return captures;
+}
+
+void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
+  json captures = json::array();
+  for (const CaptureComparison& capture : c.captures) {
+    captures.push_back({{"capture", capture.measured.number},
+                        {"pressure_pa", toJson(capture.measured.pressure)},
+                        {"status", estimation::nameOf(capture.measured.status)},
+                        {"rms_m", toJson(capture.rms)},
+                        {"tip_error_m", toJson(capture.tip_error)},
+                        {"tip_error_percent", toJson(c.percent(capture.tip_error))},
+                        {"outlier_tags", capture.outlier_tags},
+                        {"unknown_tags", capture.measured.unknown_tags}});
+  }
+  printJson({{"scene", scene.name},
+             {"tier", modelTier(scene)},
+             {"captures", captures},
+             {"median_rms_m", toJson(c.median_rms)},
+             {"median_tip_error_percent", toJson(c.percent(c.median_tip_error))},
+             {"arm_length_m", c.arm_length},
+             {"reason", reason.empty() ? json() : json(reason)}});
+}
+
+void printCsvResult(const io::Scene& scene, const TagComparison& c) {
+  const auto cell = [](const std::optional<double>& number) {
+    return number ? exact(*number) : std::string();
+  };
+  CsvTable table;
+  for (const CaptureComparison& capture : c.captures) {
+    CsvTable::Row row{{"capture", std::to_string(capture.measured.number)},
+                      {"status", estimation::nameOf(capture.measured.status)}};
+    appendInputs(scene.arm, capture.measured.pressure, row);
+    row.emplace_back("rms_m", cell(capture.rms));
+    row.emplace_back("tip_error_m", cell(capture.tip_error));
+    row.emplace_back("tip_error_percent", cell(c.percent(capture.tip_error)));
+    row.emplace_back("outlier_tags", joined(capture.outlier_tags));
+    row.emplace_back("unknown_tags", joined(capture.measured.unknown_tags));
+    table.add(row);
+  }
+  std::cout << "# median_rms_m " << cell(c.median_rms) << "\n# median_tip_error_percent "
+            << cell(c.percent(c.median_tip_error)) << "\n";
+  table.print(std::cout);
+}
+
+void printTextResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
+  const auto print = [](const std::optional<double>& number, double factor, const char* unit) {
+    if (number) {
+      std::cout << factor * *number << unit;
+    } else {
+      std::cout << "-";
+    }
+  };
+  std::cout << scene.name << ", model against measured tags\n"
+            << std::fixed << std::setprecision(1);
+  for (const CaptureComparison& capture : c.captures) {
+    std::cout << "capture " << capture.measured.number << ": tags RMS ";
+    print(capture.rms, 1e3, " mm");
+    std::cout << ", tip off by ";
+    print(capture.tip_error, 1e3, " mm");
+    std::cout << " = ";
+    print(c.percent(capture.tip_error), 1, " % of the arm");
+    if (!capture.outlier_tags.empty()) {
+      std::cout << "; wrong: tag " << joined(capture.outlier_tags);
+    }
+    if (!capture.measured.unknown_tags.empty()) {
+      std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
+    }
+    std::cout << "\n";
+  }
+  std::cout << "median over the captures whose tags all fit one shape: RMS ";
+  print(c.median_rms, 1e3, " mm");
+  std::cout << ", tip ";
+  print(c.percent(c.median_tip_error), 1, " %");
+  std::cout << "\n" << reason << (reason.empty() ? "" : "\n");
+}
+
+}  // namespace
+
+int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
+  pressuresWithinLimits(scene, data);
+  const TagComparison comparison = compareTags(scene, data);
+  const std::string reason = reasonForNoFit(fittedOf(comparison));
+  if (format == Format::kJson) printJsonResult(scene, comparison, reason);
+  if (format == Format::kCsv) printCsvResult(scene, comparison);
+  if (format == Format::kText) printTextResult(scene, comparison, reason);
+  return reason.empty() ? kDone : kNotPossible;
+}
+
+}  // namespace helix_arm::cli

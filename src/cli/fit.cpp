@@ -1,0 +1,198 @@
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <set>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using estimation::TagLayout;
+using nlohmann::json;
+
+struct FitOptions {
+  std::string scene, data;
+};
+
+struct FitSummary {
+  std::optional<double> median_rms;   // over the sound captures [m]
+  std::vector<int> flagged_captures;  // that hold tags which do not fit
+  std::vector<int> unknown_tags;
+};
+
+FitSummary summaryOf(const std::vector<FittedCapture>& captures) {
+  FitSummary summary;
+  std::vector<double> rms;
+  std::set<int> unknown;
+  for (const FittedCapture& capture : captures) {
+    if (capture.sound()) rms.push_back(capture.fit->rms);
+    if (capture.fit && capture.fit->outliers() > 0) {
+      summary.flagged_captures.push_back(capture.number);
+    }
+    unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
+  }
+  summary.median_rms = median(std::move(rms));
+  summary.unknown_tags.assign(unknown.begin(), unknown.end());
+  return summary;
+}
+
+json captureJson(const FittedCapture& capture, const TagLayout& layout) {
+  json tags = json::array(), covariance = json::array();
+  json result{{"capture", capture.number},
+              {"pressure_pa", toJson(capture.pressure)},
+              {"status", estimation::nameOf(capture.status)},
+              {"converged", capture.converged()},
+              {"twist", nullptr},
+              {"covariance", nullptr},
+              {"rms_m", nullptr},
+              {"tip", nullptr},
+              {"base", nullptr},
+              {"outlier_tags", capture.outlierTags(layout)},
+              {"unknown_tags", capture.unknown_tags}};
+  if (capture.fit) {
+    const estimation::TwistFit& fit = *capture.fit;
+    for (int i = 0; i < fit.covariance.rows(); ++i) {
+      covariance.push_back(toJson(Eigen::VectorXd(fit.covariance.row(i))));
+    }
+    for (const estimation::TagResidual& tag : fit.tags) {
+      tags.push_back({{"id", layout.tags[tag.tag].id},
+                      {"residual_m", tag.rms},
+                      {"weight", tag.weight},
+                      {"outlier", tag.outlier}});
+    }
+    result["twist"] = toJson(fit.twists);
+    result["covariance"] = covariance;
+    result["rms_m"] = fit.rms;
+    result["tip"] = toJson(measuredTip(fit));
+    result["base"] = toJson(fit.X_B0B);
+  }
+  result["tags"] = tags;
+  return result;
+}
+
+void printJsonResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                     const FitSummary& summary) {
+  const std::string reason = reasonForNoFit(captures);
+  json list = json::array();
+  for (const FittedCapture& capture : captures) list.push_back(captureJson(capture, *scene.tags));
+  printJson({{"scene", scene.name},
+             {"captures", list},
+             {"median_rms_m", toJson(summary.median_rms)},
+             {"flagged_captures", summary.flagged_captures},
+             {"unknown_tags", summary.unknown_tags},
+             {"reason", reason.empty() ? json() : json(reason)}});
+}
+
+// Cells of a fit that is not there have their names and no values.
+void appendFit(const FittedCapture& capture, const TagLayout& layout, int sections,
+               CsvTable::Row& row) {
+  const int size = 6 * sections;
+  CsvTable::Row cells;
+  appendTwists(capture.fit ? capture.fit->twists : model::Twists::Zero(6, sections), cells);
+  for (int i = 0; i < size; ++i) {
+    for (int j = i; j < size; ++j) {
+      cells.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
+                         capture.fit ? exact(capture.fit->covariance(i, j)) : "");
+    }
+  }
+  if (!capture.fit) {
+    for (auto& cell : cells) cell.second.clear();
+  }
+  row.insert(row.end(), cells.begin(), cells.end());
+  for (std::size_t i = 0; i < layout.tags.size(); ++i) {
+    row.emplace_back("tag_" + std::to_string(layout.tags[i].id) + "_residual_m", "");
+    if (!capture.fit) continue;
+    for (const estimation::TagResidual& tag : capture.fit->tags) {
+      if (tag.tag == static_cast<int>(i)) row.back().second = exact(tag.rms);
+    }
+  }
+}
+
+void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                    const FitSummary& summary) {
+  CsvTable table;
+  for (const FittedCapture& capture : captures) {
+    CsvTable::Row row{{"capture", std::to_string(capture.number)},
+                      {"status", estimation::nameOf(capture.status)},
+                      {"converged", capture.converged() ? "1" : "0"}};
+    appendInputs(scene.arm, capture.pressure, row);
+    row.emplace_back("rms_m", capture.fit ? exact(capture.fit->rms) : "");
+    row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
+    row.emplace_back("unknown_tags", joined(capture.unknown_tags));
+    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
+    table.add(row);
+  }
+  if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";
+  table.print(std::cout);
+}
+
+void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& captures,
+                     const FitSummary& summary) {
+  std::cout << scene.name << ", one twist per capture [m, rad]\n" << std::fixed;
+  for (const FittedCapture& capture : captures) {
+    std::cout << "capture " << capture.number << ": ";
+    if (!capture.converged()) std::cout << estimation::nameOf(capture.status) << "; ";
+    std::cout << capture.seen.size() << " tags";
+    if (capture.fit) {
+      std::cout << ", RMS " << std::setprecision(1) << 1e3 * capture.fit->rms << " mm, twist";
+      for (int k = 0; k < capture.fit->twists.cols(); ++k) {
+        std::cout << " " << bracketed(capture.fit->twists.col(k));
+      }
+    }
+    const std::vector<int> outliers = capture.outlierTags(*scene.tags);
+    if (!outliers.empty()) std::cout << "; does not fit: tag " << joined(outliers);
+    if (!capture.unknown_tags.empty()) {
+      std::cout << "; not in the scene: tag " << joined(capture.unknown_tags);
+    }
+    std::cout << "\n";
+  }
+  if (summary.median_rms) {
+    std::cout << "median RMS " << std::setprecision(1) << 1e3 * *summary.median_rms
+              << " mm over the captures whose tags all fit\n";
+  }
+  if (!summary.flagged_captures.empty()) {
+    std::cout << "captures with tags that do not fit: " << joined(summary.flagged_captures) << "\n";
+  }
+  const std::string reason = reasonForNoFit(captures);
+  if (!reason.empty()) std::cout << reason << "\n";
+}
+
+int run(const FitOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
+  const FitSummary summary = summaryOf(captures);
+  if (global.format == Format::kJson) printJsonResult(scene, captures, summary);
+  if (global.format == Format::kCsv) printCsvResult(scene, captures, summary);
+  if (global.format == Format::kText) printTextResult(scene, captures, summary);
+  return reasonForNoFit(captures).empty() ? kDone : kNotPossible;
+}
+
+}  // namespace
+
+Subcommand addFit(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
+  const auto options = std::make_shared<FitOptions>();
+  command->add_option("SCENE", options->scene, "scene file with tags")->required();
+  command
+      ->add_option("TAG_POSES", options->data,
+                   "data set: # comments, a header, a row a tag; columns capture, pressure_1_kpa "
+                   ".. (gauge), tag, "
+                   "x_m, y_m, z_m, qx, qy, qz, qw, seen from the arm's base")
+      ->required();
+  command->footer(
+      "json: captures [{capture, pressure_pa, status, converged, twist, covariance, rms_m (of the "
+      "tags that fit),\n"
+      "tip and base (fitted, from the base's nominal place), outlier_tags, unknown_tags, tags "
+      "[{id, residual_m, weight,\n"
+      "outlier}]}], median_rms_m over the captures whose tags all fit, flagged_captures (the "
+      "others), unknown_tags,\n"
+      "reason. Where the tags determine no shape, twist is null. csv: one row a capture.\n"
+      "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

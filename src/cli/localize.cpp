@@ -1,0 +1,289 @@
+#include <algorithm>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "helix_arm/vision/frame_source.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+using vision::SightState;
+using vision::TagDetection;
+
+struct LocalizeOptions {
+  std::string scene, pressure_kpa, input;
+  std::vector<std::string> pictures;
+};
+
+// What one picture gave.
+struct LocatedFrame {
+  std::string file;
+  std::string state;   // that of a sight, or "tags_only" or "unreadable"
+  std::string reason;  // why there is no twist; empty where there is one
+  std::vector<TagDetection> tags;
+  std::vector<int> foreign_tags, repeated_tags, outlier_tags;
+  std::optional<estimation::TwistFit> fit;
+  bool failed = false;  // there should have been tags, or a twist
+};
+
+// Finds tags, and the arm's shape where the scene says how its camera sees it.
+class Locator {
+ public:
+  explicit Locator(const io::Scene& scene, model::Twists model)
+      : scene_(scene), model_(std::move(model)) {}
+
+  void reset() {
+    if (localizer_) localizer_->reset();
+  }
+
+  LocatedFrame locate(const vision::Frame& frame) {
+    LocatedFrame located;
+    located.file = frame.name;
+    located.reason = whyNoTwist(frame.gray);
+    if (located.reason.empty()) {
+      localize(frame.gray, located);
+    } else {
+      if (!detector_) detector_.emplace(scene_.vision.detector);
+      located.state = "tags_only";
+      located.tags = detector_->detect(frame.gray);
+    }
+    if (located.tags.empty()) {
+      located.failed = true;
+      located.state = nameOf(SightState::kNoTags);
+      located.reason = "no tag of family " + scene_.vision.detector.family + " is in sight";
+    }
+    return located;
+  }
+
+ private:
+  std::string whyNoTwist(const cv::Mat& gray) const {
+    if (!scene_.tags) return "scene " + scene_.name + " has no tags";
+    if (!scene_.camera) return "scene " + scene_.name + " has no camera";
+    const estimation::Camera& camera = scene_.camera->model;
+    if (gray.cols == camera.width && gray.rows == camera.height) return "";
+    std::ostringstream text;
+    text << "the picture has " << gray.cols << " x " << gray.rows << " pixels, the camera of scene "
+         << scene_.name << " " << camera.width << " x " << camera.height;
+    return text.str();
+  }
+
+  void localize(const cv::Mat& gray, LocatedFrame& located) {
+    if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
+    const vision::Sight& sight = localizer_->locate(gray, model_);
+    located.state = nameOf(sight.state);
+    located.tags = sight.detections;
+    located.foreign_tags = sight.foreign_ids;
+    located.repeated_tags = sight.repeated_ids;
+    if (sight.state == SightState::kMeasured) {
+      located.fit = sight.fit;
+      for (const estimation::TagResidual& tag : sight.fit.tags) {
+        if (tag.outlier) located.outlier_tags.push_back(scene_.tags->tags[tag.tag].id);
+      }
+      return;
+    }
+    located.reason = reasonOf(sight);
+    located.failed = sight.foreign_ids.size() < sight.detections.size();
+  }
+
+  std::string reasonOf(const vision::Sight& sight) const {
+    if (sight.state == SightState::kNoFit) return "no shape of the arm fits the tags in sight";
+    if (sight.state == SightState::kNoTags) {
+      return sight.repeated_ids.empty() ? "no tag of the scene is in sight"
+                                        : "the tags of the scene in sight are there more than once";
+    }
+    return "the tags of the scene in sight do not determine the arm's shape; at least " +
+           std::to_string(scene_.vision.min_tags) + " are needed";
+  }
+
+  const io::Scene& scene_;
+  model::Twists model_;
+  std::optional<vision::ArmLocalizer> localizer_;
+  std::optional<vision::TagDetector> detector_;
+};
+
+std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locator& locator) {
+  std::vector<std::unique_ptr<vision::FrameSource>> sources;
+  for (const std::string& path : paths) sources.push_back(vision::FrameSource::files(path));
+  std::vector<LocatedFrame> located;
+  vision::Frame frame;
+  for (const auto& source : sources) {
+    locator.reset();
+    for (;;) {
+      const vision::FrameStatus status = source->next(frame);
+      if (status == vision::FrameStatus::kEnd) break;
+      if (!source->continuous()) locator.reset();
+      if (status == vision::FrameStatus::kFrame) {
+        located.push_back(locator.locate(frame));
+      } else {
+        LocatedFrame& broken = located.emplace_back();
+        broken.file = frame.name;
+        broken.state = "unreadable";
+        broken.reason = frame.fault;
+        broken.failed = true;
+      }
+    }
+  }
+  return located;
+}
+
+std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
+  std::vector<int> ids;
+  for (const TagDetection& tag : tags) ids.push_back(tag.id);
+  return ids;
+}
+
+json frameJson(const LocatedFrame& frame) {
+  json tags = json::array();
+  for (const TagDetection& tag : frame.tags) {
+    json corners = json::array();
+    for (int k = 0; k < 4; ++k) corners.push_back(toJson(Eigen::VectorXd(tag.corners.col(k))));
+    tags.push_back({{"id", tag.id},
+                    {"corners_px", corners},
+                    {"hamming", tag.hamming},
+                    {"margin", tag.margin}});
+  }
+  json result{{"file", frame.file},
+              {"state", frame.state},
+              {"reason", frame.reason.empty() ? json() : json(frame.reason)},
+              {"tags", tags},
+              {"foreign_tags", frame.foreign_tags},
+              {"repeated_tags", frame.repeated_tags},
+              {"outlier_tags", frame.outlier_tags},
+              {"twist", nullptr},
+              {"covariance", nullptr},
+              {"rms_px", nullptr},
+              {"tip", nullptr}};
+  if (frame.fit) {
+    json covariance = json::array();
+    for (int i = 0; i < frame.fit->covariance.rows(); ++i) {
+      covariance.push_back(toJson(Eigen::VectorXd(frame.fit->covariance.row(i))));
+    }
+    result["twist"] = toJson(frame.fit->twists);
+    result["covariance"] = covariance;
+    result["rms_px"] = frame.fit->rms;
+    result["tip"] = toJson(measuredTip(*frame.fit));
+  }
+  return result;
+}
+
+void printJsonResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+  json list = json::array();
+  for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame));
+  printJson({{"scene", scene.name}, {"frames", list}});
+}
+
+// As RFC 4180 has it: paths may hold commas.
+std::string quoted(const std::string& text) {
+  if (text.find_first_of(",\"\n") == std::string::npos) return text;
+  std::string cell = "\"";
+  for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
+  return cell + "\"";
+}
+
+// A row a tag; one of a frame without tags has empty cells, as have frames without a twist.
+void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+  CsvTable table;
+  for (const LocatedFrame& frame : frames) {
+    CsvTable::Row twists;
+    appendTwists(frame.fit ? frame.fit->twists : model::Twists::Zero(6, scene.arm.sectionCount()),
+                 twists);
+    if (!frame.fit) {
+      for (auto& cell : twists) cell.second.clear();
+    }
+    for (std::size_t i = 0; i < std::max<std::size_t>(frame.tags.size(), 1); ++i) {
+      const TagDetection* tag = frame.tags.empty() ? nullptr : &frame.tags[i];
+      CsvTable::Row row{{"file", quoted(frame.file)},
+                        {"state", frame.state},
+                        {"tag", tag ? std::to_string(tag->id) : ""}};
+      for (int k = 0; k < 4; ++k) {
+        const std::string corner = "corner_" + std::to_string(k + 1);
+        row.emplace_back(corner + "_x_px", tag ? exact(tag->corners(0, k)) : "");
+        row.emplace_back(corner + "_y_px", tag ? exact(tag->corners(1, k)) : "");
+      }
+      row.emplace_back("rms_px", frame.fit ? exact(frame.fit->rms) : "");
+      row.insert(row.end(), twists.begin(), twists.end());
+      table.add(row);
+    }
+  }
+  table.print(std::cout);
+}
+
+void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+  std::cout << scene.name << ", one twist per picture [m, rad]\n" << std::fixed;
+  for (const LocatedFrame& frame : frames) {
+    std::cout << frame.file << ": " << frame.state << ", " << frame.tags.size() << " tags";
+    if (!frame.tags.empty()) std::cout << " (" << joined(idsOf(frame.tags)) << ")";
+    if (frame.fit) {
+      std::cout << ", RMS " << std::setprecision(2) << frame.fit->rms << " px, twist";
+      for (int k = 0; k < frame.fit->twists.cols(); ++k) {
+        std::cout << " " << bracketed(frame.fit->twists.col(k));
+      }
+    }
+    const auto name = [](const char* what, const std::vector<int>& ids) {
+      if (!ids.empty()) std::cout << "; " << what << ": tag " << joined(ids);
+    };
+    name("does not fit", frame.outlier_tags);
+    name("not in the scene", frame.foreign_tags);
+    name("seen more than once", frame.repeated_tags);
+    if (!frame.reason.empty()) std::cout << "; " << frame.reason;
+    std::cout << "\n";
+  }
+}
+
+int run(const LocalizeOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  const bool at_rest = options.pressure_kpa.empty() && options.input.empty();
+  const Eigen::VectorXd inputs =
+      at_rest ? scene.arm.inputAt(0)
+              : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
+  Locator locator(scene, modelTwists(scene, inputs));
+  const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
+  if (global.format == Format::kJson) printJsonResult(scene, frames);
+  if (global.format == Format::kCsv) printCsvResult(scene, frames);
+  if (global.format == Format::kText) printTextResult(scene, frames);
+  const bool failed = std::any_of(frames.begin(), frames.end(),
+                                  [](const LocatedFrame& frame) { return frame.failed; });
+  return failed ? kNotPossible : kDone;
+}
+
+}  // namespace
+
+Subcommand addLocalize(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("localize", "tags in pictures, then the twist of the arm");
+  const auto options = std::make_shared<LocalizeOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command
+      ->add_option("IMAGE|VIDEO", options->pictures,
+                   "pictures, folders of pictures, or videos; the pictures of a video follow one "
+                   "another, all others stand alone")
+      ->required();
+  command->add_option("--pressure-kpa", options->pressure_kpa,
+                      "gauge pressure of every actuator [kPa] where the search for the shape "
+                      "begins: a,b,c; default: at rest");
+  command->add_option("--input", options->input,
+                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+  command->footer(
+      "Pixels: (0, 0) is the centre of the top-left one. Corners: left below, right below, right "
+      "above, left above as\n"
+      "one reads the tag. Every tag of the scene's family is listed, of the scene or not.\n"
+      "json: scene, frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
+      "camera or no tags in\n"
+      "the scene, or another size of picture; unreadable), reason, tags [{id, corners_px, hamming, "
+      "margin}],\n"
+      "foreign_tags, repeated_tags, outlier_tags, twist (sections x 6), covariance, rms_px, tip}]. "
+      "csv: a row a tag.\n"
+      "Exit code 1 when a picture cannot be read, holds no tags, or holds tags of the scene that "
+      "give no twist.");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,116 @@
+#include "measurements.hpp"
+
+#include <algorithm>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/model/curve.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+Eigen::VectorXd clamped(const model::Arm& arm, Eigen::VectorXd pressure) {
+  for (int i = 0; i < pressure.size(); ++i) {
+    const model::Range& limits = arm.actuator(i).limits;
+    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
+  }
+  return pressure;
+}
+
+}  // namespace
+
+void requirePressureDriven(const io::Scene& scene) {
+  if (!hasTendon(scene.arm)) return;
+  throw CallerError("scene " + scene.name +
+                    " has tendons, but the data set gives pressures; expected a scene whose "
+                    "actuators are all driven by pressure");
+}
+
+Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data) {
+  Eigen::MatrixXd pressures = io::pressuresOf(data, scene.arm.actuatorCount());
+  io::FaultList faults(data.path);
+  for (int row = 0; row < pressures.rows(); ++row) {
+    for (int i = 0; i < pressures.cols(); ++i) {
+      const model::Actuator& actuator = scene.arm.actuator(i);
+      if (actuator.limits.contains(pressures(row, i))) continue;
+      faults.add(data.lines[row], "pressure_" + std::to_string(i + 1) + "_kpa is " +
+                                      inputText(actuator, pressures(row, i)) +
+                                      "; expected the limits of " + actuator.name + ", " +
+                                      inputText(actuator, actuator.limits.lower) + " to " +
+                                      inputText(actuator, actuator.limits.upper));
+    }
+  }
+  faults.throwIfAny();
+  return pressures;
+}
+
+model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure) {
+  return scene.planar ? model::embed(scene.planar->twists(pressure)) : scene.arm.twists(pressure);
+}
+
+const char* modelTier(const io::Scene& scene) { return scene.planar ? "planar" : "linear"; }
+
+std::vector<int> FittedCapture::outlierTags(const estimation::TagLayout& layout) const {
+  std::vector<int> ids;
+  if (!fit) return ids;
+  for (const estimation::TagResidual& tag : fit->tags) {
+    if (tag.outlier) ids.push_back(layout.tags[tag.tag].id);
+  }
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
+  if (!scene.tags) {
+    throw CallerError(data.path + " holds tag poses, but scene " + scene.name +
+                      " has no tags; expected a scene with a section tags");
+  }
+  requirePressureDriven(scene);
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<FittedCapture> captures;
+  for (const io::TagPoseCapture& measured : io::loadTagPoses(data, scene.arm.actuatorCount())) {
+    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}};
+    for (const io::TagPose& tag : measured.tags) {
+      const int index = scene.tags->find(tag.id);
+      if (index < 0) {
+        capture.unknown_tags.push_back(tag.id);
+      } else {
+        capture.seen.push_back({index, tag.X_BT});
+      }
+    }
+    capture.model = modelTwists(scene, clamped(scene.arm, measured.pressure));
+    const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model);
+    capture.status = fit.status;
+    if (fit.status != estimation::FitStatus::kUnderdetermined) capture.fit = fit;
+    captures.push_back(std::move(capture));
+  }
+  return captures;
+}
+
+lie::SE3 measuredTip(const estimation::TwistFit& fit) {
+  return fit.X_B0B * model::tipPose(fit.twists);
+}
+
+std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
+  const auto fitted = [](const FittedCapture& capture) { return capture.converged(); };
+  if (std::any_of(captures.begin(), captures.end(), fitted)) return {};
+  return "no capture could be fitted: too few tags of the scene in each, or no shape that fits "
+         "them";
+}
+
+std::optional<double> median(std::vector<double> values) {
+  if (values.empty()) return std::nullopt;
+  std::sort(values.begin(), values.end());
+  const std::size_t half = values.size() / 2;
+  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+}
+
+std::string joined(const std::vector<int>& numbers) {
+  std::string text;
+  for (const int number : numbers) text += (text.empty() ? "" : " ") + std::to_string(number);
+  return text;
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::cli {
+
+/// @throws CallerError where the scene has tendons: data sets give pressures.
+void requirePressureDriven(const io::Scene& scene);
+
+/// Gauge pressures (rows x actuators) of a data set [Pa].
+/// @throws io::DocumentError with every pressure outside its actuator's limits.
+Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data);
+
+/// Twists (6 x sections) that the model has at pressures within the limits (n) [Pa].
+model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure);
+/// Name of the tier that computes them.
+const char* modelTier(const io::Scene& scene);
+
+/// One capture of tag poses and the shape fitted to it.
+struct FittedCapture {
+  int number;                                     ///< as the file counts them
+  Eigen::VectorXd pressure;                       ///< (n) gauge [Pa]
+  std::vector<estimation::PoseObservation> seen;  ///< the tags that the scene has
+  std::vector<int> unknown_tags;                  ///< ids that it has not
+  model::Twists model;                            ///< at these pressures
+  estimation::FitStatus status;
+  /// Absent where the tags do not determine a shape.
+  std::optional<estimation::TwistFit> fit;
+
+  bool converged() const { return status == estimation::FitStatus::kConverged; }
+  /// Fitted, and all its tags agree.
+  bool sound() const { return converged() && fit->outliers() == 0; }
+  /// Ids of the tags that do not fit.
+  std::vector<int> outlierTags(const estimation::TagLayout& layout) const;
+};
+
+/// Fits every capture of a data set of tag poses by itself, from the model's shape. Pressures
+/// outside the limits count as at them: they are but a start.
+/// @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
+/// data.
+std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data);
+
+/// Pose of the fitted tip, seen from where the arm's base nominally is.
+lie::SE3 measuredTip(const estimation::TwistFit& fit);
+
+/// Why there is no result; empty where some capture could be fitted.
+std::string reasonForNoFit(const std::vector<FittedCapture>& captures);
+
+/// The middle value; nothing of none.
+std::optional<double> median(std::vector<double> values);
+
+/// "6 7 9".
+std::string joined(const std::vector<int>& numbers);
+
+}  // namespace helix_arm::cli

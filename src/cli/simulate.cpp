@@ -1,0 +1,246 @@
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <iomanip>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <random>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr int kMostCaptures = 100000;
+constexpr int kFewestDigits = 4;  // of a picture's number
+
+struct SimulateOptions {
+  std::string scene, out;
+  int count = 20;
+  std::uint32_t seed = 1;
+};
+
+// What was written.
+struct SimulatedSet {
+  fs::path directory;
+  int captures;
+  int tags;  // a capture
+  bool pictures;
+};
+
+fs::path makeDirectory(const std::string& out) {
+  const fs::path directory(out);
+  std::error_code error;
+  const bool exists = fs::exists(directory, error);
+  if (exists && !fs::is_directory(directory, error)) {
+    throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
+  }
+  if (exists && !fs::is_empty(directory, error)) {
+    throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
+  }
+  if (!exists) fs::create_directories(directory, error);
+  if (error) throw CallerError("--out " + out + " cannot be made: " + error.message());
+  return directory;
+}
+
+void writeFile(const fs::path& path, const std::string& content) {
+  std::ofstream file(path, std::ios::binary);
+  file.write(content.data(), static_cast<std::streamsize>(content.size()));
+  if (!file.flush()) throw CallerError(path.string() + " cannot be written");
+}
+
+// The file as it is, and what was asked for beside it, which no scene file holds.
+void copyScene(const std::string& scene, const fs::path& path, const SimulateOptions& options,
+               const GlobalOptions& global) {
+  std::ostringstream text;
+  text << std::ifstream(scene, std::ios::binary).rdbuf() << "\n# Simulated with --count "
+       << options.count << " --seed " << options.seed;
+  for (const std::string& override : global.overrides) text << " --set " << override;
+  writeFile(path, text.str() + "\n");
+}
+
+// Uniform within what the muscles stand.
+Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) {
+  Eigen::VectorXd pressure(arm.actuatorCount());
+  for (int i = 0; i < pressure.size(); ++i) {
+    const model::Range& limits = arm.actuator(i).limits;
+    pressure[i] = std::uniform_real_distribution<double>(limits.lower, limits.upper)(generator);
+  }
+  return pressure;
+}
+
+// Of a scene without a regulator, one that gives whatever the muscles stand.
+io::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
+  if (scene.regulator) return *scene.regulator;
+  io::SimulatedRegulatorConfig config;
+  config.supply_pressure = scene.arm.inputAt(1).maxCoeff();
+  return config;
+}
+
+std::optional<simulation::CameraSetup> cameraOf(const io::Scene& scene, std::uint32_t seed) {
+  if (!scene.camera || !scene.tags) return std::nullopt;
+  simulation::CameraSetup setup{scene.view(),
+                                vision::TagFamily(scene.vision.detector.family),
+                                {scene.looks.front().separator_radius},
+                                scene.simulation.camera};
+  setup.config.seed = seed;
+  return setup;
+}
+
+void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& row) {
+  row.emplace_back("capture", std::to_string(capture));
+  for (int i = 0; i < pressure.size(); ++i) {
+    row.emplace_back("pressure_" + std::to_string(i + 1) + "_kpa", exact(pressure[i] / 1e3));
+  }
+}
+
+std::string pictureName(int capture) {
+  std::ostringstream name;
+  name << "picture_" << std::setfill('0') << std::setw(kFewestDigits) << capture << ".jpg";
+  return name.str();
+}
+
+// Of an instrument that sees all tags, as badly as vision.tag_position_noise_m says.
+lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise,
+                  std::mt19937_64& generator, std::normal_distribution<double>& normal) {
+  Eigen::Vector3d shift;
+  lie::Vector6 turn = lie::Vector6::Zero();
+  for (int i = 0; i < 3; ++i) {
+    shift[i] = noise.position_noise * normal(generator);
+    turn[3 + i] = noise.rotation_noise * normal(generator);
+  }
+  lie::SE3 pose = X_BT * lie::SE3::exp(turn);
+  pose.translation += shift;
+  return pose;
+}
+
+SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  requirePressureDriven(scene);
+  const std::optional<simulation::CameraSetup> camera = cameraOf(scene, options.seed);
+  simulation::SimulatedRig rig(scene.arm, regulatorOf(scene), scene.simulation.arm, camera);
+  vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
+  std::mt19937_64 generator(options.seed);
+  std::normal_distribution<double> normal;
+  const fs::path directory = makeDirectory(options.out);
+
+  CsvTable truth, poses;
+  for (int capture = 1; capture <= options.count; ++capture) {
+    rig.command(drawPressure(scene.arm, generator));
+    rig.step(std::numeric_limits<double>::infinity());
+    const model::Twists twists = rig.twists();
+    CsvTable::Row row;
+    appendCapture(capture, rig.pressure(), row);
+    appendTwists(twists, row);
+    appendPose("tip_", model::tipPose(twists), row);
+    if (camera) {
+      const auto visible = estimation::visibleTags(camera->view, twists);
+      row.emplace_back("visible_tags", std::to_string(visible.size()));
+      const auto jpeg = encoder.encode(rig.render());
+      writeFile(directory / pictureName(capture), std::string(jpeg.begin(), jpeg.end()));
+    }
+    truth.add(row);
+    if (!scene.tags) continue;
+    const auto exact_poses = estimation::tagPoses(*scene.tags, twists);
+    for (std::size_t i = 0; i < exact_poses.size(); ++i) {
+      CsvTable::Row pose_row;
+      appendCapture(capture, rig.pressure(), pose_row);
+      pose_row.emplace_back("tag", std::to_string(scene.tags->tags[i].id));
+      appendPose("", measured(exact_poses[i], scene.vision.fit, generator, normal), pose_row);
+      poses.add(pose_row);
+    }
+  }
+
+  copyScene(options.scene, directory / "scene.yaml", options, global);
+  std::ostringstream text;
+  text << "# Truth of the simulated arm of scene " << scene.name
+       << ": twists of its sections and its tip, seen from its base. Gauge pressure [kPa].\n";
+  truth.print(text);
+  writeFile(directory / "truth.csv", text.str());
+  if (scene.tags) {
+    text.str("");
+    text << "# Simulated tag poses of scene " << scene.name
+         << ", seen from the arm's base. Gauge pressure [kPa], position [m], unit quaternion.\n"
+         << "# Standard deviation of the positions " << scene.vision.fit.position_noise
+         << " m, of the rotations " << scene.vision.fit.rotation_noise << " rad, each axis.\n";
+    poses.print(text);
+    writeFile(directory / "tag_poses.csv", text.str());
+  }
+  return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
+          rig.hasCamera()};
+}
+
+int run(const SimulateOptions& options, const GlobalOptions& global) {
+  const SimulatedSet set = simulate(options, global);
+  const std::string truth = (set.directory / "truth.csv").string();
+  const std::string poses = set.tags > 0 ? (set.directory / "tag_poses.csv").string() : "";
+  const int pictures = set.pictures ? set.captures : 0;
+  if (global.format == Format::kJson) {
+    printJson({{"out", set.directory.string()},
+               {"seed", options.seed},
+               {"captures", set.captures},
+               {"pictures", pictures},
+               {"tags", set.tags},
+               {"scene", (set.directory / "scene.yaml").string()},
+               {"truth", truth},
+               {"tag_poses", poses.empty() ? json(nullptr) : json(poses)}});
+  }
+  if (global.format == Format::kCsv) {
+    CsvTable table;
+    table.add({{"out", set.directory.string()},
+               {"seed", std::to_string(options.seed)},
+               {"captures", std::to_string(set.captures)},
+               {"pictures", std::to_string(pictures)},
+               {"tags", std::to_string(set.tags)}});
+    table.print(std::cout);
+  }
+  if (global.format == Format::kText) {
+    std::cout << set.captures << " captures in " << set.directory.string()
+              << ": scene.yaml, truth.csv" << (poses.empty() ? "" : ", tag_poses.csv");
+    if (set.pictures) {
+      std::cout << ", " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
+    } else {
+      std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
+                << "\n";
+    }
+  }
+  return kDone;
+}
+
+}  // namespace
+
+Subcommand addSimulate(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("simulate", "a data set and pictures with their truth");
+  const auto options = std::make_shared<SimulateOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command->add_option("--out", options->out, "folder to write to; empty or absent")
+      ->required()
+      ->type_name("DIR");
+  command->add_option("--count", options->count, "captures")
+      ->check(CLI::Range(1, kMostCaptures))
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "of the pressures and of all noise")
+      ->capture_default_str();
+  command->footer(
+      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures.\n"
+      "DIR gets scene.yaml, truth.csv (twists and tip), tag_poses.csv (all tags, with the noise of "
+      "vision.tag_position_noise_m,\n"
+      "where the scene has tags) and picture_0001.jpg .. (where it has a camera as well).\n"
+      "json: out, seed, captures, pictures, tags, and the paths scene, truth and tag_poses (null "
+      "where there is none).");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

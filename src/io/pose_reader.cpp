@@ -1,0 +1,42 @@
+#include "pose_reader.hpp"
+
+#include <Eigen/Geometry>
+
+namespace helix_arm::io {
+namespace {
+
+Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
+  return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
+}
+
+}  // namespace
+
+double radians(double degrees) {
+  constexpr double kPi = 3.14159265358979323846;
+  return degrees * (kPi / 180);
+}
+
+Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
+  return turn(rpy_deg[2], Eigen::Vector3d::UnitZ()) * turn(rpy_deg[1], Eigen::Vector3d::UnitY()) *
+         turn(rpy_deg[0], Eigen::Vector3d::UnitX());
+}
+
+std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers) {
+  if (!numbers) return std::nullopt;
+  return Eigen::Vector3d((*numbers)[0], (*numbers)[1], (*numbers)[2]);
+}
+
+lie::SE3 readPose(const MapReader& keys, const NumberRule& coordinate) {
+  lie::SE3 X;
+  if (keys.has("position_m")) {
+    const auto p = vector3(keys.numbers("position_m", 3, coordinate));
+    if (p) X.translation = *p;
+  }
+  if (keys.has("rpy_deg")) {
+    const auto rpy_deg = vector3(keys.numbers("rpy_deg", 3, kFinite));
+    if (rpy_deg) X.rotation = rotationOfRpyDeg(*rpy_deg);
+  }
+  return X;
+}
+
+}  // namespace helix_arm::io

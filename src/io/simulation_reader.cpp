@@ -1,0 +1,57 @@
+#include "simulation_reader.hpp"
+
+#include <limits>
+
+namespace helix_arm::io {
+namespace {
+
+const NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
+const NumberRule kLengthScale = within(kPositive, 0.5, 2);
+const NumberRule kBlur = within(kNotNegative, 0, 100, " px");
+const NumberRule kGrayNoise = within(kNotNegative, 0, 255, " gray levels");
+const NumberRule kExposure = within(kPositive, 1e-3, 1e3);
+const NumberRule kBleed = within(kNotNegative, 0, 0.1, " m");
+
+simulation::ArmDeviation readDeviation(const MapReader& keys) {
+  simulation::ArmDeviation arm;
+  arm.K_gamma_scale = keys.number("K_gamma_scale", kStiffnessScale, arm.K_gamma_scale);
+  arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
+  arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
+  return arm;
+}
+
+simulation::SimulatedCameraConfig readPictures(const MapReader& keys) {
+  simulation::SimulatedCameraConfig camera;
+  camera.blur = keys.number("blur_px", kBlur, camera.blur);
+  camera.noise = keys.number("noise", kGrayNoise, camera.noise);
+  camera.exposure = keys.number("exposure", kExposure, camera.exposure);
+  camera.bleed = keys.number("bleed_m", kBleed, camera.bleed);
+  camera.jpeg_quality = static_cast<int>(keys.integer("jpeg_quality", 1, 100, camera.jpeg_quality));
+  camera.clutter = static_cast<int>(keys.integer("clutter", 0, 10000, camera.clutter));
+  camera.occluders = static_cast<int>(keys.integer("occluders", 0, 1000, camera.occluders));
+  camera.seed = static_cast<std::uint32_t>(
+      keys.integer("seed", 0, std::numeric_limits<std::uint32_t>::max(), camera.seed));
+  return camera;
+}
+
+}  // namespace
+
+SimulationConfig readSimulation(const MapReader& scene, const Value& document, FaultList& faults) {
+  SimulationConfig config;
+  const Value* value = document.find("simulation");
+  if (value == nullptr) return config;
+  const MapReader simulation(*value, scene.path("simulation"), {"arm", "camera"}, faults);
+  if (const Value* arm = value->find("arm")) {
+    config.arm = readDeviation(MapReader(
+        *arm, simulation.path("arm"), {"K_gamma_scale", "K_kappa_scale", "length_scale"}, faults));
+  }
+  if (const Value* camera = value->find("camera")) {
+    config.camera = readPictures(MapReader(
+        *camera, simulation.path("camera"),
+        {"blur_px", "noise", "exposure", "bleed_m", "jpeg_quality", "clutter", "occluders", "seed"},
+        faults));
+  }
+  return config;
+}
+
+}  // namespace helix_arm::io

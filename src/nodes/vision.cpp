@@ -1,0 +1,7 @@
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/vision_node.hpp"
+
+int main(int argc, char** argv) {
+  using namespace helix_arm::ros_bridge;
+  return runNode<VisionNode>(argc, argv, names::kVisionNode);
+}

@@ -1,0 +1,149 @@
+#include "helix_arm/ros_bridge/simulated_rig_node.hpp"
+
+#include <chrono>
+#include <utility>
+
+#include <ros/console.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+#include "helix_arm/ros_bridge/pictures.hpp"
+#include "helix_arm/ros_bridge/pneumatics.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+simulation::SimulatedCamera makeCamera(const io::Scene& scene) {
+  const simulation::ArmBody body{scene.looks.front().separator_radius};
+  return {scene.view(), vision::TagFamily(scene.vision.detector.family), body,
+          scene.simulation.camera};
+}
+
+}  // namespace
+
+SimulatedRigOptions SimulatedRigOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  SimulatedRigOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
+  out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  reader.finish();
+  return out;
+}
+
+SimulatedRigNode::SimulatedRigNode()
+    : options_(SimulatedRigOptions::load()),
+      scene_(requirePneumatic(io::loadScene(options_.scene))),
+      regulator_(makeRegulator(scene_)),
+      true_arm_(scene_.arm, scene_.simulation.arm),
+      command_(scene_.arm.inputAt(0)),
+      last_step_(ros::SteadyTime::now()) {
+  regulator_.command(command_);
+  measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+  truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
+  command_subscriber_ = node_.subscribe(names::kPressureCommand, 10, &SimulatedRigNode::onCommand,
+                                        this, ros::TransportHints().tcpNoDelay());
+  loop_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate),
+                                        &SimulatedRigNode::onLoop, this);
+  const bool seen = scene_.camera && scene_.tags;
+  if (seen) {
+    image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
+    compressed_publisher_ =
+        node_.advertise<sensor_msgs::CompressedImage>(names::kCompressedImage, 2);
+    info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+    photographer_.start([this] { takePictures(); });
+  }
+  ROS_INFO("%s: simulated regulator at %g Hz, %s", scene_.name.c_str(), options_.rate,
+           seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
+                : "no camera, since the scene lacks `camera` or `tags`");
+}
+
+SimulatedRigNode::~SimulatedRigNode() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  photographer_.join();
+}
+
+void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
+  const auto checked = fromMsg(*command, scene_.arm, command_);
+  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+    command_ = *pressure;
+    regulator_.command(command_);
+  } else if (bad_commands_.add()) {
+    ROS_WARN("pressure_command: %s (dropped, %lu so far)",
+             std::get<control::Refusal>(checked).message.c_str(),
+             static_cast<unsigned long>(bad_commands_.total()));
+  }
+}
+
+void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  regulator_.step((now - last_step_).toSec());
+  last_step_ = now;
+  const Moment moment{ros::Time::now(), true_arm_.twists(regulator_.pressure())};
+  std_msgs::Header header;
+  header.stamp = moment.stamp;
+  measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
+  header.frame_id = options_.frame_prefix + names::kBaseFrame;
+  truth_publisher_.publish(toShapeMsg(header, "truth", moment.twists));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  now_ = moment;
+}
+
+void SimulatedRigNode::takePictures() {
+  using Clock = std::chrono::steady_clock;
+  simulation::SimulatedCamera camera = makeCamera(scene_);
+  vision::JpegEncoder encoder(scene_.simulation.camera.jpeg_quality);
+  const auto period = std::chrono::duration_cast<Clock::duration>(
+      std::chrono::duration<double>(1.0 / options_.camera_rate));
+  Clock::time_point due = Clock::now();
+  const auto stopped = [this] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return stop_;
+  };
+  while (!stopped()) {
+    publishPicture(camera, encoder);
+    due = std::max(due + period, Clock::now());
+    std::unique_lock<std::mutex> lock(mutex_);
+    wake_.wait_until(lock, due, [this] { return stop_; });
+  }
+}
+
+void SimulatedRigNode::publishPicture(simulation::SimulatedCamera& camera,
+                                      vision::JpegEncoder& encoder) {
+  const bool raw = image_publisher_.getNumSubscribers() > 0;
+  const bool compressed = compressed_publisher_.getNumSubscribers() > 0;
+  if (!raw && !compressed) return;
+  std::optional<Moment> moment;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    std::swap(moment, now_);
+  }
+  if (!moment) return;
+  std_msgs::Header header;
+  header.stamp = moment->stamp;
+  header.frame_id = options_.frame_prefix + names::kCameraFrame;
+  const cv::Mat& picture = camera.render(moment->twists);
+  info_publisher_.publish(toCameraInfoMsg(header, scene_.camera->model));
+  if (compressed) {
+    const auto message = boost::make_shared<sensor_msgs::CompressedImage>();
+    message->header = header;
+    message->format = "mono8; jpeg compressed mono8";
+    message->data = encoder.encode(picture);
+    compressed_publisher_.publish(message);
+  }
+  if (raw) {
+    image_publisher_.publish(
+        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture)));
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

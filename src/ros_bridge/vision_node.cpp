@@ -1,0 +1,444 @@
+#include "helix_arm/ros_bridge/vision_node.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <stdexcept>
+#include <utility>
+
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/console.h>
+
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/overlay.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+#include "helix_arm/ros_bridge/sights.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+// A picture waits so long for the model of its time: with pressures at 100 Hz and more it is there
+// by then, and a replay meets the same model as the first time.
+constexpr std::chrono::milliseconds kModelPatience(50);
+constexpr std::chrono::milliseconds kFaultPause(50);  // between faults of a source
+constexpr double kWatchPeriod = 0.05;                 // [s]
+// Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
+constexpr double kDrawingSlack = 0.9;
+
+constexpr char kTopic[] = "topic";
+constexpr char kWebcam[] = "webcam";
+
+bool isFile(const std::string& source) { return source.compare(0, 1, "/") == 0; }
+
+// The scene, when there is something to see in it.
+io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
+  std::string missing;
+  if (!scene.camera) missing += "`camera`";
+  if (!scene.tags) missing += missing.empty() ? "`tags`" : " and `tags`";
+  if (!missing.empty()) {
+    const std::string message = "scene " + scene.name + " has no " + missing + ": nothing to see";
+    if (options.optional) throw NothingToDo(message);
+    throw std::invalid_argument(message + "; add what is missing to it");
+  }
+  if (options.source == kWebcam && !scene.camera->webcam) {
+    throw std::invalid_argument("scene " + scene.name +
+                                " has no camera.webcam; add it, or set ~source to topic");
+  }
+  return scene;
+}
+
+std::unique_ptr<vision::FrameSource> makeSource(const VisionOptions& options,
+                                                const io::Scene& scene) {
+  if (options.source == kWebcam) return vision::FrameSource::webcam(*scene.camera->webcam);
+  if (isFile(options.source)) return vision::FrameSource::files(options.source);
+  return nullptr;
+}
+
+std::uint8_t stateOf(vision::SightState state) {
+  switch (state) {
+    case vision::SightState::kMeasured:
+      return VisionStatus::MEASURED;
+    case vision::SightState::kTooFewTags:
+      return VisionStatus::FEW_TAGS;
+    case vision::SightState::kNoTags:
+      return VisionStatus::NO_TAGS;
+    case vision::SightState::kNoFit:
+      break;
+  }
+  return VisionStatus::NO_FIT;
+}
+
+std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
+  if (error == nullptr) return "tip +- " + fixed(1e3 * tipSigma(fit)) + " mm";
+  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" + fixed(error->tip_percent) +
+         " %)";
+}
+
+}  // namespace
+
+VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
+  ParameterReader reader(private_node);
+  VisionOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.source = reader.text("source", out.source);
+  if (!isFile(out.source)) {
+    out.source = reader.choice(
+        "source", out.source,
+        {kTopic, names::kImage, names::kCompressedImage, kWebcam, "an absolute path"});
+  }
+  out.use_camera_info = reader.flag("use_camera_info", out.use_camera_info);
+  out.camera_info_url = reader.text("camera_info_url", "");
+  out.file_rate = reader.number("file_rate", out.file_rate, {0.1, 1000.0});
+  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
+  out.stale_after = reader.number("stale_after_s", out.stale_after, {0.05, 60.0});
+  out.frames = reader.count("frames", out.frames, 2, 1000);
+  out.world_frame = reader.frame("world_frame", names::kWorldFrame);
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  out.optional = reader.flag("optional", out.optional);
+  reader.finish();
+  return out;
+}
+
+VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
+    : options_(VisionOptions::load(private_node)),
+      scene_(requireSight(io::loadScene(options_.scene), options_)),
+      name_(private_node.getNamespace()),
+      frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames, options_.frames),
+      markers_(frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
+      localizer_(std::make_unique<vision::ArmLocalizer>(scene_.view(), scene_.vision)),
+      prior_(scene_.arm.twists(scene_.arm.inputAt(0))),
+      source_(makeSource(options_, scene_)),
+      ledger_(options_.source),
+      lease_(options_.stale_after),
+      last_arrival_(ros::SteadyTime::now()),
+      last_report_(last_arrival_),
+      node_(node) {
+  measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10);
+  detections_publisher_ = node_.advertise<TagDetections>(names::kTagDetections, 10);
+  error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10);
+  status_publisher_ = node_.advertise<VisionStatus>(names::kVisionStatus, 10);
+  overlay_publisher_ = node_.advertise<sensor_msgs::Image>(names::kOverlay, 1);
+  marker_publisher_ = node_.advertise<visualization_msgs::MarkerArray>(names::kMeasuredMarkers, 2);
+  diagnostics_publisher_ =
+      node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10);
+  static_tf_.sendTransform(worldTransform(
+      frames_.world, options_.frame_prefix + names::kCameraFrame, scene_.camera->X_WC));
+
+  using Node = VisionNode;
+  const auto hints = ros::TransportHints().tcpNoDelay();
+  const auto listen = [&](const char* topic, int queue, auto callback) {
+    return node_.subscribe(topic, queue, callback, this, hints);
+  };
+  const bool any = options_.source == kTopic;
+  if (any || options_.source == names::kImage) {
+    image_subscriber_ = listen(names::kImage, 1, &Node::onImage);
+  }
+  if (any || options_.source == names::kCompressedImage) {
+    compressed_subscriber_ = listen(names::kCompressedImage, 1, &Node::onCompressed);
+  }
+  if (source_ == nullptr && options_.use_camera_info) {
+    info_subscriber_ = listen(names::kCameraInfo, 1, &Node::onCameraInfo);
+  }
+  if (source_ != nullptr && !options_.camera_info_url.empty()) {
+    calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
+        node_, "camera", options_.camera_info_url);
+    if (!calibration_->isCalibrated()) {
+      throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
+                                  "; expected the URL of a calibration");
+    }
+  }
+  model_subscriber_ = listen(names::kModel, 100, &Node::onModel);
+  watch_timer_ = node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &Node::onWatch, this);
+  second_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
+  worker_.start([this] { work(); });
+  if (source_ != nullptr) capturer_.start([this] { capture(); });
+  ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
+           static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
+           options_.source.c_str());
+}
+
+VisionNode::~VisionNode() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  capturer_.join();
+  worker_.join();
+}
+
+int VisionNode::finish() const {
+  return worker_.verdict() != kDone ? worker_.verdict() : capturer_.verdict();
+}
+
+void VisionNode::onImage(const sensor_msgs::ImageConstPtr& image) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!lease_.claim(names::kImage, ros::SteadyTime::now().toSec())) return;
+  }
+  arrived({image->header.stamp, image});
+}
+
+void VisionNode::onCompressed(const sensor_msgs::CompressedImageConstPtr& image) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!lease_.claim(names::kCompressedImage, ros::SteadyTime::now().toSec())) return;
+  }
+  arrived({image->header.stamp, image});
+}
+
+void VisionNode::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  camera_info_ = fromMsg(*info);
+  if (const auto* refusal = std::get_if<PictureRefusal>(&*camera_info_)) refuse(*refusal);
+}
+
+void VisionNode::onModel(const ArmShapeConstPtr& model) {
+  const auto checked = fromMsg(*model, scene_.arm.sectionCount());
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto* twists = std::get_if<model::Twists>(&checked)) {
+      models_.add(model->header.stamp, *twists);
+    } else {
+      // Measured without it, all the same.
+      ledger_.refused({PictureFault::kBadModel, "model is not of scene " + scene_.name + ": " +
+                                                    std::get<control::Refusal>(checked).message});
+    }
+  }
+  wake_.notify_all();
+}
+
+void VisionNode::onWatch(const ros::SteadyTimerEvent&) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
+  if (silence < options_.stale_after || ledger_.state() == VisionStatus::ENDED) return;
+  if (ledger_.state() == VisionStatus::WAITING) return;
+  enter(VisionStatus::STALE, "no picture has come for " + fixed(silence) +
+                                 " s: is the camera plugged in, and its node up?");
+}
+
+void VisionNode::onSecond(const ros::SteadyTimerEvent&) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  diagnostic_msgs::DiagnosticArray msg;
+  msg.header.stamp = ros::Time::now();
+  msg.status.resize(2);
+  msg.status[0].name = statusName(name_, names::kCameraStatus);
+  msg.status[1].name = statusName(name_, names::kMeasurementStatus);
+  for (auto& status : msg.status) status.hardware_id = scene_.name;
+  ledger_.report(msg.status[0], msg.status[1], (now - last_report_).toSec());
+  last_report_ = now;
+  diagnostics_publisher_.publish(msg);
+  publishStatus();
+}
+
+void VisionNode::capture() {
+  const bool file = isFile(options_.source);
+  const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+      std::chrono::duration<double>(1.0 / options_.file_rate));
+  vision::Frame frame;
+  const auto waitUntil = [this](const auto& due, const auto& condition) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    wake_.wait_until(lock, due, [&] { return stop_ || condition(); });
+    return !stop_;
+  };
+  const auto never = [] { return false; };
+  for (bool go_on = true; go_on;) {
+    const auto due = std::chrono::steady_clock::now() + period;
+    const vision::FrameStatus status = source_->next(frame);
+    if (status == vision::FrameStatus::kEnd) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      enter(VisionStatus::ENDED, options_.source + " is through");
+      return;
+    }
+    if (status == vision::FrameStatus::kFault) {
+      {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        last_arrival_ = ros::SteadyTime::now();
+        refuse({PictureFault::kSource, frame.fault});
+      }
+      go_on = waitUntil(std::chrono::steady_clock::now() + kFaultPause, never);
+      continue;
+    }
+    if (calibration_ != nullptr) {
+      const auto camera = fromMsg(calibration_->getCameraInfo());
+      const std::lock_guard<std::mutex> lock(mutex_);
+      camera_info_ = camera;
+    }
+    // The source uses its memory again for the next picture.
+    arrived({ros::Time::now(), frame.gray.clone()});
+    if (file) {
+      go_on = waitUntil(due, never);
+      std::unique_lock<std::mutex> lock(mutex_);
+      wake_.wait(lock, [this] { return stop_ || !next_; });
+    }
+    const std::lock_guard<std::mutex> lock(mutex_);
+    go_on = !stop_;
+  }
+}
+
+void VisionNode::arrived(Picture picture) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_arrival_ = ros::SteadyTime::now();
+    ledger_.picture();
+    if (next_) ledger_.skipped();
+    next_ = std::move(picture);
+  }
+  wake_.notify_all();
+}
+
+void VisionNode::work() {
+  while (true) {
+    std::optional<Picture> picture;
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      wake_.wait(lock, [this] { return stop_ || next_; });
+      if (stop_) return;
+      std::swap(picture, next_);
+    }
+    wake_.notify_all();
+    measure(*picture);
+  }
+}
+
+Taken<cv::Mat> VisionNode::decode(const Picture& picture) {
+  if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
+    return fromMsg(**raw, buffer_);
+  }
+  if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+    return fromMsg(**jpeg, decoder_, buffer_);
+  }
+  return std::get<cv::Mat>(picture.content);
+}
+
+std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
+  estimation::ArmView view = localizer_->view();
+  const char* whose = "the scene's camera";
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (camera_info_) {
+      if (const auto* refusal = std::get_if<PictureRefusal>(&*camera_info_)) return *refusal;
+      view.camera = std::get<estimation::Camera>(*camera_info_);
+      whose = "camera_info";
+    }
+  }
+  if (gray.cols != view.camera.width || gray.rows != view.camera.height) {
+    return PictureRefusal{PictureFault::kWrongSize,
+                          "the picture is of " + sizeText(gray.cols, gray.rows) + " pixels, but " +
+                              whose + " of " + sizeText(view.camera.width, view.camera.height) +
+                              "; a calibration holds for one size only"};
+  }
+  if (!equal(view.camera, localizer_->view().camera)) {
+    ROS_INFO("camera_info differs from the intrinsics at hand: going by camera_info");
+    localizer_ = std::make_unique<vision::ArmLocalizer>(view, scene_.vision);
+  }
+  return std::nullopt;
+}
+
+std::optional<ModelHistory::Entry> VisionNode::modelAt(const ros::Time& stamp) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  models_.forgetFuture(stamp);
+  wake_.wait_for(lock, kModelPatience, [&] { return stop_ || !models_.mayGetNearer(stamp); });
+  return models_.nearest(stamp);
+}
+
+void VisionNode::measure(const Picture& picture) {
+  const Taken<cv::Mat> taken = decode(picture);
+  const auto* gray = std::get_if<cv::Mat>(&taken);
+  std::optional<PictureRefusal> refusal;
+  if (gray == nullptr) refusal = std::get<PictureRefusal>(taken);
+  bool counted = false;
+  if (!refusal) {
+    refusal = adoptCamera(*gray);
+    counted = refusal && refusal->fault == PictureFault::kBadCameraInfo;  // when it came
+  }
+  if (refusal) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (counted) {
+      enter(VisionStatus::CAMERA_FAULT, refusal->message);
+    } else {
+      refuse(*refusal);
+    }
+    return;
+  }
+  const double elapsed = (picture.stamp - last_stamp_).toSec();
+  if (elapsed < 0 || elapsed > options_.stale_after) localizer_->reset();
+  if (elapsed < 0) {
+    ROS_INFO("the pictures' time has jumped back by %.1f s: starting anew", -elapsed);
+    prior_ = scene_.arm.twists(scene_.arm.inputAt(0));
+    last_tf_stamp_ = ros::Time();
+  }
+  last_stamp_ = picture.stamp;
+  const std::optional<ModelHistory::Entry> model = modelAt(picture.stamp);
+  if (model) prior_ = model->twists;
+  publish(picture.stamp, *gray, localizer_->locate(*gray, prior_), model);
+}
+
+void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const vision::Sight& sight,
+                         const std::optional<ModelHistory::Entry>& model) {
+  const estimation::TagLayout& layout = localizer_->view().layout;
+  const bool measured = sight.state == vision::SightState::kMeasured;
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = frames_.base;
+  std_msgs::Header camera_header = header;
+  camera_header.frame_id = options_.frame_prefix + names::kCameraFrame;
+
+  const std::string account = describe(sight, scene_.vision);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ledger_.saw(sight);
+    enter(stateOf(sight.state), account);
+  }
+  std::optional<ModelError> error;
+  if (measured) {
+    measured_publisher_.publish(
+        toShapeMsg(header, "measured", sight.fit.twists, sight.fit.covariance));
+    if (model) error_publisher_.publish(error.emplace(toMsg(header, sight.fit, *model)));
+    // tf warns of repeated stamps.
+    if (stamp > last_tf_stamp_) {
+      tf_.sendTransform(curveTransforms(frames_, sight.fit.twists, stamp, sight.fit.X_B0B));
+      last_tf_stamp_ = stamp;
+    }
+  }
+  detections_publisher_.publish(toMsg(camera_header, sight, layout));
+
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
+  last_drawing_ = now;
+  const std::string tip = measured ? tipText(sight.fit, error ? &*error : nullptr) : "";
+  const model::Twists* twists = model ? &model->twists : nullptr;
+  if (overlay_publisher_.getNumSubscribers() > 0) {
+    const std::vector<std::string> lines = measured
+                                               ? std::vector<std::string>{tip, summarise(sight)}
+                                               : std::vector<std::string>{account};
+    overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
+        toImageMsg(camera_header, drawOverlay(gray, localizer_->view(), sight, twists, lines))));
+  }
+  // What has become stale meanwhile was taken off the screen, and stays off.
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (measured && ledger_.measured()) {
+    marker_publisher_.publish(markers_.draw(stamp, layout, sight.fit, twists, tip));
+  }
+}
+
+void VisionNode::refuse(const PictureRefusal& refusal) {
+  ledger_.refused(refusal);
+  enter(VisionStatus::CAMERA_FAULT, refusal.message);
+}
+
+void VisionNode::enter(std::uint8_t state, const std::string& message) {
+  const bool was_measured = ledger_.measured();
+  const bool changed = ledger_.enter(state, message);
+  if (changed) publishStatus();
+  if (changed && was_measured) marker_publisher_.publish(markers_.remove(ros::Time::now()));
+}
+
+void VisionNode::publishStatus() {
+  VisionStatus status = ledger_.status();
+  status.header.stamp = ros::Time::now();
+  status_publisher_.publish(status);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,269 @@
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+std::string contentOf(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path, std::ios::binary).rdbuf();
+  return text.str();
+}
+
+// Rows of a data set by the names of its columns.
+std::vector<std::map<std::string, double>> tableOf(const std::string& path) {
+  const auto rows = csvRows(contentOf(path));
+  std::vector<std::map<std::string, double>> table;
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    table.emplace_back();
+    for (std::size_t c = 0; c < rows[0].size(); ++c) {
+      table.back()[rows[0][c]] = std::stod(rows[i].at(c));
+    }
+  }
+  return table;
+}
+
+std::set<std::string> namesIn(const std::string& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    names.insert(entry.path().filename().string());
+  }
+  return names;
+}
+
+Outcome simulate(const std::string& scene, const std::string& out,
+                 const std::vector<std::string>& more = {}) {
+  std::vector<std::string> arguments{"simulate", scene, "--out", out, "--format", "json"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return runCommand(arguments);
+}
+
+void expectCallerError(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
+}
+
+// Three straight muscles.
+const char* const kWithoutCamera = R"(name: rod
+contractions:
+  linear: {table: {pressure_kpa: [0, 100], length_m: [0.3, 0.2]}}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections: [{name: arm, ring: {count: 3, radius_m: 0.03, contraction: linear}}]
+)";
+const char* const kTags = R"(tags:
+  size_m: 0.03
+  groups:
+    - {ids: [4, 9], s: [0.5, 1], position_m: [0, 0, 0.05]}
+)";
+
+TEST(Simulate, ASceneWithACameraGivesPicturesPosesAndTruth) {
+  const TemporaryFolder folder;
+  const Outcome outcome = simulate(scenePath("demo"), folder.path(), {"--count", "3"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_EQ(namesIn(folder.path()),
+            (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv", "picture_0001.jpg",
+                                   "picture_0002.jpg", "picture_0003.jpg"}));
+  const json result = outcome.json();
+  EXPECT_EQ(result["captures"], 3);
+  EXPECT_EQ(result["pictures"], 3);
+  EXPECT_EQ(result["truth"], folder / "truth.csv");
+  EXPECT_EQ(tableOf(folder / "truth.csv").size(), 3u);
+  EXPECT_EQ(tableOf(folder / "tag_poses.csv").size(), 3u * result["tags"].get<unsigned>());
+  const std::string scene = contentOf(scenePath("demo"));
+  EXPECT_EQ(contentOf(folder / "scene.yaml").substr(0, scene.size()), scene);
+}
+
+TEST(Simulate, PicturesShowTheTagsOfTheScene) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), {"--count", "3"}).exit_code, 0);
+  vision::JpegDecoder decoder;
+  vision::TagDetector detector({});
+  const auto truth = tableOf(folder / "truth.csv");
+  std::set<int> ids;
+  for (const auto& row : tableOf(folder / "tag_poses.csv")) {
+    ids.insert(static_cast<int>(row.at("tag")));
+  }
+  for (int i = 0; i < 3; ++i) {
+    const std::string jpeg = contentOf(folder / ("picture_000" + std::to_string(i + 1) + ".jpg"));
+    cv::Mat gray;
+    ASSERT_EQ(decoder.decode(reinterpret_cast<const std::uint8_t*>(jpeg.data()), jpeg.size(), gray),
+              std::nullopt);
+    EXPECT_EQ(gray.size(), cv::Size(1280, 720));
+    const auto found = detector.detect(gray);
+    EXPECT_GE(found.size(), truth[i].at("visible_tags") / 2);
+    for (const vision::TagDetection& tag : found) EXPECT_EQ(ids.count(tag.id), 1u) << tag.id;
+  }
+}
+
+// Without deviation the true arm is the model.
+TEST(Simulate, TheTruthIsTheArmOfTheScene) {
+  const TemporaryFolder folder;
+  const std::vector<std::string> exact{"--count", "4",
+                                       "--set",   "simulation.arm.K_gamma_scale=1",
+                                       "--set",   "simulation.arm.K_kappa_scale=1",
+                                       "--set",   "simulation.arm.length_scale=1"};
+  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), exact).exit_code, 0);
+  const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
+  std::set<double> pressures;
+  for (const auto& row : tableOf(folder / "truth.csv")) {
+    std::vector<double> kpa;
+    for (int i = 1; i <= 3; ++i) {
+      kpa.push_back(row.at("pressure_" + std::to_string(i) + "_kpa"));
+      EXPECT_GE(kpa.back(), 0);
+      EXPECT_LE(kpa.back(), 413.6856);
+      pressures.insert(kpa.back());
+    }
+    const json model = runCommand({"forward", scenePath("demo"), "--pressure-kpa", commaList(kpa),
+                                   "--format", "json"})
+                           .json();
+    const auto twist = numbersOf(model["twist"][0]);
+    for (int k = 0; k < 6; ++k) EXPECT_NEAR(row.at("section_1_" + entries[k]), twist[k], 1e-9);
+    const auto tip = numbersOf(model["tip"]["position_m"]);
+    EXPECT_NEAR(row.at("tip_x_m"), tip[0], 1e-9);
+    EXPECT_NEAR(row.at("tip_y_m"), tip[1], 1e-9);
+    EXPECT_NEAR(row.at("tip_z_m"), tip[2], 1e-9);
+  }
+  EXPECT_EQ(pressures.size(), 12u);
+}
+
+TEST(Simulate, TheArmDeviatesAsTheSceneSays) {
+  const TemporaryFolder folder;
+  const std::string shorter = folder / "shorter", longer = folder / "longer";
+  const auto simulateLength = [](const std::string& out, const std::string& scale) {
+    return simulate(scenePath("demo"), out,
+                    {"--count", "1", "--set", "simulation.arm.length_scale=" + scale});
+  };
+  ASSERT_EQ(simulateLength(shorter, "1").exit_code, 0);
+  ASSERT_EQ(simulateLength(longer, "1.1").exit_code, 0);
+  for (const char* entry : {"section_1_vx_m", "section_1_wx_rad"}) {  // lengths scale the twist
+    const double twist = tableOf(shorter + "/truth.csv")[0].at(entry);
+    EXPECT_NEAR(tableOf(longer + "/truth.csv")[0].at(entry), 1.1 * twist, 1e-9) << entry;
+  }
+}
+
+TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
+  const TemporaryFolder folder;
+  const std::string noise = "vision.tag_position_noise_m=1e-6";
+  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), {"--count", "3", "--set", noise}).exit_code,
+            0);
+  const Outcome outcome = runCommand(
+      {"fit", scenePath("demo"), folder / "tag_poses.csv", "--set", noise, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json fits = outcome.json();
+  const auto truth = tableOf(folder / "truth.csv");
+  ASSERT_EQ(fits["captures"].size(), truth.size());
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    const auto twist = numbersOf(fits["captures"][i]["twist"][0]);
+    EXPECT_NEAR(twist[0], truth[i].at("section_1_vx_m"), 1e-5);
+    EXPECT_NEAR(twist[3], truth[i].at("section_1_wx_rad"), 1e-4);
+    EXPECT_NEAR(twist[4], truth[i].at("section_1_wy_rad"), 1e-4);
+    EXPECT_NEAR(twist[5], truth[i].at("section_1_wz_rad"), 1e-4);
+  }
+}
+
+// 3 axes of 2 tags in 400 captures: 4 standard errors of their mean and of their deviation.
+TEST(Simulate, PositionsHaveTheNoiseOfTheScene) {
+  const TemporaryFile scene(std::string(kWithoutCamera) + kTags);
+  const TemporaryFolder folder;
+  const std::string noisy = folder / "noisy", exact = folder / "exact";
+  const auto simulateNoise = [&scene](const std::string& out, const std::string& noise) {
+    return simulate(scene.path(), out,
+                    {"--count", "400", "--set", "vision.tag_position_noise_m=" + noise});
+  };
+  ASSERT_EQ(simulateNoise(noisy, "0.01").exit_code, 0);
+  ASSERT_EQ(simulateNoise(exact, "1e-6").exit_code, 0);
+  const auto a = tableOf(noisy + "/tag_poses.csv"), b = tableOf(exact + "/tag_poses.csv");
+  ASSERT_EQ(a.size(), 800u);
+  ASSERT_EQ(b.size(), 800u);
+  double sum = 0, squares = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (const char* axis : {"x_m", "y_m", "z_m"}) {
+      const double error = a[i].at(axis) - b[i].at(axis);
+      sum += error;
+      squares += error * error;
+    }
+  }
+  EXPECT_NEAR(sum / 2400, 0, 4 * 0.01 / std::sqrt(2400.0));
+  EXPECT_NEAR(std::sqrt(squares / 2400), 0.01, 0.01 * 4 / std::sqrt(2 * 2400.0));
+}
+
+TEST(Simulate, TheSeedDecidesEveryFile) {
+  const TemporaryFolder folder;
+  const std::string first = folder / "first", again = folder / "again", other = folder / "other";
+  ASSERT_EQ(simulate(scenePath("demo"), first, {"--count", "2", "--seed", "5"}).exit_code, 0);
+  ASSERT_EQ(simulate(scenePath("demo"), again, {"--count", "2", "--seed", "5"}).exit_code, 0);
+  ASSERT_EQ(simulate(scenePath("demo"), other, {"--count", "2", "--seed", "6"}).exit_code, 0);
+  for (const std::string& name : namesIn(first)) {
+    EXPECT_EQ(contentOf(first + "/" + name), contentOf(again + "/" + name)) << name;
+    EXPECT_NE(contentOf(first + "/" + name), contentOf(other + "/" + name)) << name;
+  }
+}
+
+TEST(Simulate, WhatTheSceneLeavesOutIsNotWritten) {
+  const TemporaryFile bare(kWithoutCamera), tags(std::string(kWithoutCamera) + kTags);
+  const TemporaryFolder folder;
+  const std::string first = folder / "bare", second = folder / "deep/tags";
+  const Outcome none = runCommand({"simulate", bare.path(), "--out", first});
+  ASSERT_EQ(none.exit_code, 0) << none.err;
+  EXPECT_NE(none.out.find("no pictures: the scene has no tags"), std::string::npos) << none.out;
+  EXPECT_EQ(namesIn(first), (std::set<std::string>{"scene.yaml", "truth.csv"}));
+  EXPECT_EQ(tableOf(first + "/truth.csv").size(), 20u);
+
+  const Outcome unseen = runCommand({"simulate", tags.path(), "--out", second});
+  ASSERT_EQ(unseen.exit_code, 0) << unseen.err;
+  EXPECT_NE(unseen.out.find("no pictures: the scene has no camera"), std::string::npos);
+  EXPECT_EQ(namesIn(second), (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv"}));
+}
+
+TEST(Simulate, NothingIsOverwritten) {
+  const TemporaryFile scene(kWithoutCamera);
+  const TemporaryFolder folder;
+  std::ofstream(folder / "notes.txt") << "mine";
+  expectCallerError(
+      simulate(scene.path(), folder.path()),
+      "--out " + folder.path() + " is not empty; expected a folder that is empty or absent");
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"notes.txt"});
+  expectCallerError(simulate(scene.path(), folder / "notes.txt"), "notes.txt is a file");
+  expectCallerError(simulate(scene.path(), folder / "notes.txt/below"), "cannot be made");
+}
+
+TEST(Simulate, CallsThatCannotBeServedLeaveNothing) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "out";
+  const TemporaryFile pulled(R"(name: pulled
+contractions:
+  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
+  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
+)");
+  expectCallerError(simulate(pulled.path(), out), "has tendons");
+  expectCallerError(simulate(scenePath("demo"), out, {"--count", "0"}), "--count");
+  expectCallerError(simulate(scenePath("demo"), out, {"--set", "simulation.camera.nothing=1"}),
+                    "nothing");
+  expectCallerError(runCommand({"simulate", scenePath("demo")}), "--out");
+  EXPECT_FALSE(fs::exists(out));
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,89 @@
+#include "helix_arm/io/tag_poses.hpp"
+
+#include <Eigen/Geometry>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+const std::string kHeader = "capture,pressure_1_kpa,pressure_2_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n";
+
+std::vector<TagPoseCapture> load(const std::string& text, int actuators = 2) {
+  return loadTagPoses(loadDataSet(test::TemporaryFile(text).path()), actuators);
+}
+
+// What loading says, without the path of the file.
+std::string faultsOf(const std::string& text) {
+  const test::TemporaryFile file(text);
+  try {
+    loadTagPoses(loadDataSet(file.path()), 2);
+  } catch (const DocumentError& error) {
+    std::string message = error.what();
+    for (std::size_t at; (at = message.find(file.path())) != std::string::npos;) {
+      message.erase(at, file.path().size());
+    }
+    return message;
+  }
+  return {};
+}
+
+TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
+  const auto captures = load("# comment\n" + kHeader +
+                             "7,10,20,3,0.1,0.2,0.3,0,0,0,1\n"
+                             "2,0,5,3,0,0,0,1,0,0,0\n"
+                             "7,10,20,0,-0.1,0,0,0,0,0.6,0.8\n");
+  ASSERT_EQ(captures.size(), 2u);
+  EXPECT_EQ(captures[0].number, 7);
+  EXPECT_EQ(captures[1].number, 2);
+  EXPECT_EQ(captures[0].pressure, Eigen::VectorXd(Eigen::Vector2d(10e3, 20e3)));
+  EXPECT_EQ(captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 5e3)));
+  ASSERT_EQ(captures[0].tags.size(), 2u);
+  ASSERT_EQ(captures[1].tags.size(), 1u);
+  EXPECT_EQ(captures[0].tags[0].id, 3);
+  EXPECT_EQ(captures[0].tags[1].id, 0);
+  EXPECT_EQ(captures[0].tags[1].line, 5);
+  EXPECT_EQ(captures[0].tags[0].X_BT.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
+  EXPECT_EQ(captures[0].tags[0].X_BT.rotation, Eigen::Matrix3d::Identity());
+  // cos and sin of half the angle about z.
+  Eigen::Matrix3d turned;
+  turned << 0.28, -0.96, 0, 0.96, 0.28, 0, 0, 0, 1;
+  EXPECT_LT((captures[0].tags[1].X_BT.rotation - turned).norm(), 1e-15);
+}
+
+TEST(TagPoses, RoundedQuaternionsAreNormalised) {
+  const auto captures = load(kHeader + "1,0,0,3,0,0,0,0,0,0.71,0.71\n");
+  const Eigen::Matrix3d& R = captures[0].tags[0].X_BT.rotation;
+  EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
+}
+
+TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
+  EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,0,0,0,0,0,0,1\n"
+                               "1,0,0,3,0,0,0,0,0,0,1\n"
+                               "1,0,5,4,0,0,0,0,0,0,1\n"
+                               "1.5,0,0,4,0,0,0,0,0,0,1\n"
+                               "2,0,0,-1,0,0,0,0,0,0,1\n"
+                               "2,0,0,5,0,0,0,0,0,0,0.5\n"
+                               "2,0,0,6,0,0,0,0,0,0,0\n"),
+            ":3 measures tag 3 again in capture 1, as line 2 does; expected it once\n"
+            ":4 changes the pressures of capture 1; expected them as in line 2\n"
+            ":5 capture is 1.5; expected a whole number >= 0\n"
+            ":6 tag is -1; expected a whole number >= 0\n"
+            ":7 has a quaternion of norm 0.5; expected 1\n"
+            ":8 has a quaternion of norm 0; expected 1");
+}
+
+TEST(TagPoses, MissingColumnsAreNamed) {
+  const std::string expected =
+      "; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy, qz, qw";
+  EXPECT_EQ(faultsOf("capture,pressure_1_kpa,tag,x_m,y_m,qx,qy,qz\n1,0,3,0,0,0,0,0\n"),
+            " has no column z_m" + expected + "\n has no column qw" + expected);
+  EXPECT_EQ(faultsOf("capture,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,3,0,0,0,0,0,0,1\n"),
+            " has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
+}
+
+}  // namespace
+}  // namespace helix_arm::io

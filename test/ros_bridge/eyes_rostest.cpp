@@ -1,0 +1,359 @@
+// The vision node and nodelet on pictures that the test makes: sound ones are measured in, all
+// others are counted, named, and measured in never.
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <set>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+#include <tf2_msgs/TFMessage.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/tag_picture.hpp"
+#include "support/vision_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using visualization_msgs::Marker;
+using visualization_msgs::MarkerArray;
+
+const std::vector<double> kBent = {2.5e5, 1e5, 2e4};  // [Pa]
+
+// One stand-in for each node, through all tests: to connect takes longer than to test.
+class StandIns : public ::testing::Environment {
+ public:
+  static CameraStandIn& of(const std::string& ns) {
+    auto& place = all()[ns];
+    if (place == nullptr) place = std::make_unique<CameraStandIn>(ns);
+    return *place;
+  }
+  void TearDown() override { all().clear(); }
+
+ private:
+  static std::map<std::string, std::unique_ptr<CameraStandIn>>& all() {
+    static std::map<std::string, std::unique_ptr<CameraStandIn>> stand_ins;
+    return stand_ins;
+  }
+};
+
+const auto* const kStandIns = ::testing::AddGlobalTestEnvironment(new StandIns);
+
+class Eyes : public ::testing::TestWithParam<std::string> {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(eye_.connect());
+    eye_.publish(eye_.info());
+    ASSERT_TRUE(showAndMeasure(bent_));
+  }
+
+  // The measurement of a sound picture; null, after a failure, when there was none.
+  ArmShape::ConstPtr showAndMeasure(const model::Twists& shape) {
+    const cv::Mat picture = eye_.picture(shape);
+    ArmShape::ConstPtr measured;
+    // The node may not have accepted the publisher yet, so the picture is shown more than once.
+    const bool came = waitFor([&] {
+      const ros::Time stamp = eye_.stamp();
+      eye_.show(picture, stamp);
+      measured = VisionListener::of(eye_.measured, stamp, 1.0);
+      return measured != nullptr;
+    });
+    EXPECT_TRUE(came) << "nothing was measured; "
+                      << (eye_.status.all().empty() ? "" : eye_.status.last().message);
+    return measured;
+  }
+
+  VisionStatus lastStatus() { return eye_.status.last(); }
+
+  // What must be told of a fault: counted, and named with the word.
+  void expectTold(const std::string& word, std::uint64_t VisionStatus::*counter,
+                  std::uint64_t before) {
+    const auto status = eye_.tells([&](const VisionStatus& s) {
+      return before < s.*counter && s.state == VisionStatus::CAMERA_FAULT;
+    });
+    ASSERT_TRUE(status) << word << ": not told";
+    EXPECT_NE(status->message.find(word), std::string::npos) << word << " in: " << status->message;
+    EXPECT_NE(status->last_fault.find(word), std::string::npos) << status->last_fault;
+  }
+
+  // Sends a bad picture, which must be told of; that it was not measured in shows with the next
+  // sound one.
+  template <class Send>
+  void expectRefused(const std::string& word, std::uint64_t VisionStatus::*counter, Send&& send) {
+    const std::uint64_t before = lastStatus().*counter;
+    const ros::Time stamp = eye_.stamp();
+    send(stamp);
+    expectTold(word, counter, before);
+    bad_.push_back(stamp);
+  }
+
+  void TearDown() override {
+    eye_.publish(eye_.info());
+    EXPECT_TRUE(showAndMeasure(bent_));
+    for (const auto& measured : eye_.measured.all()) {
+      EXPECT_EQ(std::count(bad_.begin(), bad_.end(), measured->header.stamp), 0);
+    }
+  }
+
+  double tipDistance(const ArmShape& measured, const model::Twists& shape) const {
+    return (ros_bridge::fromMsg(measured.tip).translation - model::tipPose(shape).translation)
+        .norm();
+  }
+
+  CameraStandIn& eye_ = StandIns::of(GetParam());
+  const model::Twists bent_ = eye_.twists(kBent);
+  std::vector<ros::Time> bad_;  // stamps of pictures that must not be measured in
+};
+
+using AllEyes = Eyes;
+
+TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
+  for (const std::vector<double>& pressure :
+       {kBent, {0, 0, 0}, {1e5, 3e5, 1e5}, {3e4, 1e5, 2.5e5}}) {
+    const model::Twists shape = eye_.twists(pressure);
+    const auto measured = showAndMeasure(shape);
+    ASSERT_TRUE(measured);
+    EXPECT_EQ(measured->tier, "measured");
+    EXPECT_EQ(measured->header.frame_id, GetParam() + "_arm_base");
+    ASSERT_EQ(measured->sections, 1U);
+    ASSERT_EQ(measured->twist_covariance.size(), 36U);
+    EXPECT_LT(tipDistance(*measured, shape), 0.003);
+    const Eigen::MatrixXd covariance =
+        Eigen::Map<const Eigen::MatrixXd>(measured->twist_covariance.data(), 6, 6);
+    EXPECT_TRUE(covariance.isApprox(covariance.transpose(), 1e-9));
+    const Eigen::Matrix3d of_tip = estimation::tipCovariance(
+        Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1), covariance);
+    const Eigen::Vector3d variances = of_tip.selfadjointView<Eigen::Lower>().eigenvalues();
+    EXPECT_GT(variances.minCoeff(), 0);
+    EXPECT_LT(variances.maxCoeff(), 0.005 * 0.005);
+    // Its detections name the tags that were used.
+    const auto detections = VisionListener::of(eye_.detections, measured->header.stamp);
+    ASSERT_TRUE(detections);
+    int fitted = 0;
+    for (const TagDetection& tag : detections->tags) {
+      fitted += tag.fitted && tag.known && !tag.repeated && !tag.outlier;
+    }
+    EXPECT_GE(fitted, 4);
+  }
+}
+
+TEST_P(AllEyes, ABlankPictureTakesTheDrawingAway) {
+  // The markers may have been held back by the drawing rate: wait for some.
+  ASSERT_TRUE(eye_.markers.next([](const MarkerArray& array) {
+    return array.markers.at(0).action == Marker::ADD;
+  }) || showAndMeasure(bent_));
+  std::set<std::pair<std::string, int>> drawn, removed;
+  const std::size_t marked = eye_.markers.all().size();
+  eye_.show(cv::Mat(eye_.scene.camera->model.height, eye_.scene.camera->model.width, CV_8UC1,
+                    cv::Scalar(128)),
+            eye_.stamp());
+  EXPECT_TRUE(eye_.tells([](const VisionStatus& s) {
+    return s.state == VisionStatus::NO_TAGS && s.tags == 0 && !s.message.empty();
+  }));
+  ASSERT_TRUE(waitFor([&] {
+    for (std::size_t k = 0; k < eye_.markers.all().size(); ++k) {
+      for (const Marker& marker : eye_.markers.all()[k]->markers) {
+        EXPECT_EQ(marker.header.frame_id, GetParam() + "_arm_base");
+        if (marker.action == Marker::ADD) {
+          EXPECT_GT(marker.lifetime.toSec(), 0.1);
+          drawn.emplace(marker.ns, marker.id);
+        } else if (k >= marked) {
+          removed.emplace(marker.ns, marker.id);
+        }
+      }
+    }
+    return !removed.empty();
+  }));
+  for (const auto& marker : drawn) EXPECT_EQ(removed.count(marker), 1U) << marker.first;
+}
+
+TEST_P(AllEyes, ACameraThatFallsSilentIsStale) {
+  // SetUp's picture was the last one.
+  EXPECT_TRUE(eye_.tells([](const VisionStatus& s) {
+    return s.state == VisionStatus::STALE && s.message.find("no picture") != std::string::npos;
+  }));
+  EXPECT_TRUE(waitFor([this] {
+    return !eye_.markers.all().empty() &&
+           eye_.markers.last().markers.at(0).action == Marker::DELETE;
+  }));
+}
+
+TEST_P(AllEyes, TheModelOfTheSameTimeIsComparedWith) {
+  const auto stamp = eye_.stamp();
+  std_msgs::Header header;
+  model::Twists wrong = bent_;
+  for (int k = -2; k <= 2; ++k) {
+    header.stamp = stamp + ros::Duration(0.02 * k);
+    wrong(0, 0) = bent_(0, 0) + 0.001 * k;  // the one of the picture's time is right
+    eye_.publish(ros_bridge::toShapeMsg(header, "linear", wrong));
+  }
+  eye_.show(eye_.picture(bent_), stamp);
+  const auto measured = VisionListener::of(eye_.measured, stamp);
+  const auto error = VisionListener::of(eye_.errors, stamp);
+  ASSERT_TRUE(measured && error);
+  EXPECT_EQ(error->model_stamp, stamp);
+  ASSERT_EQ(error->twist.size(), 6U);
+  EXPECT_LT(
+      (vectorOf(error->twist) - vectorOf(measured->twist) + Eigen::VectorXd(bent_.col(0))).norm(),
+      1e-12);
+  EXPECT_NEAR(error->tip_error, tipDistance(*measured, bent_), 1e-12);
+  EXPECT_NEAR(error->tip_percent, 100 * error->tip_error / bent_.col(0).head<3>().norm(), 1e-9);
+  EXPECT_GT(error->tip_sigma, 0);
+  EXPECT_GT(error->tag_rms, 0);
+}
+
+TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
+  const vision::TagFamily family(eye_.scene.vision.detector.family);
+  const auto sights = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
+  ASSERT_FALSE(sights.empty());
+  const int repeated = eye_.scene.tags->tags[sights.front().tag].id;
+  const int foreign = 400;
+  cv::Mat picture = eye_.picture(bent_);
+  for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {
+    drawTag(family, family.cells(id), squareCorners(x, 120, 80, 0.1), picture);
+  }
+  const ros::Time stamp = eye_.stamp();
+  const auto before = lastStatus();
+  eye_.show(picture, stamp);
+  const auto measured = VisionListener::of(eye_.measured, stamp);
+  ASSERT_TRUE(measured);
+  EXPECT_LT(tipDistance(*measured, bent_), 0.003);
+  int seen_twice = 0, seen_foreign = 0;
+  const auto detections = VisionListener::of(eye_.detections, stamp);
+  ASSERT_TRUE(detections);
+  for (const TagDetection& tag : detections->tags) {
+    seen_foreign += tag.id == foreign && !tag.known && !tag.fitted;
+    seen_twice += tag.id == repeated && tag.known && tag.repeated && !tag.fitted;
+  }
+  EXPECT_EQ(seen_foreign, 1);
+  EXPECT_EQ(seen_twice, 2);
+  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
+    return s.unknown_tags > before.unknown_tags && s.repeated_tags > before.repeated_tags;
+  }));
+}
+
+TEST_P(AllEyes, ATimeThatJumpsBackStartsAnew) {
+  // A model from the future must not be met again, nor any order of stamps be in the way.
+  eye_.setTime(ros::Time::now() - ros::Duration(100.0));
+  const model::Twists other = eye_.twists({1e5, 3e5, 1e5});
+  for (int k = 0; k < 3; ++k) {
+    const ros::Time stamp = eye_.nextStamp();
+    eye_.show(eye_.picture(other), stamp);
+    const auto measured = VisionListener::of(eye_.measured, stamp);
+    ASSERT_TRUE(measured);
+    EXPECT_LT(tipDistance(*measured, other), 0.003);
+  }
+}
+
+TEST_P(AllEyes, AnUncalibratedCameraIsRefused) {
+  auto info = eye_.info();
+  info.K.fill(0);
+  const std::uint64_t before = lastStatus().bad_camera_info;
+  eye_.publish(info);
+  expectTold("K = 0", &VisionStatus::bad_camera_info, before);
+  // Pictures are not measured in until a sound one comes.
+  const std::uint64_t pictures = lastStatus().pictures;
+  bad_.push_back(eye_.stamp());
+  eye_.show(eye_.picture(bent_), bad_.back());
+  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.pictures > pictures; }));
+  EXPECT_EQ(lastStatus().state, VisionStatus::CAMERA_FAULT);
+}
+
+TEST_P(AllEyes, ACameraInfoOfAnotherSizeIsRefused) {
+  auto info = eye_.info();
+  info.width = 640;
+  info.height = 480;
+  const cv::Mat picture = eye_.picture(bent_);
+  eye_.publish(info);
+  // The first pictures may overtake it.
+  ASSERT_TRUE(waitFor([&] {
+    eye_.show(picture, eye_.stamp());
+    return lastStatus().state == VisionStatus::CAMERA_FAULT;
+  }));
+  expectRefused("camera_info of 640 x 480", &VisionStatus::wrong_size,
+                [&](const ros::Time& stamp) { eye_.show(picture, stamp); });
+}
+
+TEST_P(AllEyes, ACalibrationOtherThanTheScenesReplacesIt) {
+  // A camera of twice the focal length seems twice as near: the same picture fits no more.
+  auto info = eye_.info();
+  info.K[0] *= 1.02;
+  info.K[4] *= 1.02;
+  eye_.publish(info);
+  const cv::Mat picture = eye_.picture(bent_);
+  EXPECT_TRUE(waitFor([&] {
+    const ros::Time stamp = eye_.stamp();
+    eye_.show(picture, stamp);
+    const auto measured = VisionListener::of(eye_.measured, stamp, 1.0);
+    return measured && tipDistance(*measured, bent_) > 0.003;
+  }));
+}
+
+TEST_P(AllEyes, AModelOfAnotherArmIsCountedAndNotUsed) {
+  const auto before = lastStatus();
+  std_msgs::Header header;
+  header.stamp = eye_.stamp();
+  eye_.publish(ros_bridge::toShapeMsg(header, "linear", model::Twists::Zero(6, 3)));
+  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
+}
+
+TEST_P(AllEyes, APictureOfAnotherSizeIsRefused) {
+  cv::Mat small;
+  cv::resize(eye_.picture(bent_), small, {640, 480});
+  expectRefused("of 640 x 480 pixels", &VisionStatus::wrong_size,
+                [&](const ros::Time& stamp) { eye_.show(small, stamp); });
+}
+
+INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
+
+class JpegEye : public Eyes {};
+
+TEST_P(JpegEye, WhatIsNoJpegIsRefused) {
+  const auto sound = eye_.jpeg(eye_.picture(bent_), {});
+  const auto changed = [&](const auto& change) {
+    return [this, sound, change](const ros::Time& stamp) {
+      auto message = sound;
+      message.header.stamp = stamp;
+      change(message);
+      eye_.publish(message);
+    };
+  };
+  expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
+  expectRefused("cannot be decoded", &VisionStatus::bad_jpeg,
+                changed([](auto& m) { m.data.resize(m.data.size() / 2); }));
+  expectRefused("png", &VisionStatus::wrong_encoding,
+                changed([](auto& m) { m.format = "mono8; png compressed mono8"; }));
+}
+
+INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
+
+class RawEye : public Eyes {};
+
+TEST_P(RawEye, WhatIsNoPictureIsRefused) {
+  const auto sound = eye_.raw(eye_.picture(bent_), {});
+  const auto changed = [&](const auto& change) {
+    return [this, sound, change](const ros::Time& stamp) {
+      auto message = sound;
+      message.header.stamp = stamp;
+      change(message);
+      eye_.publish(message);
+    };
+  };
+  expectRefused("'yuv422'", &VisionStatus::wrong_encoding,
+                changed([](auto& m) { m.encoding = "yuv422"; }));
+  expectRefused("0 x 0", &VisionStatus::wrong_size, changed([](auto& m) {
+                  m.width = m.height = m.step = 0;
+                  m.data.clear();
+                }));
+  expectRefused("bytes in rows of", &VisionStatus::wrong_size,
+                changed([](auto& m) { m.data.resize(100); }));
+}
+
+INSTANTIATE_TEST_SUITE_P(, RawEye, ::testing::Values("raw"));
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

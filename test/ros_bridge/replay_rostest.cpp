@@ -1,0 +1,98 @@
+// A recorded run played again: the same pictures give the same measurements.
+#include <csignal>
+#include <map>
+
+#include <gtest/gtest.h>
+
+#include "support/process.hpp"
+#include "support/temporary_folder.hpp"
+#include "support/vision_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using Shapes = std::map<ros::Time, ArmShape::ConstPtr>;
+
+Shapes since(const Inbox<ArmShape>& inbox, std::size_t first) {
+  Shapes out;
+  for (std::size_t k = first; k < inbox.all().size(); ++k) {
+    out[inbox.all()[k]->header.stamp] = inbox.all()[k];
+  }
+  return out;
+}
+
+// Largest difference of the twists of shapes with the same stamp.
+double difference(const Shapes& a, const Shapes& b) {
+  double largest = 0;
+  for (const auto& [stamp, shape] : a) {
+    const auto other = b.find(stamp);
+    if (other == b.end()) continue;
+    largest = std::max(largest, (vectorOf(shape->twist) - vectorOf(other->second->twist)).norm());
+  }
+  return largest;
+}
+
+std::vector<std::string> vision(const std::string& ns) {
+  return {HELIX_ARM_VISION, "__ns:=" + ns, "_scene:=demo", "_source:=image/compressed",
+          "_frame_prefix:=" + ns + "_"};
+}
+
+TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
+  constexpr std::size_t kWanted = 14;
+  const TemporaryFolder folder;
+  const std::string bag = folder / "run.bag";
+  VisionListener live("live"), replay("replay");
+  const std::vector<std::string> topics = {names::kCompressedImage, names::kCameraInfo,
+                                           names::kModel};
+
+  // The recorder listens before the node does, so that the bag holds all that the node sees; the
+  // rig takes pictures only while someone does.
+  const Inbox<sensor_msgs::CameraInfo> info(live.node, names::kCameraInfo);
+  std::vector<std::string> record = {"rosrun", "rosbag", "record", "-O", bag};
+  for (const std::string& topic : topics) record.push_back("/live/" + topic);
+  Process recorder(record);
+  ASSERT_TRUE(waitFor([&] { return info.all().size() >= 3; })) << recorder.output();
+  {
+    Process node(vision("live"));
+    ASSERT_TRUE(waitFor([&] { return live.measured.all().size() >= kWanted; })) << node.output();
+    recorder.signal(SIGINT);
+    ASSERT_EQ(recorder.exitCode(), 0) << recorder.output();
+  }
+  const Shapes first = since(live.measured, 0);
+
+  // Only nodes that start from now on go by the clock of the bag.
+  ros::param::set("/use_sim_time", true);
+  Process node(vision("replay"));
+  ASSERT_TRUE(node.prints("looks for")) << node.output();
+  Shapes played[2];
+  for (Shapes& shapes : played) {
+    const std::size_t begin = replay.measured.all().size();
+    std::vector<std::string> play = {
+        "rosrun", "rosbag", "play", "--clock", "--wait-for-subscribers", bag};
+    for (const std::string& topic : topics) play.push_back("/live/" + topic + ":=/replay/" + topic);
+    play.insert(play.end(), {"--topics"});
+    for (const std::string& topic : topics) play.push_back("/live/" + topic);
+    Process player(play);
+    int code = -1;
+    ASSERT_TRUE(waitFor([&] { return (code = player.exitCode(0.01)) >= 0; }, 30))
+        << player.output();
+    ASSERT_EQ(code, 0) << player.output();
+    ASSERT_TRUE(waitFor([&] { return replay.measured.all().size() >= begin + kWanted - 1; }))
+        << replay.measured.all().size() - begin << " came again\n"
+        << player.output();
+    shapes = since(replay.measured, begin);
+  }
+  ros::param::del("/use_sim_time");
+
+  std::size_t common = 0;
+  for (const auto& [stamp, shape] : first) common += played[0].count(stamp);
+  EXPECT_GE(common, kWanted - 1);
+  EXPECT_EQ(difference(played[0], played[1]), 0.0) << "the second time";
+  EXPECT_LT(difference(first, played[0]), 1e-9) << "the first time";
+  EXPECT_NE(node.output().find("jumped back"), std::string::npos) << node.output();
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -1,0 +1,153 @@
+// The whole loop: pressures -> true arm -> pictures -> tags -> measured shape beside the model.
+#include <csignal>
+#include <memory>
+
+#include <gtest/gtest.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/process.hpp"
+#include "support/vision_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using visualization_msgs::Marker;
+
+constexpr char kLoop[] = "pressure_command: loop";
+
+class Loop : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    start();
+    ASSERT_TRUE(rig_.connect());
+    ASSERT_TRUE(eye_.measured.next([](const ArmShape&) { return true; })) << rig_process_->output();
+  }
+
+  void start() {
+    rig_process_ = std::make_unique<Process>(
+        std::vector<std::string>{HELIX_ARM_SIMULATED_RIG, "_scene:=demo", "_camera_rate:=8"});
+  }
+
+  Rig rig_;
+  VisionListener eye_{""};
+  Inbox<ArmShape> truth_{eye_.node, names::kTruth};
+  Inbox<sensor_msgs::Image> image_{eye_.node, names::kImage};
+  Inbox<sensor_msgs::CameraInfo> info_{eye_.node, names::kCameraInfo};
+  Inbox<tf2_msgs::TFMessage> tf_{eye_.node, "/tf"};
+  std::unique_ptr<Process> rig_process_;
+};
+
+Eigen::Vector3d tipOf(const ArmShape& shape) { return ros_bridge::fromMsg(shape.tip).translation; }
+
+TEST_F(Loop, MeasuredIsTheTrueShapeAtTheTimeOfThePicture) {
+  constexpr int kCount = 12;
+  std::vector<double> errors, shares;
+  for (const std::vector<double>& pressure : {std::vector<double>{2.5e5, 1e5, 0}, {0, 1e5, 3e5}}) {
+    ASSERT_EQ(rig_.sendPressures(pressure).outcome, TargetStatus::TAKEN);
+    for (int k = 0; k < kCount; ++k) {
+      const auto measured = eye_.measured.next([](const ArmShape&) { return true; });
+      ASSERT_TRUE(measured);
+      const auto truth = VisionListener::of(truth_, measured->header.stamp);
+      ASSERT_TRUE(truth);
+      EXPECT_TRUE(VisionListener::of(info_, measured->header.stamp));
+      EXPECT_EQ(truth->tier, "truth");
+      const Eigen::Vector3d error = tipOf(*measured) - tipOf(*truth);
+      EXPECT_LT(error.norm(), 0.005);
+      const Eigen::Matrix3d covariance = estimation::tipCovariance(
+          Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1),
+          Eigen::Map<const Eigen::MatrixXd>(measured->twist_covariance.data(), 6, 6));
+      errors.push_back(error.norm());
+      shares.push_back(error.dot(covariance.ldlt().solve(error)) / 3);
+    }
+  }
+  std::nth_element(errors.begin(), errors.begin() + kCount, errors.end());
+  EXPECT_LT(errors[kCount], 0.003);
+  // The covariance is neither a wish nor a shrug: errors are of its size, within a factor of 4.
+  std::nth_element(shares.begin(), shares.begin() + kCount, shares.end());
+  EXPECT_LT(shares[kCount], 16.0);
+  EXPECT_GT(shares[kCount], 1.0 / 16.0);
+}
+
+TEST_F(Loop, ModelAndErrorAndFramesAreOfTheSameTime) {
+  const auto error = eye_.errors.next([](const ModelError&) { return true; });
+  ASSERT_TRUE(error);
+  EXPECT_EQ(error->header.frame_id, "arm_base");
+  const auto measured = VisionListener::of(eye_.measured, error->header.stamp);
+  const auto model = VisionListener::of(rig_.model, error->model_stamp);
+  ASSERT_TRUE(measured && model);
+  // The rig stamps both alike; on a busy machine the model may come too late to be waited for.
+  EXPECT_LT(std::abs((error->model_stamp - error->header.stamp).toSec()), 0.05);
+  EXPECT_LT((vectorOf(error->twist) - vectorOf(measured->twist) + vectorOf(model->twist)).norm(),
+            1e-12);
+  EXPECT_NEAR(error->tip_error, (tipOf(*measured) - tipOf(*model)).norm(), 1e-12);
+  ASSERT_TRUE(waitFor([&] {
+    for (const auto& message : tf_.all()) {
+      for (const auto& t : message->transforms) {
+        if (t.child_frame_id != "measured_tip" || t.header.stamp != error->header.stamp) continue;
+        EXPECT_EQ(t.header.frame_id, "arm_base");
+        EXPECT_NEAR(t.transform.translation.x, measured->tip.position.x, 1e-12);
+        EXPECT_NEAR(t.transform.translation.y, measured->tip.position.y, 1e-12);
+        return true;
+      }
+    }
+    return false;
+  })) << "no measured_tip in tf";
+}
+
+TEST_F(Loop, TheModelGoesByTheRegulatorsReadings) {
+  for (int k = 0; k < 10; ++k) {
+    const auto model = rig_.model.next([](const ArmShape&) { return true; });
+    ASSERT_TRUE(model);
+    EXPECT_TRUE(VisionListener::of(rig_.measured, model->header.stamp));
+  }
+}
+
+TEST_F(Loop, TheOverlayIsDrawnForWhoeverLooks) {
+  const Inbox<sensor_msgs::Image> overlay(eye_.node, names::kOverlay);
+  ASSERT_TRUE(waitFor([&] { return !overlay.all().empty(); }));
+  const sensor_msgs::Image& picture = overlay.last();
+  EXPECT_EQ(picture.encoding, "bgr8");
+  EXPECT_EQ(picture.width, image_.last().width);
+  EXPECT_EQ(picture.height, image_.last().height);
+  // Something of it has colour, and the rest is the gray picture.
+  std::size_t coloured = 0;
+  for (std::size_t k = 0; k + 2 < picture.data.size(); k += 3) {
+    coloured += picture.data[k] != picture.data[k + 1] || picture.data[k] != picture.data[k + 2];
+  }
+  EXPECT_GT(coloured, picture.data.size() / 3 / 1000);
+  EXPECT_LT(coloured, picture.data.size() / 3 / 4);
+}
+
+TEST_F(Loop, ARigThatEndsIsToldAndOneThatComesBackIsMeasuredAgain) {
+  rig_process_->signal(SIGINT);
+  EXPECT_EQ(rig_process_->exitCode(), 0) << rig_process_->output();
+  EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));
+  EXPECT_TRUE(waitFor([this] {
+    return !eye_.markers.all().empty() &&
+           eye_.markers.last().markers.at(0).action == Marker::DELETE;
+  }));
+  const auto hasLevel = [](const char* name, std::uint8_t level) {
+    return [name, level](const diagnostic_msgs::DiagnosticArray& array) {
+      for (const auto& s : array.status) {
+        if (s.name == name && s.level == level) return true;
+      }
+      return false;
+    };
+  };
+  using diagnostic_msgs::DiagnosticStatus;
+  EXPECT_TRUE(rig_.diagnostics.next(hasLevel("vision: camera", DiagnosticStatus::ERROR)));
+  EXPECT_TRUE(rig_.diagnostics.next(hasLevel(kLoop, DiagnosticStatus::ERROR)));
+  const std::size_t models = rig_.model.all().size();
+  EXPECT_TRUE(rig_.diagnostics.next(hasLevel(kLoop, DiagnosticStatus::ERROR)));
+  EXPECT_EQ(rig_.model.all().size(), models) << "a model without measurements";
+  start();
+  EXPECT_TRUE(eye_.measured.next([](const ArmShape&) { return true; }));
+  EXPECT_TRUE(rig_.diagnostics.next(hasLevel("vision: camera", DiagnosticStatus::OK)));
+  EXPECT_TRUE(rig_.model.next([](const ArmShape&) { return true; }));
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -1,0 +1,342 @@
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
+#include "support/paper_arm.hpp"
+#include "support/random.hpp"
+#include "tag_studio.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using simulation::ArmBody;
+using simulation::SimulatedCamera;
+using simulation::SimulatedCameraConfig;
+
+const lie::SE3 kBefore{facingCamera(), {0.0, 0.0, 0.3}};  // in the middle of the picture
+
+cv::Mat doubles(const cv::Mat& picture) {
+  cv::Mat out;
+  picture.convertTo(out, CV_64F);
+  return out;
+}
+
+bool same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
+
+// Gray levels of the noisy picture less those of the clean one.
+cv::Mat noiseOf(double noise) {
+  const estimation::ArmView view = studio(plainCamera(), {kBefore});
+  SimulatedCameraConfig config = sharpConfig();
+  const cv::Mat clean = photograph(view, config);
+  config.noise = noise;
+  return doubles(photograph(view, config)) - doubles(clean);
+}
+
+double correlation(const cv::Mat& noise, int dx, int dy) {
+  const cv::Rect all(0, 0, noise.cols - dx, noise.rows - dy);
+  return noise(all).dot(noise(all + cv::Point(dx, dy))) / noise(all).dot(noise(all));
+}
+
+// 65536 independent values: their mean is good to sigma / 256, their deviation to 0.3 %. Rounding
+// adds 1/12 to the variance.
+TEST(SimulatedCamera, NoiseHasTheGivenDeviationAndMovesNoMean) {
+  for (const double asked : {1.0, 2.0, 6.0}) {
+    cv::Scalar mean, deviation;
+    const cv::Mat noise = noiseOf(asked);
+    cv::meanStdDev(noise, mean, deviation);
+    EXPECT_NEAR(mean[0], 0.0, 4 * asked / 256) << asked;
+    EXPECT_NEAR(deviation[0] / std::sqrt(asked * asked + 1.0 / 12), 1.0, 0.015) << asked;
+    for (const auto& [dx, dy] : {std::pair{1, 0}, {0, 1}, {1, 1}, {7, 0}, {0, 2}}) {
+      EXPECT_NEAR(correlation(noise, dx, dy), 0.0, 0.02) << asked;
+    }
+  }
+}
+
+TEST(SimulatedCamera, NoiseIsNewInEveryPicture) {
+  SimulatedCameraConfig config = sharpConfig();
+  config.noise = 2;
+  SimulatedCamera camera(studio(plainCamera(), {kBefore}), vision::TagFamily("36h11"), {}, config);
+  const cv::Mat first = doubles(camera.render(studioTwists()));
+  const cv::Mat second = doubles(camera.render(studioTwists()));
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(second - first, mean, deviation);
+  EXPECT_NEAR(deviation[0], 2 * std::sqrt(2.0), 0.1);
+}
+
+TEST(SimulatedCamera, BlurIsAGaussianOfTheGivenDeviation) {
+  const estimation::ArmView view = studio(plainCamera(), {kBefore});
+  const cv::Mat sharp = doubles(photograph(view, sharpConfig()));
+  for (const double asked : {0.5, 0.7, 1.0, 2.0}) {
+    SimulatedCameraConfig config = sharpConfig();
+    config.blur = asked;
+    const cv::Mat blurred = doubles(photograph(view, config));
+    cv::Mat expected;
+    cv::GaussianBlur(sharp, expected, cv::Size(25, 25), asked, asked, cv::BORDER_REPLICATE);
+    EXPECT_GT(cv::norm(blurred, sharp, cv::NORM_INF), 20) << asked;
+    EXPECT_LT(cv::norm(blurred, expected, cv::NORM_INF), 2.0) << asked;
+  }
+}
+
+TEST(SimulatedCamera, ExposureScalesGrayLevelsUntilTheySaturate) {
+  const estimation::ArmView view = studio(plainCamera(), {kBefore});
+  const cv::Mat normal = photograph(view, sharpConfig());
+  for (const double exposure : {0.4, 1.3, 3.0}) {
+    SimulatedCameraConfig config = sharpConfig();
+    config.exposure = exposure;
+    const cv::Mat picture = photograph(view, config);
+    const cv::Mat expected = cv::min(doubles(normal) * exposure, 255.0);
+    EXPECT_LE(cv::norm(doubles(picture), expected, cv::NORM_INF), 0.5 + 1e-4) << exposure;
+    EXPECT_EQ(cv::countNonZero(picture == 255) > 0, exposure > 1.2) << exposure;
+  }
+}
+
+TEST(SimulatedCamera, TheSeedAndTheCallsDecideThePictures) {
+  SimulatedCameraConfig config;
+  config.clutter = 8;
+  config.occluders = 3;
+  const estimation::ArmView view = studio(distortingCamera(), {kBefore});
+  const vision::TagFamily family("36h11");
+  SimulatedCamera a(view, family, {}, config), b(view, family, {}, config);
+  config.seed = 2;
+  SimulatedCamera other(view, family, {}, config);
+  for (int i = 0; i < 5; ++i) {
+    const cv::Mat& picture = a.render(studioTwists());
+    EXPECT_TRUE(same(picture, b.render(studioTwists())));
+    EXPECT_FALSE(same(picture, other.render(studioTwists())));
+  }
+}
+
+TEST(SimulatedCamera, PicturesAreGrayAndOfTheCamerasSize) {
+  const cv::Mat picture = photograph(studio(plainCamera(), {}), {});
+  EXPECT_EQ(picture.type(), CV_8UC1);
+  EXPECT_EQ(picture.size(), cv::Size(640, 480));
+}
+
+TEST(SimulatedCamera, TagsThatShowTheirBacksAreNotDrawn) {
+  const cv::Mat empty = photograph(studio(plainCamera(), {}), sharpConfig());
+  const lie::SE3 back{Eigen::Matrix3d::Identity(), {0.0, 0.0, 0.3}};
+  EXPECT_TRUE(same(photograph(studio(plainCamera(), {back}), sharpConfig()), empty));
+  EXPECT_FALSE(same(photograph(studio(plainCamera(), {kBefore}), sharpConfig()), empty));
+}
+
+TEST(SimulatedCamera, TagsBehindTheCameraOrOutOfThePictureAreNotDrawn) {
+  for (const estimation::Camera& camera : {plainCamera(), distortingCamera()}) {
+    const cv::Mat empty = photograph(studio(camera, {}), sharpConfig());
+    const lie::SE3 behind{Eigen::Vector3d(1, 1, 1).asDiagonal(), {0.0, 0.0, -0.3}};
+    const lie::SE3 beside{facingCamera(), {0.4, 0.0, 0.3}};
+    EXPECT_TRUE(same(photograph(studio(camera, {behind, beside}), sharpConfig()), empty));
+  }
+}
+
+TEST(SimulatedCamera, TheNearerTagHidesTheFarther) {
+  const lie::SE3 behind{facingCamera(), {0.012, 0.0, 0.4}};
+  const cv::Mat alone = photograph(studio(plainCamera(), {kBefore}), sharpConfig());
+  const cv::Mat both = photograph(studio(plainCamera(), {kBefore, behind}), sharpConfig());
+  const cv::Mat reversed = photograph(studio(plainCamera(), {behind, kBefore}), sharpConfig());
+  const cv::Rect face(cv::Point(322 - 38, 238 - 38), cv::Size(76, 76));  // 83 px are black
+  EXPECT_TRUE(same(both(face), alone(face)));
+  EXPECT_FALSE(same(both, alone));
+  EXPECT_FALSE(same(reversed(face), both(face)));  // its ids are the other way round
+}
+
+// The arm of the demo, tags all around it.
+estimation::ArmView armView() {
+  estimation::Camera camera{1280, 720, 920, 915, 640, 360, {0.08, -0.18, 1e-3, -5e-4, 0.05}};
+  Eigen::Matrix3d base;  // x of the arm down in the picture, z towards the camera
+  base << 0, -1, 0, 1, 0, 0, 0, 0, -1;
+  base.col(1) = base.col(2).cross(base.col(0));
+  estimation::ArmView view{camera, {base, {0.0, -0.2, 0.9}}, {kTagSize, {}}, 1};
+  for (int i = 0; i < 24; ++i) {
+    const Eigen::AngleAxisd around(i * 1.9, Eigen::Vector3d::UnitX());
+    Eigen::Matrix3d face;
+    face << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+    face = around * face;
+    view.layout.tags.push_back({i, 0, i / 23.0, {face, 0.04 * face.col(2)}});
+  }
+  return view;
+}
+
+// With a body as thin as a hair nothing is hidden; what is then seen of each tag must stay.
+TEST(SimulatedCamera, TheBodyDoesNotCoverTagsThatFaceTheCamera) {
+  const estimation::ArmView view = armView();
+  const vision::TagFamily family("36h11");
+  const model::Arm arm = ringArm(helicalRing());
+  SimulatedCamera thick(view, family, ArmBody{0.035}, sharpConfig());
+  SimulatedCamera thin(view, family, ArmBody{1e-6}, sharpConfig());
+  Random random(8);
+  int tags = 0;
+  for (int i = 0; i < 20; ++i) {
+    const model::Twists twists = arm.twists(randomInput(arm, random));
+    const cv::Mat &with = thick.render(twists), &without = thin.render(twists);
+    EXPECT_GT(cv::norm(with, without, cv::NORM_L1), 1e5);
+    for (const estimation::TagSight& sight : estimation::visibleTags(view, twists, 0.35)) {
+      cv::Mat mask = cv::Mat::zeros(with.size(), CV_8UC1);
+      cv::Point corners[4];
+      for (int c = 0; c < 4; ++c) {
+        corners[c] = {static_cast<int>(std::lround(sight.corners(0, c))),
+                      static_cast<int>(std::lround(sight.corners(1, c)))};
+      }
+      cv::fillConvexPoly(mask, corners, 4, 255);
+      EXPECT_EQ(cv::norm(with, without, cv::NORM_INF, mask), 0) << "tag " << sight.tag;
+      ++tags;
+    }
+  }
+  EXPECT_GT(tags, 100);
+}
+
+TEST(SimulatedCamera, TheBodyHidesWhatIsBehindIt) {
+  estimation::ArmView view = armView();
+  const vision::TagFamily family("36h11");
+  model::Twists straight(6, 1);
+  straight << 0.4, 0, 0, 0, 0, 0;
+  view.layout.tags.clear();
+  const cv::Mat without =
+      SimulatedCamera(view, family, ArmBody{0.035}, sharpConfig()).render(straight).clone();
+  Eigen::Matrix3d face;
+  face << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  view.layout.tags.push_back({0, 0, 0.5, {face, Eigen::Vector3d(0, 0, -0.1)}});
+  EXPECT_EQ(estimation::visibleTags(view, straight).size(), 1u);
+  const cv::Mat with =
+      SimulatedCamera(view, family, ArmBody{0.035}, sharpConfig()).render(straight).clone();
+  EXPECT_TRUE(same(with, without));
+}
+
+TEST(SimulatedCamera, OccludersWanderAndHideTags) {
+  const estimation::ArmView view = studio(plainCamera(), {kBefore});
+  const cv::Mat clear = photograph(view, sharpConfig());
+  SimulatedCameraConfig config = sharpConfig();
+  config.occluders = 4;
+  SimulatedCamera camera(view, vision::TagFamily("36h11"), {}, config);
+  const cv::Rect face(cv::Point(322 - 38, 238 - 38), cv::Size(76, 76));
+  int hidden = 0, free = 0;
+  cv::Mat last = clear;
+  for (int i = 0; i < 300; ++i) {
+    const cv::Mat& picture = camera.render(studioTwists());
+    EXPECT_FALSE(same(picture, last)) << i;
+    const int changed = cv::countNonZero(picture(face) != clear(face));
+    if (changed > face.area() / 4) ++hidden;
+    if (changed == 0) ++free;
+    picture.copyTo(last);
+  }
+  EXPECT_GT(hidden, 5);
+  EXPECT_GT(free, 5);
+}
+
+TEST(SimulatedCamera, ClutterLooksLikeTagsAndIsNone) {
+  vision::TagDetector detector({});
+  for (unsigned seed = 1; seed <= 10; ++seed) {
+    SimulatedCameraConfig config;
+    const cv::Mat plain = photograph(studio(plainCamera(), {kBefore}), config);
+    config.clutter = 20;
+    config.seed = seed;
+    const cv::Mat cluttered = photograph(studio(plainCamera(), {kBefore}), config);
+    EXPECT_GT(cv::norm(cluttered, plain, cv::NORM_L1), 1e6);
+    const auto found = detector.detect(cluttered);
+    ASSERT_EQ(found.size(), 1u) << "seed " << seed;
+    EXPECT_EQ(found.front().id, 0);
+  }
+}
+
+// libapriltag's own errors average out over tags of all poses; a bias of the pictures would not.
+TEST(SimulatedCamera, CornersAreFoundWhereTheyAre) {
+  vision::DetectorConfig detector_config;
+  detector_config.quad_decimate = 1;
+  vision::TagDetector detector(detector_config);
+  SimulatedCameraConfig config;
+  config.noise = 1;
+  for (const estimation::Camera& camera : {plainCamera(), distortingCamera()}) {
+    Random random(31);
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+    double outward = 0;
+    int corners = 0;
+    for (int i = 0; i < 20; ++i) {
+      std::vector<lie::SE3> poses;
+      for (int place = 0; place < 12; ++place) {
+        poses.push_back(randomTagPose(random, 0.45, 0.7));
+        lie::SE3& X_CT = poses.back();
+        X_CT.translation.x() = ((place % 4 - 1.5) * 0.17 + random.uniform(-1e-3, 1e-3)) * 0.7;
+        X_CT.translation.y() = ((place / 4 - 1) * 0.17 + random.uniform(-1e-3, 1e-3)) * 0.7;
+      }
+      config.seed = 100 + i;
+      const estimation::ArmView view = studio(camera, poses);
+      const auto found = detector.detect(photograph(view, config));
+      for (const auto& sight : estimation::visibleTags(view, studioTwists(), 0.5)) {
+        const Eigen::Vector2d middle = sight.corners.rowwise().mean();
+        for (const vision::TagDetection& tag : found) {
+          if (tag.id != sight.tag) continue;
+          for (int c = 0; c < 4; ++c) {
+            const Eigen::Vector2d error = tag.corners.col(c) - sight.corners.col(c);
+            mean += error;
+            outward += error.dot((sight.corners.col(c) - middle).normalized());
+            ++corners;
+          }
+        }
+      }
+    }
+    ASSERT_GT(corners, 500);
+    mean /= corners;
+    outward /= corners;
+    EXPECT_LT(mean.norm(), 0.02) << mean.transpose();
+    EXPECT_LT(std::abs(outward), 0.02);
+  }
+}
+
+void expectRefusal(const std::string& message, const std::function<void()>& call) {
+  try {
+    call();
+    ADD_FAILURE() << "accepted; expected " << message;
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find(message), std::string::npos) << error.what();
+  }
+}
+
+TEST(SimulatedCamera, EveryRuleOfTheConfigIsNamed) {
+  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
+  const auto refused = [](const std::string& message, auto member, auto value) {
+    SimulatedCameraConfig config;
+    config.*member = value;
+    expectRefusal(message, [&config] { config.validate(); });
+    expectRefusal(message, [&config] { photograph(studio(plainCamera(), {}), config); });
+  };
+  for (const double wrong : {-1e-9, nan, infinity}) {
+    refused("the blur [px] is ", &SimulatedCameraConfig::blur, wrong);
+    refused("the noise [gray levels] is ", &SimulatedCameraConfig::noise, wrong);
+    refused("the bleed [m] is ", &SimulatedCameraConfig::bleed, wrong);
+  }
+  for (const double wrong : {0.0, -1.0, nan, infinity}) {
+    refused("the exposure is ", &SimulatedCameraConfig::exposure, wrong);
+  }
+  refused("the JPEG quality is 0; expected 1 to 100", &SimulatedCameraConfig::jpeg_quality, 0);
+  refused("the JPEG quality is 101", &SimulatedCameraConfig::jpeg_quality, 101);
+  refused("objects in the background is -1", &SimulatedCameraConfig::clutter, -1);
+  refused("occluders is -1", &SimulatedCameraConfig::occluders, -1);
+  EXPECT_NO_THROW(SimulatedCameraConfig{}.validate());
+}
+
+TEST(SimulatedCamera, WhatCannotBeDrawnIsRefused) {
+  const vision::TagFamily family("16h5");
+  estimation::ArmView view = studio(plainCamera(), {kBefore});
+  expectRefusal("the arm's radius [m] is 0",
+                [&] { SimulatedCamera(view, family, ArmBody{0.0}, {}); });
+  view.layout.tags[0].id = family.count();
+  expectRefusal("the id of a tag is 30", [&] { SimulatedCamera(view, family, {}, {}); });
+  view.layout.tags[0].id = 0;
+  view.camera.fx = 0;
+  expectRefusal("fx", [&] { SimulatedCamera(view, family, {}, {}); });
+  view.camera = plainCamera();
+  SimulatedCameraConfig config;
+  config.bleed = kTagSize / 6 / 2;  // half a cell of this family
+  expectRefusal("less than half a cell", [&] { SimulatedCamera(view, family, {}, config); });
+  SimulatedCamera camera(view, family, {}, {});
+  expectRefusal("the number of sections is 2", [&] { camera.render(model::Twists::Zero(6, 2)); });
+  expectRefusal("not finite", [&] { camera.render(model::Twists::Constant(6, 1, std::nan(""))); });
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,325 @@
+#include "helix_arm/vision/frame_source.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <unistd.h>
+
+#include "helix_arm/vision/jpeg.hpp"
+#include "jpeg_pictures.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using vision::Frame;
+using vision::FrameSource;
+using vision::FrameStatus;
+using vision::VideoDevice;
+using vision::WebcamConfig;
+
+// A folder of one's own that goes away with the object.
+class Folder {
+ public:
+  Folder() : path_((fs::temp_directory_path() / "helix_arm_frames_XXXXXX").string()) {
+    if (mkdtemp(path_.data()) == nullptr) throw std::runtime_error("cannot make " + path_);
+  }
+  ~Folder() { fs::remove_all(path_); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+
+  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
+  const std::string& path() const { return path_; }
+  void write(const std::string& name, const Bytes& bytes) const {
+    std::ofstream(*this / name, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
+  }
+
+ private:
+  std::string path_;
+};
+
+cv::Mat grayPicture(int width, int height, int shade = 0) {
+  cv::Mat gray;
+  cv::cvtColor(colourPicture(width, height), gray, cv::COLOR_BGR2GRAY);
+  return gray + cv::Scalar(shade);
+}
+
+std::vector<std::uint8_t> encoded(const std::string& extension, const cv::Mat& picture) {
+  std::vector<std::uint8_t> bytes;
+  cv::imencode(extension, picture, bytes);
+  return bytes;
+}
+
+// ---- Files --------------------------------------------------------------------------------------
+
+TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
+  const Folder folder;
+  const cv::Mat picture = grayPicture(64, 48);
+  folder.write("b.png", encoded(".png", picture));
+  folder.write("a.JPG", vision::JpegEncoder(95).encode(picture));
+  folder.write("c.bmp", encoded(".bmp", picture));
+  folder.write("d.pgm", encoded(".pgm", picture));
+  folder.write("notes.txt", Bytes(10, 'x'));
+  fs::create_directory(folder / "e.png");
+  const auto source = FrameSource::files(folder.path());
+  Frame frame;
+  for (const char* name : {"a.JPG", "b.png", "c.bmp", "d.pgm"}) {
+    ASSERT_EQ(source->next(frame), FrameStatus::kFrame) << name << ": " << frame.fault;
+    EXPECT_EQ(frame.name, folder / name);
+    EXPECT_EQ(frame.fault, "");
+    ASSERT_EQ(frame.gray.type(), CV_8UC1);
+    ASSERT_EQ(frame.gray.size(), picture.size());
+    EXPECT_LE(cv::norm(frame.gray, picture, cv::NORM_L1) / static_cast<double>(picture.total()),
+              name[0] == 'a' ? 2.0 : 0.0);
+  }
+  EXPECT_EQ(frame.number, 3u);
+  EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+  EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+}
+
+TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
+  const Folder folder;
+  const cv::Mat picture = grayPicture(64, 48);
+  const auto cut = [](Bytes bytes) {
+    bytes.resize(bytes.size() / 2);
+    return bytes;
+  };
+  folder.write("a.jpg", cut(vision::JpegEncoder(95).encode(picture)));
+  folder.write("b.png", cut(encoded(".png", picture)));
+  folder.write("c.bmp", cut(encoded(".bmp", picture)));
+  folder.write("d.pgm", cut(encoded(".pgm", picture)));
+  folder.write("e.jpg", {});
+  folder.write("f.png", Bytes(500, 77));
+  folder.write("g.jpg", vision::JpegEncoder(95).encode(picture));
+  const auto source = FrameSource::files(folder.path());
+  Frame frame;
+  for (const char* name : {"a.jpg", "b.png", "c.bmp", "d.pgm", "e.jpg", "f.png"}) {
+    EXPECT_EQ(source->next(frame), FrameStatus::kFault) << name;
+    EXPECT_EQ(frame.name, folder / name);
+    EXPECT_EQ(frame.fault.find(folder / name + ": "), 0u) << frame.fault;
+    EXPECT_TRUE(frame.gray.empty());
+  }
+  EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
+  EXPECT_EQ(frame.fault, "");
+  EXPECT_EQ(frame.number, 6u);
+  EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+}
+
+TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {
+  const Folder folder;
+  const auto expectRefused = [](const std::string& path, const std::string& message) {
+    try {
+      FrameSource::files(path);
+      FAIL() << "accepted " << path;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(path + message), std::string::npos) << error.what();
+    }
+  };
+  expectRefused(folder.path(), " holds no pictures; expected files ending in .jpg");
+  expectRefused(folder / "nothing.jpg", " is no file and no folder");
+  folder.write("notes.txt", Bytes(10, 'x'));
+  expectRefused(folder / "notes.txt", " is neither a picture (.jpg");
+}
+
+// The luma of an MJPEG video is decoded as it is; of others it comes by way of colours.
+TEST(VideoFile, GivesItsFramesInOrder) {
+  const Folder folder;
+  struct Kind {
+    const char* name;
+    const char* fourcc;
+    double error;  // mean, in gray levels
+  };
+  for (const Kind& kind :
+       {Kind{"a.avi", "MJPG", 2.0}, Kind{"b.mkv", "MJPG", 2.0}, Kind{"c.mp4", "mp4v", 6.0}}) {
+    const std::string path = folder / kind.name;
+    const char* f = kind.fourcc;
+    cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(f[0], f[1], f[2], f[3]),
+                           30, {320, 240}, true);
+    ASSERT_TRUE(writer.isOpened()) << kind.name;
+    for (int i = 0; i < 5; ++i) {
+      cv::Mat colour;
+      cv::cvtColor(grayPicture(320, 240, 10 * i), colour, cv::COLOR_GRAY2BGR);
+      writer.write(colour);
+    }
+    writer.release();
+    const auto source = FrameSource::files(path);
+    Frame frame;
+    for (unsigned i = 0; i < 5; ++i) {
+      ASSERT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
+      EXPECT_EQ(frame.name, path + "#" + std::to_string(i));
+      EXPECT_EQ(frame.number, i);
+      ASSERT_EQ(frame.gray.size(), cv::Size(320, 240));
+      ASSERT_EQ(frame.gray.type(), CV_8UC1);
+      EXPECT_LE(cv::norm(frame.gray, grayPicture(320, 240, 10 * static_cast<int>(i)), cv::NORM_L1) /
+                    static_cast<double>(frame.gray.total()),
+                kind.error)
+          << kind.name;
+    }
+    EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+  }
+}
+
+TEST(VideoFile, ABrokenVideoIsAFaultAndThenTheEnd) {
+  const Folder folder;
+  folder.write("a.avi", Bytes(5000, 'x'));
+  folder.write("b.mp4", {});
+  for (const char* name : {"a.avi", "b.mp4"}) {
+    const auto source = FrameSource::files(folder / name);
+    Frame frame;
+    EXPECT_EQ(source->next(frame), FrameStatus::kFault);
+    EXPECT_NE(frame.fault.find(folder / name), std::string::npos) << frame.fault;
+    EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+  }
+}
+
+// ---- Cameras ------------------------------------------------------------------------------------
+
+// A camera as the test has it: in its socket or not, its pictures sound or not.
+struct Socket {
+  bool plugged = true;
+  bool sound = true;
+  int opened = 0, closed = 0, tried = 0;
+};
+
+class FakeDevice : public VideoDevice {
+ public:
+  explicit FakeDevice(Socket* socket) : socket_(socket) {}
+
+  std::optional<std::string> open() override {
+    ++socket_->tried;
+    if (!socket_->plugged) return "there is no such device";
+    ++socket_->opened;
+    return std::nullopt;
+  }
+  Read read(cv::Mat& gray, std::string& fault) override {
+    if (!socket_->plugged) {
+      fault = "it gives no more pictures";
+      return Read::kGone;
+    }
+    gray = cv::Mat(4, 6, CV_8UC1, cv::Scalar(9));
+    if (socket_->sound) return Read::kPicture;
+    fault = "a broken JPEG";
+    return Read::kBroken;
+  }
+  void close() override { ++socket_->closed; }
+
+ private:
+  Socket* socket_;
+};
+
+class Camera : public testing::Test {
+ protected:
+  Socket socket;
+  double time = 100;
+  std::unique_ptr<FrameSource> source = FrameSource::camera(
+      std::make_unique<FakeDevice>(&socket), "/dev/video7", 2.0, [this] { return time; });
+  Frame frame;
+};
+
+TEST_F(Camera, GivesPicturesUnderItsName) {
+  for (unsigned i = 0; i < 3; ++i) {
+    ASSERT_EQ(source->next(frame), FrameStatus::kFrame);
+    EXPECT_EQ(frame.name, "/dev/video7");
+    EXPECT_EQ(frame.number, i);
+    EXPECT_EQ(frame.gray.size(), cv::Size(6, 4));
+  }
+  EXPECT_EQ(socket.opened, 1);
+}
+
+TEST_F(Camera, AnUnpluggedOneIsAFaultUntilItIsBack) {
+  ASSERT_EQ(source->next(frame), FrameStatus::kFrame);
+  socket.plugged = false;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, "/dev/video7: it gives no more pictures");
+  EXPECT_EQ(frame.retry_after, 2.0);
+  EXPECT_TRUE(frame.gray.empty());
+  EXPECT_EQ(socket.closed, 1);
+
+  time += 1.5;  // too early to try: told at once, and for how long still
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.retry_after, 0.5);
+  EXPECT_EQ(socket.tried, 1);
+
+  time += 0.5;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, "/dev/video7: there is no such device");
+  EXPECT_EQ(frame.retry_after, 2.0);
+  EXPECT_EQ(socket.tried, 2);
+
+  socket.plugged = true;
+  time += 1.0;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  time += 1.0;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFrame);
+  EXPECT_EQ(frame.fault, "");
+  EXPECT_EQ(frame.retry_after, 0);
+  EXPECT_EQ(frame.number, 5u);
+  EXPECT_EQ(socket.opened, 2);
+}
+
+TEST_F(Camera, OneThatIsAbsentAtFirstIsWaitedFor) {
+  socket.plugged = false;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, "/dev/video7: there is no such device");
+  socket.plugged = true;
+  time += 2.0;
+  EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
+}
+
+TEST_F(Camera, ABrokenPictureDoesNotCloseIt) {
+  socket.sound = false;
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, "/dev/video7: a broken JPEG");
+  EXPECT_EQ(frame.retry_after, 0);
+  EXPECT_TRUE(frame.gray.empty());
+  socket.sound = true;
+  EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
+  EXPECT_EQ(socket.opened, 1);
+  EXPECT_EQ(socket.closed, 0);
+}
+
+TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
+  const Folder folder;
+  WebcamConfig config;
+  config.device = folder / "video0";
+  Frame frame;
+  const auto absent = FrameSource::webcam(config);
+  ASSERT_EQ(absent->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, config.device +
+                             ": there is no such device; plug the camera in, or name "
+                             "another device");
+  EXPECT_EQ(frame.retry_after, config.reconnect_after);
+  folder.write("video0", {});
+  const auto wrong = FrameSource::webcam(config);
+  ASSERT_EQ(wrong->next(frame), FrameStatus::kFault);
+  EXPECT_NE(frame.fault.find("it does not open as a camera"), std::string::npos) << frame.fault;
+}
+
+TEST(WebcamConfig, EveryRuleIsNamed) {
+  const auto refused = [](const auto& change, const std::string& message) {
+    WebcamConfig config;
+    change(config);
+    try {
+      FrameSource::webcam(config);
+      FAIL() << "accepted; expected: " << message;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(message), std::string::npos) << error.what();
+    }
+  };
+  refused([](WebcamConfig& c) { c.device = ""; }, "webcam device is empty");
+  refused([](WebcamConfig& c) { c.width = 0; }, "webcam size is 0 x 720; expected > 0 px");
+  refused([](WebcamConfig& c) { c.fourcc = "H264"; },
+          "webcam fourcc is \"H264\"; expected one of MJPG YUYV UYVY GREY");
+  refused([](WebcamConfig& c) { c.fps = 0; }, "webcam fps is 0");
+  refused([](WebcamConfig& c) { c.focus = -1; }, "webcam focus is -1");
+  refused([](WebcamConfig& c) { c.exposure = -1; }, "webcam exposure is -1");
+  refused([](WebcamConfig& c) { c.reconnect_after = -1; }, "webcam reconnect_after is -1");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

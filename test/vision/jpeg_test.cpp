@@ -1,0 +1,223 @@
+#include "helix_arm/vision/jpeg.hpp"
+
+#include <algorithm>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "jpeg_pictures.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using vision::JpegDecoder;
+using vision::JpegEncoder;
+
+cv::Mat grayPicture(int width, int height) {
+  cv::Mat gray;
+  cv::cvtColor(colourPicture(width, height), gray, cv::COLOR_BGR2GRAY);
+  return gray;
+}
+
+std::string faultOf(const Bytes& bytes) {
+  cv::Mat gray(3, 3, CV_8UC1, cv::Scalar(7));
+  const auto fault = JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  EXPECT_EQ(gray.empty(), fault.has_value()) << "a refused picture leaves nothing behind";
+  return fault.value_or("");
+}
+
+// Offset of the first marker of this code.
+std::size_t markerAt(const Bytes& bytes, std::uint8_t code) {
+  for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
+    if (bytes[i] == 0xff && bytes[i + 1] == code) return i;
+  }
+  throw std::runtime_error("no such marker");
+}
+
+// The same without its segments of this code.
+Bytes without(Bytes bytes, std::uint8_t code) {
+  for (std::size_t i = 2; bytes[i + 1] != 0xda;) {
+    const std::size_t size = 2 + 256 * bytes[i + 2] + bytes[i + 3];
+    if (bytes[i + 1] == code) {
+      bytes.erase(bytes.begin() + static_cast<long>(i),
+                  bytes.begin() + static_cast<long>(i + size));
+    } else {
+      i += size;
+    }
+  }
+  return bytes;
+}
+
+TEST(Jpeg, GrayPicturesComeBack) {
+  for (const cv::Size size :
+       {cv::Size(1, 1), cv::Size(7, 3), cv::Size(64, 48), cv::Size(641, 479)}) {
+    const cv::Mat picture = grayPicture(size.width, size.height);
+    const Bytes bytes = JpegEncoder(95).encode(picture);
+    cv::Mat gray;
+    ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
+    ASSERT_EQ(gray.type(), CV_8UC1);
+    ASSERT_EQ(gray.size(), size);
+    EXPECT_LE(cv::norm(gray, picture, cv::NORM_L1) / static_cast<double>(picture.total()), 2.0);
+  }
+}
+
+TEST(Jpeg, PartsOfPicturesAreEncodedAsTheyAre) {
+  const cv::Mat whole = grayPicture(200, 100);
+  const cv::Mat part = whole(cv::Rect(31, 17, 90, 60));
+  JpegEncoder encoder(80);
+  const Bytes bytes = encoder.encode(part);
+  EXPECT_EQ(bytes, encoder.encode(part.clone()));
+  EXPECT_EQ(bytes, JpegEncoder(80).encode(part)) << "nothing is left over from the last picture";
+}
+
+TEST(Jpeg, BetterQualityTakesMoreBytesAndLosesLess) {
+  const cv::Mat picture = grayPicture(320, 240);
+  double last_error = 1e9;
+  std::size_t last_size = 0;
+  for (const int quality : {10, 50, 95}) {
+    const Bytes bytes = JpegEncoder(quality).encode(picture);
+    cv::Mat gray;
+    ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
+    const double error = cv::norm(gray, picture, cv::NORM_L2);
+    EXPECT_LT(error, last_error);
+    EXPECT_GT(bytes.size(), last_size);
+    last_error = error;
+    last_size = bytes.size();
+  }
+}
+
+// JPEG's own definition of luma.
+TEST(Jpeg, ColoursAreReadAsTheirLuma) {
+  const cv::Mat colour = colourPicture(160, 120);
+  for (const int subsampling : {TJSAMP_444, TJSAMP_422, TJSAMP_420, TJSAMP_440, TJSAMP_411}) {
+    for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
+      const Bytes bytes = jpegOf(colour, TJPF_BGR, subsampling, 98, flags);
+      cv::Mat gray;
+      ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
+      ASSERT_EQ(gray.size(), colour.size());
+      double worst = 0;
+      for (int y = 0; y < gray.rows; ++y) {
+        for (int x = 0; x < gray.cols; ++x) {
+          const cv::Vec3b p = colour.at<cv::Vec3b>(y, x);
+          const double luma = 0.114 * p[0] + 0.587 * p[1] + 0.299 * p[2];
+          worst = std::max(worst, std::abs(luma - gray.at<std::uint8_t>(y, x)));
+        }
+      }
+      EXPECT_LE(worst, 4) << "subsampling " << subsampling << " flags " << flags;
+    }
+  }
+}
+
+TEST(Jpeg, MemoryIsUsedAgain) {
+  const Bytes bytes = JpegEncoder(90).encode(grayPicture(64, 48));
+  JpegDecoder decoder;
+  cv::Mat gray;
+  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
+  const std::uint8_t* memory = gray.data;
+  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
+  EXPECT_EQ(gray.data, memory);
+}
+
+TEST(Jpeg, TruncatedPictureIsRefused) {
+  const cv::Mat colour = colourPicture(40, 32);
+  for (const int subsampling : {TJSAMP_GRAY, TJSAMP_420}) {
+    for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
+      const Bytes bytes = jpegOf(colour, TJPF_BGR, subsampling, 90, flags);
+      ASSERT_EQ(faultOf(bytes), "");
+      for (std::size_t size = 0; size < bytes.size(); ++size) {
+        EXPECT_NE(faultOf(Bytes(bytes.begin(), bytes.begin() + static_cast<long>(size))), "")
+            << size << " of " << bytes.size() << " bytes";
+      }
+    }
+  }
+}
+
+// What a driver makes of a frame that was cut off on its way.
+TEST(Jpeg, TruncatedPictureWithAnEndPutToItIsRefused) {
+  const Bytes bytes = jpegOf(colourPicture(160, 120), TJPF_BGR, TJSAMP_422);
+  const std::size_t scan = markerAt(bytes, 0xda) + 14;
+  for (std::size_t size = scan; size + 40 < bytes.size(); size += 97) {
+    Bytes cut(bytes.begin(), bytes.begin() + static_cast<long>(size));
+    cut.insert(cut.end(), {0xff, 0xd9});
+    EXPECT_NE(faultOf(cut), "") << size << " of " << bytes.size() << " bytes";
+    Bytes padded = bytes;
+    std::fill(padded.begin() + static_cast<long>(size), padded.end(), 0);
+    EXPECT_NE(faultOf(padded), "") << size << " of " << bytes.size() << " bytes, then zeros";
+  }
+}
+
+TEST(Jpeg, WhatIsNoJpegIsRefusedWithItsReason) {
+  cv::Mat gray;
+  EXPECT_EQ(JpegDecoder().decode(nullptr, 0, gray), "no data; expected a JPEG");
+  EXPECT_NE(faultOf(Bytes(1000, 0)).find("no sound JPEG header"), std::string::npos);
+  EXPECT_NE(faultOf({0xff, 0xd8, 0xff, 0xd9}).find("claims 0 x 0 px"), std::string::npos);
+  const cv::Mat cmyk(48, 64, CV_8UC4, cv::Scalar(1, 2, 3, 4));
+  EXPECT_NE(faultOf(jpegOf(cmyk, TJPF_CMYK, TJSAMP_444)).find("CMYK"), std::string::npos);
+}
+
+// A header may claim any size; memory is for what the data can hold.
+TEST(Jpeg, ClaimedSizesThatCannotBeAreRefused) {
+  const auto claim = [](Bytes bytes, int width, int height) {
+    const std::size_t frame = markerAt(bytes, 0xc0);
+    bytes[frame + 5] = static_cast<std::uint8_t>(height >> 8);
+    bytes[frame + 6] = static_cast<std::uint8_t>(height & 255);
+    bytes[frame + 7] = static_cast<std::uint8_t>(width >> 8);
+    bytes[frame + 8] = static_cast<std::uint8_t>(width & 255);
+    return bytes;
+  };
+  const Bytes bytes = JpegEncoder(90).encode(grayPicture(64, 48));
+  ASSERT_EQ(faultOf(claim(bytes, 64, 48)), "");
+  EXPECT_NE(faultOf(claim(bytes, 0, 48)), "");
+  EXPECT_NE(faultOf(claim(bytes, 64, 0)), "");
+  EXPECT_NE(faultOf(claim(bytes, 65000, 65000)).find("claims 65000 x 65000 px; expected"),
+            std::string::npos);
+  EXPECT_NE(faultOf(claim(bytes, 5000, 5000)).find("claims 5000 x 5000 px, which"),
+            std::string::npos);
+  EXPECT_NE(faultOf(claim(bytes, 64, 200)), "");
+  // The flattest picture there is takes more than a bit a block, and passes.
+  const cv::Mat flat(2000, 3000, CV_8UC1, cv::Scalar(90));
+  EXPECT_EQ(faultOf(jpegOf(flat, TJPF_GRAY, TJSAMP_GRAY, 50)), "");
+  EXPECT_EQ(faultOf(jpegOf(flat, TJPF_GRAY, TJSAMP_GRAY, 50, TJFLAG_PROGRESSIVE)), "");
+}
+
+TEST(Jpeg, PaddingOfWebcamsIsAccepted) {
+  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
+  Bytes after = bytes;
+  after.insert(after.end(), 777, 0);
+  EXPECT_EQ(faultOf(after), "");
+  Bytes before = bytes;
+  before.insert(before.end() - 2, 5, 0);
+  EXPECT_EQ(faultOf(before), "");
+}
+
+// MJPEG leaves out the Huffman tables of the standard's annex K.
+TEST(Jpeg, FramesWithoutHuffmanTablesUseTheUsualOnes) {
+  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
+  const Bytes bare = without(bytes, 0xc4);
+  ASSERT_LT(bare.size() + 400, bytes.size());
+  cv::Mat gray, gray_bare;
+  ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
+  ASSERT_FALSE(JpegDecoder().decode(bare.data(), bare.size(), gray_bare));
+  EXPECT_EQ(cv::norm(gray, gray_bare, cv::NORM_INF), 0);
+}
+
+TEST(Jpeg, TablesOfTheLastPictureAreNotUsed) {
+  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
+  const Bytes no_quantisation = without(bytes, 0xdb);
+  JpegDecoder decoder;
+  cv::Mat gray;
+  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
+  EXPECT_TRUE(decoder.decode(no_quantisation.data(), no_quantisation.size(), gray));
+}
+
+TEST(Jpeg, PicturesThatCannotBeEncodedAreRefused) {
+  EXPECT_THROW(JpegEncoder(0), std::invalid_argument);
+  EXPECT_THROW(JpegEncoder(101), std::invalid_argument);
+  JpegEncoder encoder(90);
+  EXPECT_THROW(encoder.encode(cv::Mat()), std::invalid_argument);
+  EXPECT_THROW(encoder.encode(colourPicture(8, 8)), std::invalid_argument);
+  EXPECT_THROW(encoder.encode(cv::Mat(1, 65501, CV_8UC1, cv::Scalar(0))), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace helix_arm::test

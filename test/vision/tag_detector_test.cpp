@@ -1,0 +1,351 @@
+#include "helix_arm/vision/tag_detector.hpp"
+
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include "support/random.hpp"
+#include "support/tag_picture.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using estimation::Corners;
+using vision::DetectorConfig;
+using vision::TagDetection;
+using vision::TagDetector;
+using vision::TagFamily;
+
+cv::Mat paper(int width = 240, int height = 200) {
+  return cv::Mat(height, width, CV_8UC1, cv::Scalar(230));
+}
+
+// A view of a tag from aslant: the corners of a square, each moved by up to a part of its size.
+Corners aslant(Random& random, double size) {
+  Corners corners = squareCorners(120 + random.uniform(-5, 5), 100 + random.uniform(-5, 5), size,
+                                  random.uniform(-M_PI, M_PI));
+  for (int i = 0; i < corners.size(); ++i) {
+    corners(i) += random.uniform(-0.08, 0.08) * size;
+  }
+  return corners;
+}
+
+DetectorConfig configOf(const std::string& family, double decimate, bool refine = true) {
+  DetectorConfig config;
+  config.family = family;
+  config.quad_decimate = decimate;
+  config.refine_edges = refine;
+  config.max_hamming = 0;
+  return config;
+}
+
+void expectSame(const std::vector<TagDetection>& a, const std::vector<TagDetection>& b,
+                double tolerance) {
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(a[i].id, b[i].id);
+    EXPECT_EQ(a[i].hamming, b[i].hamming);
+    EXPECT_LE((a[i].corners - b[i].corners).cwiseAbs().maxCoeff(), tolerance) << a[i].id;
+  }
+}
+
+template <class Call>
+void expectRefused(const Call& call, const std::string& message) {
+  try {
+    call();
+    FAIL() << "accepted; expected: " << message;
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find(message), std::string::npos) << error.what();
+  }
+}
+
+class EveryFamily : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryFamily, TagsAreFoundWithTheirCornersInReadingOrder) {
+  const TagFamily family(GetParam());
+  Random random(11);
+  for (const double decimate : {1.0, 1.5, 2.0}) {
+    TagDetector detector(configOf(GetParam(), decimate));
+    for (int round = 0; round < 8; ++round) {
+      const int id = random.integer(0, family.count() - 1);
+      const double cell = 9;
+      const Corners corners = aslant(random, cell * family.borderCells());
+      cv::Mat picture = paper();
+      drawTag(family, family.cells(id), corners, picture);
+      bool found = false;
+      for (const TagDetection& tag : detector.detect(picture)) {
+        if (tag.id != id) continue;
+        found = true;
+        EXPECT_EQ(tag.hamming, 0);
+        EXPECT_GT(tag.margin, 20);
+        EXPECT_LT((tag.corners - corners).cwiseAbs().maxCoeff(), 0.5)
+            << "id " << id << " decimate " << decimate;
+      }
+      EXPECT_TRUE(found) << "id " << id << " decimate " << decimate << "\n" << corners;
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(TagDetector, EveryFamily, testing::ValuesIn(TagFamily::names()),
+                         [](const auto& family) { return family.param; });
+
+// Error of the corners of many tags, drawn where they are known to be and blurred a little.
+struct CornerError {
+  int found = 0;
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  double rms = 0;
+};
+
+CornerError cornerError(double decimate, bool refine) {
+  TagDetector detector(configOf("36h11", decimate, refine));
+  Random random(5);
+  CornerError error;
+  for (int round = 0; round < 60; ++round) {
+    const Corners corners = aslant(random, random.uniform(40, 90));
+    cv::Mat picture = paper();
+    drawTag(detector.family(), detector.family().cells(round), corners, picture);
+    cv::GaussianBlur(picture, picture, {}, random.uniform(0.1, 1.0));
+    for (const TagDetection& tag : detector.detect(picture)) {
+      EXPECT_EQ(tag.id, round);
+      error.mean += (tag.corners - corners).rowwise().mean();
+      error.rms += (tag.corners - corners).squaredNorm() / 8;
+      ++error.found;
+    }
+  }
+  error.mean /= error.found;
+  error.rms = std::sqrt(error.rms / error.found);
+  return error;
+}
+
+// libapriltag puts pixel centres at halves, this library at whole numbers.
+TEST(TagDetector, CornersAreNotBiased) {
+  for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
+    const CornerError error = cornerError(decimate, true);
+    EXPECT_GE(error.found, decimate < 3 ? 60 : 50) << "decimate " << decimate;
+    EXPECT_LT(error.mean.cwiseAbs().maxCoeff(), 0.01) << "decimate " << decimate;
+  }
+}
+
+TEST(TagDetector, RefinedCornersAreGoodToAFewHundredthsOfAPixel) {
+  for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
+    const CornerError refined = cornerError(decimate, true), plain = cornerError(decimate, false);
+    EXPECT_LT(refined.rms, 0.03) << "decimate " << decimate;
+    EXPECT_LT(refined.rms, plain.rms / 3) << "decimate " << decimate;
+  }
+}
+
+// Nine tags on a page, each turned otherwise.
+cv::Mat page(const TagFamily& family) {
+  cv::Mat picture = paper(480, 360);
+  for (int i = 0; i < 9; ++i) {
+    const Corners corners =
+        squareCorners(90 + 150 * (i % 3), 60 + 120 * (i / 3), 45 + 3 * i, 0.1 + 0.7 * i);
+    drawTag(family, family.cells(20 - i), corners, picture);
+  }
+  return picture;
+}
+
+TEST(TagDetector, RegionsGiveWhatTheWholePictureGives) {
+  for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
+    TagDetector detector(configOf("36h11", decimate));
+    const cv::Mat picture = page(detector.family());
+    const std::vector<TagDetection> whole = detector.detect(picture);
+    ASSERT_EQ(whole.size(), 9u);
+    for (const TagDetection& tag : whole) {
+      const Eigen::Vector2d low = tag.corners.rowwise().minCoeff();
+      const Eigen::Vector2d high = tag.corners.rowwise().maxCoeff();
+      const int margin = 24;
+      const cv::Rect region(static_cast<int>(low.x()) - margin, static_cast<int>(low.y()) - margin,
+                            static_cast<int>(high.x() - low.x()) + 2 * margin,
+                            static_cast<int>(high.y() - low.y()) + 2 * margin);
+      // libapriltag's floats round otherwise in another place, and its samples with them.
+      expectSame(detector.detect(picture, region), {tag}, 5e-3);
+    }
+    expectSame(detector.detect(picture, {-100, -100, 2000, 2000}), whole, 0);
+    EXPECT_TRUE(detector.detect(picture, {500, 0, 50, 50}).empty());
+    EXPECT_TRUE(detector.detect(picture, {100, 100, 0, 10}).empty());
+    EXPECT_TRUE(detector.detect(picture, {100, 100, -10, 10}).empty());
+  }
+}
+
+TEST(TagDetector, PartsOfPicturesAreSearchedWhereTheyAre) {
+  TagDetector detector(configOf("36h11", 2));
+  cv::Mat large = paper(700, 500);
+  cv::Mat part = large(cv::Rect(101, 53, 480, 360));
+  page(detector.family()).copyTo(part);
+  EXPECT_EQ(detector.detect(part).size(), 9u);
+  expectSame(detector.detect(part), detector.detect(part.clone()), 0);
+}
+
+TEST(TagDetector, PicturesStayAsTheyAre) {
+  for (const double decimate : {1.0, 2.0}) {
+    for (const double sigma : {0.0, 0.8, -0.8}) {
+      DetectorConfig config = configOf("36h11", decimate);
+      config.quad_sigma = sigma;
+      TagDetector detector(config);
+      const cv::Mat picture = page(detector.family());
+      const cv::Mat before = picture.clone();
+      EXPECT_EQ(detector.detect(picture).size(), 9u) << decimate << " " << sigma;
+      EXPECT_EQ(cv::norm(picture, before, cv::NORM_INF), 0) << decimate << " " << sigma;
+    }
+  }
+}
+
+TEST(TagDetector, ThreadsChangeNothing) {
+  DetectorConfig config = configOf("36h11", 1);
+  TagDetector one(config);
+  config.threads = 3;
+  TagDetector three(config);
+  const cv::Mat picture = page(one.family());
+  expectSame(three.detect(picture), one.detect(picture), 0);
+}
+
+TEST(TagDetector, TagsAreSortedAndTwinsAreBothListed) {
+  TagDetector detector(configOf("36h11", 1));
+  cv::Mat picture = paper(400, 200);
+  const int ids[] = {7, 3, 7};
+  for (int i = 0; i < 3; ++i) {
+    drawTag(detector.family(), detector.family().cells(ids[i]),
+            squareCorners(70 + 130 * i, 100, 60, 0.1), picture);
+  }
+  const std::vector<TagDetection> tags = detector.detect(picture);
+  ASSERT_EQ(tags.size(), 3u);
+  EXPECT_EQ(tags[0].id, 3);
+  EXPECT_EQ(tags[1].id, 7);
+  EXPECT_EQ(tags[2].id, 7);
+  EXPECT_LT(tags[1].corners(0, 0), tags[2].corners(0, 0));
+}
+
+TEST(TagDetector, WrongBitsArePutRightUpToTheirLimit) {
+  for (int limit = 0; limit <= 2; ++limit) {
+    DetectorConfig config = configOf("36h11", 1);
+    config.max_hamming = limit;
+    TagDetector detector(config);
+    const TagFamily& family = detector.family();
+    for (int wrong = 0; wrong <= 3; ++wrong) {
+      cv::Mat cells = family.cells(42);
+      for (int i = 0; i < wrong; ++i) {
+        // Inside the border: the middle of the tag.
+        auto& cell = cells.at<std::uint8_t>(cells.rows / 2 - 1 + i, cells.cols / 2);
+        cell = static_cast<std::uint8_t>(255 - cell);
+      }
+      cv::Mat picture = paper();
+      drawTag(family, cells, squareCorners(120, 100, 90, 0.3), picture);
+      const std::vector<TagDetection> tags = detector.detect(picture);
+      if (wrong > limit) {
+        EXPECT_TRUE(tags.empty());
+        continue;
+      }
+      ASSERT_EQ(tags.size(), 1u) << limit << " " << wrong;
+      EXPECT_EQ(tags[0].id, 42);
+      EXPECT_EQ(tags[0].hamming, wrong);
+    }
+  }
+}
+
+// Sizes at which libapriltag itself reads beyond its memory or aborts.
+TEST(TagDetector, PicturesTooSmallOrTooLongHoldNoTags) {
+  for (const double decimate : {1.0, 1.5, 7.0}) {
+    for (const double sigma : {0.0, -3.0}) {
+      DetectorConfig config = configOf("36h11", decimate);
+      config.quad_sigma = sigma;
+      TagDetector detector(config);
+      EXPECT_TRUE(detector.detect(cv::Mat()).empty());
+      for (const int side : {1, 2, 3, 4, 5, 7, 8, 9, 13}) {
+        for (const int other : {1, 3, 4, 8, 13, 40, 32768, 70000}) {
+          EXPECT_TRUE(detector.detect(paper(side, other)).empty()) << side << " " << other;
+          EXPECT_TRUE(detector.detect(paper(other, side)).empty()) << other << " " << side;
+        }
+      }
+      EXPECT_TRUE(detector.detect(page(detector.family()), {10, 10, 3, 3}).empty());
+    }
+  }
+}
+
+TEST(TagDetector, NothingIsPrinted) {
+  testing::internal::CaptureStdout();
+  testing::internal::CaptureStderr();
+  Random random(3);
+  for (const double decimate : {1.0, 1.5, 2.0, 4.0}) {
+    TagDetector detector(configOf("36h11", decimate));
+    for (int round = 0; round < 60; ++round) {
+      const int grain = random.integer(1, 15);  // noise of all sizes, which is full of false quads
+      cv::Mat noise(200 / grain + 1, 260 / grain + 1, CV_8UC1);
+      for (auto& pixel : cv::Mat_<std::uint8_t>(noise)) {
+        pixel = static_cast<std::uint8_t>(random.integer(0, 255));
+      }
+      cv::Mat picture;
+      cv::resize(noise, picture, {260, 200}, 0, 0,
+                 round % 2 == 0 ? cv::INTER_NEAREST : cv::INTER_CUBIC);
+      // A tag cut off by the edge of the picture, or of the region.
+      const double size = random.uniform(8, 120);
+      drawTag(detector.family(), detector.family().cells(round),
+              squareCorners(random.uniform(0, 260), random.uniform(0, 200), size, round), picture);
+      detector.detect(picture);
+      detector.detect(picture, {random.integer(0, 200), random.integer(0, 150),
+                                random.integer(1, 90), random.integer(1, 90)});
+    }
+  }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+}
+
+TEST(TagDetector, OtherTypesOfPicturesAreRefused) {
+  TagDetector detector(configOf("36h11", 2));
+  expectRefused([&] { detector.detect(cv::Mat(100, 100, CV_8UC3, cv::Scalar(0))); },
+                "the picture is of type CV_8UC3; expected gray of 8 bits, CV_8UC1");
+  expectRefused(
+      [&] {
+        detector.detect(cv::Mat(100, 100, CV_16UC1, cv::Scalar(0)), {0, 0, 9, 9});
+      },
+      "CV_16UC1");
+}
+
+TEST(DetectorConfig, EveryRuleIsNamed) {
+  const auto refused = [](const auto& change, const std::string& message) {
+    DetectorConfig config;
+    change(config);
+    expectRefused([&] { config.validate(); }, message);
+    expectRefused([&] { TagDetector detector(config); }, message);
+  };
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  DetectorConfig().validate();
+  refused([](DetectorConfig& c) { c.family = "36h12"; },
+          "tag family is \"36h12\"; expected one of 36h11, 25h9");
+  for (const double decimate : {0.0, 0.5, 1.25, 2.5, -1.0, 1e9, nan}) {
+    refused([&](DetectorConfig& c) { c.quad_decimate = decimate; },
+            "expected 1, 1.5 or a whole number");
+  }
+  for (const double sigma : {-10.5, 11.0, nan}) {
+    refused([&](DetectorConfig& c) { c.quad_sigma = sigma; }, "expected -10 to 10 px");
+  }
+  refused([](DetectorConfig& c) { c.threads = 0; }, "threads is 0; expected 1 to 64");
+  refused([](DetectorConfig& c) { c.threads = 65; }, "threads is 65");
+  refused([](DetectorConfig& c) { c.max_hamming = -1; }, "max_hamming is -1; expected 0 to 3");
+  refused([](DetectorConfig& c) { c.max_hamming = 4; }, "max_hamming is 4; expected 0 to 3");
+  refused(
+      [](DetectorConfig& c) {
+        c.family = "16h5";
+        c.max_hamming = 3;
+      },
+      "differ in 5 bits, so that no more than 2 can be put right");
+  refused(
+      [](DetectorConfig& c) {
+        c.family = "Standard52h13";
+        c.max_hamming = 2;
+      },
+      "GB for the 48714 tags of Standard52h13");
+}
+
+TEST(TagFamily, UnknownIdsAreRefused) {
+  const TagFamily family("16h5");
+  EXPECT_EQ(family.count(), 30);
+  EXPECT_EQ(family.cells(29).size(), cv::Size(8, 8));
+  EXPECT_EQ(family.quietCells(), 1);
+  EXPECT_EQ(family.borderCells(), 6);
+  EXPECT_THROW(family.cells(30), std::out_of_range);
+  EXPECT_THROW(family.cells(-1), std::out_of_range);
+}
+
+}  // namespace
+}  // namespace helix_arm::test
