@@ -71,6 +71,7 @@ void sight(::benchmark::State& state, bool full_hd, vision::TrackingMode mode) {
   cv::Mat gray;
   ForthAndBack order;
   double tags = 0, searched = 0, count = 0;
+  localizer.locate(source.series.pictures[0], source.series.model[0]);
   for (auto _ : state) {
     const int i = order.next();
     if (decoder.decode(source.jpegs[i].data(), source.jpegs[i].size(), gray)) {
