@@ -2,21 +2,30 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 namespace helix_arm::ros_bridge {
+
+double secondsBetween(const ros::Time& from, const ros::Time& to) {
+  return 1e-9 * static_cast<double>(static_cast<std::int64_t>(to.toNSec()) -
+                                    static_cast<std::int64_t>(from.toNSec()));
+}
 
 void ModelHistory::add(const ros::Time& stamp, const model::Twists& twists) {
   if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
   entries_.push_back({stamp, twists});
-  while ((stamp - entries_.front().stamp).toSec() > kMemory) entries_.pop_front();
+  while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
 }
 
 void ModelHistory::forgetFuture(const ros::Time& now) {
-  while (!entries_.empty() && (entries_.back().stamp - now).toSec() > kReach) entries_.pop_back();
+  while (!entries_.empty() && secondsBetween(now, entries_.back().stamp) > kReach)
+    entries_.pop_back();
 }
 
 std::optional<ModelHistory::Entry> ModelHistory::nearest(const ros::Time& stamp) const {
-  const auto distance = [&](const Entry& entry) { return std::abs((entry.stamp - stamp).toSec()); };
+  const auto distance = [&](const Entry& entry) {
+    return std::abs(secondsBetween(entry.stamp, stamp));
+  };
   const auto found =
       std::min_element(entries_.begin(), entries_.end(),
                        [&](const Entry& a, const Entry& b) { return distance(a) < distance(b); });
@@ -26,7 +35,7 @@ std::optional<ModelHistory::Entry> ModelHistory::nearest(const ros::Time& stamp)
 
 bool ModelHistory::mayGetNearer(const ros::Time& stamp) const {
   return !entries_.empty() && entries_.back().stamp < stamp &&
-         (stamp - entries_.back().stamp).toSec() <= kReach;
+         secondsBetween(entries_.back().stamp, stamp) <= kReach;
 }
 
 }  // namespace helix_arm::ros_bridge

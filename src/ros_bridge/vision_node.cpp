@@ -19,7 +19,7 @@ namespace {
 
 // A picture waits so long for the model of its time: with pressures at 100 Hz and more it is there
 // by then, and a replay meets the same model as the first time.
-constexpr std::chrono::milliseconds kModelPatience(50);
+constexpr std::chrono::milliseconds kModelPatience(100);
 constexpr std::chrono::milliseconds kFaultPause(50);  // between faults of a source
 constexpr double kWatchPeriod = 0.05;                 // [s]
 // Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
@@ -362,7 +362,7 @@ void VisionNode::measure(const Picture& picture) {
     }
     return;
   }
-  const double elapsed = (picture.stamp - last_stamp_).toSec();
+  const double elapsed = secondsBetween(last_stamp_, picture.stamp);
   if (elapsed < 0 || elapsed > options_.stale_after) localizer_->reset();
   if (elapsed < 0) {
     ROS_INFO("the pictures' time has jumped back by %.1f s: starting anew", -elapsed);

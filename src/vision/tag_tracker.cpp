@@ -1,23 +1,278 @@
 #include "helix_arm/vision/tag_tracker.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "edge_lock.hpp"
+
 namespace helix_arm::vision {
+namespace {
+
+using estimation::Corners;
+
+// A region reaches so far beyond the expected tag, in sizes of it: about where a tag is that moved
+// by its own size. [px] for small ones.
+constexpr double kRegionMargin = 1.0;
+constexpr double kLeastRegionMargin = 24.0;
+// What a search costs however small the region is, as so much more of the picture: regions are
+// joined where that is cheaper [px^2].
+constexpr int kRegionOverhead = 4000;
+// Tags that were not there last time may stay away for long: one of them after the other is looked
+// for in its region, and the whole picture once a second at a webcam's 30 Hz, which adds a
+// thirtieth of its price to that of each picture.
+constexpr int kUnseenRegions = 1;
+constexpr int kWholeEvery = 30;
+// Less would not have kept the edges from being found [px].
+constexpr double kDisplaced = 4.0;
+
+Eigen::Vector2d middle(const Corners& corners) { return corners.rowwise().mean(); }
+
+double distance(const Corners& a, const Corners& b) { return (middle(a) - middle(b)).norm(); }
+
+// The same tag, rather than a copy of it.
+bool samePlace(const Corners& a, const Corners& b) {
+  return distance(a, b) < 0.5 * (a.col(1) - a.col(0)).norm();
+}
+
+// Empty where the tag is expected nowhere near the picture.
+cv::Rect regionOf(const Corners& corners, const cv::Size& picture) {
+  if (!corners.allFinite()) return {};
+  const Eigen::Vector2d low = corners.rowwise().minCoeff(), high = corners.rowwise().maxCoeff();
+  const double margin = std::max(kRegionMargin * (high - low).maxCoeff(), kLeastRegionMargin);
+  const auto within = [](double value, int size) {
+    return static_cast<int>(std::lround(std::clamp(value, 0.0, static_cast<double>(size))));
+  };
+  return {
+      cv::Point(within(low.x() - margin, picture.width), within(low.y() - margin, picture.height)),
+      cv::Point(within(high.x() + margin, picture.width),
+                within(high.y() + margin, picture.height))};
+}
+
+void join(std::vector<cv::Rect>& regions) {
+  for (std::size_t i = 0; i < regions.size(); ++i) {
+    for (std::size_t j = i + 1; j < regions.size(); ++j) {
+      const cv::Rect both = regions[i] | regions[j];
+      if (both.area() > regions[i].area() + regions[j].area() + kRegionOverhead) continue;
+      regions[i] = both;
+      regions.erase(regions.begin() + static_cast<std::ptrdiff_t>(j));
+      j = i;  // it may reach others now
+    }
+  }
+}
+
+}  // namespace
 
 struct TagTracker::Workspace {
+  Workspace(const DetectorConfig& config, TrackingMode tracking_mode)
+      : detector(config),
+        mode(tracking_mode),
+        closed_border(hasClosedBorder(detector.family())),
+        patterns(closed_border ? detector.family().count() : 0) {}
+
+  const TagPattern& pattern(int id) {
+    std::optional<TagPattern>& known = patterns[id];
+    if (!known) known = patternOf(detector.family(), id);
+    return *known;
+  }
+
+  // What the detector finds, without tags that something along their sides displaces.
+  std::vector<TagDetection> detectTrue(const cv::Mat& gray, const cv::Rect& region) {
+    std::vector<TagDetection> tags = detector.detect(gray, region);
+    if (!closed_border) return tags;
+    const auto displaced = [&](const TagDetection& tag) {
+      return !cornersHold(gray, pattern(tag.id), tag.corners);
+    };
+    tags.erase(std::remove_if(tags.begin(), tags.end(), displaced), tags.end());
+    return tags;
+  }
+
+  void begin() {
+    result.tags.clear();
+    result.by_edges = result.by_regions = 0;
+    result.whole_picture = false;
+  }
+
+  void lockOnTag(const cv::Mat& gray, const ExpectedTag& tag, std::size_t i,
+                 const Eigen::Vector2d& displacement) {
+    if (tag.id < 0 || tag.id >= detector.family().count()) return;
+    const Corners expected = tag.corners.colwise() + displacement;
+    const auto lock = lockOnEdges(gray, detector.family(), tag.id, pattern(tag.id), expected,
+                                  detector.config().max_hamming);
+    if (lock) take(*lock, i, Way::kEdges);
+  }
+
+  void lockOnTags(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      lockOnTag(gray, expected[i], i, Eigen::Vector2d::Zero());
+    }
+  }
+
+  // Tags that are still missing, displaced as the nearest one that was found.
+  void lockOnDisplacedTags(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      if (way[i] != Way::kNone) continue;
+      double nearest = std::numeric_limits<double>::infinity();
+      Eigen::Vector2d displacement = Eigen::Vector2d::Zero();
+      for (std::size_t j = 0; j < expected.size(); ++j) {
+        if (way[j] == Way::kNone) continue;
+        const double away = distance(expected[i].corners, expected[j].corners);
+        if (!(away < nearest)) continue;
+        nearest = away;
+        displacement = middle(result.tags[place[j]].corners) - middle(expected[j].corners);
+      }
+      if (displacement.norm() < kDisplaced) continue;
+      lockOnTag(gray, expected[i], i, displacement);
+    }
+  }
+
+  void searchRegions(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
+    regions.clear();
+    const auto add = [&](const ExpectedTag& tag) {
+      const cv::Rect region = regionOf(tag.corners, gray.size());
+      if (!region.empty()) regions.push_back(region);
+    };
+    std::size_t unseen = 0;
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      if (way[i] != Way::kNone) continue;
+      if (expected[i].seen_before) {
+        add(expected[i]);
+      } else {
+        ++unseen;
+      }
+    }
+    for (int k = 0; k < std::min<int>(kUnseenRegions, static_cast<int>(unseen)); ++k) {
+      std::size_t skip = turn++ % unseen;
+      for (std::size_t i = 0; i < expected.size(); ++i) {
+        if (way[i] != Way::kNone || expected[i].seen_before) continue;
+        if (skip-- == 0) {
+          add(expected[i]);
+          break;
+        }
+      }
+    }
+    join(regions);
+    candidates.clear();
+    for (const cv::Rect& region : regions) {
+      const std::vector<TagDetection> tags = detectTrue(gray, region);
+      candidates.insert(candidates.end(), tags.begin(), tags.end());
+    }
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      if (way[i] != Way::kNone) continue;
+      const TagDetection* nearest = nullptr;
+      for (const TagDetection& tag : candidates) {
+        if (tag.id != expected[i].id) continue;
+        if (nearest == nullptr || distance(tag.corners, expected[i].corners) <
+                                      distance(nearest->corners, expected[i].corners)) {
+          nearest = &tag;
+        }
+      }
+      if (nearest != nullptr) take(*nearest, i, Way::kRegions);
+    }
+  }
+
+  bool wholeIsDue(const std::vector<ExpectedTag>& expected) {
+    ++since_whole;
+    if (result.tags.empty()) return true;
+    bool missing = false;
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      if (way[i] != Way::kNone) continue;
+      if (expected[i].seen_before) return true;
+      missing = true;
+    }
+    return missing && since_whole >= kWholeEvery;
+  }
+
+  void searchWhole(const cv::Mat& gray) {
+    since_whole = 0;
+    candidates = detectTrue(gray, cv::Rect({0, 0}, gray.size()));
+    // Tags that only the edges or a region showed stay.
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < result.tags.size(); ++i) {
+      const TagDetection& tag = result.tags[i];
+      const bool found =
+          std::any_of(candidates.begin(), candidates.end(), [&tag](const TagDetection& other) {
+            return other.id == tag.id && samePlace(other.corners, tag.corners);
+          });
+      if (found) {
+        --(tag_ways[i] == Way::kEdges ? result.by_edges : result.by_regions);
+      } else {
+        result.tags[kept++] = tag;
+      }
+    }
+    result.tags.resize(kept, TagDetection{});
+    result.tags.insert(result.tags.end(), candidates.begin(), candidates.end());
+    result.whole_picture = true;
+  }
+
+  const TrackResult& finish() {
+    std::sort(
+        result.tags.begin(), result.tags.end(), [](const TagDetection& a, const TagDetection& b) {
+          return std::make_pair(a.id, a.corners(0, 0)) < std::make_pair(b.id, b.corners(0, 0));
+        });
+    return result;
+  }
+
+  enum class Way { kNone, kEdges, kRegions };
+
+  void take(const TagDetection& tag, std::size_t i, Way by) {
+    way[i] = by;
+    place[i] = result.tags.size();
+    result.tags.push_back(tag);
+    tag_ways.push_back(by);
+    ++(by == Way::kEdges ? result.by_edges : result.by_regions);
+  }
+
   TagDetector detector;
+  TrackingMode mode;
+  bool closed_border;
+  std::vector<std::optional<TagPattern>> patterns;  // by id, once asked for
   TrackResult result;
+  std::vector<Way> way;            // how each expected tag was found
+  std::vector<std::size_t> place;  // in the result
+  std::vector<Way> tag_ways;       // and each of the result before the whole picture was searched
+  std::vector<cv::Rect> regions;
+  std::vector<TagDetection> candidates;
+  std::size_t turn = 0;  // of the tags that were not there last time
+  int since_whole = 0;   // pictures
 };
 
-TagTracker::TagTracker(const DetectorConfig& config, TrackingMode)
-    : work_(std::make_unique<Workspace>(Workspace{TagDetector(config), {}})) {}
+TagTracker::TagTracker(const DetectorConfig& config, TrackingMode mode)
+    : work_(std::make_unique<Workspace>(config, mode)) {}
 TagTracker::~TagTracker() = default;
 TagTracker::TagTracker(TagTracker&&) noexcept = default;
 TagTracker& TagTracker::operator=(TagTracker&&) noexcept = default;
+
 const TagFamily& TagTracker::family() const { return work_->detector.family(); }
-const TrackResult& TagTracker::track(const cv::Mat& gray, const std::vector<ExpectedTag>&) {
-  return search(gray);
+
+const TrackResult& TagTracker::track(const cv::Mat& gray,
+                                     const std::vector<ExpectedTag>& expected) {
+  Workspace& work = *work_;
+  if (work.mode == TrackingMode::kFull || expected.empty()) return search(gray);
+  work.detector.detect(gray, {});  // refuses pictures of another type
+  work.begin();
+  work.way.assign(expected.size(), Workspace::Way::kNone);
+  work.place.assign(expected.size(), 0);
+  work.tag_ways.clear();
+  const bool by_edges = work.mode == TrackingMode::kEdges && work.closed_border;
+  if (by_edges) {
+    work.lockOnTags(gray, expected);
+    work.lockOnDisplacedTags(gray, expected);
+  }
+  work.searchRegions(gray, expected);
+  if (by_edges && work.result.by_regions > 0) work.lockOnDisplacedTags(gray, expected);
+  if (work.wholeIsDue(expected)) work.searchWhole(gray);
+  return work.finish();
 }
+
 const TrackResult& TagTracker::search(const cv::Mat& gray) {
-  work_->result = {work_->detector.detect(gray), 0, 0, true};
+  work_->begin();
+  work_->result.tags = work_->detector.detect(gray);
+  work_->result.whole_picture = true;
+  work_->since_whole = 0;
   return work_->result;
 }
 

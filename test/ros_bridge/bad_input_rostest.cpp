@@ -95,7 +95,11 @@ TEST_F(BadInput, WrongSizes) {
 }
 
 TEST_F(BadInput, Names) {
-  expectDropped<PressureArray>({{pressures({1}, {"muscle_9"}), "'muscle_9'"}}, Fault::kUnknownName);
+  const std::string endless(2'000'000, '\n');
+  expectDropped<PressureArray>(
+      {{pressures({1}, {"muscle_9"}), "'muscle_9'"}, {pressures({1}, {endless}), "????...'"}},
+      Fault::kUnknownName);
+  EXPECT_LT(rig_.status.last().message.size(), 200U);
   expectDropped<PressureArray>({{pressures({1, 2}, {"muscle_1", "muscle_1"}), "'muscle_1'"}},
                                Fault::kDuplicateName);
 }
@@ -107,9 +111,11 @@ TEST_F(BadInput, PressuresBeyondTheLimits) {
 }
 
 TEST_F(BadInput, FramesModesAndQuaternions) {
-  expectDropped<TipTarget>({{pose(0.3, 0, 1, TipTarget::POSE, "world"), "'world'"},
-                            {pose(0.3, 0, 1, TipTarget::POSITION, "/arm_base"), "'/arm_base'"}},
-                           Fault::kWrongFrame);
+  expectDropped<TipTarget>(
+      {{pose(0.3, 0, 1, TipTarget::POSE, "world"), "'world'"},
+       {pose(0.3, 0, 1, TipTarget::POSITION, "/arm_base"), "'/arm_base'"},
+       {pose(0.3, 0, 1, TipTarget::POSE, std::string(2'000'000, 'x')), "xxxx...'"}},
+      Fault::kWrongFrame);
   expectDropped<TipTarget>({{pose(0.3, 0, 1, 2), "mode 2"}}, Fault::kUnknownMode);
   expectDropped<TipTarget>({{pose(0.3, 0, 0), "norm 0"}, {pose(0.3, 1, 1), "norm 1.41"}},
                            Fault::kNotUnitQuaternion);

@@ -107,8 +107,8 @@ class Eyes : public ::testing::TestWithParam<std::string> {
   std::vector<ros::Time> bad_;  // stamps of pictures that must not be measured in
 };
 
-using AllEyes = Eyes;
-
+class AllEyes : public Eyes {};
+class JpegEye : public Eyes {};
 TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
   for (const std::vector<double>& pressure :
        {kBent, {0, 0, 0}, {1e5, 3e5, 1e5}, {3e4, 1e5, 2.5e5}}) {
@@ -140,10 +140,10 @@ TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
 }
 
 TEST_P(AllEyes, ABlankPictureTakesTheDrawingAway) {
-  // The markers may have been held back by the drawing rate: wait for some.
-  ASSERT_TRUE(eye_.markers.next([](const MarkerArray& array) {
-    return array.markers.at(0).action == Marker::ADD;
-  }) || showAndMeasure(bent_));
+  const auto isDrawn = [this] {
+    return !eye_.markers.all().empty() && eye_.markers.last().markers.at(0).action == Marker::ADD;
+  };
+  ASSERT_TRUE(waitFor([&] { return isDrawn() || (showAndMeasure(bent_) && isDrawn()); }));
   std::set<std::pair<std::string, int>> drawn, removed;
   const std::size_t marked = eye_.markers.all().size();
   eye_.show(cv::Mat(eye_.scene.camera->model.height, eye_.scene.camera->model.width, CV_8UC1,
@@ -154,12 +154,14 @@ TEST_P(AllEyes, ABlankPictureTakesTheDrawingAway) {
   }));
   ASSERT_TRUE(waitFor([&] {
     for (std::size_t k = 0; k < eye_.markers.all().size(); ++k) {
+      // Where a drawing has no model, it takes the model's curve away only.
+      const bool drawing = eye_.markers.all()[k]->markers.at(0).action == Marker::ADD;
       for (const Marker& marker : eye_.markers.all()[k]->markers) {
         EXPECT_EQ(marker.header.frame_id, GetParam() + "_arm_base");
         if (marker.action == Marker::ADD) {
           EXPECT_GT(marker.lifetime.toSec(), 0.1);
           drawn.emplace(marker.ns, marker.id);
-        } else if (k >= marked) {
+        } else if (!drawing && k >= marked) {
           removed.emplace(marker.ns, marker.id);
         }
       }
@@ -180,7 +182,7 @@ TEST_P(AllEyes, ACameraThatFallsSilentIsStale) {
   }));
 }
 
-TEST_P(AllEyes, TheModelOfTheSameTimeIsComparedWith) {
+TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
   const auto stamp = eye_.stamp();
   std_msgs::Header header;
   model::Twists wrong = bent_;
@@ -214,7 +216,9 @@ TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
   for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {
     drawTag(family, family.cells(id), squareCorners(x, 120, 80, 0.1), picture);
   }
-  const ros::Time stamp = eye_.stamp();
+  // While all tags are tracked nobody looks elsewhere: after a jump in time the whole is searched.
+  eye_.setTime(eye_.stamp() - ros::Duration(100.0));
+  const ros::Time stamp = eye_.nextStamp();
   const auto before = lastStatus();
   eye_.show(picture, stamp);
   const auto measured = VisionListener::of(eye_.measured, stamp);
@@ -234,10 +238,11 @@ TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
   }));
 }
 
-TEST_P(AllEyes, ATimeThatJumpsBackStartsAnew) {
-  // A model from the future must not be met again, nor any order of stamps be in the way.
-  eye_.setTime(ros::Time::now() - ros::Duration(100.0));
+TEST_P(JpegEye, ATimeThatJumpsBackStartsAnew) {
   const model::Twists other = eye_.twists({1e5, 3e5, 1e5});
+  eye_.show(eye_.picture(bent_), ros::TIME_MAX);
+  ASSERT_TRUE(VisionListener::of(eye_.measured, ros::TIME_MAX));
+  eye_.setTime(ros::Time::now() - ros::Duration(100.0));
   for (int k = 0; k < 3; ++k) {
     const ros::Time stamp = eye_.nextStamp();
     eye_.show(eye_.picture(other), stamp);
@@ -247,7 +252,7 @@ TEST_P(AllEyes, ATimeThatJumpsBackStartsAnew) {
   }
 }
 
-TEST_P(AllEyes, AnUncalibratedCameraIsRefused) {
+TEST_P(JpegEye, AnUncalibratedCameraIsRefused) {
   auto info = eye_.info();
   info.K.fill(0);
   const std::uint64_t before = lastStatus().bad_camera_info;
@@ -261,7 +266,7 @@ TEST_P(AllEyes, AnUncalibratedCameraIsRefused) {
   EXPECT_EQ(lastStatus().state, VisionStatus::CAMERA_FAULT);
 }
 
-TEST_P(AllEyes, ACameraInfoOfAnotherSizeIsRefused) {
+TEST_P(JpegEye, ACameraInfoOfAnotherSizeIsRefused) {
   auto info = eye_.info();
   info.width = 640;
   info.height = 480;
@@ -276,7 +281,7 @@ TEST_P(AllEyes, ACameraInfoOfAnotherSizeIsRefused) {
                 [&](const ros::Time& stamp) { eye_.show(picture, stamp); });
 }
 
-TEST_P(AllEyes, ACalibrationOtherThanTheScenesReplacesIt) {
+TEST_P(JpegEye, ACalibrationOtherThanTheScenesReplacesIt) {
   // A camera of twice the focal length seems twice as near: the same picture fits no more.
   auto info = eye_.info();
   info.K[0] *= 1.02;
@@ -291,7 +296,7 @@ TEST_P(AllEyes, ACalibrationOtherThanTheScenesReplacesIt) {
   }));
 }
 
-TEST_P(AllEyes, AModelOfAnotherArmIsCountedAndNotUsed) {
+TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {
   const auto before = lastStatus();
   std_msgs::Header header;
   header.stamp = eye_.stamp();
@@ -299,7 +304,7 @@ TEST_P(AllEyes, AModelOfAnotherArmIsCountedAndNotUsed) {
   EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
 }
 
-TEST_P(AllEyes, APictureOfAnotherSizeIsRefused) {
+TEST_P(JpegEye, APictureOfAnotherSizeIsRefused) {
   cv::Mat small;
   cv::resize(eye_.picture(bent_), small, {640, 480});
   expectRefused("of 640 x 480 pixels", &VisionStatus::wrong_size,
@@ -307,8 +312,6 @@ TEST_P(AllEyes, APictureOfAnotherSizeIsRefused) {
 }
 
 INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
-
-class JpegEye : public Eyes {};
 
 TEST_P(JpegEye, WhatIsNoJpegIsRefused) {
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});

@@ -67,5 +67,16 @@ TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
 }
 
+TEST_F(History, StampsOfAnyKindArePutUpWith) {
+  add(0.0, 1);
+  history_.add(ros::TIME_MAX, model::Twists::Constant(6, 1, 2));
+  EXPECT_EQ(markAt(0.0), -1);  // forgotten long since
+  EXPECT_FALSE(history_.mayGetNearer(ros::Time(0.0)));
+  history_.forgetFuture(ros::Time(10.0));
+  add(10.0, 3);
+  EXPECT_EQ(markAt(10.0), 3);
+  EXPECT_EQ(secondsBetween(ros::TIME_MAX, ros::Time(0.0)), -ros::TIME_MAX.toSec());
+}
+
 }  // namespace
 }  // namespace helix_arm::ros_bridge

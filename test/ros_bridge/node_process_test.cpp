@@ -1,12 +1,16 @@
 // Nodes and launch files as processes: what they print, how they end, what becomes of them without
 // a master.
 #include <csignal>
+#include <fstream>
 
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/jpeg.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -18,10 +22,10 @@ class NodeProcess : public ::testing::Test {
  protected:
   Process::Variables variables() const { return master_.variables(); }
 
-  // Runs pressure_command with these arguments; expects it to end with 2 and to print all the
-  // words.
-  void expectRefused(std::vector<std::string> arguments, const std::vector<std::string>& words) {
-    arguments.insert(arguments.begin(), HELIX_ARM_PRESSURE_COMMAND);
+  // Runs a node with these arguments; expects it to end with 2 and to print all the words.
+  void expectRefused(std::vector<std::string> arguments, const std::vector<std::string>& words,
+                     const char* program = HELIX_ARM_PRESSURE_COMMAND) {
+    arguments.insert(arguments.begin(), program);
     const Master master;  // its own: parameters outlive the node that brought them
     Process node(arguments, master.variables());
     EXPECT_EQ(node.exitCode(), 2) << node.output();
@@ -57,6 +61,49 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                  "~world_frame is /world"});
   expectRefused({"_scene:=scenes/demo.yaml"}, {"~scene is scenes/demo.yaml", "absolute path"});
   expectRefused({"_scene:=no_such_arm"}, {"config/scenes/no_such_arm.yaml"});
+  expectRefused({kScene, "_regulator:=mine"}, {"~regulator is mine", "scene or topic"});
+  expectRefused({kScene, "_rate:=0", "_camera_rate:=1000"}, {"~rate is 0", "~camera_rate is 1000"},
+                HELIX_ARM_SIMULATED_RIG);
+  expectRefused({"_scene:=demo", "_source:=camera", "_stale_after_s:=0"},
+                {"~source is camera", "image/compressed", "~stale_after_s is 0"}, HELIX_ARM_VISION);
+}
+
+TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
+  expectRefused({"_scene:=demo", "_source:=webcam"}, {"demo has no camera.webcam"},
+                HELIX_ARM_VISION);
+  expectRefused({"_scene:=demo", "_source:=/no/such/film.avi"}, {"/no/such/film.avi"},
+                HELIX_ARM_VISION);
+}
+
+TEST_F(NodeProcess, WithoutACameraThereIsNothingToSee) {
+  expectRefused({kScene}, {"spatial_50 has no `camera` and `tags`", "add what is missing"},
+                HELIX_ARM_VISION);
+  expectRefused({"_scene:=helical_50"}, {"helical_50 has no `camera`"}, HELIX_ARM_VISION);
+  Process content({HELIX_ARM_VISION, kScene, "_optional:=true"}, variables());
+  EXPECT_EQ(content.exitCode(), 0) << content.output();
+  EXPECT_NE(content.output().find("nothing to see"), std::string::npos) << content.output();
+}
+
+TEST_F(NodeProcess, AFolderOfPicturesIsMeasuredInToItsEnd) {
+  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  simulation::SimulatedCamera camera(scene.view(), vision::TagFamily(scene.vision.detector.family),
+                                     {}, scene.simulation.camera);
+  vision::JpegEncoder encoder(90);
+  const TemporaryFolder folder;
+  for (int k = 0; k < 5; ++k) {
+    const auto jpeg =
+        encoder.encode(camera.render(scene.arm.twists(Eigen::Vector3d(5e4 * k, 1e5, 0))));
+    std::ofstream(folder / (std::to_string(k) + ".jpg"), std::ios::binary)
+        .write(reinterpret_cast<const char*>(jpeg.data()),
+               static_cast<std::streamsize>(jpeg.size()));
+  }
+  std::ofstream(folder / "2.jpg", std::ios::binary) << "no picture";
+  Process node({HELIX_ARM_VISION, "_scene:=demo", "_source:=" + folder.path()}, variables());
+  for (const char* words : {"measured: ", "source_faults, 1 so far", "is through"}) {
+    EXPECT_TRUE(node.prints(words)) << words << " in:\n" << node.output();
+  }
+  node.signal(SIGINT);
+  EXPECT_EQ(node.exitCode(), 0) << node.output();
 }
 
 TEST_F(NodeProcess, AnArmThatItCannotDriveIsRefused) {
@@ -85,11 +132,14 @@ TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {
   Process command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
   Process series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables());
   Process monitor({HELIX_ARM_MONITOR}, variables());
+  Process rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables());
+  Process vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables());
   ASSERT_TRUE(command.prints(kReady)) << command.output();
   ASSERT_TRUE(series.prints("row 1")) << series.output();
   ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
+  ASSERT_TRUE(vision.prints("measured")) << vision.output();
   master_.stop();
-  for (Process* node : {&command, &series, &monitor}) {
+  for (Process* node : {&command, &series, &monitor, &rig, &vision}) {
     EXPECT_EQ(node->exitCode(), 1) << node->output();
     EXPECT_NE(node->output().find("is gone"), std::string::npos) << node->output();
   }
@@ -105,10 +155,10 @@ TEST_F(NodeProcess, AMasterThatForgotTheNodeEndsIt) {
 }
 
 TEST_F(NodeProcess, TheMonitorFailsWhereThereIsNoArm) {
-  Process monitor({HELIX_ARM_MONITOR, "_seconds:=1", "_startup_s:=1"}, variables());
+  Process monitor({HELIX_ARM_MONITOR, "_seconds:=1", "_startup_s:=1", "_scene:=demo"}, variables());
   EXPECT_EQ(monitor.exitCode(), 1);
   for (const char* words : {"nothing came on pressure_command", "nothing came on pressure_measured",
-                            "nothing came on model", "not healthy"}) {
+                            "nothing came on model", "nothing came on measured", "not healthy"}) {
     EXPECT_NE(monitor.output().find(words), std::string::npos) << words << monitor.output();
   }
 }
@@ -124,12 +174,16 @@ TEST_F(NodeProcess, ASeriesThatLeavesTheLimitsIsRefused) {
 class LaunchFile : public NodeProcess {
  protected:
   // Launches a file of the package; the arm must run well, and everything must end well.
-  void expectRuns(const std::string& file, const std::vector<std::string>& arguments = {}) {
+  //
+  // @param scene  that the monitor judges by.
+  void expectRuns(const std::string& file, const std::vector<std::string>& arguments = {},
+                  const std::string& scene = "spatial_50") {
     std::vector<std::string> command = {"roslaunch", "-p", std::to_string(master_.port()),
                                         HELIX_ARM_SOURCE_DIR "/launch/" + file, "rviz:=false"};
     command.insert(command.end(), arguments.begin(), arguments.end());
     Process launch(command, variables());
-    Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1"}, variables());
+    Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1", "_scene:=" + scene},
+                    variables());
     EXPECT_EQ(monitor.exitCode(45), 0) << monitor.output() << launch.output();
     launch.signal(SIGINT);
     EXPECT_EQ(launch.exitCode(), 0);
@@ -140,7 +194,8 @@ class LaunchFile : public NodeProcess {
 };
 
 TEST_F(LaunchFile, ArmRuns) { expectRuns("arm.launch"); }
-TEST_F(LaunchFile, DemoRuns) { expectRuns("demo.launch"); }
+TEST_F(LaunchFile, DemoRunsAndIsMeasured) { expectRuns("demo.launch", {}, "demo"); }
+TEST_F(LaunchFile, DemoRunsWithoutACamera) { expectRuns("demo.launch", {"scene:=planar_76"}); }
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 
 TEST_F(LaunchFile, ReplayTakesTheMeasuredSeries) {

@@ -58,7 +58,6 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
     recorder.signal(SIGINT);
     ASSERT_EQ(recorder.exitCode(), 0) << recorder.output();
   }
-  const Shapes first = since(live.measured, 0);
 
   // Only nodes that start from now on go by the clock of the bag.
   ros::param::set("/use_sim_time", true);
@@ -84,12 +83,16 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
   }
   ros::param::del("/use_sim_time");
 
+  EXPECT_EQ(difference(played[0], played[1]), 0.0);
+  // The live node saw its first picture later than the recorder did: where it began shows in the
+  // last digits of the next few.
+  constexpr std::size_t kSettling = 5;
+  const Shapes settled = since(live.measured, kSettling);
   std::size_t common = 0;
-  for (const auto& [stamp, shape] : first) common += played[0].count(stamp);
-  EXPECT_GE(common, kWanted - 1);
-  EXPECT_EQ(difference(played[0], played[1]), 0.0) << "the second time";
-  EXPECT_LT(difference(first, played[0]), 1e-9) << "the first time";
-  EXPECT_NE(node.output().find("jumped back"), std::string::npos) << node.output();
+  for (const auto& [stamp, shape] : settled) common += played[0].count(stamp);
+  EXPECT_GE(common, kWanted - kSettling - 1);
+  EXPECT_LT(difference(settled, played[0]), 1e-9);
+  EXPECT_TRUE(node.prints("jumped back", 5.0)) << node.output();
 }
 
 }  // namespace

@@ -21,6 +21,10 @@ class Loop : public ::testing::Test {
   void SetUp() override {
     start();
     ASSERT_TRUE(rig_.connect());
+    ASSERT_TRUE(waitFor([this] {
+      return !truth_.all().empty() && !image_.all().empty() && !info_.all().empty() &&
+             !eye_.measured.all().empty() && !eye_.errors.all().empty() && !tf_.all().empty();
+    })) << rig_process_->output();
     ASSERT_TRUE(eye_.measured.next([](const ArmShape&) { return true; })) << rig_process_->output();
   }
 

@@ -9,6 +9,9 @@
 
 namespace helix_arm::ros_bridge {
 
+/// Exact, and for any two stamps: the difference of ros::Time throws where messages are far apart.
+double secondsBetween(const ros::Time& from, const ros::Time& to);
+
 /// The model's shapes of the last seconds, so that a picture meets the one of its own time.
 class ModelHistory {
  public:

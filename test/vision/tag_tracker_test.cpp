@@ -1,0 +1,520 @@
+#include "helix_arm/vision/tag_tracker.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "support/allocation_counter.hpp"
+#include "support/random.hpp"
+#include "support/tag_picture.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using Eigen::Vector2d;
+using estimation::Corners;
+using vision::DetectorConfig;
+using vision::ExpectedTag;
+using vision::TagDetection;
+using vision::TagFamily;
+using vision::TagTracker;
+using vision::TrackingMode;
+using vision::TrackResult;
+
+constexpr double kPi = 3.141592653589793;
+constexpr double kFalseLock = 0.5;  // [px]
+
+const TagFamily& family() {
+  static const TagFamily family("36h11");
+  return family;
+}
+
+TagTracker tracker(TrackingMode mode = TrackingMode::kEdges) { return {DetectorConfig(), mode}; }
+
+/// A tag drawn at these corners.
+struct Drawn {
+  int id;
+  Corners corners;
+};
+
+Corners moved(const Corners& corners, const Vector2d& by) { return corners.colwise() + by; }
+
+/// Turned in the picture, seen from aside and a little in perspective.
+Corners randomTag(Random& random, const Vector2d& middle, double size) {
+  const Corners square = squareCorners(0, 0, size, random.uniform(-kPi, kPi));
+  const Vector2d aside = random.direction<2>();
+  const double foreshortening = random.uniform(0.0, 0.35);
+  Corners corners = square - foreshortening * aside * (aside.transpose() * square);
+  for (int k = 0; k < 4; ++k) {
+    corners.col(k) +=
+        middle + 0.006 * size * Vector2d(random.uniform(-1, 1), random.uniform(-1, 1));
+  }
+  return corners;
+}
+
+cv::Mat picture(const std::vector<Drawn>& tags, const cv::Size& size, int background = 110) {
+  cv::Mat gray(size, CV_8UC1, cv::Scalar(background));
+  for (const Drawn& tag : tags) drawTag(family(), family().cells(tag.id), tag.corners, gray);
+  return gray;
+}
+
+/// Objects with straight edges of any brightness.
+cv::Mat cluttered(Random& random, const cv::Size& size) {
+  cv::Mat gray(size, CV_8UC1, cv::Scalar(random.integer(40, 200)));
+  for (int i = 0; i < 150; ++i) {
+    const cv::RotatedRect box(cv::Point2f(static_cast<float>(random.uniform(0, size.width)),
+                                          static_cast<float>(random.uniform(0, size.height))),
+                              cv::Size2f(static_cast<float>(random.uniform(5, 90)),
+                                         static_cast<float>(random.uniform(5, 90))),
+                              static_cast<float>(random.uniform(0, 180)));
+    cv::Point2f p[4];
+    box.points(p);
+    cv::fillConvexPoly(gray, std::vector<cv::Point>(p, p + 4), cv::Scalar(random.integer(0, 255)));
+  }
+  return gray;
+}
+
+void cover(cv::Mat& gray, const Corners& region, int level) {
+  std::vector<cv::Point> outline;
+  for (int k = 0; k < 4; ++k) {
+    outline.emplace_back(cvRound(region(0, k) * 16), cvRound(region(1, k) * 16));
+  }
+  cv::fillConvexPoly(gray, outline, cv::Scalar(level), cv::LINE_8, 4);
+}
+
+/// As a lens and a sensor leave it.
+void spoil(cv::Mat& gray, Random& random, double blur = 0.7, double noise = 2.0) {
+  cv::GaussianBlur(gray, gray, {0, 0}, blur, blur, cv::BORDER_REPLICATE);
+  for (int y = 0; y < gray.rows; ++y) {
+    for (int x = 0; x < gray.cols; ++x) {
+      auto& pixel = gray.at<std::uint8_t>(y, x);
+      pixel = cv::saturate_cast<std::uint8_t>(pixel + noise * random.normal());
+    }
+  }
+}
+
+double error(const Corners& corners, const Corners& truth) {
+  return (corners - truth).colwise().norm().maxCoeff();
+}
+
+const TagDetection* find(const TrackResult& result, int id) {
+  for (const TagDetection& tag : result.tags) {
+    if (tag.id == id) return &tag;
+  }
+  return nullptr;
+}
+
+double shorterSide(const Corners& corners) {
+  double side = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 4; ++k) {
+    side = std::min(side, (corners.col((k + 1) % 4) - corners.col(k)).norm());
+  }
+  return side;
+}
+
+TEST(EdgeTracking, CornersAreTrueAndWithoutBias) {
+  TagTracker edges = tracker();
+  Random random(1);
+  double squares = 0, outward = 0;
+  Vector2d sum = Vector2d::Zero();
+  constexpr int kTags = 150;
+  for (int i = 0; i < kTags; ++i) {
+    const int id = random.integer(0, family().count() - 1);
+    const Vector2d middle(80 + random.uniform(0, 1), 80 + random.uniform(0, 1));
+    const Corners truth = randomTag(random, middle, random.uniform(30, 80));
+    cv::Mat gray = picture({{id, truth}}, {160, 160});
+    spoil(gray, random);
+    const Vector2d off(random.uniform(-3, 3), random.uniform(-3, 3));
+    const TrackResult& result = edges.track(gray, {{id, moved(truth, off), true}});
+    ASSERT_EQ(result.by_edges, 1) << i;
+    const Corners difference = result.tags[0].corners - truth;
+    ASSERT_LT(error(result.tags[0].corners, truth), 0.2) << i;
+    squares += difference.squaredNorm() / 8;
+    sum += difference.rowwise().mean();
+    for (int k = 0; k < 4; ++k) {
+      const Vector2d out = truth.col(k) - truth.rowwise().mean();
+      outward += difference.col(k).dot(out.normalized()) / 4;
+    }
+  }
+  EXPECT_LT(std::sqrt(squares / kTags), 0.04);
+  EXPECT_LT((sum / kTags).norm(), 0.02);
+  EXPECT_LT(std::abs(outward / kTags), 0.02);
+}
+
+TEST(EdgeTracking, CatchesTagsAQuarterOfTheirSideOff) {
+  TagTracker edges = tracker();
+  Random random(2);
+  int caught = 0, tags = 0;
+  for (const double size : {28.0, 40.0, 55.0, 75.0}) {
+    for (int i = 0; i < 24; ++i) {
+      const int id = random.integer(0, family().count() - 1);
+      const Corners truth = randomTag(random, {120, 120}, size);
+      cv::Mat gray = cluttered(random, {240, 240});
+      drawTag(family(), family().cells(id), truth, gray);
+      spoil(gray, random);
+      const double far = std::min(12.0, 0.25 * shorterSide(truth)), angle = 2 * kPi * i / 24;
+      const Corners expected = moved(truth, far * Vector2d(std::cos(angle), std::sin(angle)));
+      const TrackResult& result = edges.track(gray, {{id, expected, true}});
+      ASSERT_NE(find(result, id), nullptr);
+      EXPECT_LT(error(find(result, id)->corners, truth), kFalseLock);
+      caught += result.by_edges;
+      ++tags;
+    }
+  }
+  EXPECT_GE(caught, 0.97 * tags);
+}
+
+TEST(EdgeTracking, FamiliesWithAClosedBorderOnly) {
+  Random random(3);
+  for (const std::string& name : TagFamily::names()) {
+    DetectorConfig config;
+    config.family = name;
+    config.quad_decimate = 1;
+    config.max_hamming = 0;
+    TagTracker edges(config, TrackingMode::kEdges);
+    const Corners truth = randomTag(random, {100, 100}, 70);
+    cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(110));
+    drawTag(edges.family(), edges.family().cells(7), truth, gray);
+    spoil(gray, random);
+    const TrackResult& result = edges.track(gray, {{7, truth, true}});
+    ASSERT_EQ(result.tags.size(), 1U) << name;
+    const bool closed = name == "36h11" || name == "36h10" || name == "25h9" || name == "16h5";
+    EXPECT_EQ(result.by_edges, closed ? 1 : 0) << name;
+    EXPECT_EQ(result.by_regions, closed ? 0 : 1) << name;
+    EXPECT_LT(error(result.tags[0].corners, truth), 0.3) << name;
+  }
+}
+
+TEST(EdgeTracking, AnotherTagAtTheExpectedPlaceIsRefused) {
+  TagTracker edges = tracker();
+  Random random(4);
+  for (int i = 0; i < 60; ++i) {
+    const int there = random.integer(0, family().count() - 2);
+    const int wanted = random.integer(there + 1, family().count() - 1);
+    const Corners truth = randomTag(random, {80, 80}, random.uniform(40, 70));
+    cv::Mat gray = picture({{there, truth}}, {160, 160});
+    spoil(gray, random);
+    const TrackResult& result = edges.track(gray, {{wanted, truth, true}});
+    EXPECT_EQ(result.by_edges + result.by_regions, 0);
+    EXPECT_EQ(find(result, wanted), nullptr);
+    EXPECT_NE(find(result, there), nullptr);
+  }
+}
+
+TEST(EdgeTracking, ATurnedTagIsRefused) {
+  TagTracker edges = tracker();
+  Random random(5);
+  const Corners truth = squareCorners(80, 80, 60, 0.1);
+  cv::Mat gray = picture({{11, truth}}, {160, 160});
+  spoil(gray, random);
+  for (int turn = 1; turn < 4; ++turn) {
+    Corners turned;
+    for (int k = 0; k < 4; ++k) turned.col(k) = truth.col((k + turn) % 4);
+    const TrackResult& result = edges.track(gray, {{11, turned, true}});
+    EXPECT_EQ(result.by_edges, 0);
+    EXPECT_EQ(result.by_regions, 1);
+    EXPECT_LT(error(result.tags[0].corners, truth), 0.2);
+  }
+}
+
+TEST(EdgeTracking, ClutterIsNoTag) {
+  TagTracker edges = tracker();
+  Random random(6);
+  for (int i = 0; i < 10; ++i) {
+    cv::Mat gray = cluttered(random, {640, 480});
+    spoil(gray, random);
+    std::vector<ExpectedTag> expected;
+    for (int k = 0; k < 60; ++k) {
+      const Vector2d middle(random.uniform(0, 640), random.uniform(0, 480));
+      expected.push_back({k, randomTag(random, middle, random.uniform(20, 80)), false});
+    }
+    EXPECT_TRUE(edges.track(gray, expected).tags.empty());
+  }
+}
+
+TEST(EdgeTracking, PartlyHiddenTagsAreTrueOrLeftOut) {
+  TagTracker edges = tracker();
+  Random random(7);
+  int found = 0, refused = 0;
+  for (int i = 0; i < 200; ++i) {
+    const int id = random.integer(0, family().count() - 1);
+    const double size = random.uniform(40, 75);
+    const Corners truth = randomTag(random, {80, 80}, size);
+    cv::Mat gray = picture({{id, truth}}, {160, 160});
+    // Over a corner, across the middle, or over a side.
+    const int k = random.integer(0, 3);
+    const Vector2d corner = truth.col(k), middle = truth.rowwise().mean();
+    const Vector2d place = i % 3 == 0   ? corner
+                           : i % 3 == 1 ? Vector2d(0.5 * (corner + truth.col((k + 1) % 4)))
+                                        : Vector2d(0.5 * (corner + middle));
+    cover(gray, randomTag(random, place, random.uniform(0.1, 0.6) * size), random.integer(0, 255));
+    spoil(gray, random);
+    const TrackResult& result = edges.track(gray, {{id, moved(truth, {1.5, -2}), true}});
+    found += result.by_edges;
+    refused += result.tags.empty();
+    for (const TagDetection& tag : result.tags) {
+      EXPECT_EQ(tag.id, id);
+      EXPECT_LT(error(tag.corners, truth), kFalseLock) << i << " " << result.by_edges;
+    }
+  }
+  EXPECT_GT(found, 20);
+  EXPECT_GT(refused, 20);
+}
+
+TEST(EdgeTracking, DoesNotAllocate) {
+  TagTracker edges = tracker();
+  Random random(8);
+  std::vector<Drawn> tags;
+  std::vector<ExpectedTag> expected;
+  for (int i = 0; i < 8; ++i) {
+    tags.push_back({i, randomTag(random, {100.0 + 150 * (i % 4), 100.0 + 150 * (i / 4)}, 60)});
+    expected.push_back({i, moved(tags[i].corners, {2, -3}), true});
+  }
+  cv::Mat gray = picture(tags, {650, 350});
+  spoil(gray, random);
+  ASSERT_EQ(edges.track(gray, expected).by_edges, 8);
+  const AllocationCounter counter;
+  edges.track(gray, expected);
+  EXPECT_EQ(counter.count(), 0U);
+}
+
+TEST(Tracking, TagsThatJumpAreFoundInTheSamePicture) {
+  Random random(9);
+  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
+    TagTracker regions = tracker(mode);
+    const Corners truth = randomTag(random, {400, 300}, 50);
+    cv::Mat gray = picture({{3, truth}}, {800, 600});
+    spoil(gray, random);
+    const TrackResult& near = regions.track(gray, {{3, moved(truth, {35, 20}), true}});
+    EXPECT_EQ(near.by_regions, 1);
+    EXPECT_FALSE(near.whole_picture);
+    EXPECT_LT(error(near.tags.at(0).corners, truth), 0.2);
+    const TrackResult& far = regions.track(gray, {{3, moved(truth, {-250, 100}), true}});
+    EXPECT_EQ(far.by_edges + far.by_regions, 0);
+    EXPECT_TRUE(far.whole_picture);
+    EXPECT_LT(error(far.tags.at(0).corners, truth), 0.2);
+  }
+}
+
+TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
+  Random random(10);
+  const Corners truth = randomTag(random, {400, 300}, 50);
+  cv::Mat gray = picture({{3, truth}}, {800, 600});
+  spoil(gray, random);
+  TagTracker edges = tracker();
+  EXPECT_TRUE(edges.track(gray, {}).whole_picture);
+  EXPECT_EQ(edges.track(gray, {}).tags.size(), 1U);
+  TagTracker full = tracker(TrackingMode::kFull);
+  EXPECT_TRUE(full.track(gray, {{3, truth, true}}).whole_picture);
+}
+
+TEST(Tracking, TheWholePictureDoesNotRepeatWhatTheEdgesFound) {
+  Random random(11);
+  const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
+                                   {2, randomTag(random, {500, 300}, 50)}};
+  cv::Mat gray = picture(tags, {640, 480});
+  spoil(gray, random);
+  TagTracker edges = tracker();
+  const TrackResult& result =
+      edges.track(gray, {{1, tags[0].corners, true}, {2, moved(tags[1].corners, {-250, 0}), true}});
+  EXPECT_TRUE(result.whole_picture);
+  EXPECT_EQ(result.by_edges, 0);
+  ASSERT_EQ(result.tags.size(), 2U);
+  EXPECT_EQ(result.tags[0].id, 1);
+  EXPECT_EQ(result.tags[1].id, 2);
+}
+
+TEST(Tracking, ACopyOfATagIsSeenOnlyInTheWholePicture) {
+  Random random(12);
+  const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
+                                   {5, randomTag(random, {500, 300}, 50)}};
+  cv::Mat gray = picture(tags, {640, 480});
+  spoil(gray, random);
+  TagTracker edges = tracker();
+  for (const Drawn& tag : tags) {
+    const TrackResult& result = edges.track(gray, {{5, tag.corners, true}});
+    ASSERT_EQ(result.tags.size(), 1U);
+    EXPECT_LT(error(result.tags[0].corners, tag.corners), 0.2);
+  }
+  EXPECT_EQ(edges.search(gray).tags.size(), 2U);
+}
+
+TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
+  Random random(13);
+  const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
+                                   {2, randomTag(random, {500, 300}, 50)},
+                                   {3, randomTag(random, {500, 120}, 50)}};
+  cv::Mat without = picture({tags[0]}, {640, 480}), with = picture(tags, {640, 480});
+  spoil(without, random);
+  spoil(with, random);
+  std::vector<ExpectedTag> expected;
+  for (const Drawn& tag : tags) expected.push_back({tag.id, tag.corners, tag.id == 1});
+  TagTracker edges = tracker();
+  edges.search(without);
+  int whole = 0;
+  for (int i = 0; i < 90; ++i) whole += edges.track(without, expected).whole_picture;
+  EXPECT_EQ(whole, 3);
+  EXPECT_EQ(edges.track(with, expected).by_edges, 3);
+  // Farther off than the edges reach: one region a picture.
+  expected[1].corners = moved(tags[1].corners, {30, 20});
+  expected[2].corners = moved(tags[2].corners, {-30, -20});
+  std::vector<int> by_regions;
+  for (int i = 0; i < 4; ++i) {
+    const TrackResult& result = edges.track(with, expected);
+    ASSERT_EQ(result.tags.size(), 2U);
+    EXPECT_EQ(result.by_regions, 1);
+    by_regions.push_back(result.tags[1].id);
+  }
+  EXPECT_NE(by_regions[0], by_regions[1]);
+  EXPECT_EQ(by_regions[0], by_regions[2]);
+}
+
+TEST(Tracking, ABumpMovesTagsThatWereHiddenAlike) {
+  Random random(17);
+  std::vector<Drawn> tags;
+  std::vector<ExpectedTag> expected;
+  for (int i = 0; i < 6; ++i) {
+    tags.push_back({i, randomTag(random, {150 + 100.0 * (i % 3), 120 + 100.0 * (i / 3)}, 50)});
+    expected.push_back({i, moved(tags[i].corners, {26, -30}), i == 0});
+  }
+  cv::Mat gray = picture(tags, {500, 350});
+  spoil(gray, random);
+  TagTracker edges = tracker();
+  edges.search(gray);
+  const TrackResult& result = edges.track(gray, expected);
+  EXPECT_EQ(result.tags.size(), 6U);
+  EXPECT_FALSE(result.whole_picture);
+  for (const TagDetection& tag : result.tags) {
+    EXPECT_LT(error(tag.corners, tags[tag.id].corners), kFalseLock);
+  }
+}
+
+TEST(Tracking, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
+  TagTracker edges = tracker();
+  Random random(14);
+  const cv::Size size(1280, 720);
+  cv::Mat background = cluttered(random, size);
+  std::vector<Drawn> tags;
+  for (int i = 0; i < 8; ++i) {
+    const Vector2d middle(400 + 160 * (i % 4), 260 + 160 * (i / 4));
+    tags.push_back({3 * i, randomTag(random, middle, random.uniform(45, 70))});
+  }
+  std::vector<bool> seen(tags.size(), false);
+  std::vector<ExpectedTag> expected;
+  Vector2d last = Vector2d::Zero();
+  int recovered = 0, hidden = 0;
+  for (int event = 0; event < 120; ++event) {
+    // All jump, then a bump moves them a little, then some are hidden, then all jump again.
+    Vector2d to = last + Vector2d(random.uniform(-4, 4), random.uniform(-4, 4));
+    if (event % 4 == 0) to = {random.uniform(-250, 250), random.uniform(-150, 150)};
+    if (event % 4 == 1) to = last + Vector2d(random.uniform(-30, 30), random.uniform(-30, 30));
+    if (event % 4 == 3) to = {random.uniform(-100, 100), random.uniform(-100, 100)};
+    std::vector<Drawn> now = tags;
+    for (Drawn& tag : now) tag.corners = moved(tag.corners, to);
+    cv::Mat gray = background.clone();
+    for (const Drawn& tag : now) drawTag(family(), family().cells(tag.id), tag.corners, gray);
+    std::vector<bool> is_hidden(tags.size(), false);
+    for (std::size_t i = 0; i < now.size() && event % 4 == 2; ++i) {
+      is_hidden[i] = random.uniform(0, 1) < 0.4;
+      if (!is_hidden[i]) continue;
+      const Vector2d middle = now[i].corners.rowwise().mean();
+      cover(gray, squareCorners(middle.x(), middle.y(), 75, random.uniform(-kPi, kPi)),
+            random.integer(0, 255));
+    }
+    spoil(gray, random);
+    expected.clear();
+    for (std::size_t i = 0; i < tags.size(); ++i) {
+      expected.push_back({tags[i].id, moved(tags[i].corners, last), seen[i]});
+    }
+    const TrackResult& result = edges.track(gray, expected);
+    for (const TagDetection& tag : result.tags) {
+      const auto truth = std::find_if(now.begin(), now.end(),
+                                      [&tag](const Drawn& drawn) { return drawn.id == tag.id; });
+      ASSERT_NE(truth, now.end()) << event;
+      EXPECT_LT(error(tag.corners, truth->corners), kFalseLock) << event;
+    }
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      seen[i] = find(result, now[i].id) != nullptr;
+      EXPECT_EQ(seen[i], !is_hidden[i]) << "event " << event << " tag " << i;
+      recovered += seen[i];
+      hidden += is_hidden[i];
+    }
+    last = to;
+  }
+  EXPECT_EQ(recovered + hidden, 120 * 8);
+  EXPECT_GT(hidden, 60);
+}
+
+TEST(Tracking, ExpectationsMayBeNonsense) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  Random random(15);
+  const Corners truth = randomTag(random, {100, 100}, 60);
+  cv::Mat gray = picture({{3, truth}}, {200, 200});
+  spoil(gray, random);
+  std::vector<Corners> nonsense(9, truth);
+  nonsense[0].setConstant(nan);
+  nonsense[1](1, 2) = inf;
+  nonsense[2].row(1).setConstant(50);              // on a line
+  nonsense[3].colwise() = truth.col(0).eval();     // a point
+  nonsense[4] = truth.rowwise().reverse().eval();  // seen from behind
+  nonsense[5] = moved(truth, {-1000, 0});
+  nonsense[6] = 1e300 * truth;
+  nonsense[7] = 1e5 * truth;
+  nonsense[8].col(0).swap(nonsense[8].col(1));  // crossed
+  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
+    TagTracker edges = tracker(mode);
+    for (const Corners& corners : nonsense) {
+      const TrackResult& result = edges.track(gray, {{3, corners, true}});
+      ASSERT_EQ(result.tags.size(), 1U);
+      EXPECT_LT(error(result.tags[0].corners, truth), 0.2);
+    }
+    for (const int id : {-1, family().count(), std::numeric_limits<int>::max()}) {
+      EXPECT_EQ(find(edges.track(gray, {{id, truth, true}}), id), nullptr);
+    }
+  }
+}
+
+TEST(Tracking, PicturesMayBeTiny) {
+  TagTracker edges = tracker();
+  const Corners corners = squareCorners(6, 6, 12, 0.1);
+  EXPECT_TRUE(edges.track(cv::Mat(), {{3, corners, true}}).tags.empty());
+  for (int side = 1; side < 24; ++side) {
+    const cv::Mat high(40, side, CV_8UC1, cv::Scalar(128));
+    const cv::Mat wide(side, 40, CV_8UC1, cv::Scalar(128));
+    EXPECT_TRUE(edges.track(high, {{3, corners, true}}).tags.empty());
+    EXPECT_TRUE(edges.track(wide, {{3, corners, true}}).tags.empty());
+  }
+}
+
+TEST(Tracking, ColourPicturesAreRefused) {
+  TagTracker edges = tracker();
+  const cv::Mat colour(100, 100, CV_8UC3, cv::Scalar(0, 0, 0));
+  EXPECT_THROW(edges.track(colour, {{3, squareCorners(50, 50, 30, 0), true}}),
+               std::invalid_argument);
+  EXPECT_THROW(edges.search(colour), std::invalid_argument);
+}
+
+TEST(Tracking, TagsAtTheBorderOfThePicture) {
+  TagTracker edges = tracker();
+  Random random(16);
+  for (int i = 0; i < 40; ++i) {
+    const double angle = 2 * kPi * i / 40;
+    const Vector2d middle(100 + 95 * std::cos(angle), 100 + 95 * std::sin(angle));
+    const Corners truth = squareCorners(middle.x(), middle.y(), 50, random.uniform(-kPi, kPi));
+    cv::Mat gray = picture({{9, truth}}, {200, 200});
+    spoil(gray, random);
+    for (const TagDetection& tag : edges.track(gray, {{9, truth, true}}).tags) {
+      EXPECT_LT(error(tag.corners, truth), kFalseLock);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::test
