@@ -20,8 +20,8 @@ constexpr double kLeastSide = 10.0;    // of a tag [px]: below, a cell is hardly
 constexpr double kFarthest = 1e6;      // of its corners from the picture's [px]
 constexpr double kLeastSine = 0.2;     // of the angle between two sides
 constexpr double kLeastContrast = 10;  // between black and white [gray levels]
-constexpr double kLeastMargin = 5;  // of the bits: libapriltag's least step to black [gray levels]
-constexpr double kSharpening = 0.25;  // as much as libapriltag's, so that margins compare
+constexpr double kLeastMargin = 5;     // of the bits [gray levels]
+constexpr double kSharpening = 0.25;   // as much as libapriltag's, so that margins compare
 
 // Search for the edges.
 constexpr double kReach = 0.4;      // of the tag's extent across the edge: beyond is its other side
@@ -29,10 +29,9 @@ constexpr int kMaxReach = 16;       // [px]
 constexpr int kSecondReach = 4;     // [px]
 constexpr double kMovedMuch = 1.5;  // the samples were in the wrong places [px]
 constexpr int kRays = 12;           // across an edge
-constexpr double kRaysFrom =
-    0.15;                     // of its length: nearer to the corners they miss displaced edges
-constexpr int kMaxTilt = 6;   // of the edge at the first and last ray [px]
-constexpr int kTiltStep = 2;  // [px]
+constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners they miss edges
+constexpr int kMaxTilt = 6;         // of the edge at the first and last ray [px]
+constexpr int kTiltStep = 2;        // [px]
 
 // Putting the corners right.
 constexpr double kRefineReach = 3.0;  // [px]
@@ -59,7 +58,7 @@ double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y(
 
 // Sides long enough, in the right order, with corners that are not flat.
 bool isTagLike(const Corners& corners) {
-  if (!(corners.cwiseAbs().maxCoeff() <= kFarthest)) return false;  // also where one is not finite
+  if (!corners.allFinite() || corners.cwiseAbs().maxCoeff() > kFarthest) return false;
   for (int k = 0; k < 4; ++k) {
     const Vector2d a = corners.col((k + 1) % 4) - corners.col(k);
     const Vector2d b = corners.col((k + 2) % 4) - corners.col((k + 1) % 4);
@@ -87,8 +86,9 @@ class Picture {
   }
 
   float at(const Vector2d& p) const {
-    const float x = std::clamp(static_cast<float>(p.x()), 0.0F, static_cast<float>(columns_ - 1));
-    const float y = std::clamp(static_cast<float>(p.y()), 0.0F, static_cast<float>(rows_ - 1));
+    // In this order what is not a number becomes 0.
+    const float x = std::min(std::max(0.0F, static_cast<float>(p.x())), columns_ - 1.0F);
+    const float y = std::min(std::max(0.0F, static_cast<float>(p.y())), rows_ - 1.0F);
     const int column = std::min(static_cast<int>(x), columns_ - 2);
     const int row = std::min(static_cast<int>(y), rows_ - 2);
     const float u = x - static_cast<float>(column), v = y - static_cast<float>(row);

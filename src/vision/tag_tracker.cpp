@@ -14,13 +14,13 @@ namespace {
 
 using estimation::Corners;
 
-// A region reaches so far beyond the expected tag, in sizes of it: about where a tag is that moved
-// by its own size. [px] for small ones.
-constexpr double kRegionMargin = 1.0;
-constexpr double kLeastRegionMargin = 24.0;
+// A region reaches so far beyond the expected tag, in sizes of it, and in px for small ones: its
+// price grows with the square.
+constexpr double kRegionMargin = 0.5;
+constexpr double kLeastRegionMargin = 16.0;
 // What a search costs however small the region is, as so much more of the picture: regions are
 // joined where that is cheaper [px^2].
-constexpr int kRegionOverhead = 4000;
+constexpr int kRegionOverhead = 500;
 // Tags that were not there last time may stay away for long: one of them after the other is looked
 // for in its region, and the whole picture once a second at a webcam's 30 Hz, which adds a
 // thirtieth of its price to that of each picture.

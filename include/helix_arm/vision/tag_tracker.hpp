@@ -13,7 +13,7 @@ namespace helix_arm::vision {
 /// ones before it, within the same picture.
 enum class TrackingMode {
   kFull,     ///< the whole picture, always
-  kRegions,  ///< the surroundings of each expected tag, as far as its own size
+  kRegions,  ///< the surroundings of each expected tag, as far as half its size
   /// The edges of each expected tag, and its bits. It may be off by a quarter of its shorter side,
   /// but no more than 12 px. Families with bits outside their border are looked for in regions.
   kEdges,

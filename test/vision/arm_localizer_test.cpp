@@ -1,0 +1,215 @@
+#include "helix_arm/vision/arm_localizer.hpp"
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/picture_series.hpp"
+
+namespace helix_arm::vision {
+namespace {
+
+using test::PictureSeries;
+
+estimation::ArmView smallLayoutView() { return test::sampleView(0.8, 1, 20); }
+
+double tipError(const Sight& sight, const model::Twists& truth) {
+  return (model::tipPose(sight.fit.twists).translation - model::tipPose(truth).translation).norm();
+}
+
+// One picture of an arm at rest or under pressure, and what may be done to it.
+class ArmLocalizerTest : public ::testing::Test {
+ protected:
+  ArmLocalizerTest()
+      : view_(smallLayoutView()), arm_(test::ringArm(test::helicalRing())), camera_(makeCamera()) {}
+
+  simulation::SimulatedCamera makeCamera() const {
+    return {view_, TagFamily("36h11"), {}, simulation::SimulatedCameraConfig{}};
+  }
+
+  model::Twists twistsAt(double p1, double p2, double p3) const {
+    return arm_.twists(Eigen::Vector3d(p1, p2, p3));
+  }
+  cv::Mat picture(const model::Twists& twists) { return camera_.render(twists).clone(); }
+
+  // Paints over all visible tags but the first `kept`.
+  cv::Mat hideAllBut(cv::Mat gray, const model::Twists& twists, std::size_t kept) const {
+    const auto tags = estimation::visibleTags(view_, twists, 0.0);
+    for (std::size_t i = kept; i < tags.size(); ++i) {
+      const Eigen::Vector2d low = tags[i].corners.rowwise().minCoeff();
+      const Eigen::Vector2d high = tags[i].corners.rowwise().maxCoeff();
+      cv::rectangle(gray, cv::Point2d(low.x() - 6, low.y() - 6),
+                    cv::Point2d(high.x() + 6, high.y() + 6), 90, cv::FILLED);
+    }
+    return gray;
+  }
+
+  const estimation::ArmView view_;
+  const model::Arm arm_;
+  simulation::SimulatedCamera camera_;
+};
+
+class EachMode : public ::testing::TestWithParam<TrackingMode> {};
+
+TEST_P(EachMode, AMovingArmIsMeasuredInEveryPicture) {
+  simulation::SimulatedCameraConfig clutter;
+  clutter.clutter = 12;
+  const PictureSeries series(smallLayoutView(), 30, clutter);
+  LocalizerConfig config;
+  config.tracking = GetParam();
+  ArmLocalizer localizer(series.view, config);
+  int whole = 0;
+  for (std::size_t i = 0; i < series.pictures.size(); ++i) {
+    const Sight& sight = localizer.locate(series.pictures[i], series.model[i]);
+    ASSERT_EQ(sight.state, SightState::kMeasured) << "picture " << i;
+    EXPECT_LT(tipError(sight, series.truth[i]), 0.0005);
+    EXPECT_EQ(sight.fit.outliers(), 0);
+    EXPECT_TRUE(sight.foreign_ids.empty());
+    whole += sight.whole_picture ? 1 : 0;
+  }
+  if (GetParam() == TrackingMode::kFull) {
+    EXPECT_EQ(whole, 30);
+  } else {
+    EXPECT_LT(whole, 10);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, EachMode,
+                         ::testing::Values(TrackingMode::kFull, TrackingMode::kRegions,
+                                           TrackingMode::kEdges));
+
+TEST_F(ArmLocalizerTest, AJumpIsMeasuredInTheSamePicture) {
+  ArmLocalizer localizer(view_, {});
+  const model::Twists before = twistsAt(0, 0, 0), after = twistsAt(4e5, 0, 2e5);
+  ASSERT_EQ(localizer.locate(picture(before), before).state, SightState::kMeasured);
+  // The model knows nothing of the jump.
+  const Sight& sight = localizer.locate(picture(after), before);
+  EXPECT_EQ(sight.state, SightState::kMeasured);
+  EXPECT_LT(tipError(sight, after), 0.0005);
+}
+
+TEST_F(ArmLocalizerTest, WithoutTagsNothingIsMeasured) {
+  ArmLocalizer localizer(view_, {});
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  const cv::Mat empty(720, 1280, CV_8UC1, cv::Scalar(90));
+  EXPECT_EQ(localizer.locate(empty, twists).state, SightState::kNoTags);
+  ASSERT_EQ(localizer.locate(picture(twists), twists).state, SightState::kMeasured);
+  EXPECT_EQ(localizer.locate(empty, twists).state, SightState::kNoTags);
+  EXPECT_EQ(localizer.locate(picture(twists), twists).state, SightState::kMeasured);
+}
+
+TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  LocalizerConfig config;
+  config.min_tags = 3;
+  ArmLocalizer localizer(view_, config);
+  const Sight& two = localizer.locate(hideAllBut(picture(twists), twists, 2), twists);
+  EXPECT_EQ(two.detections.size(), 2u);
+  EXPECT_EQ(two.state, SightState::kTooFewTags);
+  EXPECT_EQ(localizer.locate(hideAllBut(picture(twists), twists, 3), twists).state,
+            SightState::kMeasured);
+}
+
+TEST_F(ArmLocalizerTest, TagsOfOthersAreNamedAndLeftAlone) {
+  estimation::ArmView known = view_;
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  const auto visible = estimation::visibleTags(view_, twists, 0.6);
+  const int foreign = view_.layout.tags[visible.front().tag].id;
+  known.layout.tags.erase(known.layout.tags.begin() + visible.front().tag);
+  ArmLocalizer localizer(known, {});
+  const Sight& sight = localizer.locate(picture(twists), twists);
+  EXPECT_EQ(sight.state, SightState::kMeasured);
+  EXPECT_EQ(sight.foreign_ids, std::vector<int>{foreign});
+  EXPECT_LT(tipError(sight, twists), 0.0005);
+}
+
+TEST_F(ArmLocalizerTest, ATagSeenTwiceIsNamedAndNotUsed) {
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  cv::Mat gray = picture(twists);
+  // A printed copy of a tag, somewhere else in the picture.
+  const auto tag = estimation::visibleTags(view_, twists, 0.6).front();
+  const Eigen::Vector2d low = tag.corners.rowwise().minCoeff();
+  const Eigen::Vector2d high = tag.corners.rowwise().maxCoeff();
+  const cv::Rect patch(cv::Point2d(low.x() - 8, low.y() - 8),
+                       cv::Point2d(high.x() + 8, high.y() + 8));
+  const cv::Mat copy = gray(patch).clone();
+  copy.copyTo(gray(cv::Rect(60, 60, patch.width, patch.height)));
+  ArmLocalizer localizer(view_, {});
+  const Sight& sight = localizer.locate(gray, twists);
+  const int id = view_.layout.tags[tag.tag].id;
+  EXPECT_EQ(sight.repeated_ids, std::vector<int>{id});
+  EXPECT_EQ(sight.state, SightState::kMeasured);
+  EXPECT_LT(tipError(sight, twists), 0.0005);
+  for (const auto& fitted : sight.fit.tags) EXPECT_NE(view_.layout.tags[fitted.tag].id, id);
+}
+
+TEST_F(ArmLocalizerTest, AMisplacedTagIsNamed) {
+  // The scene says that the tag sits 15 mm from where it does.
+  estimation::ArmView wrong = view_;
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  const auto visible = estimation::visibleTags(view_, twists, 0.6);
+  wrong.layout.tags[visible.front().tag].X_ST.translation.x() += 0.015;
+  ArmLocalizer localizer(wrong, {});
+  for (int i = 0; i < 2; ++i) {
+    const Sight& sight = localizer.locate(picture(twists), twists);
+    ASSERT_EQ(sight.state, SightState::kMeasured);
+    EXPECT_EQ(sight.fit.outliers(), 1);
+    for (const auto& tag : sight.fit.tags) {
+      EXPECT_EQ(tag.outlier, tag.tag == visible.front().tag);
+    }
+    EXPECT_LT(tipError(sight, twists), 0.003);
+    // It casts doubt on the fit once, and is then known for what it is.
+    EXPECT_EQ(sight.whole_picture, i == 0);
+  }
+}
+
+TEST_F(ArmLocalizerTest, TagsOfAnArmThatCannotHaveThisShapeAreNoFit) {
+  // The tags are glued on in another order than the scene says.
+  estimation::ArmView wrong = view_;
+  const std::size_t count = wrong.layout.tags.size();
+  for (std::size_t i = 0; i < count; ++i) {
+    wrong.layout.tags[i].id = view_.layout.tags[(7 * i + 3) % count].id;
+  }
+  ArmLocalizer localizer(wrong, {});
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  EXPECT_EQ(localizer.locate(picture(twists), twists).state, SightState::kNoFit);
+}
+
+TEST_F(ArmLocalizerTest, ResetForgetsTheLastPicture) {
+  ArmLocalizer localizer(view_, {});
+  const model::Twists twists = twistsAt(1e5, 0, 0);
+  const cv::Mat gray = picture(twists);
+  EXPECT_TRUE(localizer.locate(gray, twists).whole_picture);
+  EXPECT_FALSE(localizer.locate(gray, twists).whole_picture);
+  localizer.reset();
+  EXPECT_TRUE(localizer.locate(gray, twists).whole_picture);
+}
+
+TEST_F(ArmLocalizerTest, PicturesOfAnotherSizeOrTypeAreRefused) {
+  ArmLocalizer localizer(view_, {});
+  const model::Twists twists = twistsAt(0, 0, 0);
+  try {
+    localizer.locate(cv::Mat::zeros(480, 640, CV_8UC1), twists);
+    FAIL() << "taken";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(), "a picture of 640 x 480 pixels; expected the camera's 1280 x 720");
+  }
+  EXPECT_THROW(localizer.locate(cv::Mat(), twists), std::invalid_argument);
+  EXPECT_THROW(localizer.locate(cv::Mat::zeros(720, 1280, CV_8UC3), twists), std::invalid_argument);
+}
+
+TEST_F(ArmLocalizerTest, ConfigurationsThatMakeNoSenseAreRefused) {
+  LocalizerConfig config;
+  config.min_tags = 0;
+  EXPECT_THROW(ArmLocalizer(view_, config), std::invalid_argument);
+  estimation::ArmView view = view_;
+  view.camera.fx = 0;
+  EXPECT_THROW(ArmLocalizer(view, {}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::vision
