@@ -36,7 +36,7 @@ std::string actuatorNames(const model::Arm& arm) {
 
 }  // namespace
 
-io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
+std::vector<io::Override> overridesOf(const GlobalOptions& global) {
   std::vector<io::Override> overrides;
   for (const std::string& text : global.overrides) {
     const std::size_t equals = text.find('=');
@@ -46,7 +46,11 @@ io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
     }
     overrides.push_back({text.substr(0, equals), text.substr(equals + 1)});
   }
-  return io::loadScene(path, overrides);
+  return overrides;
+}
+
+io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
+  return io::loadScene(path, overridesOf(global));
 }
 
 std::vector<double> numberList(const std::string& option, const std::string& text,

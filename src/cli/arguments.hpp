@@ -14,6 +14,10 @@ namespace helix_arm::cli {
 /// faults.
 io::Scene loadScene(const std::string& path, const GlobalOptions& global);
 
+/// The overrides of --set.
+/// @throws CallerError on one that is not key=value.
+std::vector<io::Override> overridesOf(const GlobalOptions& global);
+
 /// The numbers of a comma list such as "-0.1,0.2".
 /// @throws CallerError naming the option and the entry that is no finite number, or a wrong count.
 std::vector<double> numberList(const std::string& option, const std::string& text,

@@ -132,7 +132,8 @@ Subcommand addEvaluate(CLI::App& app) {
   command->footer(
       "Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa, "
       "measured_rad, model_rad}], tier.\n"
-      "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), rms_m (the model's "
+      "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged, reason, "
+      "rms_m (the model's "
       "tags against those\n"
       "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted tip, "
       "of the arm's length\n"

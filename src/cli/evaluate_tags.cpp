@@ -47,8 +47,8 @@ CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured)
     square += (model[seen.tag].translation - seen.X_BT.translation).squaredNorm();
     ++count;
   }
-  if (count > 0) comparison.rms = std::sqrt(square / count);
   if (capture.converged()) {
+    if (count > 0) comparison.rms = std::sqrt(square / count);
     comparison.tip_error =
         (model::tipPose(capture.model).translation - measuredTip(*capture.fit).translation).norm();
   }
@@ -82,14 +82,17 @@ std::vector<FittedCapture> fittedOf(const TagComparison& c) {
 void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
   json captures = json::array();
   for (const CaptureComparison& capture : c.captures) {
-    captures.push_back({{"capture", capture.measured.number},
-                        {"pressure_pa", toJson(capture.measured.pressure)},
-                        {"status", estimation::nameOf(capture.measured.status)},
-                        {"rms_m", toJson(capture.rms)},
-                        {"tip_error_m", toJson(capture.tip_error)},
-                        {"tip_error_percent", toJson(c.percent(capture.tip_error))},
-                        {"outlier_tags", capture.outlier_tags},
-                        {"unknown_tags", capture.measured.unknown_tags}});
+    captures.push_back(
+        {{"capture", capture.measured.number},
+         {"pressure_pa", toJson(capture.measured.pressure)},
+         {"status", estimation::nameOf(capture.measured.status)},
+         {"converged", capture.measured.converged()},
+         {"reason", capture.measured.reason.empty() ? json() : json(capture.measured.reason)},
+         {"rms_m", toJson(capture.rms)},
+         {"tip_error_m", toJson(capture.tip_error)},
+         {"tip_error_percent", toJson(c.percent(capture.tip_error))},
+         {"outlier_tags", capture.outlier_tags},
+         {"unknown_tags", capture.measured.unknown_tags}});
   }
   printJson({{"scene", scene.name},
              {"tier", modelTier(scene)},
@@ -100,7 +103,7 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
              {"reason", reason.empty() ? json() : json(reason)}});
 }
 
-void printCsvResult(const io::Scene& scene, const TagComparison& c) {
+void printCsvResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
   const auto cell = [](const std::optional<double>& number) {
     return number ? exact(*number) : std::string();
   };
@@ -118,6 +121,7 @@ void printCsvResult(const io::Scene& scene, const TagComparison& c) {
   }
   std::cout << "# median_rms_m " << cell(c.median_rms) << "\n# median_tip_error_percent "
             << cell(c.percent(c.median_tip_error)) << "\n";
+  if (!reason.empty()) std::cout << "# reason " << reason << "\n";
   table.print(std::cout);
 }
 
@@ -144,6 +148,10 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
     if (!capture.measured.unknown_tags.empty()) {
       std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
     }
+    if (!capture.measured.converged()) {
+      std::cout << "; " << estimation::nameOf(capture.measured.status) << ": "
+                << capture.measured.reason;
+    }
     std::cout << "\n";
   }
   std::cout << "median over the captures whose tags all fit one shape: RMS ";
@@ -160,7 +168,7 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   const TagComparison comparison = compareTags(scene, data);
   const std::string reason = reasonForNoFit(fittedOf(comparison));
   if (format == Format::kJson) printJsonResult(scene, comparison, reason);
-  if (format == Format::kCsv) printCsvResult(scene, comparison);
+  if (format == Format::kCsv) printCsvResult(scene, comparison, reason);
   if (format == Format::kText) printTextResult(scene, comparison, reason);
   return reason.empty() ? kDone : kNotPossible;
 }

@@ -30,7 +30,8 @@ FitSummary summaryOf(const std::vector<FittedCapture>& captures) {
   std::set<int> unknown;
   for (const FittedCapture& capture : captures) {
     if (capture.sound()) rms.push_back(capture.fit->rms);
-    if (capture.fit && capture.fit->outliers() > 0) {
+    const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
+    if (unexplained || (capture.fit && capture.fit->outliers() > 0)) {
       summary.flagged_captures.push_back(capture.number);
     }
     unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
@@ -46,6 +47,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"pressure_pa", toJson(capture.pressure)},
               {"status", estimation::nameOf(capture.status)},
               {"converged", capture.converged()},
+              {"reason", capture.reason.empty() ? json() : json(capture.reason)},
               {"twist", nullptr},
               {"covariance", nullptr},
               {"rms_m", nullptr},
@@ -127,6 +129,8 @@ void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& ca
     table.add(row);
   }
   if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";
+  const std::string reason = reasonForNoFit(captures);
+  if (!reason.empty()) std::cout << "# reason " << reason << "\n";
   table.print(std::cout);
 }
 
@@ -135,7 +139,6 @@ void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& c
   std::cout << scene.name << ", one twist per capture [m, rad]\n" << std::fixed;
   for (const FittedCapture& capture : captures) {
     std::cout << "capture " << capture.number << ": ";
-    if (!capture.converged()) std::cout << estimation::nameOf(capture.status) << "; ";
     std::cout << capture.seen.size() << " tags";
     if (capture.fit) {
       std::cout << ", RMS " << std::setprecision(1) << 1e3 * capture.fit->rms << " mm, twist";
@@ -147,6 +150,9 @@ void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& c
     if (!outliers.empty()) std::cout << "; does not fit: tag " << joined(outliers);
     if (!capture.unknown_tags.empty()) {
       std::cout << "; not in the scene: tag " << joined(capture.unknown_tags);
+    }
+    if (!capture.converged()) {
+      std::cout << "; " << estimation::nameOf(capture.status) << ": " << capture.reason;
     }
     std::cout << "\n";
   }
@@ -184,13 +190,17 @@ Subcommand addFit(CLI::App& app) {
                    "x_m, y_m, z_m, qx, qy, qz, qw, seen from the arm's base")
       ->required();
   command->footer(
-      "json: captures [{capture, pressure_pa, status, converged, twist, covariance, rms_m (of the "
+      "json: captures [{capture, pressure_pa, status, converged, reason, twist, covariance, rms_m "
+      "(of the "
       "tags that fit),\n"
       "tip and base (fitted, from the base's nominal place), outlier_tags, unknown_tags, tags "
       "[{id, residual_m, weight,\n"
       "outlier}]}], median_rms_m over the captures whose tags all fit, flagged_captures (the "
       "others), unknown_tags,\n"
-      "reason. Where the tags determine no shape, twist is null. csv: one row a capture.\n"
+      "reason (where no capture's tags all fit: exit code 1). Where the tags determine no shape, "
+      "or "
+      "no shape fits most of\n"
+      "them, twist is null. csv: one row a capture.\n"
       "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -24,16 +25,51 @@ struct LocalizeOptions {
   std::vector<std::string> pictures;
 };
 
+// A fitted parameter that is farther from its prior than chance would have it.
+struct Suspicion {
+  std::string parameter;
+  double deviations;  // of its prior
+  std::string remedy;
+};
+
 // What one picture gave.
 struct LocatedFrame {
   std::string file;
-  std::string state;   // that of a sight, or "tags_only" or "unreadable"
+  std::string state;   // that of a sight, or "tags_only", "wrong_size" or "unreadable"
   std::string reason;  // why there is no twist; empty where there is one
   std::vector<TagDetection> tags;
-  std::vector<int> foreign_tags, repeated_tags, outlier_tags;
+  std::vector<int> foreign_tags, repeated_tags, unusable_tags, outlier_tags;
   std::optional<estimation::TwistFit> fit;
+  std::vector<Suspicion> suspicious;
   bool failed = false;  // there should have been tags, or a twist
 };
+
+std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
+                                    const estimation::TwistFitOptions& options) {
+  constexpr double kLikely = 3.0;  // deviations
+  std::vector<Suspicion> suspicions;
+  if (options.free_base) {
+    const lie::Vector6 offset = fit.X_B0B.log();
+    const double deviations =
+        std::max(offset.head<3>().cwiseAbs().maxCoeff() / options.base_prior.translation,
+                 offset.tail<3>().cwiseAbs().maxCoeff() / options.base_prior.rotation);
+    if (deviations > kLikely) {
+      suspicions.push_back({"base", deviations,
+                            "check camera.position_m and rpy_deg, arm.base, camera.focal_px and "
+                            "tags.size_m, or widen vision.base_prior"});
+    }
+  }
+  if (options.free_bleed) {
+    const double deviations = std::abs(fit.bleed) / options.bleed_prior;
+    if (deviations > kLikely) {
+      suspicions.push_back(
+          {"bleed_m", deviations,
+           "check tags.size_m (the black border's outer edge) and the exposure, or "
+           "widen vision.bleed_prior_m"});
+    }
+  }
+  return suspicions;
+}
 
 // Finds tags, and the arm's shape where the scene says how its camera sees it.
 class Locator {
@@ -48,15 +84,17 @@ class Locator {
   LocatedFrame locate(const vision::Frame& frame) {
     LocatedFrame located;
     located.file = frame.name;
+    const bool complete = scene_.tags && scene_.camera;
     located.reason = whyNoTwist(frame.gray);
     if (located.reason.empty()) {
       localize(frame.gray, located);
     } else {
       if (!detector_) detector_.emplace(scene_.vision.detector);
-      located.state = "tags_only";
+      located.failed = complete;
+      located.state = complete ? "wrong_size" : "tags_only";
       located.tags = detector_->detect(frame.gray);
     }
-    if (located.tags.empty()) {
+    if (located.tags.empty() && located.state != "wrong_size") {
       located.failed = true;
       located.state = nameOf(SightState::kNoTags);
       located.reason = "no tag of family " + scene_.vision.detector.family + " is in sight";
@@ -72,7 +110,8 @@ class Locator {
     if (gray.cols == camera.width && gray.rows == camera.height) return "";
     std::ostringstream text;
     text << "the picture has " << gray.cols << " x " << gray.rows << " pixels, the camera of scene "
-         << scene_.name << " " << camera.width << " x " << camera.height;
+         << scene_.name << " " << camera.width << " x " << camera.height
+         << "; take pictures of that size, or calibrate the camera at theirs";
     return text.str();
   }
 
@@ -83,8 +122,10 @@ class Locator {
     located.tags = sight.detections;
     located.foreign_tags = sight.foreign_ids;
     located.repeated_tags = sight.repeated_ids;
+    located.unusable_tags = sight.unusable_ids;
     if (sight.state == SightState::kMeasured) {
       located.fit = sight.fit;
+      located.suspicious = suspicionsOf(sight.fit, scene_.vision.fit);
       for (const estimation::TagResidual& tag : sight.fit.tags) {
         if (tag.outlier) located.outlier_tags.push_back(scene_.tags->tags[tag.tag].id);
       }
@@ -96,12 +137,30 @@ class Locator {
 
   std::string reasonOf(const vision::Sight& sight) const {
     if (sight.state == SightState::kNoFit) return "no shape of the arm fits the tags in sight";
-    if (sight.state == SightState::kNoTags) {
-      return sight.repeated_ids.empty() ? "no tag of the scene is in sight"
-                                        : "the tags of the scene in sight are there more than once";
+    std::vector<int> used;
+    for (const TagDetection& tag : sight.detections) {
+      const int index = scene_.tags->find(tag.id);
+      if (index < 0 || isOneOf(tag.id, sight.repeated_ids) || isOneOf(tag.id, sight.unusable_ids)) {
+        continue;
+      }
+      used.push_back(index);
     }
-    return "the tags of the scene in sight do not determine the arm's shape; at least " +
-           std::to_string(scene_.vision.min_tags) + " are needed";
+    if (sight.state == SightState::kNoTags) {
+      if (!sight.repeated_ids.empty())
+        return "the tags of the scene in sight are there more than once";
+      if (!sight.unusable_ids.empty())
+        return "the tags of the scene lie where the lens folds the picture";
+      return "no tag of the scene is in sight";
+    }
+    if (static_cast<int>(used.size()) < scene_.vision.min_tags) {
+      return std::to_string(used.size()) + " of the scene's tags in sight; vision.min_tags is " +
+             std::to_string(scene_.vision.min_tags);
+    }
+    return whyUndetermined(scene_, used, 2);
+  }
+
+  static bool isOneOf(int id, const std::vector<int>& ids) {
+    return std::find(ids.begin(), ids.end(), id) != ids.end();
   }
 
   const io::Scene& scene_;
@@ -141,7 +200,7 @@ std::vector<int> idsOf(const std::vector<TagDetection>& tags) {
   return ids;
 }
 
-json frameJson(const LocatedFrame& frame) {
+json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& options) {
   json tags = json::array();
   for (const TagDetection& tag : frame.tags) {
     json corners = json::array();
@@ -157,11 +216,20 @@ json frameJson(const LocatedFrame& frame) {
               {"tags", tags},
               {"foreign_tags", frame.foreign_tags},
               {"repeated_tags", frame.repeated_tags},
+              {"unusable_tags", frame.unusable_tags},
               {"outlier_tags", frame.outlier_tags},
               {"twist", nullptr},
               {"covariance", nullptr},
               {"rms_px", nullptr},
-              {"tip", nullptr}};
+              {"tip", nullptr},
+              {"base", nullptr},
+              {"bleed_m", nullptr},
+              {"suspicious", json::array()}};
+  for (const Suspicion& suspicion : frame.suspicious) {
+    result["suspicious"].push_back({{"parameter", suspicion.parameter},
+                                    {"deviations", suspicion.deviations},
+                                    {"remedy", suspicion.remedy}});
+  }
   if (frame.fit) {
     json covariance = json::array();
     for (int i = 0; i < frame.fit->covariance.rows(); ++i) {
@@ -171,13 +239,15 @@ json frameJson(const LocatedFrame& frame) {
     result["covariance"] = covariance;
     result["rms_px"] = frame.fit->rms;
     result["tip"] = toJson(measuredTip(*frame.fit));
+    if (options.free_base) result["base"] = toJson(frame.fit->X_B0B);
+    if (options.free_bleed) result["bleed_m"] = frame.fit->bleed;
   }
   return result;
 }
 
 void printJsonResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   json list = json::array();
-  for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame));
+  for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame, scene.vision.fit));
   printJson({{"scene", scene.name}, {"frames", list}});
 }
 
@@ -193,11 +263,14 @@ std::string quoted(const std::string& text) {
 void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   CsvTable table;
   for (const LocatedFrame& frame : frames) {
-    CsvTable::Row twists;
-    appendTwists(frame.fit ? frame.fit->twists : model::Twists::Zero(6, scene.arm.sectionCount()),
-                 twists);
+    CsvTable::Row fitted;
+    const estimation::TwistFit fit = frame.fit.value_or(estimation::TwistFit());
+    fitted.emplace_back("rms_px", exact(fit.rms));
+    if (scene.vision.fit.free_base) appendPose("base_", fit.X_B0B, fitted);
+    if (scene.vision.fit.free_bleed) fitted.emplace_back("bleed_m", exact(fit.bleed));
+    appendTwists(frame.fit ? fit.twists : model::Twists::Zero(6, scene.arm.sectionCount()), fitted);
     if (!frame.fit) {
-      for (auto& cell : twists) cell.second.clear();
+      for (auto& cell : fitted) cell.second.clear();
     }
     for (std::size_t i = 0; i < std::max<std::size_t>(frame.tags.size(), 1); ++i) {
       const TagDetection* tag = frame.tags.empty() ? nullptr : &frame.tags[i];
@@ -209,8 +282,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& fra
         row.emplace_back(corner + "_x_px", tag ? exact(tag->corners(0, k)) : "");
         row.emplace_back(corner + "_y_px", tag ? exact(tag->corners(1, k)) : "");
       }
-      row.emplace_back("rms_px", frame.fit ? exact(frame.fit->rms) : "");
-      row.insert(row.end(), twists.begin(), twists.end());
+      row.insert(row.end(), fitted.begin(), fitted.end());
       table.add(row);
     }
   }
@@ -227,6 +299,10 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
       for (int k = 0; k < frame.fit->twists.cols(); ++k) {
         std::cout << " " << bracketed(frame.fit->twists.col(k));
       }
+      if (scene.vision.fit.free_base) std::cout << ", base " << poseText(frame.fit->X_B0B);
+      if (scene.vision.fit.free_bleed) {
+        std::cout << ", bleed " << 1e3 * frame.fit->bleed << " mm";
+      }
     }
     const auto name = [](const char* what, const std::vector<int>& ids) {
       if (!ids.empty()) std::cout << "; " << what << ": tag " << joined(ids);
@@ -234,6 +310,11 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
     name("does not fit", frame.outlier_tags);
     name("not in the scene", frame.foreign_tags);
     name("seen more than once", frame.repeated_tags);
+    name("where the lens folds the picture", frame.unusable_tags);
+    for (const Suspicion& suspicion : frame.suspicious) {
+      std::cout << "; suspicious: " << suspicion.parameter << " is " << std::setprecision(1)
+                << suspicion.deviations << " deviations off its prior: " << suspicion.remedy;
+    }
     if (!frame.reason.empty()) std::cout << "; " << frame.reason;
     std::cout << "\n";
   }
@@ -277,12 +358,16 @@ Subcommand addLocalize(CLI::App& app) {
       "one reads the tag. Every tag of the scene's family is listed, of the scene or not.\n"
       "json: scene, frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
       "camera or no tags in\n"
-      "the scene, or another size of picture; unreadable), reason, tags [{id, corners_px, hamming, "
-      "margin}],\n"
-      "foreign_tags, repeated_tags, outlier_tags, twist (sections x 6), covariance, rms_px, tip}]. "
+      "the scene; wrong_size: not the camera's; unreadable), reason, tags [{id, corners_px, "
+      "hamming, margin}],\n"
+      "foreign_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6), covariance, "
+      "rms_px, tip, base and\n"
+      "bleed_m (null unless fitted), suspicious [{parameter, deviations, remedy}] (more than 3 "
+      "deviations off its prior)}].\n"
       "csv: a row a tag.\n"
-      "Exit code 1 when a picture cannot be read, holds no tags, or holds tags of the scene that "
-      "give no twist.");
+      "Exit code 1 when a picture cannot be read, is not of the camera's size, holds no tags, or "
+      "holds tags of the scene\n"
+      "that give no twist.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

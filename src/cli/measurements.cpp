@@ -1,6 +1,7 @@
 #include "measurements.hpp"
 
 #include <algorithm>
+#include <map>
 
 #include "arguments.hpp"
 #include "command.hpp"
@@ -17,6 +18,25 @@ Eigen::VectorXd clamped(const model::Arm& arm, Eigen::VectorXd pressure) {
     pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
   }
   return pressure;
+}
+
+std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
+  switch (capture.status) {
+    case estimation::FitStatus::kConverged:
+      return {};
+    case estimation::FitStatus::kNotConverged:
+      return "the search for its shape found no end";
+    case estimation::FitStatus::kUnexplained:
+      return "no shape of the arm fits more than half of its tags; check that their positions are "
+             "in metres and seen from the arm's base, and where the scene places the tags";
+    case estimation::FitStatus::kUnderdetermined:
+      break;
+  }
+  std::vector<int> tags;
+  for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
+  // Three places determine a section's twist, in a plane two, and one place with its rotation.
+  const int places = scene.planar ? 2 : 3;
+  return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
 
 }  // namespace
@@ -71,7 +91,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured : io::loadTagPoses(data, scene.arm.actuatorCount())) {
-    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}};
+    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}};
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);
       if (index < 0) {
@@ -83,7 +103,11 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     capture.model = modelTwists(scene, clamped(scene.arm, measured.pressure));
     const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model);
     capture.status = fit.status;
-    if (fit.status != estimation::FitStatus::kUnderdetermined) capture.fit = fit;
+    capture.reason = reasonOf(scene, capture);
+    if (fit.status == estimation::FitStatus::kConverged ||
+        fit.status == estimation::FitStatus::kNotConverged) {
+      capture.fit = fit;
+    }
     captures.push_back(std::move(capture));
   }
   return captures;
@@ -94,10 +118,35 @@ lie::SE3 measuredTip(const estimation::TwistFit& fit) {
 }
 
 std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
-  const auto fitted = [](const FittedCapture& capture) { return capture.converged(); };
-  if (std::any_of(captures.begin(), captures.end(), fitted)) return {};
-  return "no capture could be fitted: too few tags of the scene in each, or no shape that fits "
-         "them";
+  const auto any = [&captures](auto holds) {
+    return std::any_of(captures.begin(), captures.end(), holds);
+  };
+  if (any([](const FittedCapture& capture) { return capture.sound(); })) return {};
+  if (any([](const FittedCapture& capture) { return capture.converged(); })) {
+    return "no capture is sound: each that could be fitted holds tags that do not fit";
+  }
+  // The reason of most captures.
+  std::map<std::string, int> counts;
+  for (const FittedCapture& capture : captures) ++counts[capture.reason];
+  const auto most =
+      std::max_element(counts.begin(), counts.end(),
+                       [](const auto& a, const auto& b) { return a.second < b.second; });
+  return "no capture could be fitted; " + std::to_string(most->second) + " of " +
+         std::to_string(captures.size()) + ": " + most->first;
+}
+
+std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags, int needed) {
+  std::vector<int> counts(scene.looks.size());
+  for (const int tag : tags) ++counts[scene.tags->tags[tag].section];
+  std::string lacking;
+  for (std::size_t k = 0; k < counts.size(); ++k) {
+    if (counts[k] >= needed) continue;
+    lacking += (lacking.empty() ? "" : ", ") + ("section " + scene.looks[k].name) + " has " +
+               std::to_string(counts[k]) + (counts[k] == 1 ? " tag" : " tags") + " in sight";
+  }
+  if (!lacking.empty()) return lacking + "; expected at least " + std::to_string(needed);
+  return "the tags in sight do not determine the arm's shape; tags farther apart and on different "
+         "sides of the arm would";
 }
 
 std::optional<double> median(std::vector<double> values) {

@@ -31,7 +31,8 @@ struct FittedCapture {
   std::vector<int> unknown_tags;                  ///< ids that it has not
   model::Twists model;                            ///< at these pressures
   estimation::FitStatus status;
-  /// Absent where the tags do not determine a shape.
+  std::string reason;  ///< why it did not converge; empty where it did
+  /// Absent where the tags do not determine a shape, or no shape fits most of them.
   std::optional<estimation::TwistFit> fit;
 
   bool converged() const { return status == estimation::FitStatus::kConverged; }
@@ -50,8 +51,13 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
 /// Pose of the fitted tip, seen from where the arm's base nominally is.
 lie::SE3 measuredTip(const estimation::TwistFit& fit);
 
-/// Why there is no result; empty where some capture could be fitted.
+/// Why there is no result; empty where some capture is sound.
 std::string reasonForNoFit(const std::vector<FittedCapture>& captures);
+
+/// Why these tags do not determine the arm's shape: which sections have too few of them.
+/// @param tags    indices in the scene's layout.
+/// @param needed  tags that each section should have.
+std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags, int needed);
 
 /// The middle value; nothing of none.
 std::optional<double> median(std::vector<double> values);

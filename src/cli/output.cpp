@@ -53,12 +53,18 @@ Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
 
 void CsvTable::print(std::ostream& out) const {
   if (rows_.empty()) return;
-  const auto line = [&out](const Row& row, std::string Row::value_type::*part) {
-    for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].*part;
-    out << '\n';
-  };
-  line(rows_.front(), &Row::value_type::first);
-  for (const Row& row : rows_) line(row, &Row::value_type::second);
+  printNames(rows_.front(), out);
+  for (const Row& row : rows_) printValues(row, out);
+}
+
+void CsvTable::printNames(const Row& row, std::ostream& out) {
+  for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].first;
+  out << '\n';
+}
+
+void CsvTable::printValues(const Row& row, std::ostream& out) {
+  for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].second;
+  out << '\n';
 }
 
 std::string exact(double value) {
@@ -105,6 +111,9 @@ std::string poseText(const lie::SE3& pose) {
          bracketed(quaternionXyzw(pose.rotation));
 }
 
-void printJson(const json& result) { std::cout << result.dump(2) << '\n'; }
+void printJson(const json& result) {
+  // Names of files may hold bytes that are no UTF-8.
+  std::cout << result.dump(2, ' ', false, json::error_handler_t::replace) << '\n';
+}
 
 }  // namespace helix_arm::cli

@@ -33,6 +33,9 @@ class CsvTable {
   using Row = std::vector<std::pair<std::string, std::string>>;
   void add(const Row& row) { rows_.push_back(row); }
   void print(std::ostream& out) const;
+  /// The names of a row's columns, or its values, as a line.
+  static void printNames(const Row& row, std::ostream& out);
+  static void printValues(const Row& row, std::ostream& out);
 
  private:
   std::vector<Row> rows_;

@@ -1,4 +1,7 @@
+#include <algorithm>
+#include <cerrno>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iomanip>
@@ -11,6 +14,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
@@ -43,32 +47,77 @@ struct SimulatedSet {
 fs::path makeDirectory(const std::string& out) {
   const fs::path directory(out);
   std::error_code error;
-  const bool exists = fs::exists(directory, error);
-  if (exists && !fs::is_directory(directory, error)) {
+  const fs::file_status status = fs::status(directory, error);
+  if (status.type() == fs::file_type::not_found) {
+    error.clear();
+    fs::create_directories(directory, error);
+    if (!error) return directory;
+    throw CallerError("--out " + out + " cannot be made: " + error.message() +
+                      "; choose another place");
+  }
+  if (!error && !fs::is_directory(status)) {
     throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
   }
-  if (exists && !fs::is_empty(directory, error)) {
+  const bool empty = !error && fs::is_empty(directory, error);
+  if (error) {
+    throw CallerError("--out " + out + " cannot be read: " + error.message() +
+                      "; choose another place");
+  }
+  if (!empty) {
     throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
   }
-  if (!exists) fs::create_directories(directory, error);
-  if (error) throw CallerError("--out " + out + " cannot be made: " + error.message());
   return directory;
 }
 
-void writeFile(const fs::path& path, const std::string& content) {
-  std::ofstream file(path, std::ios::binary);
-  file.write(content.data(), static_cast<std::streamsize>(content.size()));
-  if (!file.flush()) throw CallerError(path.string() + " cannot be written");
-}
+// A file that is written piece by piece.
+class OutputFile {
+ public:
+  explicit OutputFile(const fs::path& path) : path_(path) {
+    errno = 0;
+    file_.open(path, std::ios::binary);
+    check();
+  }
+  void write(const std::string& text) {
+    errno = 0;
+    file_ << text << std::flush;
+    check();
+  }
 
-// The file as it is, and what was asked for beside it, which no scene file holds.
-void copyScene(const std::string& scene, const fs::path& path, const SimulateOptions& options,
-               const GlobalOptions& global) {
+ private:
+  void check() const {
+    if (file_) return;
+    throw CallerError(path_.string() +
+                      " cannot be written: " + std::strerror(errno == 0 ? EIO : errno) +
+                      "; make room, or choose another place with --out");
+  }
+
+  fs::path path_;
+  std::ofstream file_;
+};
+
+// A CSV that is written row by row, after a comment.
+class CsvFile {
+ public:
+  CsvFile(const fs::path& path, const std::string& comment) : file_(path) { file_.write(comment); }
+  void add(const CsvTable::Row& row) {
+    std::ostringstream line;
+    if (!named_) CsvTable::printNames(row, line);
+    named_ = true;
+    CsvTable::printValues(row, line);
+    file_.write(line.str());
+  }
+
+ private:
+  OutputFile file_;
+  bool named_ = false;
+};
+
+// The scene with its overrides, and what was asked for beside it, which no scene file holds.
+void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
   std::ostringstream text;
-  text << std::ifstream(scene, std::ios::binary).rdbuf() << "\n# Simulated with --count "
-       << options.count << " --seed " << options.seed;
-  for (const std::string& override : global.overrides) text << " --set " << override;
-  writeFile(path, text.str() + "\n");
+  text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
+       << options.count << " --seed " << options.seed << "\n";
+  OutputFile(path).write(text.str());
 }
 
 // Uniform within what the muscles stand.
@@ -91,9 +140,12 @@ io::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
 
 std::optional<simulation::CameraSetup> cameraOf(const io::Scene& scene, std::uint32_t seed) {
   if (!scene.camera || !scene.tags) return std::nullopt;
+  const io::SectionLook& widest = *std::max_element(
+      scene.looks.begin(), scene.looks.end(),
+      [](const auto& a, const auto& b) { return a.separator_radius < b.separator_radius; });
   simulation::CameraSetup setup{scene.view(),
                                 vision::TagFamily(scene.vision.detector.family),
-                                {scene.looks.front().separator_radius},
+                                {widest.separator_radius},
                                 scene.simulation.camera};
   setup.config.seed = seed;
   return setup;
@@ -126,6 +178,20 @@ lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise
   return pose;
 }
 
+std::string truthComment(const io::Scene& scene) {
+  return "# Truth of the simulated arm of scene " + scene.name +
+         ": twists of its sections and its tip, seen from its base. Gauge pressure [kPa].\n";
+}
+
+std::string poseComment(const io::Scene& scene) {
+  const estimation::TwistFitOptions& noise = scene.vision.fit;
+  return "# Simulated tag poses of scene " + scene.name +
+         ", seen from the arm's base. Gauge pressure [kPa], position [m], unit quaternion.\n"
+         "# Standard deviation of the positions " +
+         io::formatNumber(noise.position_noise) + " m, of the rotations " +
+         io::formatNumber(noise.rotation_noise) + " rad, each axis.\n";
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
@@ -136,7 +202,11 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   std::normal_distribution<double> normal;
   const fs::path directory = makeDirectory(options.out);
 
-  CsvTable truth, poses;
+  writeScene(directory / "scene.yaml", options, global);
+  CsvFile truth(directory / "truth.csv", truthComment(scene));
+  std::optional<CsvFile> poses;
+  if (scene.tags) poses.emplace(directory / "tag_poses.csv", poseComment(scene));
+
   for (int capture = 1; capture <= options.count; ++capture) {
     rig.command(drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
@@ -149,34 +219,18 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
       const auto visible = estimation::visibleTags(camera->view, twists);
       row.emplace_back("visible_tags", std::to_string(visible.size()));
       const auto jpeg = encoder.encode(rig.render());
-      writeFile(directory / pictureName(capture), std::string(jpeg.begin(), jpeg.end()));
+      OutputFile(directory / pictureName(capture)).write(std::string(jpeg.begin(), jpeg.end()));
     }
     truth.add(row);
-    if (!scene.tags) continue;
+    if (!poses) continue;
     const auto exact_poses = estimation::tagPoses(*scene.tags, twists);
     for (std::size_t i = 0; i < exact_poses.size(); ++i) {
       CsvTable::Row pose_row;
       appendCapture(capture, rig.pressure(), pose_row);
       pose_row.emplace_back("tag", std::to_string(scene.tags->tags[i].id));
       appendPose("", measured(exact_poses[i], scene.vision.fit, generator, normal), pose_row);
-      poses.add(pose_row);
+      poses->add(pose_row);
     }
-  }
-
-  copyScene(options.scene, directory / "scene.yaml", options, global);
-  std::ostringstream text;
-  text << "# Truth of the simulated arm of scene " << scene.name
-       << ": twists of its sections and its tip, seen from its base. Gauge pressure [kPa].\n";
-  truth.print(text);
-  writeFile(directory / "truth.csv", text.str());
-  if (scene.tags) {
-    text.str("");
-    text << "# Simulated tag poses of scene " << scene.name
-         << ", seen from the arm's base. Gauge pressure [kPa], position [m], unit quaternion.\n"
-         << "# Standard deviation of the positions " << scene.vision.fit.position_noise
-         << " m, of the rotations " << scene.vision.fit.rotation_noise << " rad, each axis.\n";
-    poses.print(text);
-    writeFile(directory / "tag_poses.csv", text.str());
   }
   return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};
@@ -235,7 +289,8 @@ Subcommand addSimulate(CLI::App& app) {
       ->capture_default_str();
   command->footer(
       "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures.\n"
-      "DIR gets scene.yaml, truth.csv (twists and tip), tag_poses.csv (all tags, with the noise of "
+      "DIR gets scene.yaml (with what --set changed), truth.csv (twists and tip), tag_poses.csv "
+      "(all tags, with the noise of "
       "vision.tag_position_noise_m,\n"
       "where the scene has tags) and picture_0001.jpg .. (where it has a camera as well).\n"
       "json: out, seed, captures, pictures, tags, and the paths scene, truth and tag_poses (null "

@@ -2,8 +2,9 @@
 
 #include <Eigen/LU>
 #include <cmath>
-#include <sstream>
-#include <stdexcept>
+#include <string>
+
+#include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -41,18 +42,17 @@ bool unfolded(const Eigen::Matrix2d& jacobian) {
   return jacobian.determinant() > 0 && jacobian.trace() > 0;
 }
 
-void require(bool holds, const char* what, double value, const char* rule) {
-  if (holds) return;
-  std::ostringstream message;
-  message << "camera: " << what << " is " << value << "; expected " << rule;
-  throw std::invalid_argument(message.str());
+template <class Value, class Rule>
+void require(bool holds, const char* what, const Value& value, const Rule& rule) {
+  model::requireValue(holds, "camera", what, value, rule);
 }
 
 }  // namespace
 
 void Camera::validate() const {
-  require(width > 0, "the width [px]", width, "a value > 0");
-  require(height > 0, "the height [px]", height, "a value > 0");
+  const std::string sides = "1 to " + std::to_string(kMaxSide);
+  require(width > 0 && width <= kMaxSide, "the width [px]", width, sides);
+  require(height > 0 && height <= kMaxSide, "the height [px]", height, sides);
   const char* const rule = "a finite value > 0: calibrate the camera first";
   require(std::isfinite(fx) && fx > 0, "the focal length fx [px]", fx, rule);
   require(std::isfinite(fy) && fy > 0, "the focal length fy [px]", fy, rule);

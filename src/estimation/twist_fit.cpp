@@ -4,11 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
 #include <limits>
-#include <sstream>
-#include <stdexcept>
 
-#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -26,18 +27,23 @@ constexpr double kDampingRise = 10.0;
 constexpr double kLeastInformation = 1.0;
 // Steps that promise less than this part of an expected variance are not worth taking.
 constexpr double kConverged = 1e-5;
-// Of the Hessian scaled to a unit diagonal: smaller pivots are rounding.
-constexpr double kSingular = 1e-11;
+// The tags must take this share of the model's prior variance from each entry of the twists, or
+// what they are said to measure would be the model.
+constexpr double kLeastGain = 0.75;
+// Errors whose median is this many of the expected ones raise what is expected of them, in
+// proportion and up to a limit: tags that are off by more are wrong, however many they are.
+constexpr double kNoisy = 1.5;
+constexpr double kMostNoise = 7.0;
+// v_z, w_x and w_y, which a planar arm does not have.
+constexpr int kOutOfPlane[] = {2, 3, 4};
 // The expected noise counts as much as this many residuals when few say how large it really is.
 constexpr double kNoisePrior = 4.0;
-// A cold search also starts this far to each side [rad].
+// A cold search also starts this far to each side [rad], but at no more places than these.
 constexpr double kColdTurn = 1.5;
+constexpr int kMostColdStarts = 48;
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  if (holds) return;
-  std::ostringstream message;
-  message << "twist fit: " << what << " is " << value << "; expected " << rule;
-  throw std::invalid_argument(message.str());
+  model::requireValue(holds, "twist fit", what, value, rule);
 }
 
 // Residuals of one tag, in expected deviations, and how a small rigid motion [v; w] of it, seen
@@ -151,6 +157,11 @@ struct Mover {
   }
 };
 
+bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
+bool isFinite(const PoseObservation& seen) {
+  return seen.X_BT.translation.allFinite() && seen.X_BT.rotation.allFinite();
+}
+
 // Where a search stands.
 struct Point {
   model::Twists twists;
@@ -158,6 +169,7 @@ struct Point {
   lie::Vector6 base_offset = lie::Vector6::Zero();  // log of X_B0B, for the prior
   double bleed = 0;
   double cost = std::numeric_limits<double>::infinity();
+  double prior_cost = 0;  // of that
   std::vector<TagResidual> residuals;
   std::vector<double> squares;  // of the tags' residuals, in expected variances
 };
@@ -181,6 +193,9 @@ struct TwistFitter::Workspace {
   Point at, next;
   std::vector<lie::SE3> starts;  // X_B0k of each section's start, and of the tip
   std::vector<Mover> movers;     // of what lies beyond each section
+  model::Twists prior;           // of the twists
+  double noise_scale = 1;        // of the tags' expected errors
+  std::vector<double> errors;    // of the tags, in expected ones
   TwistFit result, best;
   System<Eigen::Dynamic> large, large_next;
 
@@ -192,6 +207,7 @@ struct TwistFitter::Workspace {
     options.validate();
     starts.resize(sections + 1);
     movers.reserve(sections);
+    errors.reserve(layout.tags.size());
     for (Point* point : {&at, &next}) {
       point->residuals.reserve(layout.tags.size());
       point->squares.reserve(layout.tags.size());
@@ -207,6 +223,20 @@ struct TwistFitter::Workspace {
   template <class Model>
   bool bleeds() const {
     return Model::kBleeds && options.free_bleed;
+  }
+  // Squared errors of a tag beyond which it is an outlier.
+  template <class Model>
+  double threshold(const Model& model) const {
+    const double scale = options.robust_scale * noise_scale;
+    return scale * scale * model.residuals();
+  }
+  // Of one entry of a twist.
+  double modelDeviation(int entry) const {
+    return entry % 6 < 3 ? options.model_prior.translation : options.model_prior.rotation;
+  }
+  bool held(int entry) const {
+    return options.planar && std::find(std::begin(kOutOfPlane), std::end(kOutOfPlane), entry % 6) !=
+                                 std::end(kOutOfPlane);
   }
   template <class Model>
   int parameters() const {
@@ -231,7 +261,7 @@ struct TwistFitter::Workspace {
       movers.emplace_back(starts[k], point.twists.col(k), 1.0);
     }
     const Corners plane = layout.corners(point.bleed);
-    const double threshold = options.robust_scale * options.robust_scale * model.residuals();
+    const double limit = threshold(model);
     double cost = 0;
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const TagPlacement& tag = layout.tags[seen[i].tag];
@@ -240,14 +270,15 @@ struct TwistFitter::Workspace {
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
       const double square = rows.residual.squaredNorm();
-      const double weight = 1.0 / (1.0 + square / threshold);
+      const double weight = 1.0 / (1.0 + square / limit);
       point.squares.push_back(square);
       point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
       if (static_cast<int>(i) == skipped) continue;
-      cost += threshold * std::log1p(square / threshold);
+      cost += limit * std::log1p(square / limit);
       accumulate<Model>(tag, weight, rows, point, system);
     }
-    point.cost = cost + addPriors<Model>(point, 1.0, system);
+    point.prior_cost = addPriors<Model>(point, 1.0, system);
+    point.cost = cost + point.prior_cost;
   }
 
   // Adds one tag's equations.
@@ -264,6 +295,11 @@ struct TwistFitter::Workspace {
     Mover(starts[k], point.twists.col(k), tag.s).fill(rows, 6 * k, J);
     if (options.free_base) Mover(starts[0]).fill(rows, baseColumn(), J);
     if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
+    if (options.planar) {
+      for (int j = 0; j <= k; ++j) {
+        for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
+      }
+    }
     for (int column = 0; column < size; ++column) {
       const Eigen::Matrix<double, kRows, 1> weighted = weight * J.col(column);
       system.gradient[column] += weighted.dot(rows.residual);
@@ -277,6 +313,14 @@ struct TwistFitter::Workspace {
   template <class Model, int kSize>
   double addPriors(const Point& point, double share, System<kSize>& system) const {
     double cost = 0;
+    for (int entry = 0; entry < 6 * sections; ++entry) {
+      const double precision = 1 / modelDeviation(entry);
+      const double residual =
+          held(entry) ? 0 : precision * (point.twists.data()[entry] - prior.data()[entry]);
+      cost += residual * residual;
+      system.hessian(entry, entry) += share * precision * precision;
+      system.gradient[entry] += share * precision * residual;
+    }
     if (options.free_base) {
       // The prior is of log X_B0B, a step moves X_B0B on its right.
       lie::Vector6 precision;
@@ -351,20 +395,8 @@ struct TwistFitter::Workspace {
         damping = std::max(damping * kDampingRise, kFirstDamping);
       }
     }
-    if (!determined(system)) result.status = FitStatus::kUnderdetermined;
     report();
     reportStatistics(model, system);
-  }
-
-  // Whether the tags, with the priors, say something about every combination of the parameters.
-  template <int kSize>
-  static bool determined(const System<kSize>& system) {
-    using Matrix = typename System<kSize>::Matrix;
-    typename System<kSize>::Vector scale = system.hessian.diagonal();
-    if (!(scale.minCoeff() > 0)) return false;
-    scale = scale.cwiseSqrt().cwiseInverse();
-    const Matrix unit = scale.asDiagonal() * system.hessian * scale.asDiagonal();
-    return Eigen::LDLT<Matrix>(unit).vectorD().minCoeff() > kSingular;
   }
 
   void report() {
@@ -378,12 +410,13 @@ struct TwistFitter::Workspace {
   template <class Model, int kSize>
   void reportStatistics(const Model& model, System<kSize>& system) {
     const int m = model.residuals();
-    const double threshold = options.robust_scale * options.robust_scale * m;
-    double weighted = 0, freedom = -6.0 * sections, square = 0;
+    const double limit = threshold(model);
+    // Every parameter has a prior: as many residuals more as there are parameters to subtract.
+    double weighted = at.prior_cost, freedom = 0, square = 0;
     int fitting = 0;
     for (std::size_t i = 0; i < result.tags.size(); ++i) {
       TagResidual& tag = result.tags[i];
-      tag.outlier = at.squares[i] > threshold;
+      tag.outlier = at.squares[i] > limit;
       weighted += tag.weight * at.squares[i];
       freedom += tag.weight * m;
       if (tag.outlier) continue;
@@ -393,14 +426,63 @@ struct TwistFitter::Workspace {
     result.rms = fitting > 0 ? std::sqrt(square / fitting) : 0;
 
     // What the residuals say of the noise; the priors are what they are.
-    const double variance = (kNoisePrior + weighted) / (kNoisePrior + std::max(0.0, freedom));
+    const double variance = (kNoisePrior + weighted) / (kNoisePrior + freedom);
     system.hessian /= variance;
     addPriors<Model>(at, 1 - 1 / variance, system);
     using Matrix = typename System<kSize>::Matrix;
     const int size = static_cast<int>(system.gradient.size());
     Matrix inverse = Matrix::Identity(size, size);
     Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
+    for (int entry = 0; entry < 6 * sections; ++entry) {
+      if (!held(entry)) continue;
+      inverse.row(entry).setZero();
+      inverse.col(entry).setZero();
+    }
     result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
+    reportTip(inverse);
+    if (result.status != FitStatus::kConverged) return;
+    if (2 * fitting <= static_cast<int>(result.tags.size())) {
+      result.status = FitStatus::kUnexplained;
+    } else if (!determined()) {
+      result.status = FitStatus::kUnderdetermined;
+    }
+  }
+
+  // Whether the tags say something about every entry of the twists.
+  bool determined() const {
+    for (int entry = 0; entry < 6 * sections; ++entry) {
+      const double deviation = modelDeviation(entry);
+      const double left = result.covariance(entry, entry) / (deviation * deviation);
+      if (!(left < 1 - kLeastGain)) return false;
+    }
+    return true;
+  }
+
+  template <class Matrix>
+  void reportTip(const Matrix& covariance) {
+    const int size = static_cast<int>(covariance.rows());
+    lie::SE3 X_B0k = at.X_B0B;
+    for (int k = 0; k < sections; ++k) {
+      starts[k] = X_B0k;
+      X_B0k = X_B0k * lie::SE3::exp(at.twists.col(k));
+    }
+    const Eigen::Vector3d& tip = X_B0k.translation;
+    TagRows<3> rows;
+    rows.by_v.setIdentity();
+    rows.by_w = -lie::skew(tip);
+    Eigen::Matrix<double, 3, Matrix::RowsAtCompileTime, Eigen::ColMajor, 3,
+                  Matrix::MaxRowsAtCompileTime>
+        J(3, size);
+    J.setZero();
+    for (int k = 0; k < sections; ++k) {
+      Mover(starts[k], at.twists.col(k), 1.0).fill(rows, 6 * k, J);
+    }
+    if (options.free_base) Mover(starts[0]).fill(rows, baseColumn(), J);
+    result.tip_covariance.setZero();
+    for (int column = 0; column < size; ++column) {
+      const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));
+      result.tip_covariance.noalias() += moved * J.col(column).transpose();
+    }
   }
 
   template <class Model>
@@ -426,68 +508,113 @@ struct TwistFitter::Workspace {
   }
 
   void startFrom(const model::Twists& twists) {
+    at.squares.clear();
     at.twists = twists;
+    for (int entry = 0; entry < 6 * sections; ++entry) {
+      if (held(entry)) at.twists.data()[entry] = 0;
+    }
     at.X_B0B = {};
     at.base_offset.setZero();
     at.bleed = 0;
   }
 
-  template <class Model>
-  void checkCall(const std::vector<typename Model::Observation>& seen,
-                 const model::Twists& start) const {
-    require(start.cols() == sections, "the number of twists to start from",
-            static_cast<double>(start.cols()), "one a section");
-    for (const auto& observation : seen) {
-      require(observation.tag >= 0 && observation.tag < static_cast<int>(layout.tags.size()),
-              "the index of a tag", observation.tag, "one of the layout");
+  void checkTwists(const model::Twists& twists, const char* what) const {
+    require(twists.cols() == sections, what, static_cast<double>(twists.cols()),
+            "as many as there are sections");
+    require(twists.allFinite(), what, std::nan(""), "finite ones");
+  }
+
+  template <class Observation>
+  void checkSeen(const std::vector<Observation>& seen) const {
+    std::uint64_t before = 0;  // a bit a tag; kMaxTags of them
+    for (const Observation& observation : seen) {
+      const int tag = observation.tag;
+      require(tag >= 0 && tag < static_cast<int>(layout.tags.size()), "the index of a tag", tag,
+              "one of the layout");
+      const std::uint64_t bit = std::uint64_t{1} << tag;
+      require((before & bit) == 0, "a tag that is seen twice", layout.tags[tag].id,
+              "each at most once");
+      before |= bit;
+      require(isFinite(observation), "a tag whose place is not finite", layout.tags[tag].id,
+              "finite numbers");
     }
-    require(seen.size() <= layout.tags.size(), "the number of tags seen",
-            static_cast<double>(seen.size()), "each tag at most once");
+  }
+
+  // Where most tags are farther off than expected, takes that for what is to be expected.
+  template <class Model>
+  void adaptToNoise(const Model& model, const std::vector<typename Model::Observation>& seen) {
+    if (at.squares.size() != seen.size() || seen.empty()) return;
+    errors.clear();
+    for (const double square : at.squares) errors.push_back(std::sqrt(square / model.residuals()));
+    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+    std::nth_element(errors.begin(), middle, errors.end());
+    if (*middle < kNoisy) return;
+    noise_scale = std::min(*middle / kNoisy, kMostNoise);
+    run(model, seen, -1);
   }
 
   template <class Model>
   const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
-                      const model::Twists& start) {
-    checkCall<Model>(seen, start);
+                      const model::Twists& start, const model::Twists& expected) {
+    checkSeen(seen);
+    checkTwists(start, "the number of twists to start from");
+    checkTwists(expected, "the number of the model's twists");
+    prior = expected;
+    noise_scale = 1;
     startFrom(start);
     run(model, seen, -1);
+    adaptToNoise(model, seen);
     return result;
   }
 
   void keepBetter() {
-    const bool usable = result.status == FitStatus::kConverged;
-    const bool have = best.status == FitStatus::kConverged;
-    if (usable && (!have || result.cost < best.cost)) std::swap(best, result);
+    const auto ended = [](const TwistFit& fit) {
+      return fit.status == FitStatus::kConverged || fit.status == FitStatus::kUnexplained;
+    };
+    if (ended(result) && (!ended(best) || result.cost < best.cost)) std::swap(best, result);
   }
 
   template <class Model>
   const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
-                          const model::Twists& start) {
-    checkCall<Model>(seen, start);
-    startFrom(start);
+                          const model::Twists& expected) {
+    checkSeen(seen);
+    checkTwists(expected, "the number of the model's twists");
+    prior = expected;
+    noise_scale = 1;
+    startFrom(expected);
     run(model, seen, -1);
     best = result;
+    int starts_left = kMostColdStarts;
     const auto refine = [&](const model::Twists& from, int skipped) {
+      if (--starts_left < 0) return;
       startFrom(from);
       run(model, seen, skipped);
       if (skipped >= 0) {
-        if (result.status != FitStatus::kConverged) return;
+        if (result.status == FitStatus::kNotConverged || result.tags.empty()) return;
         startFrom(result.twists);
         run(model, seen, -1);
       }
       keepBetter();
     };
-    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(start, i);
     for (int k = 0; k < sections; ++k) {
       for (int axis = 3; axis < 6; ++axis) {
         for (const double turn : {-kColdTurn, kColdTurn}) {
-          model::Twists from = start;
+          model::Twists from = expected;
           from(axis, k) += turn;
-          refine(from, -1);
+          if (!held(axis)) refine(from, -1);
         }
       }
     }
-    std::swap(best, result);
+    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(expected, i);
+    // The best once more, so that the work space is where it ended.
+    if (!best.tags.empty()) {
+      startFrom(best.twists);
+      at.X_B0B = best.X_B0B;
+      at.base_offset = at.X_B0B.log();
+      at.bleed = best.bleed;
+      run(model, seen, -1);
+      adaptToNoise(model, seen);
+    }
     return result;
   }
 };
@@ -502,26 +629,29 @@ const TagLayout& TwistFitter::layout() const { return work_->layout; }
 const TwistFitOptions& TwistFitter::options() const { return work_->options; }
 
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                                 double focal, const model::Twists& start) {
+                                 double focal, const model::Twists& start,
+                                 const model::Twists& model) {
+  require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
   return work_->fit(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options}, seen,
-                    start);
+                    start, model);
 }
 
 const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
                                  const model::Twists& start) {
-  return work_->fit(PoseModel{work_->options}, seen, start);
+  return work_->fit(PoseModel{work_->options}, seen, start, start);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
-                                     const model::Twists& start) {
+                                     const model::Twists& model) {
+  require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
   return work_->fitCold(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options},
-                        seen, start);
+                        seen, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
-                                     const model::Twists& start) {
-  return work_->fitCold(PoseModel{work_->options}, seen, start);
+                                     const model::Twists& model) {
+  return work_->fitCold(PoseModel{work_->options}, seen, model);
 }
 
 void TwistFitOptions::validate() const {
@@ -533,6 +663,8 @@ void TwistFitOptions::validate() const {
   require(std::isfinite(rotation_noise) && rotation_noise >= 0, "the noise of tag rotations [rad]",
           rotation_noise, "a finite value >= 0");
   positive("the robust scale", robust_scale);
+  positive("the model's prior of v [m]", model_prior.translation);
+  positive("the model's prior of w [rad]", model_prior.rotation);
   positive("the prior of the base's place [m]", base_prior.translation);
   positive("the prior of the base's rotation [rad]", base_prior.rotation);
   positive("the prior of the bleed [m]", bleed_prior);
@@ -547,6 +679,8 @@ const char* nameOf(FitStatus status) {
       return "not_converged";
     case FitStatus::kUnderdetermined:
       return "underdetermined";
+    case FitStatus::kUnexplained:
+      return "unexplained";
   }
   return "";
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/vision/jpeg.hpp"
 #include "pose_reader.hpp"
 
 namespace helix_arm::io {
@@ -48,9 +50,7 @@ vision::WebcamConfig readWebcam(const Value& value, const std::string& path,
     webcam.device = keys.text("device", "the path of a device").value_or(webcam.device);
   }
   if (keys.has("fourcc")) {
-    const std::string expected = "four characters, as in MJPG";
-    webcam.fourcc = keys.text("fourcc", expected).value_or(webcam.fourcc);
-    if (webcam.fourcc.size() != 4) keys.fault("fourcc", expected);
+    webcam.fourcc = keys.choice("fourcc", {"MJPG", "YUYV", "UYVY", "GREY"}).value_or(webcam.fourcc);
   }
   webcam.fps = keys.number("fps", kFrameRate, webcam.fps);
   webcam.focus = static_cast<int>(keys.integer("focus", 0, kLargest, webcam.focus));
@@ -72,6 +72,11 @@ std::optional<CameraConfig> readCamera(const MapReader& scene, const Value& docu
   if (const auto size = keys.numbers("size_px", 2, kPixels)) {
     camera.model.width = static_cast<int>((*size)[0]);
     camera.model.height = static_cast<int>((*size)[1]);
+    const double pixels = (*size)[0] * (*size)[1];
+    if (pixels > vision::JpegDecoder::kMaxPixels) {
+      keys.complain("size_px", "makes " + formatNumber(pixels) + " pixels; expected at most " +
+                                   formatNumber(vision::JpegDecoder::kMaxPixels));
+    }
   }
   if (const auto focal = keys.numbers("focal_px", 2, kFocalLength)) {
     camera.model.fx = (*focal)[0];

@@ -150,6 +150,38 @@ Value* childOf(Value& map, const std::string& key, const Place& place) {
   return &map.entries.back().value;
 }
 
+bool isFlat(const Value& list) {
+  return std::none_of(list.entries.begin(), list.entries.end(), [](const Value::Entry& entry) {
+    return entry.value.kind == Value::Kind::kList || entry.value.kind == Value::Kind::kMap;
+  });
+}
+
+void emit(const Value& value, YAML::Emitter& out) {
+  switch (value.kind) {
+    case Value::Kind::kEmpty:
+      out << YAML::Null;
+      break;
+    case Value::Kind::kText:
+      if (value.quoted) out << YAML::DoubleQuoted;
+      out << value.text;
+      break;
+    case Value::Kind::kList:
+      if (isFlat(value)) out << YAML::Flow;
+      out << YAML::BeginSeq;
+      for (const Value::Entry& entry : value.entries) emit(entry.value, out);
+      out << YAML::EndSeq;
+      break;
+    case Value::Kind::kMap:
+      out << YAML::BeginMap;
+      for (const Value::Entry& entry : value.entries) {
+        out << YAML::Key << entry.key << YAML::Value;
+        emit(entry.value, out);
+      }
+      out << YAML::EndMap;
+      break;
+  }
+}
+
 }  // namespace
 
 const Value* Value::find(const std::string& key) const {
@@ -229,6 +261,12 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
     }
   }
   *target = std::move(*value);
+}
+
+std::string writeDocument(const Value& document) {
+  YAML::Emitter out;
+  emit(document, out);
+  return std::string(out.c_str()) + "\n";
 }
 
 }  // namespace helix_arm::io

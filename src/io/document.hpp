@@ -56,4 +56,7 @@ std::optional<Value> parseDocument(const std::string& text, FaultList& faults);
 /// keys mean anything is for the schema to say.
 void applyOverride(Value& document, const Override& change, FaultList& faults);
 
+/// The YAML text of a tree; parsing it gives the tree again, but for its places.
+std::string writeDocument(const Value& document);
+
 }  // namespace helix_arm::io

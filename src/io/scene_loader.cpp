@@ -51,17 +51,37 @@ SafetyConfig readSafety(const MapReader& scene, const Value& document, FaultList
   return config;
 }
 
+std::string readText(const std::string& path, FaultList& faults) {
+  const std::optional<std::string> text = readTextFile(path, faults);
+  faults.throwIfAny();
+  return *text;
+}
+
+// Overrides that do not apply are among the faults.
+Value readDocument(const std::string& text, const std::vector<Override>& overrides,
+                   FaultList& faults) {
+  std::optional<Value> document = parseDocument(text, faults);
+  if (!document) faults.throwIfAny();
+  for (const Override& change : overrides) applyOverride(*document, change, faults);
+  return std::move(*document);
+}
+
 }  // namespace
+
+std::string sceneText(const std::string& path, const std::vector<Override>& overrides) {
+  FaultList faults(path);
+  const std::string text = readText(path, faults);
+  if (overrides.empty()) return text;
+  const Value document = readDocument(text, overrides, faults);
+  faults.throwIfAny();
+  return writeDocument(document);
+}
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
-  const std::optional<std::string> text = readTextFile(path, faults);
-  faults.throwIfAny();
-  std::optional<Value> document = parseDocument(*text, faults);
-  if (!document) faults.throwIfAny();
-  for (const Override& change : overrides) applyOverride(*document, change, faults);
+  const Value document = readDocument(readText(path, faults), overrides, faults);
 
-  const MapReader scene(*document, "",
+  const MapReader scene(document, "",
                         {"name", "contractions", "arm", "tags", "camera", "vision", "simulation",
                          "regulator", "safety"},
                         faults);
@@ -69,13 +89,14 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
   const Contractions contractions = readContractions(scene, faults);
   std::optional<ArmParts> arm = readArm(scene, contractions, faults);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
-  std::optional<TagParts> tags = readTags(scene, *document, known_arm, faults);
-  const auto camera = readCamera(scene, *document, faults);
-  const vision::LocalizerConfig vision =
-      readVision(scene, *document, tags ? tags->family : std::string(), faults);
-  const SimulationConfig simulation = readSimulation(scene, *document, faults);
-  const auto regulator = readRegulator(scene, *document, known_arm, faults);
-  const SafetyConfig safety = readSafety(scene, *document, faults);
+  std::optional<TagParts> tags = readTags(scene, document, known_arm, faults);
+  const auto camera = readCamera(scene, document, faults);
+  vision::LocalizerConfig vision =
+      readVision(scene, document, tags ? tags->family : std::string(), faults);
+  vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value();
+  const SimulationConfig simulation = readSimulation(scene, document, faults);
+  const auto regulator = readRegulator(scene, document, known_arm, faults);
+  const SafetyConfig safety = readSafety(scene, document, faults);
   faults.throwIfAny();
   return {*name,
           arm->X_WB,

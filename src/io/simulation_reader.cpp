@@ -23,7 +23,7 @@ simulation::ArmDeviation readDeviation(const MapReader& keys) {
 simulation::SimulatedCameraConfig readPictures(const MapReader& keys) {
   simulation::SimulatedCameraConfig camera;
   camera.blur = keys.number("blur_px", kBlur, camera.blur);
-  camera.noise = keys.number("noise", kGrayNoise, camera.noise);
+  camera.noise = keys.number("noise_gray_levels", kGrayNoise, camera.noise);
   camera.exposure = keys.number("exposure", kExposure, camera.exposure);
   camera.bleed = keys.number("bleed_m", kBleed, camera.bleed);
   camera.jpeg_quality = static_cast<int>(keys.integer("jpeg_quality", 1, 100, camera.jpeg_quality));
@@ -46,10 +46,10 @@ SimulationConfig readSimulation(const MapReader& scene, const Value& document, F
         *arm, simulation.path("arm"), {"K_gamma_scale", "K_kappa_scale", "length_scale"}, faults));
   }
   if (const Value* camera = value->find("camera")) {
-    config.camera = readPictures(MapReader(
-        *camera, simulation.path("camera"),
-        {"blur_px", "noise", "exposure", "bleed_m", "jpeg_quality", "clutter", "occluders", "seed"},
-        faults));
+    config.camera = readPictures(MapReader(*camera, simulation.path("camera"),
+                                           {"blur_px", "noise_gray_levels", "exposure", "bleed_m",
+                                            "jpeg_quality", "clutter", "occluders", "seed"},
+                                           faults));
   }
   return config;
 }

@@ -17,12 +17,14 @@ constexpr double kMostNumber = 1e9;
 const char* const kColumns[] = {"capture", "tag", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
 
 void requireColumns(const DataSet& data) {
-  FaultList faults(data.path);
+  std::string missing;
   for (const char* column : kColumns) {
-    if (data.find(column) >= 0) continue;
-    faults.add(0, std::string("has no column ") + column +
-                      "; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy, qz, qw");
+    if (data.find(column) < 0) missing += (missing.empty() ? "" : ", ") + std::string(column);
   }
+  if (missing.empty()) return;
+  FaultList faults(data.path);
+  faults.add(0, "has no column " + missing +
+                    "; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy, qz, qw");
   faults.throwIfAny();
 }
 

@@ -61,7 +61,7 @@ void readKeys(const MapReader& keys, const Value& value, vision::LocalizerConfig
   readDetector(keys, config.detector);
   config.tracking = readTracking(keys, config.tracking);
   config.min_tags =
-      static_cast<int>(keys.integer("min_tags", 1, estimation::kMaxTags, config.min_tags));
+      static_cast<int>(keys.integer("min_tags", 2, estimation::kMaxTags, config.min_tags));
   readFit(keys, value, config.fit, faults);
 }
 

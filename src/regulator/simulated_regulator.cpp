@@ -1,17 +1,14 @@
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
 #include <cmath>
-#include <sstream>
-#include <stdexcept>
+
+#include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  if (holds) return;
-  std::ostringstream message;
-  message << "simulated regulator: " << what << " is " << value << "; expected " << rule;
-  throw std::invalid_argument(message.str());
+  model::requireValue(holds, "simulated regulator", what, value, rule);
 }
 
 int requireChannels(int channels) {

@@ -156,6 +156,20 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Twists& twists,
     for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
     out.markers.push_back(std::move(trace));
   }
+  drawn_.clear();
+  for (const Marker& drawn : out.markers) drawn_.emplace_back(drawn.ns, drawn.id);
+  return out;
+}
+
+visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
+  stamp_ = stamp;
+  trace_.clear();
+  visualization_msgs::MarkerArray out;
+  for (const auto& [ns, id] : drawn_) {
+    out.markers.push_back(marker(ns.c_str(), id, Marker::SPHERE));
+    out.markers.back().action = Marker::DELETE;
+  }
+  drawn_.clear();
   return out;
 }
 

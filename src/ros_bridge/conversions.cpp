@@ -79,8 +79,22 @@ control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections)
   return control::checkTwists(sections, target.twist);
 }
 
-control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections) {
-  return control::checkTwists(sections, shape.twist);
+control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections,
+                                        const std::string& base_frame) {
+  using control::Fault, control::Refusal;
+  constexpr double kShortest = 1e-3;  // [m]
+  const std::string& frame = shape.header.frame_id;
+  if (!frame.empty() && frame != base_frame) {
+    return Refusal{Fault::kWrongFrame, "it is seen from '" + control::quoted(frame) + "', not '" +
+                                           base_frame +
+                                           "': give both nodes the same ~frame_prefix"};
+  }
+  auto checked = control::checkTwists(sections, shape.twist);
+  const auto* twists = std::get_if<model::Twists>(&checked);
+  if (twists != nullptr && !(twists->topRows<3>().colwise().norm().sum() > kShortest)) {
+    return Refusal{Fault::kOutOfRange, "its curve is shorter than 1 mm; send the twists of an arm"};
+  }
+  return checked;
 }
 
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {

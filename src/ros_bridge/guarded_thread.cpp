@@ -4,14 +4,14 @@
 
 namespace helix_arm::ros_bridge {
 
-void GuardedThread::start(std::function<void()> body) {
-  thread_ = std::thread([this, body = std::move(body)] {
+void GuardedThread::start(std::function<void()> body, std::function<void()> on_failure) {
+  thread_ = std::thread([this, body = std::move(body), on_failure = std::move(on_failure)] {
     const int code = guarded([&body] {
       body();
       return kDone;
     });
     verdict_ = code;
-    if (code != kDone) ros::requestShutdown();
+    if (code != kDone) on_failure();
   });
 }
 

@@ -13,13 +13,23 @@ double secondsBetween(const ros::Time& from, const ros::Time& to) {
 
 void ModelHistory::add(const ros::Time& stamp, const model::Twists& twists) {
   if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
+  if (!entries_.empty() && stamp == entries_.back().stamp) {
+    entries_.back().twists = twists;
+    return;
+  }
   entries_.push_back({stamp, twists});
+  if (entries_.size() > kMost) entries_.pop_front();
   while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
 }
 
 void ModelHistory::forgetFuture(const ros::Time& now) {
   while (!entries_.empty() && secondsBetween(now, entries_.back().stamp) > kReach)
     entries_.pop_back();
+}
+
+std::optional<double> ModelHistory::lag(const ros::Time& stamp) const {
+  if (entries_.empty()) return std::nullopt;
+  return secondsBetween(entries_.back().stamp, stamp);
 }
 
 std::optional<ModelHistory::Entry> ModelHistory::nearest(const ros::Time& stamp) const {

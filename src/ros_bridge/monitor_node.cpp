@@ -30,6 +30,7 @@ double medianOf(std::vector<double> values) {
   return *middle;
 }
 
+constexpr std::size_t kMostErrors = 100000;  // an hour's at 30 Hz
 constexpr double kSilence = 2.0;  // a topic silent for so long at the end has stopped [s]
 
 bool allFinite(const std::vector<double>& values) {
@@ -119,6 +120,7 @@ void MonitorNode::onShape(const ArmShapeConstPtr& shape) {
 void MonitorNode::onModelError(const ModelErrorConstPtr& error) {
   model_error_ = *error;
   tip_errors_.push_back(error->tip_error);
+  if (tip_errors_.size() > kMostErrors) tip_errors_.pop_front();
 }
 
 void MonitorNode::onVisionStatus(const VisionStatusConstPtr& status) { vision_ = *status; }
@@ -241,7 +243,8 @@ int MonitorNode::finish() {
   if (shape_.count > 0) {
     std::printf("%s %.1f Hz", shape_.topic.c_str(), shape_.rate());
     if (!tip_errors_.empty()) {
-      std::printf(", model off by %.1f mm at the tip (median of %lu)", 1e3 * medianOf(tip_errors_),
+      std::printf(", model off by %.1f mm at the tip (median of %lu)",
+                  1e3 * medianOf({tip_errors_.begin(), tip_errors_.end()}),
                   static_cast<unsigned long>(tip_errors_.size()));
     }
     std::printf("\n");

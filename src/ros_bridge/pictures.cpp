@@ -183,7 +183,7 @@ bool equal(const estimation::Camera& a, const estimation::Camera& b) {
          a.cx == b.cx && a.cy == b.cy && a.distortion == b.distortion;
 }
 
-std::string sizeText(int width, int height) {
+std::string sizeText(std::int64_t width, std::int64_t height) {
   return std::to_string(width) + " x " + std::to_string(height);
 }
 

@@ -247,7 +247,20 @@ void PressureCommandNode::sendFrames(const ros::Time& stamp) {
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (handle_) handle_->follow(model::tipPose(twistsAt(command_)));
-  if (!measures()) return;
+  if (!measures()) {
+    if (drawn_) {
+      marker_publisher_.publish(markers_.remove(ros::Time::now()));
+      if (losses_.add()) {
+        ROS_WARN(
+            "pressure_measured has not come for %g s (%lu times so far): is the regulator's "
+            "node up? The arm is drawn again when it comes",
+            kFresh, static_cast<unsigned long>(losses_.total()));
+      }
+    }
+    drawn_ = false;
+    return;
+  }
+  drawn_ = true;
   marker_publisher_.publish(markers_.draw(twists_, measured_, ros::Time::now()));
 }
 

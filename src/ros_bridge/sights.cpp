@@ -14,6 +14,21 @@ bool has(const std::vector<int>& ids, int id) {
   return std::find(ids.begin(), ids.end(), id) != ids.end();
 }
 
+std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
+
+// The ids that no fit can use, when there are any.
+std::string strangers(const vision::Sight& sight) {
+  std::string out;
+  if (!sight.foreign_ids.empty()) out += "; not of the scene: " + listOf(sight.foreign_ids);
+  if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
+  if (!sight.unusable_ids.empty()) {
+    out += "; where the camera's distortion folds the picture: " + listOf(sight.unusable_ids);
+  }
+  return out;
+}
+
+}  // namespace
+
 std::string listOf(const std::vector<int>& ids) {
   constexpr std::size_t kMost = 8;
   std::string out;
@@ -22,18 +37,6 @@ std::string listOf(const std::vector<int>& ids) {
   }
   return ids.size() > kMost ? out + ", ..." : out;
 }
-
-std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
-
-// The ids that no fit can use, when there are any.
-std::string strangers(const vision::Sight& sight) {
-  std::string out;
-  if (!sight.foreign_ids.empty()) out += "; not of the scene: " + listOf(sight.foreign_ids);
-  if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
-  return out;
-}
-
-}  // namespace
 
 const estimation::TagResidual* residualOf(const vision::Sight& sight,
                                           const estimation::TagLayout& layout, int id) {
@@ -93,16 +96,16 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   msg.tip_error = error.norm();
   // A curve of constant twist runs at the constant speed |v|.
   msg.tip_percent = 100.0 * msg.tip_error / model.twists.topRows<3>().colwise().norm().sum();
-  const Eigen::Vector3d direction = error.stableNormalized();
-  const Eigen::Matrix3d covariance = estimation::tipCovariance(fit.twists, fit.covariance);
-  msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(covariance * direction)));
+  // The covariance is seen from the nominal base.
+  const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
+  msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(fit.tip_covariance * direction)));
   msg.tag_rms = fit.rms;
   return msg;
 }
 
 double tipSigma(const estimation::TwistFit& fit) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(
-      estimation::tipCovariance(fit.twists, fit.covariance), Eigen::EigenvaluesOnly);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.tip_covariance,
+                                                              Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 

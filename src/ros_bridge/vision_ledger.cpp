@@ -12,12 +12,6 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-std::string listOf(const std::vector<int>& ids) {
-  std::string out;
-  for (const int id : ids) out += (out.empty() ? "" : ", ") + std::to_string(id);
-  return out;
-}
-
 }  // namespace
 
 const char* nameOfState(std::uint8_t state) {
@@ -109,6 +103,7 @@ void VisionLedger::report(DiagnosticStatus& camera, DiagnosticStatus& measuremen
   for (int i = 0; i < kPictureFaultCount; ++i) {
     addValue(camera, nameOf(PictureFault(i)), std::to_string(faults_[i].total()));
   }
+  addValue(camera, "calibration", calibration_);
   addValue(camera, names::kLastFaultKey, status_.last_fault);
 
   measurement.level = measured() ? DiagnosticStatus::OK : DiagnosticStatus::WARN;
@@ -120,6 +115,7 @@ void VisionLedger::report(DiagnosticStatus& camera, DiagnosticStatus& measuremen
            listOf({status_.unknown_ids.begin(), status_.unknown_ids.end()}));
   addValue(measurement, "repeated_ids",
            listOf({status_.repeated_ids.begin(), status_.repeated_ids.end()}));
+  addValue(measurement, "model_lag_s", model_lag_ ? fixed(*model_lag_, 3) : "");
   reported_ = status_;
 }
 

@@ -111,9 +111,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
   out.markers.push_back(std::move(words));
 
   Marker ball = marker(stamp, names::kTipCovarianceNs, Marker::SPHERE);
-  const Eigen::Matrix3d& R = fit.X_B0B.rotation;
-  shapeLike(R * estimation::tipCovariance(fit.twists, fit.covariance) * R.transpose(),
-            tip.translation, ball);
+  shapeLike(fit.tip_covariance, tip.translation, ball);
   ball.color = color(1.0, 0.55, 0.1, 0.5);
   out.markers.push_back(std::move(ball));
   return out;

@@ -1,7 +1,7 @@
 #include "helix_arm/ros_bridge/vision_node.hpp"
 
 #include <algorithm>
-#include <chrono>
+#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -20,7 +20,11 @@ namespace {
 // A picture waits so long for the model of its time: with pressures at 100 Hz and more it is there
 // by then, and a replay meets the same model as the first time.
 constexpr std::chrono::milliseconds kModelPatience(100);
+// Each wait in vain halves the patience, down to this: models that always lag must not slow the
+// pictures down.
+constexpr std::chrono::milliseconds kLeastPatience(5);
 constexpr std::chrono::milliseconds kFaultPause(50);  // between faults of a source
+constexpr double kLongestPause = 3600.0;              // between tries of a webcam [s]
 constexpr double kWatchPeriod = 0.05;                 // [s]
 // Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
 constexpr double kDrawingSlack = 0.9;
@@ -99,20 +103,30 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   return out;
 }
 
-VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
-    : options_(VisionOptions::load(private_node)),
+VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
+    : host_(host),
+      options_(VisionOptions::load(private_node)),
       scene_(requireSight(io::loadScene(options_.scene), options_)),
       name_(private_node.getNamespace()),
       frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames, options_.frames),
       markers_(frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
       localizer_(std::make_unique<vision::ArmLocalizer>(scene_.view(), scene_.vision)),
       prior_(scene_.arm.twists(scene_.arm.inputAt(0))),
+      whose_calibration_("the scene's camera"),
+      patience_(kModelPatience),
       source_(makeSource(options_, scene_)),
       ledger_(options_.source),
       lease_(options_.stale_after),
       last_arrival_(ros::SteadyTime::now()),
       last_report_(last_arrival_),
       node_(node) {
+  if (source_ == nullptr && !options_.camera_info_url.empty()) {
+    throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url +
+                                ", but the calibration of ~source " + options_.source +
+                                " comes on camera_info; leave ~camera_info_url empty, or set "
+                                "~source to webcam or a file");
+  }
+  ledger_.calibrated(whose_calibration_);
   measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10);
   detections_publisher_ = node_.advertise<TagDetections>(names::kTagDetections, 10);
   error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10);
@@ -150,8 +164,9 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
   model_subscriber_ = listen(names::kModel, 100, &Node::onModel);
   watch_timer_ = node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &Node::onWatch, this);
   second_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
-  worker_.start([this] { work(); });
-  if (source_ != nullptr) capturer_.start([this] { capture(); });
+  const auto on_failure = [this] { onFailure(); };
+  worker_.start([this] { work(); }, on_failure);
+  if (source_ != nullptr) capturer_.start([this] { capture(); }, on_failure);
   ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
            static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
            options_.source.c_str());
@@ -171,37 +186,65 @@ int VisionNode::finish() const {
   return worker_.verdict() != kDone ? worker_.verdict() : capturer_.verdict();
 }
 
-void VisionNode::onImage(const sensor_msgs::ImageConstPtr& image) {
+void VisionNode::onFailure() {
+  if (host_ == Host::kOwnProcess) {
+    ros::requestShutdown();
+    return;
+  }
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (!lease_.claim(names::kImage, ros::SteadyTime::now().toSec())) return;
+    enter(VisionStatus::CAMERA_FAULT, "vision has failed and stopped: load its nodelet again");
+    stop_ = true;
   }
-  arrived({image->header.stamp, image});
+  wake_.notify_all();
+  ROS_FATAL("%s has failed and stopped; its manager goes on. Load the nodelet again",
+            name_.c_str());
+}
+
+template <class Message>
+void VisionNode::onPicture(const boost::shared_ptr<const Message>& picture, const char* topic) {
+  ros::Time stamp = picture->header.stamp;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!lease_.claim(topic, ros::SteadyTime::now().toSec())) return;
+    if (stamp.isZero()) {
+      stamp = ros::Time::now();
+      if (unstamped_.add()) {
+        ROS_WARN(
+            "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
+            "were taken; let the camera's node stamp them",
+            topic, static_cast<unsigned long>(unstamped_.total()));
+      }
+    }
+  }
+  arrived({stamp, picture});
+}
+
+void VisionNode::onImage(const sensor_msgs::ImageConstPtr& image) {
+  onPicture(image, names::kImage);
 }
 
 void VisionNode::onCompressed(const sensor_msgs::CompressedImageConstPtr& image) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (!lease_.claim(names::kCompressedImage, ros::SteadyTime::now().toSec())) return;
-  }
-  arrived({image->header.stamp, image});
+  onPicture(image, names::kCompressedImage);
 }
 
 void VisionNode::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
   const std::lock_guard<std::mutex> lock(mutex_);
   camera_info_ = fromMsg(*info);
-  if (const auto* refusal = std::get_if<PictureRefusal>(&*camera_info_)) refuse(*refusal);
+  // Only counted here: the state follows from the pictures.
+  if (const auto* refusal = std::get_if<PictureRefusal>(&*camera_info_)) ledger_.refused(*refusal);
 }
 
 void VisionNode::onModel(const ArmShapeConstPtr& model) {
-  const auto checked = fromMsg(*model, scene_.arm.sectionCount());
+  const auto checked = fromMsg(*model, scene_.arm.sectionCount(), frames_.base);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (const auto* twists = std::get_if<model::Twists>(&checked)) {
       models_.add(model->header.stamp, *twists);
     } else {
       // Measured without it, all the same.
-      ledger_.refused({PictureFault::kBadModel, "model is not of scene " + scene_.name + ": " +
+      ledger_.refused({PictureFault::kBadModel, "a model is not taken for scene " + scene_.name +
+                                                    ": " +
                                                     std::get<control::Refusal>(checked).message});
     }
   }
@@ -211,8 +254,8 @@ void VisionNode::onModel(const ArmShapeConstPtr& model) {
 void VisionNode::onWatch(const ros::SteadyTimerEvent&) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
-  if (silence < options_.stale_after || ledger_.state() == VisionStatus::ENDED) return;
-  if (ledger_.state() == VisionStatus::WAITING) return;
+  if (stop_ || silence < options_.stale_after || ledger_.state() == VisionStatus::ENDED) return;
+  if (ledger_.status().pictures == 0 || source_fault_) return;
   enter(VisionStatus::STALE, "no picture has come for " + fixed(silence) +
                                  " s: is the camera plugged in, and its node up?");
 }
@@ -254,10 +297,15 @@ void VisionNode::capture() {
     if (status == vision::FrameStatus::kFault) {
       {
         const std::lock_guard<std::mutex> lock(mutex_);
-        last_arrival_ = ros::SteadyTime::now();
+        source_fault_ = true;
         refuse({PictureFault::kSource, frame.fault});
       }
-      go_on = waitUntil(std::chrono::steady_clock::now() + kFaultPause, never);
+      const auto pause =
+          std::max(std::chrono::duration<double>(kFaultPause),
+                   std::chrono::duration<double>(std::min(frame.retry_after, kLongestPause)));
+      go_on = waitUntil(std::chrono::steady_clock::now() +
+                            std::chrono::duration_cast<std::chrono::steady_clock::duration>(pause),
+                        never);
       continue;
     }
     if (calibration_ != nullptr) {
@@ -270,7 +318,7 @@ void VisionNode::capture() {
     if (file) {
       go_on = waitUntil(due, never);
       std::unique_lock<std::mutex> lock(mutex_);
-      wake_.wait(lock, [this] { return stop_ || !next_; });
+      wake_.wait(lock, [this] { return stop_ || (!next_ && !busy_); });
     }
     const std::lock_guard<std::mutex> lock(mutex_);
     go_on = !stop_;
@@ -280,7 +328,9 @@ void VisionNode::capture() {
 void VisionNode::arrived(Picture picture) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (stop_) return;
     last_arrival_ = ros::SteadyTime::now();
+    source_fault_ = false;
     ledger_.picture();
     if (next_) ledger_.skipped();
     next_ = std::move(picture);
@@ -296,9 +346,14 @@ void VisionNode::work() {
       wake_.wait(lock, [this] { return stop_ || next_; });
       if (stop_) return;
       std::swap(picture, next_);
+      busy_ = true;
+    }
+    measure(*picture);
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      busy_ = false;
     }
     wake_.notify_all();
-    measure(*picture);
   }
 }
 
@@ -330,16 +385,46 @@ std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
                               "; a calibration holds for one size only"};
   }
   if (!equal(view.camera, localizer_->view().camera)) {
-    ROS_INFO("camera_info differs from the intrinsics at hand: going by camera_info");
+    if (adoptions_.add()) {
+      ROS_INFO(
+          "camera_info differs from the intrinsics at hand (%lu times so far): going by "
+          "camera_info%s",
+          static_cast<unsigned long>(adoptions_.total()),
+          info_subscriber_.getNumPublishers() > 1
+              ? "; more than one node publishes it: stop all but the camera's"
+              : "");
+    }
     localizer_ = std::make_unique<vision::ArmLocalizer>(view, scene_.vision);
   }
+  whose_calibration_ = whose;
   return std::nullopt;
+}
+
+std::uint32_t VisionNode::publishers() const {
+  return std::max(image_subscriber_.getNumPublishers(), compressed_subscriber_.getNumPublishers());
 }
 
 std::optional<ModelHistory::Entry> VisionNode::modelAt(const ros::Time& stamp) {
   std::unique_lock<std::mutex> lock(mutex_);
+  const std::optional<double> ahead = models_.lag(stamp);
   models_.forgetFuture(stamp);
-  wake_.wait_for(lock, kModelPatience, [&] { return stop_ || !models_.mayGetNearer(stamp); });
+  const bool waits = models_.mayGetNearer(stamp);
+  const bool in_time =
+      wake_.wait_for(lock, patience_, [&] { return stop_ || !models_.mayGetNearer(stamp); });
+  if (!in_time) {
+    patience_ = std::max(kLeastPatience, patience_ / 2);
+  } else if (waits) {
+    patience_ = std::min(kModelPatience, 2 * patience_);
+  }
+  const std::optional<double> lag = models_.lag(stamp) ? models_.lag(stamp) : ahead;
+  ledger_.modelLag(lag);
+  if (lag && (!in_time || std::abs(*lag) > ModelHistory::kReach) && late_models_.add()) {
+    ROS_WARN(
+        "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
+        "up, and are the clocks of the camera's and the arm's computers synchronised?",
+        std::abs(*lag), *lag < 0 ? "after" : "before",
+        static_cast<unsigned long>(late_models_.total()));
+  }
   return models_.nearest(stamp);
 }
 
@@ -365,7 +450,11 @@ void VisionNode::measure(const Picture& picture) {
   const double elapsed = secondsBetween(last_stamp_, picture.stamp);
   if (elapsed < 0 || elapsed > options_.stale_after) localizer_->reset();
   if (elapsed < 0) {
-    ROS_INFO("the pictures' time has jumped back by %.1f s: starting anew", -elapsed);
+    if (jumps_.add()) {
+      ROS_INFO("the pictures' time has jumped back by %.1f s (%lu times so far): starting anew%s",
+               -elapsed, static_cast<unsigned long>(jumps_.total()),
+               publishers() > 1 ? "; more than one node publishes pictures: stop all but one" : "");
+    }
     prior_ = scene_.arm.twists(scene_.arm.inputAt(0));
     last_tf_stamp_ = ros::Time();
   }
@@ -389,7 +478,8 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     ledger_.saw(sight);
-    enter(stateOf(sight.state), account);
+    ledger_.calibrated(whose_calibration_);
+    enter(stateOf(sight.state), account + "; calibration: " + whose_calibration_);
   }
   std::optional<ModelError> error;
   if (measured) {

@@ -1,5 +1,5 @@
-#include <exception>
 #include <memory>
+#include <stdexcept>
 
 #include <nodelet/nodelet.h>
 #include <pluginlib/class_list_macros.hpp>
@@ -13,11 +13,15 @@ namespace helix_arm::ros_bridge {
 class VisionNodelet : public nodelet::Nodelet {
  private:
   void onInit() override {
-    try {
-      node_ = std::make_unique<VisionNode>(getNodeHandle(), getPrivateNodeHandle());
-    } catch (const NothingToDo& reason) {
-      NODELET_INFO("%s", reason.what());
-    }
+    const int code = guarded([this]() -> int {
+      node_ = std::make_unique<VisionNode>(getNodeHandle(), getPrivateNodeHandle(),
+                                           VisionNode::Host::kManager);
+      return kDone;
+    });
+    if (code == kDone) return;
+    // The manager's loader says nothing of what is thrown.
+    NODELET_FATAL("%s is not loaded: see the faults above", getName().c_str());
+    throw std::runtime_error(getName() + " has faults that were printed");
   }
 
   std::unique_ptr<VisionNode> node_;

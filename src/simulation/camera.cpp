@@ -12,7 +12,7 @@
 
 #include "backdrop.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "requirement.hpp"
+#include "helix_arm/model/requirement.hpp"
 #include "tag_pattern.hpp"
 
 namespace helix_arm::simulation {
@@ -77,17 +77,20 @@ struct PlanePoint {
 
 void SimulatedCameraConfig::validate() const {
   const char* const not_negative = "a finite value >= 0";
-  require(std::isfinite(blur) && blur >= 0, kCulprit, "the blur [px]", blur, not_negative);
-  require(std::isfinite(noise) && noise >= 0, kCulprit, "the noise [gray levels]", noise,
-          not_negative);
-  require(std::isfinite(exposure) && exposure > 0, kCulprit, "the exposure", exposure,
-          "a finite value > 0");
-  require(std::isfinite(bleed) && bleed >= 0, kCulprit, "the bleed [m]", bleed, not_negative);
-  require(jpeg_quality >= 1 && jpeg_quality <= 100, kCulprit, "the JPEG quality", jpeg_quality,
-          "1 to 100");
-  require(clutter >= 0, kCulprit, "the number of objects in the background", clutter,
-          "a value >= 0");
-  require(occluders >= 0, kCulprit, "the number of occluders", occluders, "a value >= 0");
+  model::requireValue(std::isfinite(blur) && blur >= 0, kCulprit, "the blur [px]", blur,
+                      not_negative);
+  model::requireValue(std::isfinite(noise) && noise >= 0, kCulprit, "the noise [gray levels]",
+                      noise, not_negative);
+  model::requireValue(std::isfinite(exposure) && exposure > 0, kCulprit, "the exposure", exposure,
+                      "a finite value > 0");
+  model::requireValue(std::isfinite(bleed) && bleed >= 0, kCulprit, "the bleed [m]", bleed,
+                      not_negative);
+  model::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kCulprit, "the JPEG quality",
+                      jpeg_quality, "1 to 100");
+  model::requireValue(clutter >= 0, kCulprit, "the number of objects in the background", clutter,
+                      "a value >= 0");
+  model::requireValue(occluders >= 0, kCulprit, "the number of occluders", occluders,
+                      "a value >= 0");
 }
 
 struct SimulatedCamera::Workspace {
@@ -191,15 +194,15 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
     : view(view_in), body(body_in), config(config_in), generator(config_in.seed) {
   view.validate();
   config.validate();
-  require(std::isfinite(body.radius) && body.radius > 0, kCulprit, "the arm's radius [m]",
-          body.radius, "a finite value > 0");
+  model::requireValue(std::isfinite(body.radius) && body.radius > 0, kCulprit,
+                      "the arm's radius [m]", body.radius, "a finite value > 0");
   cell = view.layout.size / family.borderCells();
   cells = family.borderCells() + 2 * family.quietCells();
-  require(config.bleed < 0.5 * cell, kCulprit, "the bleed [m]", config.bleed,
-          "less than half a cell of the tags");
+  model::requireValue(config.bleed < 0.5 * cell, kCulprit, "the bleed [m]", config.bleed,
+                      "less than half a cell of the tags");
   for (const estimation::TagPlacement& tag : view.layout.tags) {
-    require(tag.id < family.count(), kCulprit, "the id of a tag", tag.id,
-            "one that the family of the tags has");
+    model::requireValue(tag.id < family.count(), kCulprit, "the id of a tag", tag.id,
+                        "one that the family of the tags has");
     patterns.emplace_back(family.cells(tag.id), config.bleed / cell);
   }
   occluders = makeOccluders(config.occluders, generator);
@@ -213,9 +216,9 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
 }
 
 const cv::Mat& SimulatedCamera::Workspace::render(const model::Twists& twists) {
-  require(twists.cols() == view.sections, kCulprit, "the number of sections", twists.cols(),
-          "one a section of the arm in view");
-  require(twists.allFinite(), kCulprit, "a twist", "not finite", "finite twists");
+  model::requireValue(twists.cols() == view.sections, kCulprit, "the number of sections",
+                      twists.cols(), "one a section of the arm in view");
+  model::requireValue(twists.allFinite(), kCulprit, "a twist", "not finite", "finite twists");
   backdrop.copyTo(sharp);
   collectLayers(twists);
   for (const Layer& layer : layers) {

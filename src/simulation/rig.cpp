@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "requirement.hpp"
+#include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -28,7 +28,8 @@ model::Arm deviate(const model::Arm& arm, const ArmDeviation& deviation) {
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    require(std::isfinite(value) && value > 0, "true arm", what, value, "a finite value > 0");
+    model::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
+                        "a finite value > 0");
   };
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
@@ -52,9 +53,9 @@ SimulatedRig::SimulatedRig(const model::Arm& arm,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
     : arm_(arm, deviation), regulator_(arm.actuatorCount(), regulator_config) {
   if (!camera) return;
-  require(camera->view.sections == arm.sectionCount(), "simulated rig",
-          "the number of sections in the camera's view", camera->view.sections,
-          "as many as the arm has");
+  model::requireValue(camera->view.sections == arm.sectionCount(), "simulated rig",
+                      "the number of sections in the camera's view", camera->view.sections,
+                      "as many as the arm has");
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);
 }
 

@@ -28,6 +28,7 @@ struct ArmLocalizer::Workspace {
   model::Twists last_twists, last_model;
   lie::SE3 last_X_B0B;
   std::vector<int> last_ids, last_outliers;
+  std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
 
   estimation::ArmView expected_view;  // with the base where it was seen last
   std::vector<estimation::TagSight> sights;
@@ -62,13 +63,16 @@ struct ArmLocalizer::Workspace {
     sight.whole_picture = found.whole_picture;
     sight.foreign_ids.clear();
     sight.repeated_ids.clear();
+    sight.unusable_ids.clear();
     seen.clear();
     const std::vector<TagDetection>& tags = sight.detections;
     for (std::size_t i = 0; i < tags.size(); ++i) {
       const int id = tags[i].id;
       if (i > 0 && tags[i - 1].id == id) continue;
       const int tag = view.layout.find(id);
-      const bool repeated = i + 1 < tags.size() && tags[i + 1].id == id;
+      // The edges see only the one that is expected, whichever of the two that is.
+      const bool repeated = (i + 1 < tags.size() && tags[i + 1].id == id) ||
+                            (!found.whole_picture && contains(copied_ids, id));
       if (tag < 0) {
         sight.foreign_ids.push_back(id);
       } else if (repeated) {
@@ -77,13 +81,17 @@ struct ArmLocalizer::Workspace {
         observe(tag, tags[i].corners);
       }
     }
+    if (found.whole_picture) copied_ids = sight.repeated_ids;
   }
 
   void observe(int tag, const estimation::Corners& corners) {
     estimation::CornerObservation observation{tag, {}};
     for (int c = 0; c < 4; ++c) {
       const auto direction = view.camera.directionOf(corners.col(c));
-      if (!direction) return;
+      if (!direction) {
+        sight.unusable_ids.push_back(view.layout.tags[tag].id);
+        return;
+      }
       observation.direction.col(c) = *direction;
     }
     seen.push_back(observation);
@@ -95,18 +103,25 @@ struct ArmLocalizer::Workspace {
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = 0.5 * (view.camera.fx + view.camera.fy);
-    const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start);
+    const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
     }
     sight.fit = *fit;
-    if (fit->status == estimation::FitStatus::kUnderdetermined) return;
-    const int fitting = static_cast<int>(seen.size()) - fit->outliers();
-    const bool explained =
-        fitting >= config.min_tags && 2 * fitting > static_cast<int>(seen.size());
-    sight.state = fit->status == estimation::FitStatus::kConverged && explained
-                      ? SightState::kMeasured
-                      : SightState::kNoFit;
+    switch (fit->status) {
+      case estimation::FitStatus::kConverged:
+        sight.state = static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags
+                          ? SightState::kMeasured
+                          : SightState::kNoFit;
+        break;
+      case estimation::FitStatus::kUnderdetermined:
+        sight.state = SightState::kTooFewTags;
+        break;
+      case estimation::FitStatus::kUnexplained:
+      case estimation::FitStatus::kNotConverged:
+        sight.state = SightState::kNoFit;
+        break;
+    }
   }
 
   // A tag that came off the arm stays an outlier; only new ones cast doubt on the fit.
@@ -168,6 +183,7 @@ void ArmLocalizer::reset() {
   work_->warm = false;
   work_->last_ids.clear();
   work_->last_outliers.clear();
+  work_->copied_ids.clear();
 }
 
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
@@ -175,9 +191,9 @@ const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
 void LocalizerConfig::validate() const {
   detector.validate();
   fit.validate();
-  if (min_tags < 1) {
+  if (min_tags < 2) {
     throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
-                                "; expected at least 1");
+                                "; expected at least 2: a single tag may stand either way");
   }
 }
 

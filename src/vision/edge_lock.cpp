@@ -298,20 +298,24 @@ struct Shift {
   double first, last;
 };
 
+Vector2d outwardOf(const Vector2d& from, const Vector2d& to) {
+  return Vector2d(from.y() - to.y(), to.x() - from.x()).normalized();
+}
+
 // The line within reach along which white turns to black most clearly, on the way inward.
 std::optional<Shift> searchEdge(const Picture& picture, const Vector2d& from, const Vector2d& to,
                                 int reach) {
   constexpr int kPlaces = 2 * kMaxReach + 1;
-  const double length = (to - from).norm();
-  const Vector2d outward = Vector2d(from.y() - to.y(), to.x() - from.x()) / length;
+  const Vector2d outward = outwardOf(from, to);
   const int places = 2 * reach + 1;
   std::array<std::array<std::int16_t, kPlaces>, kRays> fall;  // of the level, outermost first
   for (int i = 0; i < kRays; ++i) {
     const double s = kRaysFrom + (1 - 2 * kRaysFrom) * i / (kRays - 1);
     std::array<std::int16_t, kPlaces + 2> level;
     picture.ray(from + s * (to - from) + (reach + 1) * outward, -outward, places + 2, level.data());
-    for (int j = 0; j < places; ++j)
+    for (int j = 0; j < places; ++j) {
       fall[i][j] = static_cast<std::int16_t>(level[j] - level[j + 2]);
+    }
   }
   std::optional<Shift> best;
   int most = static_cast<int>(kLeastContrast * kRays);
@@ -338,11 +342,11 @@ std::optional<Corners> searchEdges(const Picture& picture, const Corners& corner
   std::array<Vector3d, 4> lines;
   for (int k = 0; k < 4; ++k) {
     const Vector2d from = corners.col(k), to = corners.col((k + 1) % 4);
-    const double length = (to - from).norm();
-    const int reach = std::clamp(static_cast<int>(kReach * area / length), 2, max_reach);
+    const double across = area / (to - from).norm();
+    const int reach = std::clamp(static_cast<int>(kReach * across), 2, max_reach);
     const auto shift = searchEdge(picture, from, to, reach);
     if (!shift) return std::nullopt;
-    const Vector2d outward = Vector2d(from.y() - to.y(), to.x() - from.x()) / length;
+    const Vector2d outward = outwardOf(from, to);
     const Vector2d first = from + shift->first * outward, last = to + shift->last * outward;
     lines[k] = first.homogeneous().cross(last.homogeneous());
   }

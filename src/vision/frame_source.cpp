@@ -18,6 +18,7 @@
 #include <opencv2/videoio.hpp>
 #include <unistd.h>
 
+#include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::vision {
@@ -234,6 +235,12 @@ class PictureFiles : public FrameSource {
     if (const auto fault = decodePicture(bytes_, frame.gray)) {
       return fail(frame, path + ": " + *fault);
     }
+    const cv::Size size = frame.gray.size();
+    if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
+      return fail(frame, text(path, ": the picture has ", size.width, " x ", size.height,
+                              " px; expected at most ", estimation::Camera::kMaxSide,
+                              " px a side: make it smaller"));
+    }
     return FrameStatus::kFrame;
   }
 
@@ -289,11 +296,14 @@ class VideoFile : public FrameSource {
 
 std::vector<fs::path> picturesIn(const fs::path& folder) {
   std::vector<fs::path> pictures;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    if (entry.is_regular_file() && hasExtension(entry.path(), kPictures)) {
-      pictures.push_back(entry.path());
+  std::error_code error, ignored;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (entry->is_regular_file(ignored) && hasExtension(entry->path(), kPictures)) {
+      pictures.push_back(entry->path());
     }
   }
+  if (error) throw std::invalid_argument(folder.string() + " cannot be read: " + error.message());
   std::sort(pictures.begin(), pictures.end());
   return pictures;
 }
@@ -352,7 +362,8 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path) {
     return std::make_unique<PictureFiles>(std::move(pictures));
   }
   if (!fs::is_regular_file(path, error)) {
-    throw std::invalid_argument(path + " is no file and no folder");
+    throw std::invalid_argument(path + " is no file and no folder" +
+                                (error ? ": " + error.message() : ""));
   }
   if (hasExtension(path, kPictures)) {
     return std::make_unique<PictureFiles>(std::vector<fs::path>{path});

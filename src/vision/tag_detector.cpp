@@ -2,30 +2,25 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
-#include <stdexcept>
 #include <tuple>
 
 #include <apriltag/apriltag.h>
 
 #include "corner_refinement.hpp"
+#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
+using estimation::Camera;
+using model::require;
+
+constexpr int kMaxDecimate = 32;
 constexpr int kMaxThreads = 64;
 constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits a weight
 constexpr double kMaxTableBytes = 2147483648;  // what the wrong bits cost in memory
 constexpr int kTile = 4;                       // of libapriltag's threshold [px]
-constexpr int kMaxSide = 32767;                // of the pictures it searches [px]
-
-template <class... Parts>
-void require(bool holds, const Parts&... parts) {
-  if (holds) return;
-  std::ostringstream message;
-  (message << ... << parts);
-  throw std::invalid_argument(message.str());
-}
 
 // libapriltag looks up every word that is at most so many bits from one of its codes.
 double tableBytes(const TagFamily& family, int wrong_bits) {
@@ -38,17 +33,14 @@ double tableBytes(const TagFamily& family, int wrong_bits) {
 // Pixels over which libapriltag blurs or sharpens.
 int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
 
-int decimatedSide(int side, double decimate) {
-  return decimate == 1.5 ? side / 3 * 2 : 1 + (side - 1) / static_cast<int>(decimate);
-}
-
 }  // namespace
 
 void DetectorConfig::validate() const {
   const TagFamily of(family);
-  require(quad_decimate == 1.5 || (quad_decimate >= 1 && quad_decimate <= kMaxSide &&
+  require(quad_decimate == 1.5 || (quad_decimate >= 1 && quad_decimate <= kMaxDecimate &&
                                    quad_decimate == std::floor(quad_decimate)),
-          "quad_decimate is ", quad_decimate, "; expected 1, 1.5 or a whole number");
+          "quad_decimate is ", quad_decimate, "; expected 1, 1.5 or a whole number up to ",
+          kMaxDecimate);
   require(std::abs(quad_sigma) <= kMaxSigma, "quad_sigma is ", quad_sigma, "; expected ",
           -kMaxSigma, " to ", kMaxSigma, " px");
   require(threads >= 1 && threads <= kMaxThreads, "threads is ", threads, "; expected 1 to ",
@@ -78,13 +70,11 @@ struct TagDetector::Handle {
   Handle(const Handle&) = delete;
   Handle& operator=(const Handle&) = delete;
 
-  // libapriltag reads, or aborts, beyond the limits of this.
-  bool canSearch(const cv::Mat& gray) const {
-    if (gray.empty()) return false;
-    const int width = decimatedSide(gray.cols, config.quad_decimate);
-    const int height = decimatedSide(gray.rows, config.quad_decimate);
-    return std::min(width, height) >= std::max(kTile, kernelSize(config.quad_sigma)) &&
-           std::max(width, height) <= kMaxSide;
+  // Of a picture, before it is made smaller: libapriltag reads beyond the memory of one that has
+  // less than a tile or, where it blurs, than the kernel.
+  int leastSide() const {
+    return static_cast<int>(std::ceil(config.quad_decimate)) *
+           std::max(kTile, kernelSize(config.quad_sigma));
   }
 
   std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
@@ -98,8 +88,13 @@ struct TagDetector::Handle {
 std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const cv::Rect& region) {
   std::vector<TagDetection> tags;
   cv::Mat searched = gray(region);
-  if (!canSearch(searched)) return tags;
-  if (config.quad_decimate == 1 && config.quad_sigma != 0) {
+  const int right = std::max(0, leastSide() - region.width);
+  const int below = std::max(0, leastSide() - region.height);
+  if (right > 0 || below > 0) {
+    cv::copyMakeBorder(searched, copy, 0, below, 0, right,
+                       cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+    searched = copy;
+  } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
     searched.copyTo(copy);  // libapriltag would blur the caller's
     searched = copy;
   }
@@ -147,6 +142,9 @@ std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rec
   if (gray.empty()) return {};
   require(gray.type() == CV_8UC1, "the picture is of type ", cv::typeToString(gray.type()),
           "; expected gray of 8 bits, CV_8UC1");
+  // libapriltag aborts on larger ones.
+  require(std::max(gray.cols, gray.rows) <= Camera::kMaxSide, "the picture has ", gray.cols, " x ",
+          gray.rows, " px; expected at most ", Camera::kMaxSide, " px a side");
   // Where the region begins on the grid of the whole picture, the same quads come out.
   const int grid = static_cast<int>(std::lround(kTile * config().quad_decimate));
   cv::Rect inside = region & cv::Rect({0, 0}, gray.size());

@@ -26,6 +26,8 @@ constexpr int kRegionOverhead = 500;
 // thirtieth of its price to that of each picture.
 constexpr int kUnseenRegions = 1;
 constexpr int kWholeEvery = 30;
+// With nothing missing, only tags that nobody expects are left to be noticed.
+constexpr int kWholeForStrangersEvery = 90;
 // Less would not have kept the edges from being found [px].
 constexpr double kDisplaced = 4.0;
 
@@ -183,7 +185,7 @@ struct TagTracker::Workspace {
       if (expected[i].seen_before) return true;
       missing = true;
     }
-    return missing && since_whole >= kWholeEvery;
+    return since_whole >= (missing ? kWholeEvery : kWholeForStrangersEvery);
   }
 
   void searchWhole(const cv::Mat& gray) {

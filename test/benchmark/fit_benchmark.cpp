@@ -33,6 +33,7 @@ struct Problem {
 
   Problem() {
     options.corner_noise = kNoise;
+    options.model_prior = {1e3, 1e3};  // the peer has none
     const model::Arm arm = test::ringArm(test::helicalRing());
     estimation::TwistFitter fitter(view.layout, 1, options);
     test::Random random(12);

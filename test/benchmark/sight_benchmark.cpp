@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include <apriltag/apriltag.h>
+#include <apriltag/tag36h11.h>
 #include <benchmark/benchmark.h>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/utility.hpp>
@@ -87,6 +89,28 @@ void sight(::benchmark::State& state, bool full_hd, vision::TrackingMode mode) {
   state.counters["searched_whole"] = searched / count;
 }
 
+/// libapriltag as it comes, its refinement of edges on.
+class PlainDetector {
+ public:
+  explicit PlainDetector(double decimate) {
+    apriltag_detector_add_family(detector_.get(), family_.get());
+    detector_->quad_decimate = static_cast<float>(decimate);
+    detector_->refine_edges = true;
+    detector_->nthreads = 1;
+  }
+
+  std::unique_ptr<zarray_t, void (*)(zarray_t*)> detect(const cv::Mat& gray) {
+    image_u8_t image{gray.cols, gray.rows, static_cast<int>(gray.step[0]), gray.data};
+    return {apriltag_detector_detect(detector_.get(), &image), apriltag_detections_destroy};
+  }
+
+ private:
+  std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family_{tag36h11_create(),
+                                                                           tag36h11_destroy};
+  std::unique_ptr<apriltag_detector_t, void (*)(apriltag_detector_t*)> detector_{
+      apriltag_detector_create(), apriltag_detector_destroy};
+};
+
 // The chain: decode, rectify, detect in the whole picture, one solvePnP a tag.
 void sightOfPeer(::benchmark::State& state, bool full_hd, bool colour, double decimate) {
   const Recording& source = recording(full_hd);
@@ -97,9 +121,7 @@ void sightOfPeer(::benchmark::State& state, bool full_hd, bool colour, double de
   cv::Mat map_1, map_2;
   cv::initUndistortRectifyMap(K, distortion, {}, K, {camera.width, camera.height}, CV_16SC2, map_1,
                               map_2);
-  vision::DetectorConfig config;
-  config.quad_decimate = decimate;
-  vision::TagDetector detector(config);
+  PlainDetector detector(decimate);
   const double h = 0.5 * source.series.view.layout.size;
   const std::vector<cv::Point3d> square = {{-h, -h, 0}, {h, -h, 0}, {h, h, 0}, {-h, h, 0}};
   cv::Mat picture, rectified, gray;
@@ -115,14 +137,16 @@ void sightOfPeer(::benchmark::State& state, bool full_hd, bool colour, double de
       gray = rectified;
     }
     const auto found = detector.detect(gray);
-    for (const auto& tag : found) {
+    for (int i = 0; i < zarray_size(found.get()); ++i) {
+      const apriltag_detection_t* tag = nullptr;
+      zarray_get(found.get(), i, &tag);
       std::vector<cv::Point2d> corners;
-      for (int c = 0; c < 4; ++c) corners.emplace_back(tag.corners(0, c), tag.corners(1, c));
+      for (const auto& p : tag->p) corners.emplace_back(p[0] - 0.5, p[1] - 0.5);
       cv::Vec3d turn, place;
       cv::solvePnP(square, corners, K, cv::noArray(), turn, place);
       ::benchmark::DoNotOptimize(place);
     }
-    tags += static_cast<double>(found.size());
+    tags += zarray_size(found.get());
     count += 1;
   }
   state.counters["tags"] = tags / count;

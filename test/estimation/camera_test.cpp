@@ -83,6 +83,10 @@ TEST(Camera, WithoutCalibrationItIsRefused) {
   camera = test::sampleCamera();
   camera.width = 0;
   EXPECT_THROW(camera.validate(), std::invalid_argument);
+  camera.width = Camera::kMaxSide;
+  EXPECT_NO_THROW(camera.validate());
+  camera.height = Camera::kMaxSide + 1;
+  EXPECT_THROW(camera.validate(), std::invalid_argument);
   EXPECT_NO_THROW(test::sampleCamera().validate());
 }
 

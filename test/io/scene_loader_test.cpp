@@ -309,7 +309,7 @@ TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
   const Scene scene = load(kPlanarScene, {{"vision.quad_decimate", "1"},
                                           {"vision.base_prior.translation_m", "0.004"},
                                           {"vision.tracking", "full"},
-                                          {"simulation.camera.noise", "0"}});
+                                          {"simulation.camera.noise_gray_levels", "0"}});
   EXPECT_EQ(scene.vision.detector.quad_decimate, 1);
   EXPECT_EQ(scene.vision.tracking, vision::TrackingMode::kFull);
   EXPECT_TRUE(scene.vision.fit.free_base);

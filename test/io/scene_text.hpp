@@ -75,7 +75,7 @@ vision:
   bleed_prior_m: 0.0004
 simulation:
   arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02}
-  camera: {blur_px: 0.5, noise: 3, exposure: 1.1, bleed_m: 0.0003, jpeg_quality: 80, clutter: 4, occluders: 2, seed: 9}
+  camera: {blur_px: 0.5, noise_gray_levels: 3, exposure: 1.1, bleed_m: 0.0003, jpeg_quality: 80, clutter: 4, occluders: 2, seed: 9}
 )";
 
 /// The least a planar scene can say.

@@ -67,6 +67,25 @@ TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
 }
 
+TEST_F(History, MemoryIsBoundedWhateverTheStamps) {
+  for (int k = 0; k < 100000; ++k) add(10.0, k);
+  EXPECT_EQ(history_.size(), 1U);
+  EXPECT_EQ(markAt(10.0), 99999);
+  for (int k = 0; k < 100000; ++k) {
+    history_.add(ros::Time(20, k), model::Twists::Constant(6, 1, k));
+  }
+  EXPECT_EQ(history_.size(), ModelHistory::kMost);
+  EXPECT_EQ(history_.nearest(ros::Time(20, 99999))->twists(0, 0), 99999);
+}
+
+TEST_F(History, TheLagIsOfTheLatestModel) {
+  EXPECT_FALSE(history_.lag(ros::Time(10.0)));
+  add(9.0, 1);
+  add(9.5, 2);
+  EXPECT_NEAR(*history_.lag(ros::Time(10.0)), 0.5, 1e-9);
+  EXPECT_NEAR(*history_.lag(ros::Time(9.0)), -0.5, 1e-9);
+}
+
 TEST_F(History, StampsOfAnyKindArePutUpWith) {
   add(0.0, 1);
   history_.add(ros::TIME_MAX, model::Twists::Constant(6, 1, 2));

@@ -75,6 +75,25 @@ TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
                 HELIX_ARM_VISION);
 }
 
+TEST_F(NodeProcess, ACalibrationThatNobodyWouldReadIsRefused) {
+  expectRefused({"_scene:=demo", "_camera_info_url:=file:///tmp/camera.yaml"},
+                {"~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"},
+                HELIX_ARM_VISION);
+}
+
+TEST_F(NodeProcess, ANodeletWithABadSceneNamesItAndItsManagerGoesOn) {
+  Process manager({"rosrun", "nodelet", "nodelet", "manager", "__name:=eyes"}, variables());
+  Process bad({"rosrun", "nodelet", "nodelet", "load", "helix_arm/vision", "/eyes", "__name:=bad",
+               "_scene:=no_such_arm"},
+              variables());
+  EXPECT_TRUE(manager.prints("config/scenes/no_such_arm.yaml")) << manager.output();
+  EXPECT_TRUE(manager.prints("/bad is not loaded")) << manager.output();
+  Process sound({"rosrun", "nodelet", "nodelet", "load", "helix_arm/vision", "/eyes",
+                 "__name:=sound", "_scene:=demo"},
+                variables());
+  EXPECT_TRUE(manager.prints("looks for")) << manager.output();
+}
+
 TEST_F(NodeProcess, WithoutACameraThereIsNothingToSee) {
   expectRefused({kScene}, {"spatial_50 has no `camera` and `tags`", "add what is missing"},
                 HELIX_ARM_VISION);

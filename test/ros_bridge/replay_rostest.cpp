@@ -34,7 +34,8 @@ double difference(const Shapes& a, const Shapes& b) {
 
 std::vector<std::string> vision(const std::string& ns) {
   return {HELIX_ARM_VISION, "__ns:=" + ns, "_scene:=demo", "_source:=image/compressed",
-          "_frame_prefix:=" + ns + "_"};
+          // that of the models, which are recorded
+          "_frame_prefix:=live_"};
 }
 
 TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {

@@ -82,6 +82,21 @@ TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
   EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
 }
 
+TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
+  const Folder folder;
+  folder.write("a.jpg", vision::JpegEncoder(95).encode(cv::Mat(8, 32768, CV_8UC1, cv::Scalar(90))));
+  folder.write("b.png", encoded(".png", cv::Mat(32768, 8, CV_8UC1, cv::Scalar(90))));
+  folder.write("c.png", encoded(".png", cv::Mat(8, 32767, CV_8UC1, cv::Scalar(90))));
+  const auto source = FrameSource::files(folder.path());
+  Frame frame;
+  for (const char* size : {"32768 x 8 px", "8 x 32768 px"}) {
+    EXPECT_EQ(source->next(frame), FrameStatus::kFault) << size;
+    EXPECT_NE(frame.fault.find(size), std::string::npos) << frame.fault;
+    EXPECT_TRUE(frame.gray.empty());
+  }
+  EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
+}
+
 TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
   const Folder folder;
   const cv::Mat picture = grayPicture(64, 48);

@@ -131,6 +131,7 @@ TEST(EdgeTracking, CornersAreTrueAndWithoutBias) {
     cv::Mat gray = picture({{id, truth}}, {160, 160});
     spoil(gray, random);
     const Vector2d off(random.uniform(-3, 3), random.uniform(-3, 3));
+    edges.search(gray);  // so that it is not due
     const TrackResult& result = edges.track(gray, {{id, moved(truth, off), true}});
     ASSERT_EQ(result.by_edges, 1) << i;
     const Corners difference = result.tags[0].corners - truth;
@@ -348,6 +349,24 @@ TEST(Tracking, ACopyOfATagIsSeenOnlyInTheWholePicture) {
     EXPECT_LT(error(result.tags[0].corners, tag.corners), 0.2);
   }
   EXPECT_EQ(edges.search(gray).tags.size(), 2U);
+}
+
+TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
+  Random random(18);
+  const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
+                                   {5, randomTag(random, {500, 300}, 50)},
+                                   {8, randomTag(random, {120, 360}, 50)}};
+  cv::Mat gray = picture(tags, {640, 480});
+  spoil(gray, random);
+  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
+    TagTracker one = tracker(mode);
+    ASSERT_EQ(one.search(gray).tags.size(), 3U);
+    for (int i = 1; i <= 180; ++i) {
+      const TrackResult& result = one.track(gray, {{5, tags[0].corners, true}});
+      EXPECT_EQ(result.whole_picture, i % 90 == 0) << i;
+      ASSERT_EQ(result.tags.size(), i % 90 == 0 ? 3U : 1U) << i;
+    }
+  }
 }
 
 TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {

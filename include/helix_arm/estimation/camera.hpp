@@ -12,13 +12,16 @@ namespace helix_arm::estimation {
 /// Frame C: z forward, x right and y down in the picture. Pixels: (0, 0) is the centre of the
 /// top-left pixel, as in OpenCV.
 struct Camera {
+  /// No wider or higher pictures are searched for tags [px].
+  static constexpr int kMaxSide = 32767;
+
   int width = 0, height = 0;              ///< [px]
   double fx = 0, fy = 0;                  ///< focal lengths [px]
   double cx = 0, cy = 0;                  ///< principal point [px]
   std::array<double, 8> distortion = {};  ///< k1 k2 p1 p2 k3 k4 k5 k6
 
-  /// @throws std::invalid_argument naming the value and its rule: sizes and focal lengths > 0,
-  /// everything finite.
+  /// @throws std::invalid_argument naming the value and its rule: sizes 1 to kMaxSide, focal
+  /// lengths > 0, everything finite.
   void validate() const;
 
   bool distorts() const;

@@ -29,12 +29,23 @@ struct BasePrior {
   double rotation = 0.0087;    ///< [rad]
 };
 
+/// A prior of each section's twist about the model's: weak, so that it only chooses between shapes
+/// that the tags cannot tell apart, and keeps the search among shapes that an arm can have.
+struct ModelPrior {
+  double translation = 0.2;  ///< standard deviation of each entry of v [m]
+  double rotation = 2.0;     ///< of each entry of w [rad]
+};
+
 struct TwistFitOptions {
   double corner_noise = 0.3;      ///< expected standard deviation of a corner's coordinate [px]
   double position_noise = 0.010;  ///< of a tag pose's position, each axis [m]
   double rotation_noise = 0.0;    ///< of its rotation, each axis [rad]; 0 leaves rotations out
-  /// Tags this many of their expected errors away begin to lose their weight (Cauchy, per tag).
+  /// Tags this many of their expected errors away begin to lose their weight (Cauchy, per tag), and
+  /// are outliers. Where the median error is more than 1.5 of the expected one, as with a camera or
+  /// placements that are not calibrated, more is expected in proportion, up to 7 times.
   double robust_scale = 3.5;
+  ModelPrior model_prior;
+  bool planar = false;     ///< the arm bends in its x-y plane: v_z, w_x and w_y stay 0
   bool free_base = false;  ///< fit the base as well, under its prior
   BasePrior base_prior;
   bool free_bleed = false;      ///< fit how far white bleeds into black, under its prior
@@ -48,10 +59,11 @@ struct TwistFitOptions {
 enum class FitStatus {
   kConverged,
   kNotConverged,     ///< the last estimate is given, but it is no minimum
-  kUnderdetermined,  ///< the tags say too little about some of the twists; nothing is estimated
+  kUnderdetermined,  ///< the tags say less than twice as much as the model's prior about some entry
+  kUnexplained,      ///< no shape fits more than half of the tags
 };
 
-/// "converged", "not_converged" or "underdetermined".
+/// "converged", "not_converged", "underdetermined" or "unexplained".
 const char* nameOf(FitStatus status);
 
 /// How one tag agrees with the fit.
@@ -71,6 +83,9 @@ struct TwistFit {
   /// (6 sections)^2 of the twists, [m, rad]: inverse Hessian, the noise scaled by what the
   /// residuals say of it.
   Covariance covariance;
+  /// Of the tip's position seen from the nominal base [m^2]; the base's uncertainty, where it is
+  /// free, is in it.
+  Eigen::Matrix3d tip_covariance = Eigen::Matrix3d::Zero();
   lie::SE3 X_B0B;    ///< fitted base seen from its nominal place; identity where fixed
   double bleed = 0;  ///< [m]
   double rms = 0;    ///< over the tags that fit: corners [px], or positions [m]
@@ -100,25 +115,32 @@ class TwistFitter {
 
   /// From a start that is near: the last picture's twists, or the model's.
   ///
-  /// @param seen   one entry a tag; none twice.
+  /// @param seen   one entry a tag; none twice, all finite.
   /// @param X_CB   the arm's nominal base seen from the camera.
-  /// @param focal  focal length, so that errors are counted in pixels [px].
+  /// @param focal  focal length, so that errors are counted in pixels, > 0 [px].
+  /// @param start  (6 x sections).
+  /// @param model  (6 x sections) what the model's prior is about; the start where left out.
+  /// @throws std::invalid_argument naming what breaks a rule.
   const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                      double focal, const model::Twists& start);
+                      double focal, const model::Twists& start, const model::Twists& model);
+  const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
+                      double focal, const model::Twists& start) {
+    return fit(seen, X_CB, focal, start, start);
+  }
   const TwistFit& fit(const std::vector<PoseObservation>& seen, const model::Twists& start);
 
-  /// From a start that may be far off: tries the start, and the answers that leave out a tag at a
-  /// time, and keeps the least cost over all tags.
+  /// From the model's twists, which may be far off: tries them, the answers that leave out a tag at
+  /// a time, and shapes that are turned to either side, and keeps the least cost over all tags.
   const TwistFit& fitCold(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                          double focal, const model::Twists& start);
-  const TwistFit& fitCold(const std::vector<PoseObservation>& seen, const model::Twists& start);
+                          double focal, const model::Twists& model);
+  const TwistFit& fitCold(const std::vector<PoseObservation>& seen, const model::Twists& model);
 
  private:
   struct Workspace;
   std::unique_ptr<Workspace> work_;
 };
 
-/// Covariance of the tip's position (3 x 3), base frame [m^2].
+/// Covariance of the tip's position (3 x 3) from that of the twists alone, base frame [m^2].
 Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance);
 
 }  // namespace helix_arm::estimation

@@ -81,4 +81,9 @@ struct Override {
 /// @throws DocumentError with all faults: `file:line key value rule`.
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides = {});
 
+/// A scene file that holds the overrides itself: loading it gives the same scene without them. The
+/// text as it is where there are none, else without its comments.
+/// @throws DocumentError where the file cannot be read, is not YAML or an override does not apply.
+std::string sceneText(const std::string& path, const std::vector<Override>& overrides = {});
+
 }  // namespace helix_arm::io

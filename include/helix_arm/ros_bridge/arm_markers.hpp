@@ -2,6 +2,8 @@
 
 #include <deque>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <visualization_msgs/MarkerArray.h>
 
@@ -31,6 +33,9 @@ class ArmMarkers {
   visualization_msgs::MarkerArray draw(const model::Twists& twists, const model::InputRef& pressure,
                                        const ros::Time& stamp);
 
+  /// Takes everything off the screen; the next drawing begins a new trace.
+  visualization_msgs::MarkerArray remove(const ros::Time& stamp);
+
  private:
   visualization_msgs::Marker marker(const char* ns, int id, int type) const;
   void extendTrace(const Eigen::Vector3d& tip);
@@ -39,8 +44,9 @@ class ArmMarkers {
   std::string base_frame_;
   ros::Duration lifetime_;
   ros::Time stamp_;
-  Eigen::Vector3d smooth_tip_;         ///< base frame [m]
-  std::deque<Eigen::Vector3d> trace_;  ///< base frame [m]
+  std::vector<std::pair<std::string, int>> drawn_;  ///< namespaces and ids on the screen
+  Eigen::Vector3d smooth_tip_;                      ///< base frame [m]
+  std::deque<Eigen::Vector3d> trace_;               ///< base frame [m]
 };
 
 }  // namespace helix_arm::ros_bridge

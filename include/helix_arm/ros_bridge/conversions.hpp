@@ -43,8 +43,11 @@ control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const mod
 /// sections' own.
 control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections);
 
-/// The twists (6 x sections) of a shape.
-control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections);
+/// The twists (6 x sections) of a shape, whose curve must have some length.
+///
+/// @param base_frame  the only frame_id, besides an empty one, that is taken.
+control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections,
+                                        const std::string& base_frame);
 
 /// What a tip target asks for, base frame.
 struct TipGoal {

@@ -8,13 +8,17 @@
 
 namespace helix_arm::ros_bridge {
 
-/// A thread whose exceptions do not kill the process unheard: they are printed, and end the node.
+/// A thread whose exceptions do not kill the process unheard: they are printed, and somebody is
+/// told.
 class GuardedThread {
  public:
   /// Joins a body that must have been told to end.
   ~GuardedThread() { join(); }
 
-  void start(std::function<void()> body);
+  /// @param on_failure  called by the thread, last of all, when the body threw.
+  void start(
+      std::function<void()> body,
+      std::function<void()> on_failure = [] { ros::requestShutdown(); });
   void join();
 
   /// What the node should end with for the body's sake.

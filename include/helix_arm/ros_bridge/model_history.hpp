@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <deque>
 #include <optional>
 
@@ -24,12 +25,20 @@ class ModelHistory {
   static constexpr double kReach = 0.25;
   /// How long shapes are kept, by their stamps [s].
   static constexpr double kMemory = 2.0;
+  /// As many at most: kMemory of models at 1000 Hz.
+  static constexpr std::size_t kMost = 2000;
 
-  /// A stamp before the last one is a jump back in time: what was kept is forgotten.
+  /// A stamp before the last one is a jump back in time: what was kept is forgotten. One equal to
+  /// the last, as of a clock that stands still, takes its place.
   void add(const ros::Time& stamp, const model::Twists& twists);
 
   /// Forgets what lies farther ahead of `now` than kReach: it is from before a jump back in time.
   void forgetFuture(const ros::Time& now);
+
+  /// How far the latest model is behind the stamp, negative when ahead [s]; nothing without one.
+  std::optional<double> lag(const ros::Time& stamp) const;
+
+  std::size_t size() const { return entries_.size(); }
 
   /// The nearest within kReach; of two as near, the earlier.
   std::optional<Entry> nearest(const ros::Time& stamp) const;

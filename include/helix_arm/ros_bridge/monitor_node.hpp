@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <deque>
 #include <optional>
 #include <string>
 #include <vector>
@@ -92,7 +93,7 @@ class MonitorNode {
   Eigen::AlignedBox3d reach_;                      ///< of all tips
   std::optional<ModelError> model_error_;          ///< the last one
   std::optional<VisionStatus> vision_;             ///< the last one
-  std::vector<double> tip_errors_;                 ///< of all model_error [m]
+  std::deque<double> tip_errors_;                  ///< of the latest model_error [m]
   bool diagnosed_ = false;
   std::uint64_t dropped_ = 0;  ///< since the node started
   std::uint64_t refused_ = 0;  ///< of them, for a second commander

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <variant>
 
@@ -60,6 +61,6 @@ sensor_msgs::Image toImageMsg(const std_msgs::Header& header, const cv::Mat& pic
 bool equal(const estimation::Camera& a, const estimation::Camera& b);
 
 /// `1280 x 720`.
-std::string sizeText(int width, int height);
+std::string sizeText(std::int64_t width, std::int64_t height);
 
 }  // namespace helix_arm::ros_bridge

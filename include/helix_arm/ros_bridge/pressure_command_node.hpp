@@ -133,6 +133,8 @@ class PressureCommandNode {
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
   FaultCount bad_readings_;
+  bool drawn_ = false;  ///< the arm is on the screen
+  FaultCount losses_;   ///< of pressure_measured
   std::uint64_t loops_ = 0;
   std::uint64_t diagnosed_loops_ = 0;
   ros::SteadyTime last_diagnosis_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
@@ -9,6 +10,9 @@
 
 /// What is seen in a picture, as messages and as words.
 namespace helix_arm::ros_bridge {
+
+/// `3, 4, 7`; the first few of many.
+std::string listOf(const std::vector<int>& ids);
 
 /// How the tag with this id agrees with the measured shape; null where it took no part in it.
 const estimation::TagResidual* residualOf(const vision::Sight& sight,

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
@@ -25,6 +26,11 @@ class VisionLedger {
   void refused(const PictureRefusal& refusal);
   void saw(const vision::Sight& sight);
 
+  /// Whose intrinsics hold, in words.
+  void calibrated(const std::string& whose) { calibration_ = whose; }
+  /// How far the models' stamps were behind the last picture's [s]; nothing without models.
+  void modelLag(std::optional<double> lag) { model_lag_ = lag; }
+
   /// The state from now on: one of VisionStatus.
   /// @return true when it is another one than before.
   bool enter(std::uint8_t state, const std::string& message);
@@ -46,6 +52,8 @@ class VisionLedger {
   VisionStatus status_;
   VisionStatus reported_;  ///< at the last report
   std::uint64_t reported_faults_ = 0;
+  std::string calibration_;
+  std::optional<double> model_lag_;
   std::array<FaultCount, kPictureFaultCount> faults_;
   std::array<FaultCount, VisionStatus::ENDED + 1> states_;
 };

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -71,20 +73,24 @@ struct VisionOptions {
 ///
 /// The latest picture wins: those that come while one is worked on are overtaken and counted; files
 /// are read at the pace of the work. A bad picture or camera_info is counted, warned of once in a
-/// while and told on vision_status; it never makes a measurement. A picture stamped before the last
-/// one is a jump back in time: nothing from before it is used. Whether pictures still come is
-/// judged by a steady clock, all else by stamps.
+/// while and told on vision_status; it never makes a measurement. A picture stamped 0 is stamped on
+/// arrival, with a warning. One stamped before the last one is a jump back in time: nothing from
+/// before it is used. Whether pictures still come is judged by a steady clock, all else by stamps.
 ///
 /// Ends with 0 when asked to, or where ~optional is set and there is nothing to see; 1 when the ROS
 /// master is lost; 2 on a bad scene or parameter.
 class VisionNode {
  public:
+  /// Whose process it lives in: a fault in its threads ends its own, but not a nodelet manager's.
+  enum class Host { kOwnProcess, kManager };
+
   /// @param node          where topics are relative to.
   /// @param private_node  where parameters are; names the node in diagnostics.
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found;
   /// NothingToDo.
   explicit VisionNode(const ros::NodeHandle& node = ros::NodeHandle(),
-                      const ros::NodeHandle& private_node = ros::NodeHandle("~"));
+                      const ros::NodeHandle& private_node = ros::NodeHandle("~"),
+                      Host host = Host::kOwnProcess);
   ~VisionNode();
 
   int finish() const;
@@ -103,10 +109,17 @@ class VisionNode {
   void onWatch(const ros::SteadyTimerEvent& event);
   void onSecond(const ros::SteadyTimerEvent& event);
 
+  // In the thread that failed.
+  void onFailure();
+
   // Thread of the webcam or file.
   void capture();
 
+  template <class Message>
+  void onPicture(const boost::shared_ptr<const Message>& picture, const char* topic);
   void arrived(Picture picture);
+  // Nodes that publish the pictures' topics or camera_info.
+  std::uint32_t publishers() const;
 
   // Thread of the measurements.
   void work();
@@ -122,6 +135,7 @@ class VisionNode {
   void enter(std::uint8_t state, const std::string& message);
   void publishStatus();
 
+  const Host host_;
   const VisionOptions options_;
   const io::Scene scene_;
   const std::string name_;  ///< of the node
@@ -135,6 +149,9 @@ class VisionNode {
   model::Twists prior_;
   ros::Time last_stamp_, last_tf_stamp_;
   ros::SteadyTime last_drawing_;
+  FaultCount jumps_, adoptions_, late_models_;
+  std::string whose_calibration_;  ///< whose intrinsics hold
+  std::chrono::milliseconds patience_;
 
   // Of the thread of the pictures alone.
   std::unique_ptr<vision::FrameSource> source_;
@@ -144,6 +161,9 @@ class VisionNode {
   std::condition_variable wake_;
   bool stop_ = false;
   std::optional<Picture> next_;
+  bool busy_ = false;          ///< a picture is being measured in
+  bool source_fault_ = false;  ///< of the webcam or file, last time
+  FaultCount unstamped_;
   std::optional<Taken<estimation::Camera>> camera_info_;  ///< the last one
   ModelHistory models_;
   VisionLedger ledger_;

@@ -25,7 +25,7 @@ struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;
   estimation::TwistFitOptions fit;
-  int min_tags = 2;  ///< fewer tags of the arm in sight make no measurement, >= 1
+  int min_tags = 2;  ///< fewer tags of the arm in sight make no measurement, >= 2
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -37,6 +37,7 @@ struct Sight {
   std::vector<TagDetection> detections;  ///< all of them, sorted by id
   std::vector<int> foreign_ids;          ///< not tags of this arm
   std::vector<int> repeated_ids;         ///< seen more than once: none of them is used
+  std::vector<int> unusable_ids;         ///< where the lens folds the picture: not used either
   int by_edges = 0, by_regions = 0;
   bool whole_picture = false;
   estimation::TwistFit fit;  ///< of meaning where the state is kMeasured

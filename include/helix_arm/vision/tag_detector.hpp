@@ -13,14 +13,15 @@ namespace helix_arm::vision {
 
 struct DetectorConfig {
   std::string family = "36h11";
-  /// Quads are looked for in a picture so many times smaller: 1, 1.5 or a whole number.
+  /// Quads are looked for in a picture so many times smaller: 1, 1.5 or a whole number up to
+  /// 32.
   double quad_decimate = 2.0;
   double quad_sigma = 0.0;   ///< of the blur before that (below 0: sharpens), -10 to 10 [px]
   int threads = 1;           ///< 1 to 64
   bool refine_edges = true;  ///< put the corners where the edges of the full picture cross
   /// Wrong bits that are put up with: 0 to 3, fewer than half of those in which tags of the family
   /// differ, and no more than 2 GB of memory hold.
-  int max_hamming = 1;
+  int max_hamming = 2;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -47,9 +48,10 @@ class TagDetector {
   const DetectorConfig& config() const;
   const TagFamily& family() const;
 
-  /// @param gray  (CV_8UC1); an empty or tiny one holds no tags.
+  /// @param gray  (CV_8UC1), at most estimation::Camera::kMaxSide wide and high; an empty one holds
+  /// no tags.
   /// @return sorted by id; the same id twice where the picture holds it twice.
-  /// @throws std::invalid_argument on another type of picture.
+  /// @throws std::invalid_argument on another type of picture, or a larger one.
   std::vector<TagDetection> detect(const cv::Mat& gray);
   /// The same within a region of the picture, and up to 4 quad_decimate px to its left and above
   /// it; corners in pixels of the whole.

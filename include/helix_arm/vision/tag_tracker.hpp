@@ -39,9 +39,9 @@ struct TrackResult {
 /// An expected tag is tracked only with corners that are true: it is left out where what lies along
 /// its sides, or hides part of it, displaces them. A tag that is not expected is seen only where
 /// the whole picture is searched: when nothing is expected, when nothing is found, when a tag of
-/// the last picture is lost, and every 30 pictures while other expected tags are missing. Of these,
-/// each picture looks for all by their edges but for one only, in turn, in its region, so that
-/// hidden tags stay cheap.
+/// the last picture is lost, every 30 pictures while other expected tags are missing, and every 90
+/// otherwise. Of the missing ones, each picture looks for all by their edges but for one only, in
+/// turn, in its region, so that hidden tags stay cheap.
 class TagTracker {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
