@@ -42,7 +42,7 @@ FitSummary summaryOf(const std::vector<FittedCapture>& captures) {
 }
 
 json captureJson(const FittedCapture& capture, const TagLayout& layout) {
-  json tags = json::array(), covariance = json::array();
+  json tags = json::array();
   json result{{"capture", capture.number},
               {"pressure_pa", toJson(capture.pressure)},
               {"status", estimation::nameOf(capture.status)},
@@ -57,9 +57,6 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"unknown_tags", capture.unknown_tags}};
   if (capture.fit) {
     const estimation::TwistFit& fit = *capture.fit;
-    for (int i = 0; i < fit.covariance.rows(); ++i) {
-      covariance.push_back(toJson(Eigen::VectorXd(fit.covariance.row(i))));
-    }
     for (const estimation::TagResidual& tag : fit.tags) {
       tags.push_back({{"id", layout.tags[tag.tag].id},
                       {"residual_m", tag.rms},
@@ -67,7 +64,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
                       {"outlier", tag.outlier}});
     }
     result["twist"] = toJson(fit.twists);
-    result["covariance"] = covariance;
+    result["covariance"] = rowsJson(fit.covariance);
     result["rms_m"] = fit.rms;
     result["tip"] = toJson(measuredTip(fit));
     result["base"] = toJson(fit.X_B0B);

@@ -222,6 +222,7 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
               {"covariance", nullptr},
               {"rms_px", nullptr},
               {"tip", nullptr},
+              {"tip_covariance", nullptr},
               {"base", nullptr},
               {"bleed_m", nullptr},
               {"suspicious", json::array()}};
@@ -231,14 +232,11 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
                                     {"remedy", suspicion.remedy}});
   }
   if (frame.fit) {
-    json covariance = json::array();
-    for (int i = 0; i < frame.fit->covariance.rows(); ++i) {
-      covariance.push_back(toJson(Eigen::VectorXd(frame.fit->covariance.row(i))));
-    }
     result["twist"] = toJson(frame.fit->twists);
-    result["covariance"] = covariance;
+    result["covariance"] = rowsJson(frame.fit->covariance);
     result["rms_px"] = frame.fit->rms;
     result["tip"] = toJson(measuredTip(*frame.fit));
+    result["tip_covariance"] = rowsJson(frame.fit->tip_covariance);
     if (options.free_base) result["base"] = toJson(frame.fit->X_B0B);
     if (options.free_bleed) result["bleed_m"] = frame.fit->bleed;
   }
@@ -361,8 +359,9 @@ Subcommand addLocalize(CLI::App& app) {
       "the scene; wrong_size: not the camera's; unreadable), reason, tags [{id, corners_px, "
       "hamming, margin}],\n"
       "foreign_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6), covariance, "
-      "rms_px, tip, base and\n"
-      "bleed_m (null unless fitted), suspicious [{parameter, deviations, remedy}] (more than 3 "
+      "rms_px, tip,\n"
+      "tip_covariance (of its position), base and bleed_m (null unless fitted), suspicious "
+      "[{parameter, deviations, remedy}] (more than 3 "
       "deviations off its prior)}].\n"
       "csv: a row a tag.\n"
       "Exit code 1 when a picture cannot be read, is not of the camera's size, holds no tags, or "

@@ -21,14 +21,16 @@ Eigen::VectorXd clamped(const model::Arm& arm, Eigen::VectorXd pressure) {
 }
 
 std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
+  const std::string check =
+      "; check that their positions are in metres and seen from the arm's base, and where the "
+      "scene places the tags";
   switch (capture.status) {
     case estimation::FitStatus::kConverged:
       return {};
     case estimation::FitStatus::kNotConverged:
-      return "the search for its shape found no end";
+      return "the search for a shape that fits its tags came to no end" + check;
     case estimation::FitStatus::kUnexplained:
-      return "no shape of the arm fits more than half of its tags; check that their positions are "
-             "in metres and seen from the arm's base, and where the scene places the tags";
+      return "no shape of the arm fits more than half of its tags" + check;
     case estimation::FitStatus::kUnderdetermined:
       break;
   }

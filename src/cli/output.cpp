@@ -14,6 +14,12 @@ json toJson(const Eigen::VectorXd& vector) {
   return std::vector<double>(vector.data(), vector.data() + vector.size());
 }
 
+json rowsJson(const Eigen::MatrixXd& matrix) {
+  json rows = json::array();
+  for (int i = 0; i < matrix.rows(); ++i) rows.push_back(toJson(Eigen::VectorXd(matrix.row(i))));
+  return rows;
+}
+
 json toJson(const std::optional<double>& number) { return number ? json(*number) : json(); }
 
 json toJson(const lie::SE3& pose) {

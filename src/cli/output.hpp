@@ -15,6 +15,8 @@ namespace helix_arm::cli {
 /// {position_m [3], quaternion_xyzw [4]}, the quaternion with w >= 0.
 nlohmann::json toJson(const lie::SE3& pose);
 nlohmann::json toJson(const Eigen::VectorXd& vector);
+/// Row by row.
+nlohmann::json rowsJson(const Eigen::MatrixXd& matrix);
 /// null where there is none.
 nlohmann::json toJson(const std::optional<double>& number);
 /// One array of six a section: [v; w].

@@ -440,10 +440,9 @@ struct TwistFitter::Workspace {
     }
     result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
     reportTip(inverse);
-    if (result.status != FitStatus::kConverged) return;
     if (2 * fitting <= static_cast<int>(result.tags.size())) {
       result.status = FitStatus::kUnexplained;
-    } else if (!determined()) {
+    } else if (result.status == FitStatus::kConverged && !determined()) {
       result.status = FitStatus::kUnderdetermined;
     }
   }

@@ -7,6 +7,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <gtest/gtest.h>
 #include <sys/wait.h>
 
 #include "support/temporary_file.hpp"
@@ -36,10 +37,14 @@ Outcome runCommand(const std::vector<std::string>& arguments) {
     outcome.out.append(buffer.data(), n);
   const int status = pclose(pipe);
   if (WIFEXITED(status)) outcome.exit_code = WEXITSTATUS(status);
-  std::ostringstream err;
-  err << std::ifstream(errors.path()).rdbuf();
-  outcome.err = err.str();
+  outcome.err = contentOf(errors.path());
   return outcome;
+}
+
+void expectCallerError(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
 }
 
 std::string scenePath(const std::string& name) {
@@ -56,6 +61,12 @@ std::string commaList(const std::vector<double>& numbers, double factor) {
   for (std::size_t i = 0; i < numbers.size(); ++i)
     text << (i == 0 ? "" : ",") << numbers[i] * factor;
   return text.str();
+}
+
+std::string contentOf(const std::string& path) {
+  std::ostringstream content;
+  content << std::ifstream(path, std::ios::binary).rdbuf();
+  return content.str();
 }
 
 std::vector<std::vector<std::string>> csvRows(const std::string& text) {

@@ -18,6 +18,9 @@ struct Outcome {
 /// Runs helix_arm with these arguments, as a shell would.
 Outcome runCommand(const std::vector<std::string>& arguments);
 
+/// Expects exit code 2, nothing on stdout and this on stderr.
+void expectCallerError(const Outcome& outcome, const std::string& message);
+
 /// Path of a shipped scene.
 std::string scenePath(const std::string& name);
 
@@ -26,6 +29,9 @@ std::vector<double> numbersOf(const nlohmann::json& array);
 
 /// "1,2.5,-3" with all digits, each multiplied by a factor.
 std::string commaList(const std::vector<double>& numbers, double factor = 1.0);
+
+/// The bytes of a file.
+std::string contentOf(const std::string& path);
 
 /// A CSV as rows of cells; `#` lines are left out.
 std::vector<std::vector<std::string>> csvRows(const std::string& text);

@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -36,10 +37,43 @@ Outcome fit(const TemporaryFile& scene, const TemporaryFile& data,
   return runCommand({"fit", scene.path(), data.path(), "--format", format});
 }
 
+// Of poses without noise: the model's prior then says nothing.
+Outcome fitExact(const TemporaryFile& scene, const TemporaryFile& data) {
+  return runCommand({"fit", scene.path(), data.path(), "--format", "json", "--set",
+                     "vision.tag_position_noise_m=1e-5"});
+}
+
+// The data with its column x_m in millimetres.
+std::string inMillimetres(const std::string& text) {
+  const auto rows = csvRows(text);
+  const auto x = std::find(rows[0].begin(), rows[0].end(), "x_m") - rows[0].begin();
+  std::string scaled;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t c = 0; c < rows[i].size(); ++c) {
+      const bool number = i > 0 && static_cast<long>(c) == x;
+      scaled += (c == 0 ? "" : ",") + rows[i][c] + (number ? "e3" : "");
+    }
+    scaled += "\n";
+  }
+  return scaled;
+}
+
+void expectNothingFits(const Outcome& outcome) {
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json result = outcome.json();
+  for (const json& capture : result["captures"]) {
+    EXPECT_EQ(capture["converged"], false);
+    EXPECT_NE(capture["status"], "converged");
+    EXPECT_NE(capture["reason"].get<std::string>().find("in metres"), std::string::npos);
+  }
+  EXPECT_EQ(result["reason"].get<std::string>().find("no capture could be fitted"), 0u);
+  EXPECT_TRUE(result["median_rms_m"].is_null());
+}
+
 TEST(Fit, FindsTheTwistThatTheTagsTell) {
   const TemporaryFile scene(kRodScene),
       data(kTagPoseHeader + bentRows(3, 0.25) + bentRows(8, 0.28));
-  const Outcome outcome = fit(scene, data);
+  const Outcome outcome = fitExact(scene, data);
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
   ASSERT_EQ(result["captures"].size(), 2u);
@@ -92,7 +126,7 @@ TEST(Fit, AWrongTagIsNamedAndKeptOutOfTheMedian) {
 TEST(Fit, TagsThatTheSceneHasNotAreNamedAndLeftOut) {
   const TemporaryFile scene(kRodScene);
   const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25) + "3,0,99,9,9,9,0,0,0,1\n");
-  const json result = fit(scene, data).json();
+  const json result = fitExact(scene, data).json();
   EXPECT_EQ(result["captures"][0]["unknown_tags"], json({99}));
   EXPECT_EQ(result["unknown_tags"], json({99}));
   EXPECT_EQ(result["captures"][0]["outlier_tags"], json::array());
@@ -103,7 +137,7 @@ TEST(Fit, TagsThatTheSceneHasNotAreNamedAndLeftOut) {
 
 TEST(Fit, TooFewTagsGiveNoTwistAndExitCodeOne) {
   const TemporaryFile scene(kRodScene);
-  const TemporaryFile one(std::string(kTagPoseHeader) + "4,0,1,0.1,0,0,0,0,0,1\n");
+  const TemporaryFile one(kTagPoseHeader + "4,0,1,0.1,0,0,0,0,0,1\n");
   const Outcome outcome = fit(scene, one);
   EXPECT_EQ(outcome.exit_code, 1);
   const json result = outcome.json();
@@ -122,6 +156,51 @@ TEST(Fit, TooFewTagsGiveNoTwistAndExitCodeOne) {
   EXPECT_EQ(mixed.json()["captures"][1]["outlier_tags"], json::array());
   EXPECT_EQ(fit(scene, one, "csv").exit_code, 1);
   EXPECT_EQ(fit(scene, one, "text").exit_code, 1);
+}
+
+TEST(Fit, PlacesInMillimetresGiveNoShape) {
+  const TemporaryFile scene(kRodScene);
+  const TemporaryFile data(inMillimetres(kTagPoseHeader + bentRows(3, 0.25) + bentRows(4, 0.28)));
+  expectNothingFits(fit(scene, data));
+  expectNothingFits(runCommand({"evaluate", scene.path(), data.path(), "--format", "json"}));
+  EXPECT_NE(fit(scene, data, "text").out.find("no capture could be fitted"), std::string::npos);
+}
+
+TEST(Fit, RealPlacesInMillimetresGiveNoShape) {
+  const std::string path =
+      std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/helical_50_tag_poses.csv";
+  if (!std::ifstream(path)) GTEST_SKIP() << path << " is absent";
+  const TemporaryFile data(inMillimetres(contentOf(path)));
+  expectNothingFits(runCommand({"fit", scenePath("helical_50"), data.path(), "--format", "json"}));
+}
+
+// Tags in a row say nothing of turns about the row: that the arm is planar does.
+TEST(Fit, APlanarArmStaysInItsPlane) {
+  const TemporaryFile scene(kRowScene);
+  const TemporaryFolder folder;
+  ASSERT_EQ(
+      runCommand({"simulate", scene.path(), "--out", folder.path(), "--count", "10"}).exit_code, 0);
+  const auto truth = csvRows(contentOf(folder / "truth.csv"));
+  const auto bend =
+      std::find(truth[0].begin(), truth[0].end(), "section_1_wz_rad") - truth[0].begin();
+  const Outcome outcome =
+      runCommand({"fit", scene.path(), folder / "tag_poses.csv", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.out;
+  const json captures = outcome.json()["captures"];
+  ASSERT_EQ(captures.size(), 10u);
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    EXPECT_EQ(captures[i]["converged"], true);
+    const std::vector<double> twist = numbersOf(captures[i]["twist"][0]);
+    for (const int entry : {2, 3, 4}) EXPECT_EQ(twist[entry], 0.0) << entry;
+    const double deviation = std::sqrt(captures[i]["covariance"][5][5].get<double>());
+    EXPECT_GT(deviation, 0);
+    EXPECT_NEAR(twist[5], std::stod(truth[i + 1].at(bend)), 5 * deviation);
+  }
+  // The model is exact: what is left is the noise of 10 mm, each axis, of the tags.
+  const json model =
+      runCommand({"evaluate", scene.path(), folder / "tag_poses.csv", "--format", "json"}).json();
+  EXPECT_LT(model["median_rms_m"].get<double>(), 0.03);
+  EXPECT_LT(model["median_tip_error_percent"].get<double>(), 100 * 0.02 / 0.4);
 }
 
 TEST(Fit, CsvHasARowACapture) {
@@ -147,18 +226,12 @@ TEST(Fit, CsvHasARowACapture) {
 }
 
 TEST(Fit, WhatTheCallerErredInIsSaid) {
-  const auto expectCallerError = [](const Outcome& outcome, const std::string& message) {
-    EXPECT_EQ(outcome.exit_code, 2);
-    EXPECT_EQ(outcome.out, "");
-    EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
-  };
   const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25)), scene(kRodScene);
   expectCallerError(runCommand({"fit", scenePath("spatial_50"), data.path()}),
                     "scene spatial_50 has no tags; expected a scene with a section tags");
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
   expectCallerError(fit(scene, curvature), "has no column capture");
-  const TemporaryFile twice(std::string(kTagPoseHeader) +
-                            "1,0,6,0,0,0,0,0,0,1\n1,0,6,0,0,0,0,0,0,1\n");
+  const TemporaryFile twice(kTagPoseHeader + "1,0,6,0,0,0,0,0,0,1\n1,0,6,0,0,0,0,0,0,1\n");
   expectCallerError(fit(scene, twice), twice.path() + ":3 measures tag 6 again in capture 1");
   expectCallerError(runCommand({"fit", scene.path(), "/nowhere.csv"}),
                     "/nowhere.csv cannot be read");

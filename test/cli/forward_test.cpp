@@ -36,12 +36,6 @@ Outcome forward(const std::string& scene, const std::string& pressure_kpa,
   return runCommand(more);
 }
 
-void expectCallerError(const Outcome& outcome, const std::string& message) {
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.out, "");
-  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
-}
-
 TEST(Forward, PlanarArcHasItsClosedForm) {
   const PlanarArc arc(planarLength(250), planarLength(50), 0.0381, 1.38e-4);
   for (const char* tier : {"auto", "planar", "linear"}) {

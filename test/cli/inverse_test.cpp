@@ -36,12 +36,6 @@ double distance(const std::vector<double>& a, const std::vector<double>& b) {
   return (Eigen::Vector3d(a[0], a[1], a[2]) - Eigen::Vector3d(b[0], b[1], b[2])).norm();
 }
 
-void expectCallerError(const Outcome& outcome, const std::string& message) {
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.out, "");
-  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
-}
-
 TEST(Inverse, ReachesTheTipThatForwardGave) {
   std::mt19937 generator(11);
   std::uniform_real_distribution<double> pressure(5, 400);

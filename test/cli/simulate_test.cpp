@@ -10,6 +10,7 @@
 #include "command.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
@@ -18,12 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-std::string contentOf(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path, std::ios::binary).rdbuf();
-  return text.str();
-}
 
 // Rows of a data set by the names of its columns.
 std::vector<std::map<std::string, double>> tableOf(const std::string& path) {
@@ -53,21 +48,7 @@ Outcome simulate(const std::string& scene, const std::string& out,
   return runCommand(arguments);
 }
 
-void expectCallerError(const Outcome& outcome, const std::string& message) {
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.out, "");
-  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
-}
-
-// Three straight muscles.
-const char* const kWithoutCamera = R"(name: rod
-contractions:
-  linear: {table: {pressure_kpa: [0, 100], length_m: [0.3, 0.2]}}
-arm:
-  geometry: spatial
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
-  sections: [{name: arm, ring: {count: 3, radius_m: 0.03, contraction: linear}}]
-)";
+// Tags of a rod.
 const char* const kTags = R"(tags:
   size_m: 0.03
   groups:
@@ -181,8 +162,29 @@ TEST(Simulate, FitFindsTheTruthInTheTagPoses) {
 }
 
 // 3 axes of 2 tags in 400 captures: 4 standard errors of their mean and of their deviation.
+// A camera of another focal length than the file says: the scene that is written knows it.
+TEST(Simulate, TheWrittenSceneDescribesThePictures) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(simulate(scenePath("demo"), folder.path(),
+                     {"--count", "2", "--set", "camera.focal_px=[800, 810]", "--set",
+                      "simulation.camera.clutter=0"})
+                .exit_code,
+            0);
+  const Outcome outcome =
+      runCommand({"localize", folder / "scene.yaml", folder.path(), "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.out;
+  const auto truth = tableOf(folder / "truth.csv");
+  for (int i = 0; i < 2; ++i) {
+    const json frame = outcome.json()["frames"][i];
+    EXPECT_EQ(frame["state"], "measured");
+    EXPECT_LT(frame["rms_px"].get<double>(), 0.3);
+    EXPECT_EQ(frame["suspicious"], json::array());
+    EXPECT_NEAR(frame["twist"][0][0].get<double>(), truth[i].at("section_1_vx_m"), 0.005);
+  }
+}
+
 TEST(Simulate, PositionsHaveTheNoiseOfTheScene) {
-  const TemporaryFile scene(std::string(kWithoutCamera) + kTags);
+  const TemporaryFile scene(kBareRodScene + kTags);
   const TemporaryFolder folder;
   const std::string noisy = folder / "noisy", exact = folder / "exact";
   const auto simulateNoise = [&scene](const std::string& out, const std::string& noise) {
@@ -219,7 +221,7 @@ TEST(Simulate, TheSeedDecidesEveryFile) {
 }
 
 TEST(Simulate, WhatTheSceneLeavesOutIsNotWritten) {
-  const TemporaryFile bare(kWithoutCamera), tags(std::string(kWithoutCamera) + kTags);
+  const TemporaryFile bare(kBareRodScene), tags(kBareRodScene + kTags);
   const TemporaryFolder folder;
   const std::string first = folder / "bare", second = folder / "deep/tags";
   const Outcome none = runCommand({"simulate", bare.path(), "--out", first});
@@ -235,7 +237,7 @@ TEST(Simulate, WhatTheSceneLeavesOutIsNotWritten) {
 }
 
 TEST(Simulate, NothingIsOverwritten) {
-  const TemporaryFile scene(kWithoutCamera);
+  const TemporaryFile scene(kBareRodScene);
   const TemporaryFolder folder;
   std::ofstream(folder / "notes.txt") << "mine";
   expectCallerError(
@@ -243,20 +245,15 @@ TEST(Simulate, NothingIsOverwritten) {
       "--out " + folder.path() + " is not empty; expected a folder that is empty or absent");
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"notes.txt"});
   expectCallerError(simulate(scene.path(), folder / "notes.txt"), "notes.txt is a file");
-  expectCallerError(simulate(scene.path(), folder / "notes.txt/below"), "cannot be made");
+  expectCallerError(simulate(scene.path(), folder / "notes.txt/below"),
+                    "cannot be made: Not a directory");
+  expectCallerError(simulate(scene.path(), folder / std::string(300, 'x')), ": File name too long");
 }
 
 TEST(Simulate, CallsThatCannotBeServedLeaveNothing) {
   const TemporaryFolder folder;
   const std::string out = folder / "out";
-  const TemporaryFile pulled(R"(name: pulled
-contractions:
-  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
-arm:
-  geometry: planar
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
-  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
-)");
+  const TemporaryFile pulled(kPulledScene);
   expectCallerError(simulate(pulled.path(), out), "has tendons");
   expectCallerError(simulate(scenePath("demo"), out, {"--count", "0"}), "--count");
   expectCallerError(simulate(scenePath("demo"), out, {"--set", "simulation.camera.nothing=1"}),

@@ -4,25 +4,15 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "support/temporary_file.hpp"
+#include "table_faults.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 DataSet load(const std::string& text) { return loadDataSet(test::TemporaryFile(text).path()); }
 
-// What loading says, without the path of the file.
 std::string faultsOf(const std::string& text) {
-  const test::TemporaryFile file(text);
-  try {
-    loadDataSet(file.path());
-  } catch (const DocumentError& error) {
-    std::string message = error.what();
-    for (std::size_t at; (at = message.find(file.path())) != std::string::npos;) {
-      message.erase(at, file.path().size());
-    }
-    return message;
-  }
-  return {};
+  return test::tableFaults(text, [](const std::string& path) { loadDataSet(path); });
 }
 
 TEST(DataSet, ReadsColumnsRowsAndWhereTheyStand) {

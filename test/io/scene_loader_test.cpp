@@ -325,10 +325,30 @@ TEST(SceneLoader, APlanarArmMayCarryTags) {
   ASSERT_TRUE(scene.tags);
   EXPECT_EQ(scene.vision.detector.family, "36h11");
   EXPECT_EQ(scene.tags->tags[0].X_ST.translation, Eigen::Vector3d(0, -0.03, 0));
+  EXPECT_TRUE(scene.vision.fit.planar);
+  EXPECT_FALSE(load(kSpatialScene).vision.fit.planar);
 }
 
 TEST(SceneLoader, TheLastOverrideOfAKeyHolds) {
   EXPECT_EQ(load(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
+}
+
+TEST(SceneLoader, TheTextOfASceneHoldsItsOverrides) {
+  const test::TemporaryFile file(kSpatialScene);
+  EXPECT_EQ(sceneText(file.path()), kSpatialScene);
+  const std::vector<Override> overrides{{"camera.focal_px", "[700, 710]"},
+                                        {"vision.base_prior.translation_m", "0.004"},
+                                        {"camera.webcam.device", "'/dev/0'"}};
+  const std::string text = sceneText(file.path(), overrides);
+  const Scene written = load(text), meant = load(kSpatialScene, overrides);
+  EXPECT_EQ(written.camera->model.fx, 700);
+  EXPECT_EQ(written.camera->model.fy, meant.camera->model.fy);
+  EXPECT_EQ(written.camera->webcam->device, "/dev/0");
+  EXPECT_EQ(written.vision.fit.base_prior.translation, 0.004);
+  EXPECT_EQ(written.simulation.camera.noise, meant.simulation.camera.noise);
+  const Eigen::VectorXd inputs = meant.arm.inputAt(0.5);
+  EXPECT_EQ(written.arm.twists(inputs), meant.arm.twists(inputs));
+  EXPECT_THROW(sceneText(file.path(), {{"arm.sections.7.name", "x"}}), DocumentError);
 }
 
 TEST(SceneLoader, AnAnchorMayBeUsedTwice) {

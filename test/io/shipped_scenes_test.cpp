@@ -183,6 +183,13 @@ TEST(ShippedScenes, TheDemoCameraSeesSixTagsInEveryPose) {
   }
 }
 
+TEST(ShippedScenes, TheDemoTrustsNoTapeMeasure) {
+  const estimation::TwistFitOptions fit = loadScene(scenePath("demo")).vision.fit;
+  EXPECT_TRUE(fit.free_base);
+  EXPECT_EQ(fit.base_prior.translation, 0.002);
+  EXPECT_NEAR(fit.base_prior.rotation, 0.5 * std::atan(1.0) / 45, 1e-15);
+}
+
 TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
   const Scene scene = loadScene(scenePath("demo"));
   const simulation::TrueArm truth(scene.arm, scene.simulation.arm);

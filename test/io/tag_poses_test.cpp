@@ -6,6 +6,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "support/temporary_file.hpp"
+#include "table_faults.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -16,19 +17,9 @@ std::vector<TagPoseCapture> load(const std::string& text, int actuators = 2) {
   return loadTagPoses(loadDataSet(test::TemporaryFile(text).path()), actuators);
 }
 
-// What loading says, without the path of the file.
 std::string faultsOf(const std::string& text) {
-  const test::TemporaryFile file(text);
-  try {
-    loadTagPoses(loadDataSet(file.path()), 2);
-  } catch (const DocumentError& error) {
-    std::string message = error.what();
-    for (std::size_t at; (at = message.find(file.path())) != std::string::npos;) {
-      message.erase(at, file.path().size());
-    }
-    return message;
-  }
-  return {};
+  return test::tableFaults(text,
+                           [](const std::string& path) { loadTagPoses(loadDataSet(path), 2); });
 }
 
 TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
@@ -80,7 +71,7 @@ TEST(TagPoses, MissingColumnsAreNamed) {
   const std::string expected =
       "; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy, qz, qw";
   EXPECT_EQ(faultsOf("capture,pressure_1_kpa,tag,x_m,y_m,qx,qy,qz\n1,0,3,0,0,0,0,0\n"),
-            " has no column z_m" + expected + "\n has no column qw" + expected);
+            " has no column z_m, qw" + expected);
   EXPECT_EQ(faultsOf("capture,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,3,0,0,0,0,0,0,1\n"),
             " has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
 }

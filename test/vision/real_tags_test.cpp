@@ -1,17 +1,13 @@
+#include "support/real_tags.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
-#include <map>
 #include <set>
-#include <sstream>
 
-#include <apriltag/apriltag.h>
-#include <apriltag/tag36h11.h>
 #include <gtest/gtest.h>
 
-#include "helix_arm/vision/frame_source.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::test {
@@ -20,67 +16,14 @@ namespace {
 namespace fs = std::filesystem;
 using estimation::Corners;
 using vision::DetectorConfig;
-using vision::Frame;
-using vision::FrameSource;
-using vision::FrameStatus;
 using vision::TagDetection;
 using vision::TagDetector;
-
-// Photographs with licences of their own, which are not part of the project: where they are absent
-// there is nothing to test.
-fs::path photographs(const std::string& folder) {
-  return fs::path(HELIX_ARM_SOURCE_DIR) / ".." / "shared" / "data" / "real_tags" / folder;
-}
-
-std::map<std::string, cv::Mat> picturesIn(const fs::path& folder) {
-  std::map<std::string, cv::Mat> pictures;
-  const auto source = FrameSource::files(folder.string());
-  Frame frame;
-  while (source->next(frame) != FrameStatus::kEnd) {
-    EXPECT_EQ(frame.fault, "");
-    pictures[fs::path(frame.name).filename().string()] = frame.gray.clone();
-  }
-  return pictures;
-}
 
 std::vector<TagDetection> detect(const cv::Mat& picture, double decimate, bool refine) {
   DetectorConfig config;
   config.quad_decimate = decimate;
   config.refine_edges = refine;
   return TagDetector(config).detect(picture);
-}
-
-// Ids that libapriltag finds by itself, with its own defaults.
-std::multiset<int> plainIds(const cv::Mat& picture, double decimate) {
-  apriltag_family_t* family = tag36h11_create();
-  apriltag_detector_t* detector = apriltag_detector_create();
-  apriltag_detector_add_family(detector, family);
-  detector->quad_decimate = static_cast<float>(decimate);
-  image_u8_t image{picture.cols, picture.rows, static_cast<int>(picture.step[0]), picture.data};
-  zarray_t* found = apriltag_detector_detect(detector, &image);
-  std::multiset<int> ids;
-  for (int i = 0; i < zarray_size(found); ++i) {
-    apriltag_detection_t* tag = nullptr;
-    zarray_get(found, i, &tag);
-    ids.insert(tag->id);
-  }
-  apriltag_detections_destroy(found);
-  apriltag_detector_destroy(detector);
-  tag36h11_destroy(family);
-  return ids;
-}
-
-// groundtruth.txt: a picture, then the ids in it.
-std::map<std::string, std::multiset<int>> idsOf(const fs::path& path) {
-  std::map<std::string, std::multiset<int>> ids;
-  std::ifstream file(path);
-  for (std::string line; std::getline(file, line);) {
-    std::istringstream words(line);
-    std::string name;
-    words >> name;
-    for (int id; words >> id;) ids[name].insert(id);
-  }
-  return ids;
 }
 
 TEST(RealTags, NoFewerIdsThanLibapriltagAndNoFalseOne) {
@@ -110,26 +53,6 @@ TEST(RealTags, NoFewerIdsThanLibapriltagAndNoFalseOne) {
     std::cout << "decimate " << decimate << ": " << found << " of " << all
               << " tags found, libapriltag by itself " << plain << "\n";
   }
-}
-
-// `id, (x y), (x y), (x y), (x y)` a line: what libapriltag said, whose pixels have their centres
-// at halves.
-std::vector<std::pair<int, Corners>> cornersOf(const fs::path& path) {
-  std::vector<std::pair<int, Corners>> tags;
-  std::ifstream file(path);
-  for (std::string line; std::getline(file, line);) {
-    for (char& c : line) {
-      if (c == ',' || c == '(' || c == ')') c = ' ';
-    }
-    std::istringstream words(line);
-    int id = 0;
-    Corners corners;
-    if (!(words >> id)) continue;
-    for (int k = 0; k < 4; ++k) words >> corners(0, k) >> corners(1, k);
-    EXPECT_TRUE(words) << path << ": " << line;
-    tags.emplace_back(id, corners.array() - 0.5);
-  }
-  return tags;
 }
 
 TEST(RealTags, CornersAreThoseOfTheReference) {
