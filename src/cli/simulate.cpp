@@ -138,19 +138,6 @@ io::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
   return config;
 }
 
-std::optional<simulation::CameraSetup> cameraOf(const io::Scene& scene, std::uint32_t seed) {
-  if (!scene.camera || !scene.tags) return std::nullopt;
-  const io::SectionLook& widest = *std::max_element(
-      scene.looks.begin(), scene.looks.end(),
-      [](const auto& a, const auto& b) { return a.separator_radius < b.separator_radius; });
-  simulation::CameraSetup setup{scene.view(),
-                                vision::TagFamily(scene.vision.detector.family),
-                                {widest.separator_radius},
-                                scene.simulation.camera};
-  setup.config.seed = seed;
-  return setup;
-}
-
 void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& row) {
   row.emplace_back("capture", std::to_string(capture));
   for (int i = 0; i < pressure.size(); ++i) {
@@ -195,7 +182,8 @@ std::string poseComment(const io::Scene& scene) {
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
-  const std::optional<simulation::CameraSetup> camera = cameraOf(scene, options.seed);
+  std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
+  if (camera) camera->config.seed = options.seed;
   simulation::SimulatedRig rig(scene.arm, regulatorOf(scene), scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);

@@ -1,7 +1,6 @@
 #include "helix_arm/estimation/twist_fit.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -9,7 +8,9 @@
 #include <iterator>
 #include <limits>
 
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/requirement.hpp"
+#include "tag_models.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -46,122 +47,6 @@ void require(bool holds, const char* what, double value, const char* rule) {
   model::requireValue(holds, "twist fit", what, value, rule);
 }
 
-// Residuals of one tag, in expected deviations, and how a small rigid motion [v; w] of it, seen
-// from the nominal base B0 and its origin, changes them: by_v v + by_w w; and how the bleed does.
-template <int kRows>
-struct TagRows {
-  static constexpr int kCount = kRows;
-  Eigen::Matrix<double, kRows, 1> residual;
-  Eigen::Matrix<double, kRows, 3> by_v, by_w;
-  Eigen::Matrix<double, kRows, 1> by_bleed;
-};
-
-struct CornerModel {
-  using Observation = CornerObservation;
-  using Rows = TagRows<8>;
-  static constexpr bool kBleeds = true;
-
-  lie::SE3 X_CB0;  // nominal base
-  double weight;   // focal length / noise
-  const TwistFitOptions& options;
-
-  int residuals() const { return 8; }
-  // Root mean square of the corners' distances along either axis [px].
-  double shown(const Observation&, const lie::SE3&, double square) const {
-    return options.corner_noise * std::sqrt(square / residuals());
-  }
-
-  // False where a corner lies behind the camera.
-  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners& plane,
-                Rows& rows) const {
-    const Eigen::Matrix3d& R = X_B0T.rotation;
-    for (int c = 0; c < 4; ++c) {
-      const Eigen::Vector3d arm = R.col(0) * plane(0, c) + R.col(1) * plane(1, c);
-      const Eigen::Vector3d p = arm + X_B0T.translation;
-      const Eigen::Vector3d p_C = X_CB0 * p;
-      if (!(p_C.z() > 0)) return false;
-      const double per_z = 1.0 / p_C.z(), scale = weight * per_z;
-      // Towards the middle of the tag, along both of its axes.
-      const Eigen::Vector3d inward =
-          R.col(0) * (plane(0, c) > 0 ? -1.0 : 1.0) + R.col(1) * (plane(1, c) > 0 ? -1.0 : 1.0);
-      for (int axis = 0; axis < 2; ++axis) {
-        const int row = 2 * c + axis;
-        const double direction = p_C[axis] * per_z;
-        const Eigen::Vector3d n =
-            scale * (X_CB0.rotation.row(axis) - direction * X_CB0.rotation.row(2)).transpose();
-        rows.residual[row] = weight * (direction - seen.direction(axis, c));
-        rows.by_v.row(row) = n.transpose();
-        rows.by_w.row(row) = p.cross(n).transpose();
-        rows.by_bleed[row] = n.dot(inward);
-      }
-    }
-    return true;
-  }
-};
-
-struct PoseModel {
-  using Observation = PoseObservation;
-  using Rows = TagRows<6>;
-  static constexpr bool kBleeds = false;
-
-  const TwistFitOptions& options;
-
-  int residuals() const { return options.rotation_noise > 0 ? 6 : 3; }
-  // Distance of the positions [m].
-  double shown(const Observation& seen, const lie::SE3& X_B0T, double) const {
-    return (X_B0T.translation - seen.X_BT.translation).norm();
-  }
-
-  bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners&, Rows& rows) const {
-    const double weight = 1.0 / options.position_noise;
-    const Eigen::Matrix3d& R = X_B0T.rotation;
-    rows.residual.setZero();
-    rows.by_v.setZero();
-    rows.by_w.setZero();
-    rows.residual.head<3>() = weight * (X_B0T.translation - seen.X_BT.translation);
-    rows.by_v.topRows<3>().setIdentity();
-    rows.by_v *= weight;
-    rows.by_w.topRows<3>() = -weight * lie::skew(X_B0T.translation);
-    if (options.rotation_noise > 0) {
-      const lie::SE3 turn{seen.X_BT.rotation.transpose() * R, Eigen::Vector3d::Zero()};
-      const lie::Vector6 phi = turn.log();
-      rows.residual.tail<3>() = phi.tail<3>() / options.rotation_noise;
-      rows.by_w.bottomRows<3>() = lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() *
-                                  R.transpose() / options.rotation_noise;
-    }
-    return true;
-  }
-};
-
-// How a part of the arm moves, about the origin of B0 and seen from there, when some twist changes:
-// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
-struct Mover {
-  Eigen::Matrix3d v_by_v, v_by_w;
-
-  // All that lies beyond s on a section that starts at X_B0k.
-  Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
-    const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
-    v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
-    v_by_w = s * X_B0k.rotation * J.topRightCorner<3, 3>();
-    v_by_w += lie::skew(X_B0k.translation) * v_by_v;
-  }
-  // Everything, with the base.
-  explicit Mover(const lie::SE3& X_B0B)
-      : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
-
-  template <class Rows, class Jacobian>
-  void fill(const Rows& rows, int column, Jacobian& J) const {
-    J.template middleCols<3>(column).noalias() = rows.by_v.lazyProduct(v_by_v);
-    J.template middleCols<3>(column + 3).noalias() = rows.by_v.lazyProduct(v_by_w);
-    J.template middleCols<3>(column + 3).noalias() += rows.by_w.lazyProduct(v_by_v);
-  }
-};
-
-bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
-bool isFinite(const PoseObservation& seen) {
-  return seen.X_BT.translation.allFinite() && seen.X_BT.rotation.allFinite();
-}
-
 // Where a search stands.
 struct Point {
   model::Twists twists;
@@ -184,6 +69,32 @@ struct System {
   Matrix hessian;  // lower triangle
 };
 
+// Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
+// base.
+template <class Matrix>
+Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Twists& twists, bool free_base,
+                                const Matrix& covariance) {
+  const int sections = static_cast<int>(twists.cols());
+  TagRows<3> rows;
+  rows.by_v.setIdentity();
+  rows.by_w = -lie::skew((X_B0B * model::tipPose(twists)).translation);
+  const int size = static_cast<int>(covariance.rows());
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxParameters> J(3, size);
+  J.setZero();
+  lie::SE3 X_B0k = X_B0B;
+  for (int k = 0; k < sections; ++k) {
+    Mover(X_B0k, twists.col(k), 1.0).fill(rows, 6 * k, J);
+    X_B0k = X_B0k * lie::SE3::exp(twists.col(k));
+  }
+  if (free_base) Mover(X_B0B).fill(rows, 6 * sections, J);
+  Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
+  for (int column = 0; column < size; ++column) {
+    const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));
+    out.noalias() += moved * J.col(column).transpose();
+  }
+  return out;
+}
+
 }  // namespace
 
 struct TwistFitter::Workspace {
@@ -191,8 +102,9 @@ struct TwistFitter::Workspace {
   int sections;
   TwistFitOptions options;
   Point at, next;
-  std::vector<lie::SE3> starts;  // X_B0k of each section's start, and of the tip
+  std::vector<lie::SE3> starts;  // X_B0k of each section's start
   std::vector<Mover> movers;     // of what lies beyond each section
+  Mover base_mover{lie::SE3()};  // of everything
   model::Twists prior;           // of the twists
   double noise_scale = 1;        // of the tags' expected errors
   std::vector<double> errors;    // of the tags, in expected ones
@@ -205,7 +117,7 @@ struct TwistFitter::Workspace {
             "1 to 16");
     layout.validate(sections);
     options.validate();
-    starts.resize(sections + 1);
+    starts.resize(sections);
     movers.reserve(sections);
     errors.reserve(layout.tags.size());
     for (Point* point : {&at, &next}) {
@@ -255,6 +167,7 @@ struct TwistFitter::Workspace {
     point.squares.clear();
     point.cost = std::numeric_limits<double>::infinity();
     starts[0] = point.X_B0B;
+    base_mover = Mover(point.X_B0B);
     movers.clear();
     for (int k = 0; k + 1 < sections; ++k) {
       starts[k + 1] = starts[k] * lie::SE3::exp(point.twists.col(k));
@@ -293,7 +206,7 @@ struct TwistFitter::Workspace {
     Jacobian J = Jacobian::Zero(kRows, size);
     for (int j = 0; j < k; ++j) movers[j].fill(rows, 6 * j, J);
     Mover(starts[k], point.twists.col(k), tag.s).fill(rows, 6 * k, J);
-    if (options.free_base) Mover(starts[0]).fill(rows, baseColumn(), J);
+    if (options.free_base) base_mover.fill(rows, baseColumn(), J);
     if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
     if (options.planar) {
       for (int j = 0; j <= k; ++j) {
@@ -439,7 +352,7 @@ struct TwistFitter::Workspace {
       inverse.col(entry).setZero();
     }
     result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
-    reportTip(inverse);
+    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.twists, options.free_base, inverse);
     if (2 * fitting <= static_cast<int>(result.tags.size())) {
       result.status = FitStatus::kUnexplained;
     } else if (result.status == FitStatus::kConverged && !determined()) {
@@ -455,33 +368,6 @@ struct TwistFitter::Workspace {
       if (!(left < 1 - kLeastGain)) return false;
     }
     return true;
-  }
-
-  template <class Matrix>
-  void reportTip(const Matrix& covariance) {
-    const int size = static_cast<int>(covariance.rows());
-    lie::SE3 X_B0k = at.X_B0B;
-    for (int k = 0; k < sections; ++k) {
-      starts[k] = X_B0k;
-      X_B0k = X_B0k * lie::SE3::exp(at.twists.col(k));
-    }
-    const Eigen::Vector3d& tip = X_B0k.translation;
-    TagRows<3> rows;
-    rows.by_v.setIdentity();
-    rows.by_w = -lie::skew(tip);
-    Eigen::Matrix<double, 3, Matrix::RowsAtCompileTime, Eigen::ColMajor, 3,
-                  Matrix::MaxRowsAtCompileTime>
-        J(3, size);
-    J.setZero();
-    for (int k = 0; k < sections; ++k) {
-      Mover(starts[k], at.twists.col(k), 1.0).fill(rows, 6 * k, J);
-    }
-    if (options.free_base) Mover(starts[0]).fill(rows, baseColumn(), J);
-    result.tip_covariance.setZero();
-    for (int column = 0; column < size; ++column) {
-      const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));
-      result.tip_covariance.noalias() += moved * J.col(column).transpose();
-    }
   }
 
   template <class Model>
@@ -690,19 +576,7 @@ int TwistFit::outliers() const {
 }
 
 Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance) {
-  const int sections = static_cast<int>(twists.cols());
-  Eigen::Matrix<double, 3, Eigen::Dynamic> J(3, 6 * sections);
-  lie::SE3 X_Bk;
-  for (int k = 0; k < sections; ++k) {
-    // The tip p seen from where section k ends moves with it: dp = R (v + w x p).
-    X_Bk = X_Bk * lie::SE3::exp(twists.col(k));
-    lie::SE3 X_kTip;
-    for (int j = k + 1; j < sections; ++j) X_kTip = X_kTip * lie::SE3::exp(twists.col(j));
-    Eigen::Matrix<double, 3, 6> motion;
-    motion << Eigen::Matrix3d::Identity(), -lie::skew(X_kTip.translation);
-    J.middleCols<6>(6 * k) = X_Bk.rotation * motion * lie::SE3::rightJacobian(twists.col(k));
-  }
-  return J * covariance * J.transpose();
+  return tipCovarianceOf({}, twists, false, covariance);
 }
 
 }  // namespace helix_arm::estimation

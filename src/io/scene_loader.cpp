@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <limits>
 
 #include "arm_reader.hpp"
@@ -75,6 +76,17 @@ std::string sceneText(const std::string& path, const std::vector<Override>& over
   const Value document = readDocument(text, overrides, faults);
   faults.throwIfAny();
   return writeDocument(document);
+}
+
+std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
+  if (!camera || !tags) return std::nullopt;
+  const SectionLook& widest = *std::max_element(
+      looks.begin(), looks.end(),
+      [](const auto& a, const auto& b) { return a.separator_radius < b.separator_radius; });
+  return simulation::CameraSetup{view(),
+                                 vision::TagFamily(vision.detector.family),
+                                 {widest.separator_radius},
+                                 simulation.camera};
 }
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {

@@ -15,16 +15,6 @@
 #include "helix_arm/ros_bridge/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
-
-simulation::SimulatedCamera makeCamera(const io::Scene& scene) {
-  const simulation::ArmBody body{scene.looks.front().separator_radius};
-  return {scene.view(), vision::TagFamily(scene.vision.detector.family), body,
-          scene.simulation.camera};
-}
-
-}  // namespace
-
 SimulatedRigOptions SimulatedRigOptions::load() {
   ParameterReader reader{ros::NodeHandle("~")};
   SimulatedRigOptions out;
@@ -100,7 +90,8 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
 
 void SimulatedRigNode::takePictures() {
   using Clock = std::chrono::steady_clock;
-  simulation::SimulatedCamera camera = makeCamera(scene_);
+  const simulation::CameraSetup setup = scene_.cameraSetup().value();
+  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
   vision::JpegEncoder encoder(scene_.simulation.camera.jpeg_quality);
   const auto period = std::chrono::duration_cast<Clock::duration>(
       std::chrono::duration<double>(1.0 / options_.camera_rate));

@@ -49,19 +49,9 @@ TEST(Evaluate, Spatial50AgreesWithItsMeasurements) {
   expectRmsWithin("spatial_50", "spatial_50_curvature.csv", 0.13);
 }
 
-// Two rows whose model curvature is known: r (l2 - l1) / (2 (r^2 + K_kappa)) of the linear curve
-// below.
-const char* const kScene = R"(name: ruler
-contractions:
-  linear: {table: {pressure_kpa: [0, 100], length_m: [0.4, 0.3]}}
-arm:
-  geometry: planar
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
-  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
-)";
-
+// The model's curvature is known: r (l2 - l1) / (2 (r^2 + K_kappa)) of the scene's linear curve.
 TEST(Evaluate, ComparesEveryRowWithTheModel) {
-  const TemporaryFile scene(kScene);
+  const TemporaryFile scene(kFlatScene);
   const TemporaryFile data(
       "# two rows\npressure_1_kpa,pressure_2_kpa,curvature_rad\n50,0,1\n20,80,0.5\n");
   const Outcome outcome = runCommand({"evaluate", scene.path(), data.path(), "--format", "json"});
@@ -141,7 +131,7 @@ TEST(Evaluate, RealTagPosesHaveWrongTagsInTheKnownCaptures) {
 }
 
 TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
-  const TemporaryFile scene(kScene);
+  const TemporaryFile scene(kFlatScene);
   const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
   const Outcome outcome = runCommand({"evaluate", scene.path(), high.path()});
   expectCallerError(outcome,

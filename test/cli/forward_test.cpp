@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
@@ -159,14 +160,7 @@ TEST(Forward, TextIsForPeople) {
 }
 
 TEST(Forward, TendonsTakeRadians) {
-  const TemporaryFile scene(R"(name: pulled
-contractions:
-  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
-arm:
-  geometry: planar
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
-  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
-)");
+  const TemporaryFile scene(kPulledScene);
   const Outcome outcome =
       runCommand({"--format", "json", "forward", scene.path(), "--input", "2,0"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;

@@ -1,22 +1,21 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <memory>
 #include <sstream>
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "support/random.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 // Pictures of the demo's arm with their truth, made once.
@@ -25,26 +24,24 @@ class Localize : public testing::Test {
   static constexpr int kPictures = 3;
 
   static void SetUpTestSuite() {
-    std::string name = (fs::temp_directory_path() / "helix_arm_localize_XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-    const Outcome outcome = runCommand({"simulate", scenePath("demo"), "--out", name + "/rig",
+    folder_ = std::make_unique<TemporaryFolder>();
+    const Outcome outcome = runCommand({"simulate", scenePath("demo"), "--out", *folder_ / "rig",
                                         "--count", std::to_string(kPictures)});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   }
-  static void TearDownTestSuite() { fs::remove_all(folder_); }
+  static void TearDownTestSuite() { folder_.reset(); }
 
   static std::string picture(int number) {
-    return (folder_ / "rig" / ("picture_000" + std::to_string(number) + ".jpg")).string();
+    return *folder_ / ("rig/picture_000" + std::to_string(number) + ".jpg");
   }
   static std::string write(const std::string& name, const std::string& content) {
-    std::ofstream(folder_ / name, std::ios::binary) << content;
-    return (folder_ / name).string();
+    std::ofstream(*folder_ / name, std::ios::binary) << content;
+    return *folder_ / name;
   }
 
-  static fs::path folder_;
+  static std::unique_ptr<TemporaryFolder> folder_;
 };
-fs::path Localize::folder_;
+std::unique_ptr<TemporaryFolder> Localize::folder_;
 
 std::string listOf(const Eigen::Vector3d& v) { return "[" + commaList({v[0], v[1], v[2]}) + "]"; }
 
@@ -61,7 +58,7 @@ Eigen::Vector3d rollPitchYaw(const Eigen::Matrix3d& optical) {
 
 TEST_F(Localize, GivesEveryPictureItsTags) {
   const Outcome outcome =
-      runCommand({"localize", scenePath("demo"), (folder_ / "rig").string(), "--format", "json"});
+      runCommand({"localize", scenePath("demo"), *folder_ / "rig", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(outcome.err, "");
   const json frames = outcome.json()["frames"];
@@ -103,7 +100,7 @@ TEST_F(Localize, TwistsAreTrueAsFarAsTheirCovarianceSays) {
     // The base stays and the camera moves: seen from it, the same.
     const lie::SE3 X_WC =
         scene.X_WB * lie::SE3::exp(-offset) * scene.X_WB.inverse() * scene.camera->X_WC;
-    const std::string out = (folder_ / ("set_" + std::to_string(set))).string();
+    const std::string out = *folder_ / ("set_" + std::to_string(set));
     ASSERT_EQ(
         runCommand({"simulate", scenePath("demo"), "--out", out, "--count", "1", "--seed",
                     std::to_string(set), "--set", "camera.position_m=" + listOf(X_WC.translation),
@@ -182,7 +179,7 @@ TEST_F(Localize, ANameThatIsNoUtf8LosesNoResult) {
 // Of two sections, each with tags of its own. The upper one may point at the camera, which then
 // sees none of its tags.
 TEST_F(Localize, TheAnnotatedArmIsMeasured) {
-  const std::string out = (folder_ / "annotated").string();
+  const std::string out = *folder_ / "annotated";
   ASSERT_EQ(
       runCommand({"simulate", scenePath("annotated"), "--out", out, "--count", "30"}).exit_code, 0);
   const json frames =
@@ -312,13 +309,13 @@ TEST_F(Localize, APictureWithoutTagsIsAFailure) {
 }
 
 TEST_F(Localize, WhatIsNoPictureIsTheCallersError) {
-  for (const std::string& path : {write("notes.txt", "x"), (folder_ / "nothing.jpg").string()}) {
+  for (const std::string& path : {write("notes.txt", "x"), *folder_ / "nothing.jpg"}) {
     const Outcome outcome = runCommand({"localize", scenePath("demo"), path});
     EXPECT_EQ(outcome.exit_code, 2);
     EXPECT_EQ(outcome.out, "");
     EXPECT_NE(outcome.err.find(path + " is n"), std::string::npos) << outcome.err;
   }
-  const std::string endless = (folder_ / std::string(300, 'x')).string();
+  const std::string endless = *folder_ / std::string(300, 'x');
   const Outcome outcome = runCommand({"localize", scenePath("demo"), endless});
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_NE(outcome.err.find(endless + " is no file and no folder: File name too long"),

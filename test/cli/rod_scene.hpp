@@ -22,15 +22,18 @@ inline const std::string kRodScene = kBareRodScene + R"(tags:
     - {ids: [4, 5, 6], s: [0.25, 0.5, 1], position_m: [0, 0, 0.05]}
 )";
 
-/// A planar arm whose tags stand in a row on one side of it.
-inline const char* const kRowScene = R"(name: flat
+/// A planar arm of two muscles that is a straight rod of 0.4 m at 0 kPa.
+inline const std::string kFlatScene = R"(name: flat
 contractions:
   linear: {table: {pressure_kpa: [0, 100], length_m: [0.4, 0.3]}}
 arm:
   geometry: planar
   stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
   sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
-tags:
+)";
+
+/// The same with tags in a row on one side of it.
+inline const std::string kRowScene = kFlatScene + R"(tags:
   size_m: 0.03
   groups: [{ids: [1, 2, 3, 4, 5], s: [0.2, 0.4, 0.6, 0.8, 1], position_m: [0, 0, 0.02]}]
 )";

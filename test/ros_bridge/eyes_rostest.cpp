@@ -70,6 +70,17 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
   VisionStatus lastStatus() { return eye_.status.last(); }
 
+  // Publishes a picture like the sound one, but for the change.
+  template <class Message, class Change>
+  auto publishing(const Message& sound, const Change& change) {
+    return [this, sound, change](const ros::Time& stamp) {
+      Message message = sound;
+      message.header.stamp = stamp;
+      change(message);
+      eye_.publish(message);
+    };
+  }
+
   // What must be told of a fault: counted, and named with the word.
   void expectTold(const std::string& word, std::uint64_t VisionStatus::*counter,
                   std::uint64_t before) {
@@ -368,14 +379,7 @@ INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
 
 TEST_P(JpegEye, WhatIsNoJpegIsRefused) {
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
-  const auto changed = [&](const auto& change) {
-    return [this, sound, change](const ros::Time& stamp) {
-      auto message = sound;
-      message.header.stamp = stamp;
-      change(message);
-      eye_.publish(message);
-    };
-  };
+  const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
   expectRefused("cannot be decoded", &VisionStatus::bad_jpeg,
                 changed([](auto& m) { m.data.resize(m.data.size() / 2); }));
@@ -389,14 +393,7 @@ class RawEye : public Eyes {};
 
 TEST_P(RawEye, WhatIsNoPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
-  const auto changed = [&](const auto& change) {
-    return [this, sound, change](const ros::Time& stamp) {
-      auto message = sound;
-      message.header.stamp = stamp;
-      change(message);
-      eye_.publish(message);
-    };
-  };
+  const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("'yuv422'", &VisionStatus::wrong_encoding,
                 changed([](auto& m) { m.encoding = "yuv422"; }));
   expectRefused("0 x 0", &VisionStatus::wrong_size, changed([](auto& m) {

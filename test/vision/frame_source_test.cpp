@@ -7,10 +7,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
-#include <unistd.h>
 
 #include "helix_arm/vision/jpeg.hpp"
 #include "jpeg_pictures.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -22,26 +22,10 @@ using vision::FrameStatus;
 using vision::VideoDevice;
 using vision::WebcamConfig;
 
-// A folder of one's own that goes away with the object.
-class Folder {
- public:
-  Folder() : path_((fs::temp_directory_path() / "helix_arm_frames_XXXXXX").string()) {
-    if (mkdtemp(path_.data()) == nullptr) throw std::runtime_error("cannot make " + path_);
-  }
-  ~Folder() { fs::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-  const std::string& path() const { return path_; }
-  void write(const std::string& name, const Bytes& bytes) const {
-    std::ofstream(*this / name, std::ios::binary)
-        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
-  }
-
- private:
-  std::string path_;
-};
+void write(const TemporaryFolder& folder, const std::string& name, const Bytes& bytes) {
+  std::ofstream(folder / name, std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
+}
 
 cv::Mat grayPicture(int width, int height, int shade = 0) {
   cv::Mat gray;
@@ -58,13 +42,13 @@ std::vector<std::uint8_t> encoded(const std::string& extension, const cv::Mat& p
 // ---- Files --------------------------------------------------------------------------------------
 
 TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
-  const Folder folder;
+  const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
-  folder.write("b.png", encoded(".png", picture));
-  folder.write("a.JPG", vision::JpegEncoder(95).encode(picture));
-  folder.write("c.bmp", encoded(".bmp", picture));
-  folder.write("d.pgm", encoded(".pgm", picture));
-  folder.write("notes.txt", Bytes(10, 'x'));
+  write(folder, "b.png", encoded(".png", picture));
+  write(folder, "a.JPG", vision::JpegEncoder(95).encode(picture));
+  write(folder, "c.bmp", encoded(".bmp", picture));
+  write(folder, "d.pgm", encoded(".pgm", picture));
+  write(folder, "notes.txt", Bytes(10, 'x'));
   fs::create_directory(folder / "e.png");
   const auto source = FrameSource::files(folder.path());
   Frame frame;
@@ -83,10 +67,11 @@ TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
 }
 
 TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
-  const Folder folder;
-  folder.write("a.jpg", vision::JpegEncoder(95).encode(cv::Mat(8, 32768, CV_8UC1, cv::Scalar(90))));
-  folder.write("b.png", encoded(".png", cv::Mat(32768, 8, CV_8UC1, cv::Scalar(90))));
-  folder.write("c.png", encoded(".png", cv::Mat(8, 32767, CV_8UC1, cv::Scalar(90))));
+  const TemporaryFolder folder;
+  write(folder, "a.jpg",
+        vision::JpegEncoder(95).encode(cv::Mat(8, 32768, CV_8UC1, cv::Scalar(90))));
+  write(folder, "b.png", encoded(".png", cv::Mat(32768, 8, CV_8UC1, cv::Scalar(90))));
+  write(folder, "c.png", encoded(".png", cv::Mat(8, 32767, CV_8UC1, cv::Scalar(90))));
   const auto source = FrameSource::files(folder.path());
   Frame frame;
   for (const char* size : {"32768 x 8 px", "8 x 32768 px"}) {
@@ -98,19 +83,19 @@ TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
 }
 
 TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
-  const Folder folder;
+  const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
   const auto cut = [](Bytes bytes) {
     bytes.resize(bytes.size() / 2);
     return bytes;
   };
-  folder.write("a.jpg", cut(vision::JpegEncoder(95).encode(picture)));
-  folder.write("b.png", cut(encoded(".png", picture)));
-  folder.write("c.bmp", cut(encoded(".bmp", picture)));
-  folder.write("d.pgm", cut(encoded(".pgm", picture)));
-  folder.write("e.jpg", {});
-  folder.write("f.png", Bytes(500, 77));
-  folder.write("g.jpg", vision::JpegEncoder(95).encode(picture));
+  write(folder, "a.jpg", cut(vision::JpegEncoder(95).encode(picture)));
+  write(folder, "b.png", cut(encoded(".png", picture)));
+  write(folder, "c.bmp", cut(encoded(".bmp", picture)));
+  write(folder, "d.pgm", cut(encoded(".pgm", picture)));
+  write(folder, "e.jpg", {});
+  write(folder, "f.png", Bytes(500, 77));
+  write(folder, "g.jpg", vision::JpegEncoder(95).encode(picture));
   const auto source = FrameSource::files(folder.path());
   Frame frame;
   for (const char* name : {"a.jpg", "b.png", "c.bmp", "d.pgm", "e.jpg", "f.png"}) {
@@ -126,7 +111,7 @@ TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
 }
 
 TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {
-  const Folder folder;
+  const TemporaryFolder folder;
   const auto expectRefused = [](const std::string& path, const std::string& message) {
     try {
       FrameSource::files(path);
@@ -137,13 +122,13 @@ TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {
   };
   expectRefused(folder.path(), " holds no pictures; expected files ending in .jpg");
   expectRefused(folder / "nothing.jpg", " is no file and no folder");
-  folder.write("notes.txt", Bytes(10, 'x'));
+  write(folder, "notes.txt", Bytes(10, 'x'));
   expectRefused(folder / "notes.txt", " is neither a picture (.jpg");
 }
 
 // The luma of an MJPEG video is decoded as it is; of others it comes by way of colours.
 TEST(VideoFile, GivesItsFramesInOrder) {
-  const Folder folder;
+  const TemporaryFolder folder;
   struct Kind {
     const char* name;
     const char* fourcc;
@@ -180,9 +165,9 @@ TEST(VideoFile, GivesItsFramesInOrder) {
 }
 
 TEST(VideoFile, ABrokenVideoIsAFaultAndThenTheEnd) {
-  const Folder folder;
-  folder.write("a.avi", Bytes(5000, 'x'));
-  folder.write("b.mp4", {});
+  const TemporaryFolder folder;
+  write(folder, "a.avi", Bytes(5000, 'x'));
+  write(folder, "b.mp4", {});
   for (const char* name : {"a.avi", "b.mp4"}) {
     const auto source = FrameSource::files(folder / name);
     Frame frame;
@@ -299,7 +284,7 @@ TEST_F(Camera, ABrokenPictureDoesNotCloseIt) {
 }
 
 TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
-  const Folder folder;
+  const TemporaryFolder folder;
   WebcamConfig config;
   config.device = folder / "video0";
   Frame frame;
@@ -309,7 +294,7 @@ TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
                              ": there is no such device; plug the camera in, or name "
                              "another device");
   EXPECT_EQ(frame.retry_after, config.reconnect_after);
-  folder.write("video0", {});
+  write(folder, "video0", {});
   const auto wrong = FrameSource::webcam(config);
   ASSERT_EQ(wrong->next(frame), FrameStatus::kFault);
   EXPECT_NE(frame.fault.find("it does not open as a camera"), std::string::npos) << frame.fault;

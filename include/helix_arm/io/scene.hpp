@@ -67,6 +67,9 @@ struct Scene {
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
   /// What the camera looks at. Only with a camera and tags.
   estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
+  /// What its simulated camera is made of: the arm is drawn as thick as its widest section. Nothing
+  /// without a camera or tags.
+  std::optional<simulation::CameraSetup> cameraSetup() const;
 };
 
 /// An override of one key, as `--set regulator.simulated.noise_kpa=1` gives it; list entries by
