@@ -39,6 +39,7 @@ Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
+Subcommand addCalibrate(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);
 

@@ -6,6 +6,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "evaluate_tags.hpp"
+#include "helix_arm/io/captures.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
@@ -45,7 +46,7 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
 
 CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
   CurvatureComparison comparison{
-      pressuresWithinLimits(scene, data), data.values.col(data.find("curvature_rad")), {}};
+      io::pressuresWithinLimits(data, scene.arm), data.values.col(data.find("curvature_rad")), {}};
   comparison.model.resize(comparison.pressures.rows());
   for (int row = 0; row < comparison.pressures.rows(); ++row) {
     const model::Twists twists = modelTwists(scene, comparison.pressures.row(row));

@@ -6,6 +6,7 @@
 #include <iostream>
 
 #include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/io/captures.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -164,7 +165,7 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
 }  // namespace
 
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
-  pressuresWithinLimits(scene, data);
+  io::pressuresWithinLimits(data, scene.arm);
   const TagComparison comparison = compareTags(scene, data);
   const std::string reason = reasonForNoFit(fittedOf(comparison));
   if (format == Format::kJson) printJsonResult(scene, comparison, reason);

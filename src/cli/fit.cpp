@@ -181,10 +181,12 @@ Subcommand addFit(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   command->add_option("SCENE", options->scene, "scene file with tags")->required();
   command
-      ->add_option("TAG_POSES", options->data,
-                   "data set: # comments, a header, a row a tag; columns capture, pressure_1_kpa "
-                   ".. (gauge), tag, "
-                   "x_m, y_m, z_m, qx, qy, qz, qw, seen from the arm's base")
+      ->add_option(
+          "TAG_POSES", options->data,
+          "data set: # comments, a header, a row a tag; columns capture, pressure_1_kpa "
+          ".. (gauge), tag, "
+          "x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's tags.frame (by default the "
+          "arm's base)")
       ->required();
   command->footer(
       "json: captures [{capture, pressure_pa, status, converged, reason, twist, covariance, rms_m "

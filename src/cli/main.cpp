@@ -40,9 +40,10 @@ int run(int argc, char** argv) {
       ->allow_extra_args(false);
 
   const Subcommand subcommands[] = {
-      helix_arm::cli::addForward(app),  helix_arm::cli::addInverse(app),
-      helix_arm::cli::addEvaluate(app), helix_arm::cli::addFit(app),
-      helix_arm::cli::addLocalize(app), helix_arm::cli::addSimulate(app)};
+      helix_arm::cli::addForward(app),   helix_arm::cli::addInverse(app),
+      helix_arm::cli::addEvaluate(app),  helix_arm::cli::addFit(app),
+      helix_arm::cli::addCalibrate(app), helix_arm::cli::addLocalize(app),
+      helix_arm::cli::addSimulate(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

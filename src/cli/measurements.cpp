@@ -5,7 +5,6 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -50,24 +49,6 @@ void requirePressureDriven(const io::Scene& scene) {
                     "actuators are all driven by pressure");
 }
 
-Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data) {
-  Eigen::MatrixXd pressures = io::pressuresOf(data, scene.arm.actuatorCount());
-  io::FaultList faults(data.path);
-  for (int row = 0; row < pressures.rows(); ++row) {
-    for (int i = 0; i < pressures.cols(); ++i) {
-      const model::Actuator& actuator = scene.arm.actuator(i);
-      if (actuator.limits.contains(pressures(row, i))) continue;
-      faults.add(data.lines[row], "pressure_" + std::to_string(i + 1) + "_kpa is " +
-                                      inputText(actuator, pressures(row, i)) +
-                                      "; expected the limits of " + actuator.name + ", " +
-                                      inputText(actuator, actuator.limits.lower) + " to " +
-                                      inputText(actuator, actuator.limits.upper));
-    }
-  }
-  faults.throwIfAny();
-  return pressures;
-}
-
 model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure) {
   return scene.planar ? model::embed(scene.planar->twists(pressure)) : scene.arm.twists(pressure);
 }
@@ -92,7 +73,8 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   requirePressureDriven(scene);
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<FittedCapture> captures;
-  for (const io::TagPoseCapture& measured : io::loadTagPoses(data, scene.arm.actuatorCount())) {
+  for (const io::TagPoseCapture& measured :
+       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
     FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}};
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);

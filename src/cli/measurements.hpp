@@ -14,10 +14,6 @@ namespace helix_arm::cli {
 /// @throws CallerError where the scene has tendons: data sets give pressures.
 void requirePressureDriven(const io::Scene& scene);
 
-/// Gauge pressures (rows x actuators) of a data set [Pa].
-/// @throws io::DocumentError with every pressure outside its actuator's limits.
-Eigen::MatrixXd pressuresWithinLimits(const io::Scene& scene, const io::DataSet& data);
-
 /// Twists (6 x sections) that the model has at pressures within the limits (n) [Pa].
 model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure);
 /// Name of the tier that computes them.

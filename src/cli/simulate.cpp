@@ -10,14 +10,17 @@
 #include <memory>
 #include <random>
 #include <sstream>
+#include <stdexcept>
 
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -165,6 +168,24 @@ lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise
   return pose;
 }
 
+// What the detector finds in a picture as it was written: tags of the scene that are there once.
+std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
+                                     const std::vector<std::uint8_t>& jpeg,
+                                     vision::TagDetector& detector) {
+  cv::Mat picture;
+  if (const auto fault = vision::JpegDecoder().decode(jpeg.data(), jpeg.size(), picture)) {
+    throw std::logic_error("the simulated picture cannot be read: " + *fault);
+  }
+  const std::vector<vision::TagDetection> found = detector.detect(picture);
+  std::vector<io::TagCorners> tags;
+  for (const vision::TagDetection& tag : found) {
+    const auto same = std::count_if(found.begin(), found.end(),
+                                    [&tag](const auto& other) { return other.id == tag.id; });
+    if (same == 1 && layout.find(tag.id) >= 0) tags.push_back({tag.id, tag.corners});
+  }
+  return tags;
+}
+
 std::string truthComment(const io::Scene& scene) {
   return "# Truth of the simulated arm of scene " + scene.name +
          ": twists of its sections and its tip, seen from its base. Gauge pressure [kPa].\n";
@@ -173,10 +194,17 @@ std::string truthComment(const io::Scene& scene) {
 std::string poseComment(const io::Scene& scene) {
   const estimation::TwistFitOptions& noise = scene.vision.fit;
   return "# Simulated tag poses of scene " + scene.name +
-         ", seen from the arm's base. Gauge pressure [kPa], position [m], unit quaternion.\n"
+         ", seen from its tags.frame (without it from the base). Gauge pressure [kPa], position "
+         "[m], unit quaternion.\n"
          "# Standard deviation of the positions " +
          io::formatNumber(noise.position_noise) + " m, of the rotations " +
          io::formatNumber(noise.rotation_noise) + " rad, each axis.\n";
+}
+
+std::string cornerComment(const io::Scene& scene) {
+  return "Corners of the tags found in the pictures of scene " + scene.name +
+         ", in the order left below, right below, right above, left above as one reads the tag.\n"
+         "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
 }
 
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
@@ -193,8 +221,15 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   writeScene(directory / "scene.yaml", options, global);
   CsvFile truth(directory / "truth.csv", truthComment(scene));
   std::optional<CsvFile> poses;
-  if (scene.tags) poses.emplace(directory / "tag_poses.csv", poseComment(scene));
+  std::optional<estimation::TagLayout> layout;
+  if (scene.tags) {
+    layout = simulation::deviate(*scene.tags, scene.arm, scene.simulation.mounts);
+    poses.emplace(directory / "tag_poses.csv", poseComment(scene));
+  }
+  std::vector<io::TagCornerCapture> corners;
+  vision::TagDetector detector(scene.vision.detector);
 
+  const lie::SE3 X_FB = scene.X_BF.inverse();
   for (int capture = 1; capture <= options.count; ++capture) {
     rig.command(drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
@@ -208,17 +243,23 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
       row.emplace_back("visible_tags", std::to_string(visible.size()));
       const auto jpeg = encoder.encode(rig.render());
       OutputFile(directory / pictureName(capture)).write(std::string(jpeg.begin(), jpeg.end()));
+      corners.push_back({capture, rig.pressure(), tagsSeen(*layout, jpeg, detector)});
     }
     truth.add(row);
     if (!poses) continue;
-    const auto exact_poses = estimation::tagPoses(*scene.tags, twists);
+    const auto exact_poses = estimation::tagPoses(*layout, twists);
     for (std::size_t i = 0; i < exact_poses.size(); ++i) {
       CsvTable::Row pose_row;
       appendCapture(capture, rig.pressure(), pose_row);
-      pose_row.emplace_back("tag", std::to_string(scene.tags->tags[i].id));
-      appendPose("", measured(exact_poses[i], scene.vision.fit, generator, normal), pose_row);
+      pose_row.emplace_back("tag", std::to_string(layout->tags[i].id));
+      appendPose("", measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal),
+                 pose_row);
       poses->add(pose_row);
     }
+  }
+  if (camera) {
+    OutputFile(directory / "tag_corners.csv")
+        .write(io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }
   return {directory, options.count, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};
@@ -228,6 +269,7 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   const SimulatedSet set = simulate(options, global);
   const std::string truth = (set.directory / "truth.csv").string();
   const std::string poses = set.tags > 0 ? (set.directory / "tag_poses.csv").string() : "";
+  const std::string corners = set.pictures ? (set.directory / "tag_corners.csv").string() : "";
   const int pictures = set.pictures ? set.captures : 0;
   if (global.format == Format::kJson) {
     printJson({{"out", set.directory.string()},
@@ -237,7 +279,8 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"tags", set.tags},
                {"scene", (set.directory / "scene.yaml").string()},
                {"truth", truth},
-               {"tag_poses", poses.empty() ? json(nullptr) : json(poses)}});
+               {"tag_poses", poses.empty() ? json(nullptr) : json(poses)},
+               {"tag_corners", corners.empty() ? json(nullptr) : json(corners)}});
   }
   if (global.format == Format::kCsv) {
     CsvTable table;
@@ -252,7 +295,8 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
     std::cout << set.captures << " captures in " << set.directory.string()
               << ": scene.yaml, truth.csv" << (poses.empty() ? "" : ", tag_poses.csv");
     if (set.pictures) {
-      std::cout << ", " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
+      std::cout << ", tag_corners.csv, " << pictureName(1) << " to " << pictureName(set.captures)
+                << "\n";
     } else {
       std::cout << "\nno pictures: the scene has no " << (set.tags > 0 ? "camera" : "tags to see")
                 << "\n";
@@ -276,13 +320,18 @@ Subcommand addSimulate(CLI::App& app) {
   command->add_option("--seed", options->seed, "of the pressures and of all noise")
       ->capture_default_str();
   command->footer(
-      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures.\n"
+      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures; "
+      "camera and tags are where\n"
+      "its key simulation.mounts puts them.\n"
       "DIR gets scene.yaml (with what --set changed), truth.csv (twists and tip), tag_poses.csv "
       "(all tags, with the noise of "
       "vision.tag_position_noise_m,\n"
-      "where the scene has tags) and picture_0001.jpg .. (where it has a camera as well).\n"
-      "json: out, seed, captures, pictures, tags, and the paths scene, truth and tag_poses (null "
-      "where there is none).");
+      "where the scene has tags) and, where it has a camera as well, picture_0001.jpg .. and "
+      "tag_corners.csv (what the\n"
+      "detector finds in them).\n"
+      "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and "
+      "tag_corners (null where there\n"
+      "is none).");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

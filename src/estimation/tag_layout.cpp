@@ -1,8 +1,10 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 
 #include "helix_arm/model/curve.hpp"
 
@@ -13,6 +15,13 @@ int TagLayout::find(int id) const {
     if (tags[i].id == id) return static_cast<int>(i);
   }
   return -1;
+}
+
+int TagLayout::baseTag() const {
+  const auto nearest = std::min_element(tags.begin(), tags.end(), [](const auto& a, const auto& b) {
+    return std::tie(a.section, a.s, a.id) < std::tie(b.section, b.s, b.id);
+  });
+  return nearest == tags.end() ? -1 : static_cast<int>(nearest - tags.begin());
 }
 
 Corners TagLayout::corners(double bleed) const {
@@ -47,6 +56,17 @@ void TagLayout::validate(int sections) const {
       refuse(name + " has a pose that is not finite");
     }
   }
+}
+
+TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double rest_length) {
+  TagPlacement out = tag;
+  const double s = tag.s + moved[0] / rest_length;
+  out.s = std::clamp(s, 0.0, 1.0);
+  out.X_ST.translation += Eigen::Vector3d((s - out.s) * rest_length, moved[1], moved[2]);
+  lie::Vector6 turn = lie::Vector6::Zero();
+  turn.tail<3>() = moved.tail<3>();
+  out.X_ST.rotation = tag.X_ST.rotation * lie::SE3::exp(turn).rotation;
+  return out;
 }
 
 std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Twists& twists) {

@@ -8,6 +8,10 @@
 #include "pose_reader.hpp"
 
 namespace helix_arm::io {
+
+const Eigen::Matrix3d kOpticalInBody =
+    (Eigen::Matrix3d() << 0, 0, 1, -1, 0, 0, 0, -1, 0).finished();
+
 namespace {
 
 bool wholeAndPositive(double x) { return x > 0 && x == std::floor(x); }
@@ -19,11 +23,6 @@ const NumberRule kDistortion = within(kFinite, -1e4, 1e4);
 // A camera that stands farther off stands there in mm.
 const NumberRule kPlace = within(kFinite, -100, 100, " m");
 const NumberRule kFrameRate = within(kPositive, 0.01, 1000, " Hz");
-
-// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, y left,
-// z up).
-const Eigen::Matrix3d kOpticalInBody =
-    (Eigen::Matrix3d() << 0, 0, 1, -1, 0, 0, 0, -1, 0).finished();
 
 std::array<double, 8> readDistortion(const MapReader& camera) {
   std::array<double, 8> distortion = {};

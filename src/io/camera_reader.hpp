@@ -7,6 +7,10 @@
 
 namespace helix_arm::io {
 
+/// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, y left,
+/// z up).
+extern const Eigen::Matrix3d kOpticalInBody;
+
 /// Reads `camera`; nothing where the scene has none.
 std::optional<CameraConfig> readCamera(const MapReader& scene, const Value& document,
                                        FaultList& faults);

@@ -19,6 +19,15 @@ std::optional<double> parseNumber(const std::string& text) {
   return value;
 }
 
+double kilopascals(double pa) {
+  const double kpa = pa / 1e3;
+  for (const double direction : {-1.0, 1.0}) {
+    const double next = std::nextafter(kpa, direction * std::numeric_limits<double>::infinity());
+    if (pascals(kpa) != pa && pascals(next) == pa) return next;
+  }
+  return kpa;
+}
+
 std::string formatNumber(double value) {
   constexpr int kAlwaysEnough = std::numeric_limits<double>::max_digits10;
   for (int digits = std::numeric_limits<double>::digits10;; ++digits) {

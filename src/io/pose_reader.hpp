@@ -14,6 +14,9 @@ double radians(double degrees);
 /// Fixed-axis roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), angles in degrees.
 Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg);
 
+/// The angles [degrees] that rotationOfRpyDeg() turns into this rotation, pitch in [-90, 90].
+Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R);
+
 /// Three numbers as a vector.
 std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers);
 

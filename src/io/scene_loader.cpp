@@ -8,6 +8,8 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "map_reader.hpp"
+#include "provenance_section.hpp"
+#include "scene_document.hpp"
 #include "simulation_reader.hpp"
 #include "tag_reader.hpp"
 #include "text_file.hpp"
@@ -58,22 +60,20 @@ std::string readText(const std::string& path, FaultList& faults) {
   return *text;
 }
 
-// Overrides that do not apply are among the faults.
-Value readDocument(const std::string& text, const std::vector<Override>& overrides,
-                   FaultList& faults) {
-  std::optional<Value> document = parseDocument(text, faults);
+}  // namespace
+
+Value readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
+                        FaultList& faults) {
+  std::optional<Value> document = parseDocument(readText(path, faults), faults);
   if (!document) faults.throwIfAny();
   for (const Override& change : overrides) applyOverride(*document, change, faults);
   return std::move(*document);
 }
 
-}  // namespace
-
 std::string sceneText(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
-  const std::string text = readText(path, faults);
-  if (overrides.empty()) return text;
-  const Value document = readDocument(text, overrides, faults);
+  if (overrides.empty()) return readText(path, faults);
+  const Value document = readSceneDocument(path, overrides, faults);
   faults.throwIfAny();
   return writeDocument(document);
 }
@@ -83,7 +83,7 @@ std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
   const SectionLook& widest = *std::max_element(
       looks.begin(), looks.end(),
       [](const auto& a, const auto& b) { return a.separator_radius < b.separator_radius; });
-  return simulation::CameraSetup{view(),
+  return simulation::CameraSetup{simulation::deviate(view(), arm, simulation.mounts),
                                  vision::TagFamily(vision.detector.family),
                                  {widest.separator_radius},
                                  simulation.camera};
@@ -91,11 +91,14 @@ std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
-  const Value document = readDocument(readText(path, faults), overrides, faults);
+  const Value document = readSceneDocument(path, overrides, faults);
+  return makeScene(document, faults);
+}
 
+Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader scene(document, "",
                         {"name", "contractions", "arm", "tags", "camera", "vision", "simulation",
-                         "regulator", "safety"},
+                         "regulator", "safety", "calibration"},
                         faults);
   const auto name = scene.word("name");
   const Contractions contractions = readContractions(scene, faults);
@@ -109,18 +112,27 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
   const SimulationConfig simulation = readSimulation(scene, document, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, document, faults);
+  std::optional<Provenance> calibration = readProvenance(scene, document, faults);
   faults.throwIfAny();
+  const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();
+  const estimation::TagPrior tag_prior = tags ? tags->prior : estimation::TagPrior();
+  std::vector<std::string> curves;
+  for (const auto& [curve, contraction] : contractions) curves.push_back(curve);
   return {*name,
+          std::move(curves),
           arm->X_WB,
           std::move(arm->arm),
           std::move(arm->planar),
           std::move(arm->looks),
           regulator,
           tags ? std::optional(std::move(tags->layout)) : std::nullopt,
+          tag_prior,
+          X_BF,
           camera,
           vision,
           simulation,
-          safety};
+          safety,
+          std::move(calibration)};
 }
 
 }  // namespace helix_arm::io

@@ -21,6 +21,8 @@ Eigen::Matrix3d muscleRotation(double th, double tilt) {
          rotation(-tilt, Eigen::Vector3d::UnitZ());
 }
 
+const NumberRule kLengthScale = within(kPositive, 0.5, 2);
+
 const NumberRule kTilt{"an angle above -90 and below 90",
                        [](double x) { return std::abs(x) < 90; }};
 
@@ -76,13 +78,25 @@ Fitting readFitting(const MapReader& keys, const ArmContext& arm) {
   return {&*found->second, readLimits(keys, *name, *found->second)};
 }
 
+// Of a ring: one factor for all its actuators, or one for each. A broken one is 1, beside its
+// fault.
+std::vector<double> readLengthScales(const MapReader& ring, const Value& value, std::size_t count) {
+  const std::string key = "length_scale";
+  const Value* given = value.find(key);
+  if (given == nullptr || given->kind != Value::Kind::kList) {
+    return std::vector<double>(count, ring.number(key, kLengthScale, 1.0));
+  }
+  return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
+}
+
 // Appends an actuator; incomplete ones still count, so that default names stay where they belong.
 void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
-                 const InheritedStiffness& stiffness, const Fitting& fitting,
+                 const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
                  model::Section& section) {
   if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
-  section.actuators.push_back({*name, X_O, *stiffness.value, fitting.contraction->curve,
-                               *fitting.limits, fitting.contraction->drive});
+  section.actuators.push_back({*name, X_O, *stiffness.value,
+                               fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
+                               fitting.contraction->drive});
 }
 
 // Actuators without a name of their own are numbered from the base on.
@@ -96,10 +110,10 @@ void claimName(const MapReader& keys, const std::optional<std::string>& name, Ar
 
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
               ArmContext& arm, model::Section& section) {
-  const MapReader ring(
-      value, path,
-      {"count", "radius_m", "tilt_deg", "contraction", "min_pressure_kpa", "max_pressure_kpa"},
-      arm.faults);
+  const MapReader ring(value, path,
+                       {"count", "radius_m", "tilt_deg", "contraction", "length_scale",
+                        "min_pressure_kpa", "max_pressure_kpa"},
+                       arm.faults);
   const auto count = ring.integer("count", 1, model::kMaxActuators);
   const auto radius = ring.number("radius_m", kLength);
   const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
@@ -109,6 +123,8 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   }
   if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
   if (!count || !radius) return;
+  const std::vector<double> scales =
+      readLengthScales(ring, value, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
     const double th = 2 * kPi * i / static_cast<double>(*count);
     lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
@@ -118,7 +134,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
     if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(name, X_O, stiffness, fitting, section);
+    addActuator(name, X_O, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
   }
 }
 
@@ -152,8 +168,8 @@ std::optional<lie::SE3> readActuatorPose(const MapReader& keys, bool planar) {
 void readActuator(const Value& value, const std::string& path, const InheritedStiffness& inherited,
                   ArmContext& arm, model::Section& section) {
   const MapReader keys(value, path,
-                       {"name", "position_m", "rpy_deg", "tilt_deg", "contraction", "stiffness",
-                        "min_pressure_kpa", "max_pressure_kpa"},
+                       {"name", "position_m", "rpy_deg", "tilt_deg", "contraction", "length_scale",
+                        "stiffness", "min_pressure_kpa", "max_pressure_kpa"},
                        arm.faults);
   const std::string numbered = nextName(arm);
   const auto name = keys.has("name") ? keys.word("name") : std::optional(numbered);
@@ -162,7 +178,8 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   const InheritedStiffness stiffness = readStiffness(keys, value, inherited, arm.faults);
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
-  if (X_O) addActuator(name, *X_O, stiffness, fitting, section);
+  const double length_scale = keys.number("length_scale", kLengthScale, 1.0);
+  if (X_O) addActuator(name, *X_O, stiffness, fitting, length_scale, section);
 }
 
 }  // namespace

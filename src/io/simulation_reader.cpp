@@ -2,11 +2,15 @@
 
 #include <limits>
 
+#include "pose_reader.hpp"
+
 namespace helix_arm::io {
 namespace {
 
 const NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 const NumberRule kLengthScale = within(kPositive, 0.5, 2);
+const NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
+const NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 const NumberRule kBlur = within(kNotNegative, 0, 100, " px");
 const NumberRule kGrayNoise = within(kNotNegative, 0, 255, " gray levels");
 const NumberRule kExposure = within(kPositive, 1e-3, 1e3);
@@ -18,6 +22,23 @@ simulation::ArmDeviation readDeviation(const MapReader& keys) {
   arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
   arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
   return arm;
+}
+
+simulation::MountDeviation readMounts(const MapReader& keys) {
+  simulation::MountDeviation mounts;
+  mounts.camera_translation =
+      keys.number("camera_translation_m", kMountTranslation, mounts.camera_translation);
+  if (const auto deg = keys.optionalNumber("camera_rotation_deg", kMountRotation)) {
+    mounts.camera_rotation = radians(*deg);
+  }
+  mounts.tag_translation =
+      keys.number("tag_translation_m", kMountTranslation, mounts.tag_translation);
+  if (const auto deg = keys.optionalNumber("tag_rotation_deg", kMountRotation)) {
+    mounts.tag_rotation = radians(*deg);
+  }
+  mounts.seed = static_cast<std::uint32_t>(
+      keys.integer("seed", 0, std::numeric_limits<std::uint32_t>::max(), mounts.seed));
+  return mounts;
 }
 
 simulation::SimulatedCameraConfig readPictures(const MapReader& keys) {
@@ -40,10 +61,16 @@ SimulationConfig readSimulation(const MapReader& scene, const Value& document, F
   SimulationConfig config;
   const Value* value = document.find("simulation");
   if (value == nullptr) return config;
-  const MapReader simulation(*value, scene.path("simulation"), {"arm", "camera"}, faults);
+  const MapReader simulation(*value, scene.path("simulation"), {"arm", "mounts", "camera"}, faults);
   if (const Value* arm = value->find("arm")) {
     config.arm = readDeviation(MapReader(
         *arm, simulation.path("arm"), {"K_gamma_scale", "K_kappa_scale", "length_scale"}, faults));
+  }
+  if (const Value* mounts = value->find("mounts")) {
+    config.mounts = readMounts(MapReader(*mounts, simulation.path("mounts"),
+                                         {"camera_translation_m", "camera_rotation_deg",
+                                          "tag_translation_m", "tag_rotation_deg", "seed"},
+                                         faults));
   }
   if (const Value* camera = value->find("camera")) {
     config.camera = readPictures(MapReader(*camera, simulation.path("camera"),

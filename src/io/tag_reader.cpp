@@ -14,6 +14,10 @@ const NumberRule kAlongSection{"a number from 0 to 1", [](double s) { return s >
 bool wholeAndNotNegative(double x) { return x >= 0 && x == std::floor(x); }
 const NumberRule kTagId{"a whole number >= 0", wholeAndNotNegative, 0, 1e6};
 
+// A prior that is wider holds nothing.
+const NumberRule kPlacementShift = within(kPositive, 1e-6, 0.1, " m");
+const NumberRule kPlacementTurn = within(kPositive, 1e-4, 90, " degrees");
+
 // What the poses of a group are given in: a section, and there the frame of an actuator, or of the
 // base curve where the group names none.
 struct Mount {
@@ -85,12 +89,26 @@ std::optional<TagParts> readTags(const MapReader& scene, const Value& document, 
                                  FaultList& faults) {
   const Value* value = document.find("tags");
   if (value == nullptr) return std::nullopt;
-  const MapReader tags(*value, scene.path("tags"), {"family", "size_m", "groups"}, faults);
-  TagParts parts{vision::DetectorConfig().family, {}};
+  const MapReader tags(*value, scene.path("tags"),
+                       {"family", "size_m", "placement_prior", "frame", "groups"}, faults);
+  TagParts parts{vision::DetectorConfig().family, {}, {}, {}};
   if (tags.has("family")) {
     parts.family = tags.choice("family", vision::TagFamily::names()).value_or(parts.family);
   }
   parts.layout.size = tags.number("size_m", kLength).value_or(0.0);
+  if (const Value* given = value->find("placement_prior")) {
+    const MapReader prior(*given, tags.path("placement_prior"), {"translation_m", "rotation_deg"},
+                          faults);
+    parts.prior.translation =
+        prior.number("translation_m", kPlacementShift, parts.prior.translation);
+    if (const auto deg = prior.optionalNumber("rotation_deg", kPlacementTurn)) {
+      parts.prior.rotation = radians(*deg);
+    }
+  }
+  if (const Value* frame = value->find("frame")) {
+    parts.X_BF = readPose(MapReader(*frame, tags.path("frame"), {"position_m", "rpy_deg"}, faults),
+                          kCoordinate);
+  }
   const std::vector<Value::Entry>* groups = tags.list("groups");
   if (groups == nullptr) return std::nullopt;
   const int family_size = vision::TagFamily(parts.family).count();

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "arm_reader.hpp"
+#include "helix_arm/estimation/calibration.hpp"
 
 namespace helix_arm::io {
 
@@ -11,6 +12,8 @@ namespace helix_arm::io {
 struct TagParts {
   std::string family;
   estimation::TagLayout layout;
+  estimation::TagPrior prior;
+  lie::SE3 X_BF;  ///< the frame F of tag poses in data sets, seen from the base
 };
 
 /// Reads `tags`; nothing where the scene has none.

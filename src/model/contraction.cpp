@@ -154,6 +154,15 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
   return Contraction(length, {{0.0, 1.0, {0, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
 }
 
+Contraction Contraction::scaledBy(double factor) const {
+  requirePositive("factor", factor);
+  std::vector<Piece> pieces = pieces_;
+  for (Piece& piece : pieces) {
+    for (double& c : piece.coefficients) c *= factor;
+  }
+  return Contraction(factor * rest_length_, std::move(pieces), input_range_);
+}
+
 double Contraction::length(double q) const {
   if (!input_range_.contains(q)) {
     std::ostringstream message;

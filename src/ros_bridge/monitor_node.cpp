@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <utility>
 
 #include <ros/names.h>
 
@@ -16,13 +17,6 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
-
-// Whether the scene promises measured shapes.
-bool hasSight(const std::string& path) {
-  if (path.empty()) return false;
-  const io::Scene scene = io::loadScene(path);
-  return scene.camera && scene.tags;
-}
 
 double medianOf(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -79,13 +73,20 @@ double MonitorNode::Stream::rate() const {
 
 MonitorNode::MonitorNode()
     : options_(MonitorOptions::load()),
-      expects_vision_(hasSight(options_.scene)),
       start_(ros::SteadyTime::now()),
       command_{names::kPressureCommand, options_.min_rate},
       measured_{names::kPressureMeasured, options_.min_rate},
       model_{names::kModel, options_.min_rate},
       shape_{names::kMeasured, options_.min_measured_rate},
       last_line_(start_) {
+  if (!options_.scene.empty()) {
+    scene_ = io::loadScene(options_.scene);
+    reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
+                                             [this](io::Scene next) {
+                                               requireSameRig(*scene_, next);
+                                               scene_ = std::move(next);
+                                             });
+  }
   using Node = MonitorNode;
   command_subscriber_ = node_.subscribe(command_.topic, 1000, &Node::onCommand, this);
   measured_subscriber_ = node_.subscribe(measured_.topic, 1000, &Node::onMeasured, this);
@@ -193,7 +194,8 @@ std::string MonitorNode::visionText() const {
 
 std::vector<const MonitorNode::Stream*> MonitorNode::expected() const {
   std::vector<const Stream*> out = {&command_, &measured_, &model_};
-  if (expects_vision_) out.push_back(&shape_);
+  // Only a scene with a sight promises measured shapes.
+  if (scene_ && scene_->camera && scene_->tags) out.push_back(&shape_);
   return out;
 }
 

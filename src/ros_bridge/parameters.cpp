@@ -19,6 +19,16 @@ std::string join(const Parts&... parts) {
 
 }  // namespace
 
+std::optional<std::string> filePath(const std::string& given, const std::string& folder,
+                                    const std::string& extension) {
+  if (given.empty()) return std::nullopt;
+  if (given.front() == '/') return given;
+  if (given.find('/') != std::string::npos || given.find('.') != std::string::npos) {
+    return std::nullopt;
+  }
+  return join(ros::package::getPath("helix_arm"), "/", folder, "/", given, extension);
+}
+
 XmlRpc::XmlRpcValue ParameterReader::read(const std::string& name) {
   known_.insert(node_.resolveName(name));
   XmlRpc::XmlRpcValue value;
@@ -91,11 +101,9 @@ int ParameterReader::count(const std::string& name, int fallback, int lower, int
 
 std::string ParameterReader::optionalFile(const std::string& name, const std::string& folder,
                                           const std::string& extension) {
-  std::string given = text(name, "");
-  if (given.empty() || given.front() == '/') return given;
-  if (given.find('/') == std::string::npos && given.find('.') == std::string::npos) {
-    return join(ros::package::getPath("helix_arm"), "/", folder, "/", given, extension);
-  }
+  const std::string given = text(name, "");
+  if (given.empty()) return given;
+  if (const auto path = filePath(given, folder, extension)) return *path;
   // roslaunch starts nodes in ROS_HOME, so a relative path would not mean what it meant in the
   // shell.
   fault(name, XmlRpc::XmlRpcValue(given),

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <stdexcept>
+#include <utility>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/console.h>
@@ -83,6 +84,9 @@ PressureCommandNode::PressureCommandNode()
   shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
   tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
   if (!regulator_) reading_subscriber_ = listen(names::kPressureMeasured, &Node::onReading);
+
+  reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
+                                           [this](io::Scene next) { adopt(std::move(next)); });
 
   const auto every = [&](double rate, auto callback) {
     return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
@@ -209,6 +213,26 @@ void PressureCommandNode::onLoop(const ros::SteadyTimerEvent&) {
   const Eigen::VectorXd measured = regulator_->measure();
   measured_publisher_.publish(toPressureMsg(header, scene_.arm, measured));
   take(measured, header.stamp);
+}
+
+void PressureCommandNode::adopt(io::Scene next) {
+  next = requirePneumatic(std::move(next));
+  requireSameRig(scene_, next);
+  const std::vector<double> in_force(command_.begin(), command_.end());
+  const auto checked = control::checkPressures(next.arm, command_, {}, in_force);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    throw std::invalid_argument("the command in force is outside the limits of scene " + next.name +
+                                ": " + refusal->message + ", then reload");
+  }
+  if (next.safety.commander_timeout != lease_.timeout()) {
+    const std::string holder = lease_.holder();
+    lease_ = control::CommanderLease(next.safety.commander_timeout);
+    if (!holder.empty()) lease_.claim(holder, steadyNow());
+  }
+  scene_ = std::move(next);
+  solver_ = model::InverseSolver(scene_.arm);
+  static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
+  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
 }
 
 void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {

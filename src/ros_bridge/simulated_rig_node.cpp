@@ -1,9 +1,12 @@
 #include "helix_arm/ros_bridge/simulated_rig_node.hpp"
 
 #include <chrono>
+#include <cmath>
+#include <stdexcept>
 #include <utility>
 
 #include <ros/console.h>
+#include <rosgraph_msgs/Clock.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
@@ -15,6 +18,12 @@
 #include "helix_arm/ros_bridge/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr model::Range kTimeFactors = {0.01, 1000.0};
+
+}  // namespace
+
 SimulatedRigOptions SimulatedRigOptions::load() {
   ParameterReader reader{ros::NodeHandle("~")};
   SimulatedRigOptions out;
@@ -22,7 +31,17 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
   out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
   out.frame_prefix = reader.frame("frame_prefix", "");
+  out.time_factor = reader.number("time_factor", out.time_factor, {0.0, kTimeFactors.upper});
   reader.finish();
+  if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
+    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
+                         "; expected 0, or a number from 0.01 to 1000");
+  }
+  if (out.time_factor != 0 && !ros::Time::isSimTime()) {
+    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
+                         ", but the nodes live in real time; set the parameter /use_sim_time to "
+                         "true before any of them starts");
+  }
   return out;
 }
 
@@ -33,6 +52,12 @@ SimulatedRigNode::SimulatedRigNode()
       true_arm_(scene_.arm, scene_.simulation.arm),
       command_(scene_.arm.inputAt(0)),
       last_step_(ros::SteadyTime::now()) {
+  if (options_.time_factor > 0) {
+    const ros::WallTime start = ros::WallTime::now();
+    clock_ = {start.sec, start.nsec};
+    clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
+    publishClock();
+  }
   regulator_.command(command_);
   measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
   truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
@@ -76,9 +101,16 @@ void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
 
 void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
   const ros::SteadyTime now = ros::SteadyTime::now();
-  regulator_.step((now - last_step_).toSec());
+  double dt = (now - last_step_).toSec();
   last_step_ = now;
-  const Moment moment{ros::Time::now(), true_arm_.twists(regulator_.pressure())};
+  if (options_.time_factor > 0) {
+    dt *= options_.time_factor;
+    clock_ += ros::Duration(dt);
+    publishClock();
+  }
+  regulator_.step(dt);
+  const Moment moment{options_.time_factor > 0 ? clock_ : ros::Time::now(),
+                      true_arm_.twists(regulator_.pressure())};
   std_msgs::Header header;
   header.stamp = moment.stamp;
   measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
@@ -86,6 +118,12 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
   truth_publisher_.publish(toShapeMsg(header, "truth", moment.twists));
   const std::lock_guard<std::mutex> lock(mutex_);
   now_ = moment;
+}
+
+void SimulatedRigNode::publishClock() {
+  rosgraph_msgs::Clock message;
+  message.clock = clock_;
+  clock_publisher_.publish(message);
 }
 
 void SimulatedRigNode::takePictures() {

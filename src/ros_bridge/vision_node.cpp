@@ -106,15 +106,15 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
 VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& private_node, Host host)
     : host_(host),
       options_(VisionOptions::load(private_node)),
-      scene_(requireSight(io::loadScene(options_.scene), options_)),
       name_(private_node.getNamespace()),
       frames_(options_.world_frame, options_.frame_prefix, names::kMeasuredFrames, options_.frames),
       markers_(frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
-      localizer_(std::make_unique<vision::ArmLocalizer>(scene_.view(), scene_.vision)),
-      prior_(scene_.arm.twists(scene_.arm.inputAt(0))),
+      rig_(requireSight(io::loadScene(options_.scene), options_)),
+      eyes_{rig_, std::make_unique<vision::ArmLocalizer>(rig_.view(), rig_.vision)},
+      prior_(rig_.arm.twists(rig_.arm.inputAt(0))),
       whose_calibration_("the scene's camera"),
       patience_(kModelPatience),
-      source_(makeSource(options_, scene_)),
+      source_(makeSource(options_, rig_)),
       ledger_(options_.source),
       lease_(options_.stale_after),
       last_arrival_(ros::SteadyTime::now()),
@@ -136,7 +136,7 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
   diagnostics_publisher_ =
       node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10);
   static_tf_.sendTransform(worldTransform(
-      frames_.world, options_.frame_prefix + names::kCameraFrame, scene_.camera->X_WC));
+      frames_.world, options_.frame_prefix + names::kCameraFrame, rig_.camera->X_WC));
 
   using Node = VisionNode;
   const auto hints = ros::TransportHints().tcpNoDelay();
@@ -162,13 +162,15 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     }
   }
   model_subscriber_ = listen(names::kModel, 100, &Node::onModel);
+  reload_ = std::make_unique<ReloadServer>(private_node, options_.scene,
+                                           [this](io::Scene next) { adopt(std::move(next)); });
   watch_timer_ = node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &Node::onWatch, this);
   second_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
   const auto on_failure = [this] { onFailure(); };
   worker_.start([this] { work(); }, on_failure);
   if (source_ != nullptr) capturer_.start([this] { capture(); }, on_failure);
-  ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
-           static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
+  ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", rig_.name.c_str(),
+           static_cast<int>(rig_.tags->tags.size()), rig_.vision.detector.family.c_str(),
            options_.source.c_str());
 }
 
@@ -236,14 +238,14 @@ void VisionNode::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
 }
 
 void VisionNode::onModel(const ArmShapeConstPtr& model) {
-  const auto checked = fromMsg(*model, scene_.arm.sectionCount(), frames_.base);
+  const auto checked = fromMsg(*model, rig_.arm.sectionCount(), frames_.base);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (const auto* twists = std::get_if<model::Twists>(&checked)) {
       models_.add(model->header.stamp, *twists);
     } else {
       // Measured without it, all the same.
-      ledger_.refused({PictureFault::kBadModel, "a model is not taken for scene " + scene_.name +
+      ledger_.refused({PictureFault::kBadModel, "a model is not taken for scene " + rig_.name +
                                                     ": " +
                                                     std::get<control::Refusal>(checked).message});
     }
@@ -268,11 +270,24 @@ void VisionNode::onSecond(const ros::SteadyTimerEvent&) {
   msg.status.resize(2);
   msg.status[0].name = statusName(name_, names::kCameraStatus);
   msg.status[1].name = statusName(name_, names::kMeasurementStatus);
-  for (auto& status : msg.status) status.hardware_id = scene_.name;
+  for (auto& status : msg.status) status.hardware_id = rig_.name;
   ledger_.report(msg.status[0], msg.status[1], (now - last_report_).toSec());
   last_report_ = now;
   diagnostics_publisher_.publish(msg);
   publishStatus();
+}
+
+void VisionNode::adopt(io::Scene next) {
+  VisionOptions asked = options_;
+  asked.optional = false;
+  next = requireSight(std::move(next), asked);
+  requireSameRig(rig_, next);
+  Eyes eyes{next, std::make_unique<vision::ArmLocalizer>(next.view(), next.vision)};
+  rig_ = std::move(next);
+  static_tf_.sendTransform(worldTransform(
+      frames_.world, options_.frame_prefix + names::kCameraFrame, rig_.camera->X_WC));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  next_eyes_ = std::move(eyes);
 }
 
 void VisionNode::capture() {
@@ -346,6 +361,8 @@ void VisionNode::work() {
       wake_.wait(lock, [this] { return stop_ || next_; });
       if (stop_) return;
       std::swap(picture, next_);
+      if (next_eyes_) eyes_ = std::move(*next_eyes_);
+      next_eyes_.reset();
       busy_ = true;
     }
     measure(*picture);
@@ -368,7 +385,7 @@ Taken<cv::Mat> VisionNode::decode(const Picture& picture) {
 }
 
 std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
-  estimation::ArmView view = localizer_->view();
+  estimation::ArmView view = eyes_.localizer->view();
   const char* whose = "the scene's camera";
   {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -384,7 +401,7 @@ std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
                               whose + " of " + sizeText(view.camera.width, view.camera.height) +
                               "; a calibration holds for one size only"};
   }
-  if (!equal(view.camera, localizer_->view().camera)) {
+  if (!equal(view.camera, eyes_.localizer->view().camera)) {
     if (adoptions_.add()) {
       ROS_INFO(
           "camera_info differs from the intrinsics at hand (%lu times so far): going by "
@@ -394,7 +411,7 @@ std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
               ? "; more than one node publishes it: stop all but the camera's"
               : "");
     }
-    localizer_ = std::make_unique<vision::ArmLocalizer>(view, scene_.vision);
+    eyes_.localizer = std::make_unique<vision::ArmLocalizer>(view, eyes_.scene.vision);
   }
   whose_calibration_ = whose;
   return std::nullopt;
@@ -448,25 +465,25 @@ void VisionNode::measure(const Picture& picture) {
     return;
   }
   const double elapsed = secondsBetween(last_stamp_, picture.stamp);
-  if (elapsed < 0 || elapsed > options_.stale_after) localizer_->reset();
+  if (elapsed < 0 || elapsed > options_.stale_after) eyes_.localizer->reset();
   if (elapsed < 0) {
     if (jumps_.add()) {
       ROS_INFO("the pictures' time has jumped back by %.1f s (%lu times so far): starting anew%s",
                -elapsed, static_cast<unsigned long>(jumps_.total()),
                publishers() > 1 ? "; more than one node publishes pictures: stop all but one" : "");
     }
-    prior_ = scene_.arm.twists(scene_.arm.inputAt(0));
+    prior_ = eyes_.scene.arm.twists(eyes_.scene.arm.inputAt(0));
     last_tf_stamp_ = ros::Time();
   }
   last_stamp_ = picture.stamp;
   const std::optional<ModelHistory::Entry> model = modelAt(picture.stamp);
   if (model) prior_ = model->twists;
-  publish(picture.stamp, *gray, localizer_->locate(*gray, prior_), model);
+  publish(picture.stamp, *gray, eyes_.localizer->locate(*gray, prior_), model);
 }
 
 void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const vision::Sight& sight,
                          const std::optional<ModelHistory::Entry>& model) {
-  const estimation::TagLayout& layout = localizer_->view().layout;
+  const estimation::TagLayout& layout = eyes_.localizer->view().layout;
   const bool measured = sight.state == vision::SightState::kMeasured;
   std_msgs::Header header;
   header.stamp = stamp;
@@ -474,7 +491,7 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
   std_msgs::Header camera_header = header;
   camera_header.frame_id = options_.frame_prefix + names::kCameraFrame;
 
-  const std::string account = describe(sight, scene_.vision);
+  const std::string account = describe(sight, eyes_.scene.vision);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     ledger_.saw(sight);
@@ -503,8 +520,8 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
     const std::vector<std::string> lines = measured
                                                ? std::vector<std::string>{tip, summarise(sight)}
                                                : std::vector<std::string>{account};
-    overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(
-        toImageMsg(camera_header, drawOverlay(gray, localizer_->view(), sight, twists, lines))));
+    overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(toImageMsg(
+        camera_header, drawOverlay(gray, eyes_.localizer->view(), sight, twists, lines))));
   }
   // What has become stale meanwhile was taken off the screen, and stays off.
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -69,5 +69,9 @@ int main(int argc, char** argv) {
                         "sight/" + size + "_edges", "sightOfPeer/" + size + "_gray");
   }
   reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit/twist", "fitOfPeer");
+  reporter.printRatio("stiffness of 21 x 7 tags, against nmsimplex2", "stiffnessFit",
+                      "stiffnessFitOfPeer");
+  reporter.printRatio("placement of 50 x 8 tags, against differences", "placementFit",
+                      "placementFitOfPeer");
   return 0;
 }

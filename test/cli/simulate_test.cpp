@@ -1,13 +1,17 @@
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "rod_scene.hpp"
@@ -61,12 +65,13 @@ TEST(Simulate, ASceneWithACameraGivesPicturesPosesAndTruth) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(outcome.err, "");
   EXPECT_EQ(namesIn(folder.path()),
-            (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv", "picture_0001.jpg",
-                                   "picture_0002.jpg", "picture_0003.jpg"}));
+            (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv", "tag_corners.csv",
+                                   "picture_0001.jpg", "picture_0002.jpg", "picture_0003.jpg"}));
   const json result = outcome.json();
   EXPECT_EQ(result["captures"], 3);
   EXPECT_EQ(result["pictures"], 3);
   EXPECT_EQ(result["truth"], folder / "truth.csv");
+  EXPECT_EQ(result["tag_corners"], folder / "tag_corners.csv");
   EXPECT_EQ(tableOf(folder / "truth.csv").size(), 3u);
   EXPECT_EQ(tableOf(folder / "tag_poses.csv").size(), 3u * result["tags"].get<unsigned>());
   const std::string scene = contentOf(scenePath("demo"));
@@ -93,6 +98,71 @@ TEST(Simulate, PicturesShowTheTagsOfTheScene) {
     EXPECT_GE(found.size(), truth[i].at("visible_tags") / 2);
     for (const vision::TagDetection& tag : found) EXPECT_EQ(ids.count(tag.id), 1u) << tag.id;
   }
+}
+
+// How far the corners in a folder are from where a view says, root mean square [px]; and of how
+// many tags.
+std::pair<double, int> cornerError(const std::string& folder, const estimation::ArmView& view) {
+  const auto truth = tableOf(folder + "/truth.csv");
+  const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
+  double squares = 0;
+  int tags = 0;
+  for (const auto& row : tableOf(folder + "/tag_corners.csv")) {
+    const auto& moment = truth.at(static_cast<std::size_t>(row.at("capture")) - 1);
+    EXPECT_EQ(row.at("pressure_1_kpa"), moment.at("pressure_1_kpa"));
+    model::Twists twists(6, 1);
+    for (int k = 0; k < 6; ++k) twists(k, 0) = moment.at("section_1_" + entries[k]);
+    const int id = static_cast<int>(row.at("tag"));
+    const auto sights = estimation::visibleTags(view, twists, 0.0);
+    const auto sight = std::find_if(sights.begin(), sights.end(), [&](const auto& other) {
+      return view.layout.tags[other.tag].id == id;
+    });
+    if (sight == sights.end()) {
+      ADD_FAILURE() << "tag " << id << " is out of sight";
+      continue;
+    }
+    for (int c = 0; c < 4; ++c) {
+      const Eigen::Vector2d seen(row.at("x" + std::to_string(c + 1) + "_px"),
+                                 row.at("y" + std::to_string(c + 1) + "_px"));
+      squares += (seen - sight->corners.col(c)).squaredNorm() / 4;
+    }
+    ++tags;
+  }
+  return {std::sqrt(squares / tags), tags};
+}
+
+TEST(Simulate, CornersAreWhereTheTrueCameraSeesTheTrueTags) {
+  const TemporaryFolder folder;
+  const std::vector<io::Override> mounts{{"simulation.mounts.camera_translation_m", "0.02"},
+                                         {"simulation.mounts.camera_rotation_deg", "2"},
+                                         {"simulation.mounts.tag_translation_m", "0.002"},
+                                         {"simulation.mounts.tag_rotation_deg", "3"},
+                                         {"simulation.mounts.seed", "8"}};
+  std::vector<std::string> more{"--count", "5"};
+  for (const io::Override& set : mounts) {
+    more.insert(more.end(), {"--set", set.key + "=" + set.value});
+  }
+  ASSERT_EQ(simulate(scenePath("demo"), folder.path(), more).exit_code, 0);
+  const io::Scene scene = io::loadScene(scenePath("demo"), mounts);
+  const auto [error, tags] = cornerError(folder.path(), scene.cameraSetup()->view);
+  EXPECT_GE(tags, 5 * 6);
+  EXPECT_LT(error, 0.7);
+  EXPECT_GT(cornerError(folder.path(), scene.view()).first, 5) << "the scene does not know";
+}
+
+TEST(Simulate, TagPosesAreThoseOfTheTrueTags) {
+  const TemporaryFile scene(kBareRodScene + kTags);
+  const TemporaryFolder folder;
+  const std::string asked = folder / "asked", moved = folder / "moved";
+  const std::vector<std::string> exact{"--count", "1", "--set", "vision.tag_position_noise_m=1e-6"};
+  ASSERT_EQ(simulate(scene.path(), asked, exact).exit_code, 0);
+  std::vector<std::string> more = exact;
+  more.insert(more.end(), {"--set", "simulation.mounts.tag_translation_m=0.01"});
+  ASSERT_EQ(simulate(scene.path(), moved, more).exit_code, 0);
+  const auto a = tableOf(asked + "/tag_poses.csv"), b = tableOf(moved + "/tag_poses.csv");
+  EXPECT_NEAR(a[0].at("z_m"), b[0].at("z_m"), 1e-5);
+  EXPECT_GT(std::abs(a[1].at("z_m") - b[1].at("z_m")) + std::abs(a[1].at("y_m") - b[1].at("y_m")),
+            1e-3);
 }
 
 // Without deviation the true arm is the model.

@@ -2,6 +2,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -35,6 +36,35 @@ TEST(TagLayout, BleedShrinksTheBorder) {
   EXPECT_NEAR(corners(1, 2) - corners(1, 1), 0.028, 1e-15);
   // Left below, right below, right above, left above.
   EXPECT_TRUE(corners(0, 0) < 0 && corners(1, 0) < 0 && corners(0, 2) > 0 && corners(1, 2) > 0);
+}
+
+TEST(TagLayout, TheBaseTagIsTheFirstAlongTheArm) {
+  TagLayout layout;
+  EXPECT_EQ(layout.baseTag(), -1);
+  layout.tags = {{3, 1, 0.1, {}}, {8, 0, 0.5, {}}, {7, 0, 0.5, {}}, {1, 0, 0.9, {}}};
+  EXPECT_EQ(layout.baseTag(), 2);
+}
+
+TEST(TagLayout, ATagThatIsMovedTurnsAboutItsCentre) {
+  const double length = 0.4;
+  model::Twists rest = model::Twists::Zero(6, 1);
+  rest(0, 0) = length;
+  const TagLayout layout = test::sampleLayout(1, 8);
+  // Inside, and beyond either end.
+  for (const auto& [tag, along] : {std::pair{3, 0.006}, {7, 0.006}, {0, -0.07}}) {
+    const lie::SE3 before = tagPoses(layout, rest)[tag];
+    lie::Vector6 moved;
+    moved << along, -0.002, 0.004, 0.1, -0.2, 0.05;
+    TagLayout after = layout;
+    after.tags[tag] = movedBy(layout.tags[tag], moved, length);
+    EXPECT_NO_THROW(after.validate(1));
+    const lie::SE3 pose = tagPoses(after, rest)[tag];
+    EXPECT_LT((pose.translation - before.translation - moved.head<3>()).norm(), 1e-15);
+    lie::Vector6 turn = lie::Vector6::Zero();
+    turn.tail<3>() = moved.tail<3>();
+    EXPECT_LT((pose.rotation - before.rotation * lie::SE3::exp(turn).rotation).norm(), 1e-15);
+  }
+  EXPECT_EQ(movedBy(layout.tags[3], lie::Vector6::Unit(0) * 0.01, length).s, 0.5 + 0.01 / length);
 }
 
 std::string refusal(const TagLayout& layout) {

@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/random.hpp"
+
 namespace helix_arm::io {
 namespace {
 
@@ -48,6 +50,17 @@ TEST(Number, FormattedTextIsShort) {
 TEST(Number, PascalsOfTheSameKilopascalsAreTheSame) {
   EXPECT_DOUBLE_EQ(pascals(413.6856), 413685.6);
   EXPECT_EQ(pascals(*parseNumber("413.6856")), pascals(413.6856));
+}
+
+TEST(Kilopascals, AreWhatPascalsWereMadeOf) {
+  test::Random random(5);
+  for (int i = 0; i < 100000; ++i) {
+    const double kpa = random.uniform(-100, 1000);
+    EXPECT_EQ(pascals(kilopascals(pascals(kpa))), pascals(kpa)) << kpa;
+    const double pa = random.uniform(-1e5, 1e6);
+    EXPECT_NEAR(pascals(kilopascals(pa)), pa, 2.3e-16 * std::abs(pa));
+  }
+  EXPECT_EQ(formatNumber(kilopascals(pascals(413.6856))), "413.6856");
 }
 
 }  // namespace

@@ -96,6 +96,29 @@ TEST(SceneLoader, LimitsAndCurvesAreInPascals) {
   EXPECT_NEAR(scene.arm.actuator(4).contraction.length(50e3), 0.12, 1e-15);
 }
 
+TEST(SceneLoader, FreeLengthsHaveTheirScales) {
+  const Scene scene = load(kSpatialScene, {{"arm.sections.0.ring.length_scale", "[1.02, 1, 0.97]"},
+                                           {"arm.sections.1.actuators.2.length_scale", "1.5"}});
+  const Scene common = load(kSpatialScene, {{"arm.sections.0.ring.length_scale", "1.02"}});
+  const double expected[] = {1.02, 1, 0.97};
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR(scene.arm.actuator(i).contraction.length(200e3), 0.35 * expected[i], 1e-15);
+    EXPECT_NEAR(common.arm.actuator(i).contraction.length(200e3), 0.35 * 1.02, 1e-15);
+    EXPECT_EQ(scene.arm.actuator(i).limits.upper, 300e3);
+  }
+  EXPECT_NEAR(scene.arm.actuator(4).contraction.length(50e3), 0.12, 1e-15);
+  EXPECT_NEAR(scene.arm.actuator(5).contraction.length(50e3), 0.18, 1e-15);
+}
+
+TEST(SceneLoader, DataSetsMayGiveTagPosesInAFrameOfTheirOwn) {
+  EXPECT_EQ(load(kSpatialScene).X_BF.translation, Eigen::Vector3d::Zero());
+  EXPECT_EQ(load(kSpatialScene).X_BF.rotation, Eigen::Matrix3d::Identity());
+  const Scene scene =
+      load(kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0.2, 0.3], rpy_deg: [30, 40, 50]}"}});
+  EXPECT_EQ(scene.X_BF.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
+  EXPECT_TRUE(scene.X_BF.rotation.isApprox(rz(50) * ry(40) * rx(30), 1e-15));
+}
+
 TEST(SceneLoader, TendonsTakeAngles) {
   const Scene scene = load(replaced(
       replaced(kSpatialScene, "contraction: muscle, max_pressure_kpa: 300", "contraction: cable"),
@@ -235,6 +258,11 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
   EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
   EXPECT_EQ(config.arm.length_scale, 1.02);
+  EXPECT_EQ(config.mounts.camera_translation, 0.02);
+  EXPECT_NEAR(config.mounts.camera_rotation, 2 * kPi / 180, kTolerance);
+  EXPECT_EQ(config.mounts.tag_translation, 0.003);
+  EXPECT_NEAR(config.mounts.tag_rotation, 4 * kPi / 180, kTolerance);
+  EXPECT_EQ(config.mounts.seed, 5u);
   EXPECT_EQ(config.camera.blur, 0.5);
   EXPECT_EQ(config.camera.noise, 3);
   EXPECT_EQ(config.camera.exposure, 1.1);

@@ -55,6 +55,22 @@ const BrokenRule kNumbers[] = {
     {"tilt_deg: 10",
      "tilt_deg: 90",
      {":18 arm.sections[0].ring.tilt_deg is 90; expected an angle above -90 and below 90"}},
+    {"length_scale: 1",
+     "length_scale: 0.4",
+     {":18 arm.sections[0].ring.length_scale is 0.4; expected 0.5 to 2"}},
+    {"length_scale: 1",
+     "length_scale: [1, 1.01]",
+     {":18 arm.sections[0].ring.length_scale has 2 entries; expected a list of 3 numbers, each a "
+      "finite value > 0"}},
+    {"length_scale: 1",
+     "length_scale: [1, 1.01, 3]",
+     {":18 arm.sections[0].ring.length_scale[2] is 3; expected 0.5 to 2"}},
+    {"length_scale: 1",
+     "length_scale: long",
+     {":18 arm.sections[0].ring.length_scale is long; expected a finite value > 0"}},
+    {"tilt_deg: 12",
+     "length_scale: [1]",
+     {":29 arm.sections[1].actuators[2].length_scale is a list; expected a finite value > 0"}},
     {"separators: 5",
      "separators: 1",
      {":19 arm.sections[0].separators is 1; expected a whole number from 2 to 1000"}},
@@ -110,7 +126,7 @@ const BrokenRule kKeys[] = {
      "zzz: 1\nsafety:",
      {":34 zzz is not a known key; expected name, contractions, arm, tags, camera, vision, "
       "simulation, "
-      "regulator or safety"}},
+      "regulator, safety or calibration"}},
     {"K_tau_m2: 0, ", "", {":15 arm.stiffness.K_tau_m2 is missing; expected a finite value >= 0"}},
     {"  geometry: spatial\n", "", {":12 arm.geometry is missing; expected planar or spatial"}},
     {"geometry: spatial",
@@ -155,7 +171,8 @@ const BrokenRule kKeys[] = {
     {"safety: {commander_timeout_s: 0.8}",
      "safety: off",
      {":34 safety is off; expected a map of commander_timeout_s"}},
-    {"      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, contraction: muscle, max_pressure_kpa: "
+    {"      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, length_scale: 1, contraction: muscle, "
+     "max_pressure_kpa: "
      "300}\n",
      "",
      {":17 arm.sections[0] has none; expected exactly one of ring or actuators"}},
@@ -279,7 +296,7 @@ const BrokenRule kPlane[] = {
      "actuators: [5]",
      {":10 arm.sections[0].actuators[0] is 5; expected a map of name, position_m, rpy_deg, "
       "tilt_deg, contraction, "
-      "stiffness, min_pressure_kpa or max_pressure_kpa"}},
+      "length_scale, stiffness, min_pressure_kpa or max_pressure_kpa"}},
     {"  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}\n  sections:\n    - name: only\n "
      "     ring: {count: "
      "2, radius_m: 0.03, contraction: muscle}",

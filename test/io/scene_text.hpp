@@ -23,7 +23,7 @@ arm:
   stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
   sections:
     - name: lower
-      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, contraction: muscle, max_pressure_kpa: 300}
+      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, length_scale: 1, contraction: muscle, max_pressure_kpa: 300}
       separators: 5
       separator_radius_m: 0.04
       muscle_radius_m: 0.01
@@ -76,6 +76,7 @@ vision:
 simulation:
   arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02}
   camera: {blur_px: 0.5, noise_gray_levels: 3, exposure: 1.1, bleed_m: 0.0003, jpeg_quality: 80, clutter: 4, occluders: 2, seed: 9}
+  mounts: {camera_translation_m: 0.02, camera_rotation_deg: 2, tag_translation_m: 0.003, tag_rotation_deg: 4, seed: 5}
 )";
 
 /// The least a planar scene can say.

@@ -13,13 +13,13 @@ namespace {
 
 const std::string kHeader = "capture,pressure_1_kpa,pressure_2_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n";
 
-std::vector<TagPoseCapture> load(const std::string& text, int actuators = 2) {
-  return loadTagPoses(loadDataSet(test::TemporaryFile(text).path()), actuators);
+std::vector<TagPoseCapture> load(const std::string& text, const lie::SE3& X_BF = {}) {
+  return loadTagPoses(loadDataSet(test::TemporaryFile(text).path()), 2, X_BF);
 }
 
 std::string faultsOf(const std::string& text) {
-  return test::tableFaults(text,
-                           [](const std::string& path) { loadTagPoses(loadDataSet(path), 2); });
+  return test::tableFaults(
+      text, [](const std::string& path) { loadTagPoses(loadDataSet(path), 2, lie::SE3()); });
 }
 
 TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
@@ -49,6 +49,16 @@ TEST(TagPoses, RoundedQuaternionsAreNormalised) {
   const auto captures = load(kHeader + "1,0,0,3,0,0,0,0,0,0.71,0.71\n");
   const Eigen::Matrix3d& R = captures[0].tags[0].X_BT.rotation;
   EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
+}
+
+TEST(TagPoses, AreSeenFromTheBaseWhateverFrameTheFileHas) {
+  // F is turned by 90 degrees about the base's z axis: its x axis is the base's y axis.
+  Eigen::Matrix3d R;
+  R << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  const auto captures = load(kHeader + "1,0,0,3,0.3,0.2,0.1,0,0,0,1\n", {R, {1, 2, 3}});
+  const lie::SE3& X_BT = captures[0].tags[0].X_BT;
+  EXPECT_LT((X_BT.translation - Eigen::Vector3d(0.8, 2.3, 3.1)).norm(), 1e-15);
+  EXPECT_LT((X_BT.rotation - R).norm(), 1e-15);
 }
 
 TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {

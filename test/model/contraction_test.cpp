@@ -210,6 +210,27 @@ TEST_P(EveryContraction, IsNeverExtrapolated) {
   }
 }
 
+TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
+  const Contraction& curve = GetParam();
+  const Range range = curve.inputRange();
+  test::Random random(45);
+  for (const double factor : {0.97, 1.0, 1.6}) {
+    const Contraction scaled = curve.scaledBy(factor);
+    EXPECT_EQ(scaled.inputRange().lower, range.lower);
+    EXPECT_EQ(scaled.inputRange().upper, range.upper);
+    EXPECT_NEAR(scaled.lengthRange().lower, factor * curve.lengthRange().lower, 4 * kEps);
+    EXPECT_NEAR(scaled.lengthRange().upper, factor * curve.lengthRange().upper, 4 * kEps);
+    for (int i = 0; i < 1000; ++i) {
+      const double q = random.uniform(range.lower, range.upper);
+      EXPECT_NEAR(scaled.length(q), factor * curve.length(q), 4 * kEps) << q;
+      EXPECT_NEAR(scaled.length(scaled.inverse(scaled.length(q))), scaled.length(q), 4 * kEps) << q;
+    }
+  }
+  for (const double factor : {0.0, -1.0, double(NAN), double(INFINITY)}) {
+    EXPECT_NE(refusal([&] { curve.scaledBy(factor); }).find("factor is"), std::string::npos);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(, EveryContraction,
                          ::testing::Values(test::fig3Muscle(), Contraction::tendon(0.4, 0.01, 20),
                                            Contraction::table({0, 5e4, 1e5, 3e5, 4e5},

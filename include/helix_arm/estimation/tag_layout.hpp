@@ -33,6 +33,9 @@ struct TagLayout {
 
   /// Index of the tag with this id, -1 when there is none.
   int find(int id) const;
+  /// Index of the tag nearest to the base: of the first section, of those the least s, of those the
+  /// least id; -1 when there is none. Where tags move on their arm, it is the one that does not.
+  int baseTag() const;
   /// Outer corners of the black border in T [m].
   /// @param bleed  that white bleeds into black at each edge: the border looks so much smaller [m].
   Corners corners(double bleed = 0.0) const;
@@ -40,6 +43,14 @@ struct TagLayout {
   /// and are >= 0, sections below `sections`, s in [0, 1], all finite, size > 0.
   void validate(int sections) const;
 };
+
+/// A tag glued elsewhere than its placement says.
+///
+/// @param moved        [d; r]: d [m] along the resting arm and along y and z of S; r [rad] the
+///                     rotation vector that turns the tag about its own centre, seen from T.
+/// @param rest_length  of its section [m]: d_x changes s by d_x / rest_length. What leads beyond an
+///                     end of the section is carried by that end, along its x.
+TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double rest_length);
 
 /// Poses X_BT of all tags on an arm of this shape, seen from its base.
 std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Twists& twists);

@@ -16,4 +16,7 @@ std::string formatNumber(double value);
 /// Pa, so a pressure at its limit stays inside.
 constexpr double pascals(double kpa) { return kpa * 1e3; }
 
+/// The kilopascals that pascals() turns into this pressure; where no number does, the nearest one.
+double kilopascals(double pa);
+
 }  // namespace helix_arm::io

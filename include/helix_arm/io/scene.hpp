@@ -4,12 +4,15 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/io/provenance.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/mount_deviation.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
@@ -37,6 +40,7 @@ struct CameraConfig {
 /// What the simulated rig does better, or worse, than its scene says.
 struct SimulationConfig {
   simulation::ArmDeviation arm;
+  simulation::MountDeviation mounts;
   simulation::SimulatedCameraConfig camera;
 };
 
@@ -49,26 +53,31 @@ struct SafetyConfig {
 /// here.
 struct Scene {
   std::string name;
-  lie::SE3 X_WB;   ///< arm base B seen from the world W
-  model::Arm arm;  ///< the arm in space; of a planar scene, its embedding
+  std::vector<std::string> contractions;  ///< names of its curves
+  lie::SE3 X_WB;                          ///< arm base B seen from the world W
+  model::Arm arm;                         ///< the arm in space; of a planar scene, its embedding
   /// The arm in its plane, where the scene says `geometry: planar`.
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;  ///< (sections)
   std::optional<SimulatedRegulatorConfig> regulator;
   std::optional<estimation::TagLayout> tags;
+  estimation::TagPrior tag_prior;  ///< how well their placements are known
+  /// The frame F in which data sets give the poses of tags, seen from the base.
+  lie::SE3 X_BF;
   std::optional<CameraConfig> camera;
   /// How pictures are searched and fitted. The family of the tags is in it; defaults where the file
   /// says nothing.
   vision::LocalizerConfig vision;
   SimulationConfig simulation;
   SafetyConfig safety;
+  std::optional<Provenance> calibration;  ///< where it was calibrated
 
   /// The arm's base seen from the camera. Only with a camera.
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
   /// What the camera looks at. Only with a camera and tags.
   estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
-  /// What its simulated camera is made of: the arm is drawn as thick as its widest section. Nothing
-  /// without a camera or tags.
+  /// What its simulated camera is made of: camera and tags where they truly are, the arm drawn as
+  /// thick as its widest section. Nothing without a camera or tags.
   std::optional<simulation::CameraSetup> cameraSetup() const;
 };
 

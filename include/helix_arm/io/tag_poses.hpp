@@ -24,9 +24,10 @@ struct TagPoseCapture {
 
 /// The captures of a data set with columns capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy,
 /// qz and qw, in the order in which each appears first.
+/// @param X_BF  the frame F that the file gives them in, seen from the base.
 /// @throws DocumentError with all faults: a missing column, a capture or tag that is no whole
 /// number >= 0, a quaternion far from norm 1, a tag twice in one capture, pressures that change
 /// within a capture.
-std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators);
+std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF);
 
 }  // namespace helix_arm::io

@@ -56,6 +56,10 @@ class Contraction {
   /// @throws std::invalid_argument naming the argument that breaks its rule.
   static Contraction tendon(double length, double radius, double max_angle);
 
+  /// The same curve with all lengths times a factor.
+  /// @param factor  > 0. @throws std::invalid_argument where it is not.
+  Contraction scaledBy(double factor) const;
+
   /// The polynomials the curve is stored as, in the order of their inputs.
   const std::vector<Piece>& pieces() const { return pieces_; }
   /// Where the curve is defined, in units of the input.

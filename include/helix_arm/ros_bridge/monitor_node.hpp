@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/VisionStatus.h"
+#include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -41,6 +43,9 @@ struct MonitorOptions {
 /// - pressure_command, pressure_measured (PressureArray)
 /// - model, measured (ArmShape); model_error (ModelError); vision_status (VisionStatus)
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): those of pressure_command in its namespace
+///
+/// Service
+/// - ~reload (Reload), where it has ~scene: another file of the same rig
 ///
 /// Prints to stdout. Parameters: MonitorOptions.
 ///
@@ -84,7 +89,7 @@ class MonitorNode {
   std::vector<std::string> faults() const;
 
   const MonitorOptions options_;
-  const bool expects_vision_;
+  std::optional<io::Scene> scene_;  ///< of ~scene
   const ros::SteadyTime start_;
   Stream command_, measured_, model_, shape_;  ///< shape_ of the topic `measured`
   ros::SteadyTime last_line_;
@@ -104,6 +109,7 @@ class MonitorNode {
   ros::Subscriber command_subscriber_, measured_subscriber_, model_subscriber_;
   ros::Subscriber shape_subscriber_, error_subscriber_, vision_subscriber_;
   ros::Subscriber diagnostics_subscriber_;
+  std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer timer_;
 };
 

@@ -24,8 +24,18 @@ inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kTipHandle[] =
-    "tip_handle";  ///< namespace of the interactive marker's topics
+    "tip_handle";                           ///< namespace of the interactive marker's topics
+inline constexpr char kClock[] = "/clock";  ///< of simulated time
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
+
+// Services and actions, below the names of their nodes.
+inline constexpr char kReload[] = "reload";
+inline constexpr char kCalibrate[] = "calibrate";
+inline constexpr char kFitContraction[] = "fit_contraction";
+inline constexpr char kRecordSample[] = "record_sample";
+inline constexpr char kClearSamples[] = "clear_samples";
+inline constexpr char kSave[] = "save";
+inline constexpr char kRunCalibration[] = "run_calibration";
 
 // Nodes.
 inline constexpr char kPressureCommandNode[] = "pressure_command";
@@ -33,6 +43,7 @@ inline constexpr char kPressureSeriesNode[] = "pressure_series";
 inline constexpr char kMonitorNode[] = "monitor";
 inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
+inline constexpr char kCalibrationNode[] = "calibration";
 
 // Who commands when the interactive marker is dragged, whichever rviz drags it.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -16,6 +17,11 @@ class ParameterError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
+/// nothing where the text is neither.
+std::optional<std::string> filePath(const std::string& given, const std::string& folder,
+                                    const std::string& extension);
 
 /// Reads a node's private parameters and collects what is wrong with them: `~name value rule`.
 class ParameterReader {

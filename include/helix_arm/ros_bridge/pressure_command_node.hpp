@@ -19,6 +19,7 @@
 #include "helix_arm/ros_bridge/arm_frames.hpp"
 #include "helix_arm/ros_bridge/arm_markers.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
 #include "helix_arm/ros_bridge/target_ledger.hpp"
 #include "helix_arm/ros_bridge/tip_handle.hpp"
@@ -65,6 +66,10 @@ struct PressureCommandOptions {
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets` and `<node>: loop`, 1 Hz
 /// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
 ///
+/// Service
+/// - ~reload (Reload): another file of the same rig. The command stays, and must be inside the new
+///   limits; the simulated regulator goes on as it is.
+///
 /// Parameters: PressureCommandOptions.
 ///
 /// A bad target is dropped: counted, warned of once a fault and five seconds, answered on
@@ -103,6 +108,8 @@ class PressureCommandNode {
   void follow(const Sender& sender, const model::InverseResult& result);
   void command(const Eigen::VectorXd& pressure);
 
+  void adopt(io::Scene next);
+
   void onReading(const PressureArrayConstPtr& reading);
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
   bool measures() const;  ///< the last reading is fresh
@@ -117,7 +124,7 @@ class PressureCommandNode {
   TargetStatus answerTo(const Sender& sender) const;
 
   const PressureCommandOptions options_;
-  const io::Scene scene_;
+  io::Scene scene_;
   const FrameNames frames_;
   std::optional<regulator::SimulatedRegulator> regulator_;
   model::InverseSolver solver_;
@@ -146,6 +153,7 @@ class PressureCommandNode {
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_, reading_subscriber_;
+  std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer loop_timer_, draw_timer_, diagnose_timer_;
 };
 

@@ -24,6 +24,9 @@ struct SimulatedRigOptions {
   double rate = 100.0;        ///< ~rate: of the regulator, 1 to 1000 [Hz]
   double camera_rate = 15.0;  ///< ~camera_rate: of the pictures, 0.1 to 100 [Hz]
   std::string frame_prefix;   ///< ~frame_prefix: "", set before arm_base and camera_optical
+  /// ~time_factor: 0 lives in the time of the other nodes; more makes this node their clock, which
+  /// needs use_sim_time: so many seconds pass in one, 0.01 to 1000.
+  double time_factor = 0.0;
 
   /// @throws ParameterError with every fault.
   static SimulatedRigOptions load();
@@ -42,8 +45,13 @@ struct SimulatedRigOptions {
 /// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
 ///   each rendered only while someone subscribes to it; stamped like the truth that it shows
 /// - camera_info (sensor_msgs/CameraInfo): just before each picture
+/// - /clock (rosgraph_msgs/Clock): with every loop, where ~time_factor is set; it begins at the
+/// time
+///   of the node's start
 ///
 /// Parameters: SimulatedRigOptions.
+///
+/// ~rate and ~camera_rate are by a steady clock, whatever ~time_factor says.
 ///
 /// A bad command is dropped, counted and warned of once in a while; the set points stay.
 ///
@@ -65,6 +73,7 @@ class SimulatedRigNode {
 
   void onCommand(const PressureArrayConstPtr& command);
   void onLoop(const ros::SteadyTimerEvent& event);
+  void publishClock();
   void takePictures();
   void publishPicture(simulation::SimulatedCamera& camera, vision::JpegEncoder& encoder);
 
@@ -74,10 +83,11 @@ class SimulatedRigNode {
   const simulation::TrueArm true_arm_;
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;  ///< of the regulator
+  ros::Time clock_;            ///< where ~time_factor is set
   FaultCount bad_commands_;
 
   ros::NodeHandle node_;
-  ros::Publisher measured_publisher_, truth_publisher_;
+  ros::Publisher measured_publisher_, truth_publisher_, clock_publisher_;
   ros::Publisher image_publisher_, compressed_publisher_, info_publisher_;
   ros::Subscriber command_subscriber_;
   ros::SteadyTimer loop_timer_;

@@ -22,6 +22,7 @@
 #include "helix_arm/ros_bridge/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/model_history.hpp"
 #include "helix_arm/ros_bridge/pictures.hpp"
+#include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/vision_ledger.hpp"
 #include "helix_arm/ros_bridge/vision_markers.hpp"
 
@@ -69,6 +70,10 @@ struct VisionOptions {
 /// - tf: arm_base -> measured_0 .. measured_(n-1) and measured_tip, stamped like the picture;
 ///   world -> camera_optical (static)
 ///
+/// Service
+/// - ~reload (Reload): another file of the same rig, from the next picture on; ~source and the
+///   settings of a webcam stay
+///
 /// Parameters: VisionOptions.
 ///
 /// The latest picture wins: those that come while one is worked on are overtaken and counted; files
@@ -101,6 +106,12 @@ class VisionNode {
     std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat> content;
   };
 
+  /// A scene and what looks for its tags.
+  struct Eyes {
+    io::Scene scene;
+    std::unique_ptr<vision::ArmLocalizer> localizer;
+  };
+
   // Callbacks.
   void onImage(const sensor_msgs::ImageConstPtr& image);
   void onCompressed(const sensor_msgs::CompressedImageConstPtr& image);
@@ -108,6 +119,7 @@ class VisionNode {
   void onModel(const ArmShapeConstPtr& model);
   void onWatch(const ros::SteadyTimerEvent& event);
   void onSecond(const ros::SteadyTimerEvent& event);
+  void adopt(io::Scene next);
 
   // In the thread that failed.
   void onFailure();
@@ -137,13 +149,13 @@ class VisionNode {
 
   const Host host_;
   const VisionOptions options_;
-  const io::Scene scene_;
   const std::string name_;  ///< of the node
   const FrameNames frames_;
   const VisionMarkers markers_;
+  io::Scene rig_;  ///< as the callbacks know it: the last scene that was loaded
 
   // Of the thread of the measurements alone.
-  std::unique_ptr<vision::ArmLocalizer> localizer_;
+  Eyes eyes_;
   vision::JpegDecoder decoder_;
   cv::Mat buffer_;
   model::Twists prior_;
@@ -161,6 +173,7 @@ class VisionNode {
   std::condition_variable wake_;
   bool stop_ = false;
   std::optional<Picture> next_;
+  std::optional<Eyes> next_eyes_;
   bool busy_ = false;          ///< a picture is being measured in
   bool source_fault_ = false;  ///< of the webcam or file, last time
   FaultCount unstamped_;
@@ -177,6 +190,7 @@ class VisionNode {
   tf2_ros::TransformBroadcaster tf_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_, model_subscriber_;
+  std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer watch_timer_, second_timer_;
   GuardedThread worker_, capturer_;
 };

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/io/data_set.hpp"
+
+namespace helix_arm::io {
+
+/// Where a picture shows one tag.
+struct TagCorners {
+  int id;                       ///< in its family
+  estimation::Corners corners;  ///< in the picture, distorted as it is [px]
+  int line = 0;                 ///< where it stands in a file
+};
+
+/// All tags that were seen at one time.
+struct TagCornerCapture {
+  int number;                ///< as the file counts them, >= 0
+  Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
+  std::vector<TagCorners> tags;
+};
+
+/// The captures of a data set with columns capture, pressure_1_kpa .., tag, x1_px, y1_px .. x4_px
+/// and y4_px, in the order in which each appears first.
+/// @throws DocumentError with all faults: a missing column, a capture or tag that is no whole
+/// number >= 0, a tag twice in one capture, pressures that change within a capture.
+std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators);
+
+/// The text of such a data set; loading it gives the same numbers, without captures that saw no
+/// tag.
+/// @param actuators  of the arm, >= 1.
+/// @param comment    lines of text that it begins with, empty for none.
+/// @throws std::invalid_argument on a capture with another number of pressures.
+std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
+                         const std::string& comment);
+
+}  // namespace helix_arm::io

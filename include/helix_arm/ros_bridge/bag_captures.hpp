@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "helix_arm/TagDetections.h"
+#include "helix_arm/control/settle_watch.hpp"
+#include "helix_arm/io/captures.hpp"
+
+/// From what nodes say, live or in a recording, to what a calibration takes.
+namespace helix_arm::ros_bridge {
+
+/// The scene's tags of one picture, ascending ids; those seen twice are left out.
+std::vector<control::TagSighting> sightingsOf(const TagDetections& detections,
+                                              const io::Scene& scene);
+
+/// Samples as a data set has them, numbered from 1; their pressures, which are within a tolerance
+/// of set points, brought inside the limits.
+std::vector<io::TagCornerCapture> numbered(const std::vector<control::Sample>& samples,
+                                           const model::Arm& arm);
+
+/// The moments of a recording in which the arm stands still: one sample each time, the median of
+/// its pictures. Times are the stamps in the messages.
+///
+/// @param path  of a bag with one topic each that ends in tag_detections and pressure_measured; one
+///              that ends in pressure_command tells the set points.
+/// @throws io::DocumentError where it cannot be read, lacks a topic or has more than one, where
+/// pressures are not of the scene's arm, or where the arm never stands still.
+std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& scene,
+                                     const control::SettleRules& rules);
+
+}  // namespace helix_arm::ros_bridge

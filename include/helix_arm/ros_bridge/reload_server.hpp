@@ -1,0 +1,43 @@
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include <ros/node_handle.h>
+
+#include "helix_arm/Reload.h"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Answers a node's `~reload`: gives it another file of the same rig while it runs, as after a
+/// calibration.
+///
+/// The file is loaded and checked before anything changes; whatever is wrong with it is the answer.
+class ReloadServer {
+ public:
+  /// Takes the scene's place, all of it; or throws a std::exception with the reason and changes
+  /// nothing.
+  using Adopt = std::function<void(io::Scene)>;
+
+  /// @param private_node  of the node.
+  /// @param path          of the scene that the node has.
+  /// @param adopt         called from the callback queue.
+  ReloadServer(ros::NodeHandle private_node, std::string path, Adopt adopt);
+
+  /// Of the scene that the node has now.
+  const std::string& path() const { return path_; }
+
+ private:
+  bool onReload(Reload::Request& request, Reload::Response& response);
+
+  std::string path_;
+  Adopt adopt_;
+  ros::ServiceServer server_;
+};
+
+/// @throws std::invalid_argument naming what keeps one scene from being of the same rig as the one
+/// at hand: other sections, other actuators, or another geometry.
+void requireSameRig(const io::Scene& at_hand, const io::Scene& next);
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,331 @@
+#include <algorithm>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/calibration_job.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "measurements.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using estimation::ArmCaptures;
+using estimation::Calibration;
+using estimation::ContractionFit;
+using nlohmann::json;
+
+struct CalibrateOptions {
+  std::string scene, out, fit, curve = "quintic", branch = "both";
+  std::vector<std::string> data, also;
+  io::CalibrationRequest request;
+};
+
+// Points of a fitted curve, for drawing.
+constexpr int kCurvePoints = 100;
+
+std::vector<std::string> wordsOf(const std::string& list) {
+  std::vector<std::string> words;
+  std::istringstream stream(list);
+  for (std::string word; std::getline(stream, word, ',');) words.push_back(word);
+  return words;
+}
+
+// SCENE2,DATA2.csv[,DATA3.csv...] of --also.
+io::CompanionArm companionOf(const std::string& text) {
+  const std::vector<std::string> parts = wordsOf(text);
+  if (parts.size() < 2) {
+    throw CallerError(
+        "--also " + text +
+        " is not SCENE,DATA.csv: the scene of another arm and what was measured of it");
+  }
+  io::CompanionArm companion{io::loadScene(parts.front()), {}};
+  requirePressureDriven(companion.scene);
+  io::CalibrationData data =
+      io::loadCalibrationData(companion.scene, {parts.begin() + 1, parts.end()});
+  companion.captures = std::move(data.captures);
+  return companion;
+}
+
+const char* kindOf(const estimation::Capture& capture) {
+  static const char* const kNames[] = {"curvature", "twists", "tag_poses", "tag_corners"};
+  return kNames[capture.reading.index()];
+}
+
+json armsJson(const io::CalibrationOutcome& outcome) {
+  json arms = json::array();
+  std::size_t index = 0;
+  const Calibration* const calibration = outcome.calibration ? &*outcome.calibration : nullptr;
+  for (const ArmCaptures& arm : outcome.arms) {
+    json captures = json::array();
+    for (const estimation::Capture& capture : arm.captures) {
+      json entry{{"capture", capture.number},
+                 {"pressure_pa", toJson(capture.pressure)},
+                 {"kind", kindOf(capture)}};
+      if (const auto* reading = std::get_if<estimation::CurvatureReading>(&capture.reading)) {
+        entry["measured_rad"] = reading->curvature;
+      }
+      // Captures that a calibration was not possible with have no place in it.
+      if (calibration != nullptr && index < calibration->captures.size()) {
+        const estimation::CaptureResidual& residual = calibration->captures[index];
+        const model::Twists& shape = calibration->shapes[index];
+        if (entry.contains("measured_rad")) entry["model_rad"] = model::curvatureOf(shape.col(0));
+        entry["twist"] = toJson(shape);
+        entry["rms"] = residual.rms;
+        entry["outlier_tags"] = residual.outlier_tags;
+        entry["outlier"] = residual.outlier;
+        entry["gain_nats"] = residual.gain;
+      }
+      ++index;
+      captures.push_back(std::move(entry));
+    }
+    arms.push_back({{"name", arm.name}, {"captures", std::move(captures)}});
+  }
+  return arms;
+}
+
+json contractionsJson(const io::CalibrationOutcome& outcome, const io::CalibrationData& data) {
+  json all = json::array();
+  for (const auto& [name, fit] : outcome.contractions) {
+    json samples = json::array(), curve = json::array();
+    for (const estimation::LengthSample& sample : data.lengths) {
+      samples.push_back({{"pressure_pa", sample.pressure}, {"length_m", sample.length}});
+    }
+    if (fit.curve) {
+      const model::Range& range = fit.curve->inputRange();
+      for (int i = 0; i <= kCurvePoints; ++i) {
+        const double p = range.lower + (range.upper - range.lower) * i / kCurvePoints;
+        curve.push_back({{"pressure_pa", p}, {"length_m", fit.curve->lengthInside(p)}});
+      }
+    }
+    all.push_back({{"name", name},
+                   {"kind", fit.kind == estimation::CurveKind::kQuintic ? "quintic" : "table"},
+                   {"rms_m", fit.rms},
+                   {"constrained", fit.constrained},
+                   {"hysteresis_m", toJson(fit.hysteresis)},
+                   {"coefficients_m", fit.coefficients},
+                   {"reference_pressure_pa", fit.reference_pressure},
+                   {"samples", std::move(samples)},
+                   {"curve", std::move(curve)}});
+  }
+  return all;
+}
+
+json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
+  if (!held_out) return nullptr;
+  json groups = json::array();
+  for (const estimation::HeldOut::Group& group : held_out->groups) {
+    groups.push_back({{"label", group.label}, {"error", group.error}});
+  }
+  return {{"error", held_out->error}, {"in_sample", held_out->in_sample}, {"groups", groups}};
+}
+
+json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
+
+void printJsonResult(const io::Scene& scene, const io::CalibrationOutcome& outcome,
+                     const io::CalibrationData& data, const CalibrateOptions& options) {
+  json result{{"scene", scene.name},
+              {"success", outcome.success},
+              {"reason", outcome.success ? json() : json(outcome.message)},
+              {"parameters", json::object()},
+              {"contractions", contractionsJson(outcome, data)},
+              {"arms", armsJson(outcome)},
+              {"held_out_error", nullptr},
+              {"warnings", outcome.warnings},
+              {"out", outcome.success ? textOrNull(options.out) : json()}};
+  if (outcome.calibration) {
+    const Calibration& calibration = *outcome.calibration;
+    for (const estimation::Parameter& one : calibration.parameters) {
+      result["parameters"][one.name] = {{"value", one.value},
+                                        {"standard_error", one.standard_error},
+                                        {"identifiable", one.identifiable},
+                                        {"initial", one.initial},
+                                        {"unit", one.unit}};
+    }
+    result["status"] = estimation::nameOf(calibration.status);
+    result["correlation"] = rowsJson(calibration.correlation);
+    result["rms"] = calibration.rms;
+    result["error_unit"] = calibration.error_unit;
+    result["held_out"] = {{"by_pressure", heldOutJson(calibration.by_pressure)},
+                          {"by_arm", heldOutJson(calibration.by_arm)}};
+    if (calibration.by_pressure) result["held_out_error"] = calibration.by_pressure->error;
+    if (outcome.least_tip_error) {
+      result["least_tip_error"] = {{"K_kappa_m2", outcome.least_tip_error->K_kappa},
+                                   {"error", outcome.least_tip_error->error}};
+    }
+    json next = json::array();
+    for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
+      next.push_back(toJson(pressure));
+    }
+    result["next_pressures_pa"] = std::move(next);
+  }
+  printJson(result);
+}
+
+void printCsvResult(const io::CalibrationOutcome& outcome) {
+  for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
+  if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
+  for (const auto& [name, fit] : outcome.contractions) {
+    std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
+  }
+  if (!outcome.calibration) return;
+  const Calibration& calibration = *outcome.calibration;
+  if (calibration.by_pressure) {
+    std::cout << "# held_out_error " << exact(calibration.by_pressure->error) << " "
+              << calibration.error_unit << "\n";
+  }
+  CsvTable table;
+  for (const estimation::Parameter& one : calibration.parameters) {
+    table.add({{"parameter", one.name},
+               {"unit", one.unit},
+               {"initial", exact(one.initial)},
+               {"value", exact(one.value)},
+               {"standard_error", exact(one.standard_error)},
+               {"identifiable", one.identifiable ? "1" : "0"}});
+  }
+  table.print(std::cout);
+}
+
+// An error as people like to read it.
+std::string errorText(double error, const std::string& unit) {
+  std::ostringstream text;
+  if (unit == "m") {
+    text << std::fixed << std::setprecision(1) << 1e3 * error << " mm";
+  } else {
+    text << std::setprecision(3) << error << " " << unit;
+  }
+  return text.str();
+}
+
+void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& held_out,
+                  const std::string& unit) {
+  if (!held_out) return;
+  std::cout << what << " left out: error " << errorText(held_out->error, unit) << ", fitted "
+            << errorText(held_out->in_sample, unit) << "\n";
+  for (const estimation::HeldOut::Group& group : held_out->groups) {
+    std::cout << "  " << group.label << ": " << errorText(group.error, unit) << "\n";
+  }
+}
+
+void printTextResult(const io::Scene& scene, const io::CalibrationOutcome& outcome,
+                     const CalibrateOptions& options) {
+  std::cout << scene.name << "\n";
+  for (const auto& [name, fit] : outcome.contractions) {
+    if (!fit.curve) continue;
+    std::cout << "contraction " << name << ": RMS " << std::fixed << std::setprecision(2)
+              << 1e3 * fit.rms << " mm" << (fit.constrained ? ", held monotone" : "") << "\n";
+  }
+  if (outcome.calibration) {
+    const Calibration& calibration = *outcome.calibration;
+    std::cout << std::defaultfloat << std::setprecision(6);
+    for (const estimation::Parameter& one : calibration.parameters) {
+      std::cout << "  " << std::left << std::setw(24) << one.name << std::setw(13) << one.value
+                << " +- " << std::setw(12) << one.standard_error << " " << one.unit;
+      if (!one.identifiable) std::cout << "  not identifiable";
+      std::cout << "\n";
+    }
+    if (outcome.success) {
+      std::cout << "RMS of what fits " << errorText(calibration.rms, calibration.error_unit)
+                << "\n";
+    }
+    if (outcome.least_tip_error) {
+      std::cout << "by least error of the tip, as the paper defines it: K_kappa "
+                << outcome.least_tip_error->K_kappa << " m^2, mean error "
+                << errorText(outcome.least_tip_error->error,
+                             calibration.error_unit == "rad" ? "rad" : "m")
+                << "\n";
+    }
+    printHeldOut("each pressure", calibration.by_pressure, calibration.error_unit);
+    printHeldOut("each arm", calibration.by_arm, calibration.error_unit);
+    for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
+      std::cout << "would say most next: " << bracketed(pressure / 1e3) << " kPa\n";
+    }
+  }
+  for (const std::string& warning : outcome.warnings) std::cout << "warning: " << warning << "\n";
+  if (!outcome.success) {
+    std::cout << outcome.message << "\n";
+  } else if (!options.out.empty()) {
+    std::cout << "written: " << options.out << "\n";
+  }
+}
+
+int run(const CalibrateOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  requirePressureDriven(scene);
+  io::CalibrationRequest request = options.request;
+  request.fit = wordsOf(options.fit);
+  request.curve.kind =
+      options.curve == "table" ? estimation::CurveKind::kTable : estimation::CurveKind::kQuintic;
+  if (options.branch == "rising") request.curve.branch = estimation::Branch::kRising;
+  if (options.branch == "falling") request.curve.branch = estimation::Branch::kFalling;
+  request.date = io::utcNow();
+  const io::CalibrationData data = io::loadCalibrationData(scene, options.data);
+  std::vector<io::CompanionArm> companions;
+  for (const std::string& text : options.also) companions.push_back(companionOf(text));
+  const io::CalibrationOutcome outcome =
+      io::runCalibration(options.scene, overridesOf(global), request, data, companions);
+  if (outcome.success && !options.out.empty()) {
+    io::writeFileAtomically(options.out, outcome.scene_text);
+  }
+  if (global.format == Format::kJson) printJsonResult(scene, outcome, data, options);
+  if (global.format == Format::kCsv) printCsvResult(outcome);
+  if (global.format == Format::kText) printTextResult(scene, outcome, options);
+  return outcome.success ? kDone : kNotPossible;
+}
+
+}  // namespace
+
+Subcommand addCalibrate(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("calibrate", "measurements to a scene that predicts better");
+  const auto options = std::make_shared<CalibrateOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command
+      ->add_option(
+          "DATA", options->data,
+          "data sets: # comments, a header that names units, rows. Of curvatures "
+          "(pressure_1_kpa .., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, "
+          "x_m .. qw), tag corners (.., tag, x1_px, y1_px .. y4_px) or free lengths "
+          "(pressure_kpa, length_m)")
+      ->required();
+  command->add_option(
+      "--fit", options->fit,
+      "comma list of stiffness (K_kappa and K_gamma), K_kappa, K_gamma, K_tau, "
+      "length_scale, length_scale_each, contraction, placement (base, tags, bleed), "
+      "base, tags, bleed; default stiffness");
+  command->add_option("--out", options->out, "scene file to write, whole or not at all");
+  command
+      ->add_option("--also", options->also,
+                   "SCENE,DATA.csv of another arm with the same stiffness; repeatable")
+      ->allow_extra_args(false);
+  command->add_option("--contraction", options->request.contraction,
+                      "the scene's curve that free lengths replace; needed where it has several");
+  command->add_option("--curve", options->curve, "quintic or table")
+      ->check(CLI::IsMember({"quintic", "table"}))
+      ->capture_default_str();
+  command->add_option("--branch", options->branch, "of free lengths: both, rising or falling")
+      ->check(CLI::IsMember({"both", "rising", "falling"}))
+      ->capture_default_str();
+  command->add_option(
+      "--curvature-noise-rad", options->request.curvature_noise,
+      "expected standard deviation of a curvature, default 0.02; that of tags is the "
+      "scene's, vision.*");
+  command->footer(
+      "json: parameters {name: {value, standard_error, identifiable, initial, unit}}, correlation, "
+      "rms, held_out_error\n"
+      "(each pressure predicted by a fit that never saw it) with error_unit, held_out "
+      "{by_pressure, "
+      "by_arm}, contractions,\n"
+      "arms [{name, captures}], next_pressures_pa (what would say most next), warnings, out, "
+      "reason "
+      "(exit code 1).\n"
+      "scripts/plot_report draws it. csv: one row a parameter.");
+  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
+}
+
+}  // namespace helix_arm::cli

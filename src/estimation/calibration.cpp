@@ -1,0 +1,940 @@
+#include "helix_arm/estimation/calibration.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "calibration_problem.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+// Pressures that are no farther apart are the same one [Pa].
+constexpr double kSamePressure = 2000.0;
+// Of its prior's variance, the captures must take this share from a parameter to identify it.
+constexpr double kLeastGain = 0.75;
+// The noise is found when a round changes it by less than this share; some rounds suffice.
+constexpr double kNoiseSettled = 0.01;
+constexpr int kMostRounds = 15;
+// The expected noise counts as much as this many residuals.
+constexpr double kNoisePrior = 1.0;
+// Readings so many times farther off than expected are worth a warning.
+constexpr double kNoisy = 3.0;
+// Captures that add less than this share of what others do say nothing new.
+constexpr double kNothingNew = 0.02;
+// Levels of each actuator, of its range, at which captures are weighed.
+constexpr double kLevels[] = {0.0, 0.5, 1.0};
+// K_kappa by least error is looked for within this factor (as a log) of the scene's, to this
+// precision.
+constexpr double kScanWidth = 4.6;
+constexpr int kScanSteps = 400;
+constexpr double kScanPrecision = 1e-7;
+// All combinations of levels of so many actuators, else one actuator at a time and pairs.
+constexpr int kMostCombined = 4;
+
+enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
+
+ReadingKind kindOf(const Reading& reading) { return static_cast<ReadingKind>(reading.index()); }
+
+const char* unitOf(ReadingKind kind) {
+  switch (kind) {
+    case ReadingKind::kCurvature:
+      return "rad";
+    case ReadingKind::kCorners:
+      return "px";
+    case ReadingKind::kTwists:
+    case ReadingKind::kPoses:
+      break;
+  }
+  return "m";
+}
+
+template <class... Parts>
+std::string text(const Parts&... parts) {
+  std::ostringstream out;
+  (out << ... << parts);
+  return out.str();
+}
+
+std::string pressureText(const Eigen::VectorXd& pressure) {
+  std::ostringstream out;
+  for (int i = 0; i < pressure.size(); ++i) out << (i == 0 ? "" : ", ") << pressure[i] / 1e3;
+  out << " kPa";
+  return out.str();
+}
+
+bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
+  return a.size() == b.size() && (a - b).cwiseAbs().maxCoeff() <= kSamePressure;
+}
+
+double medianOf(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  if (values.size() % 2 == 1) return *middle;
+  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+}
+
+// A reason why nothing can be fitted.
+struct Verdict {
+  CalibrationStatus status;
+  std::string reason;
+};
+
+std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& arm) {
+  const auto tagFault = [&arm](int tag) -> std::optional<std::string> {
+    if (tag >= 0 && tag < static_cast<int>(arm.layout.tags.size())) return std::nullopt;
+    return text("it has a tag of index ", tag, ", but the arm has ", arm.layout.tags.size());
+  };
+  if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
+    if (arm.arm.sectionCount() != 1) {
+      return text("a curvature is that of one section, but the arm has ", arm.arm.sectionCount());
+    }
+    if (!(std::isfinite(curvature->curvature) && curvature->curvature >= 0)) {
+      return text("its curvature is ", curvature->curvature, " rad; expected a finite value >= 0");
+    }
+  } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
+    const int entries = 6 * arm.arm.sectionCount();
+    if (twists->twists.size() != entries || twists->covariance.rows() != entries ||
+        twists->covariance.cols() != entries) {
+      return text("its twists or their covariance are not of ", arm.arm.sectionCount(),
+                  " sections");
+    }
+    if (!twists->twists.allFinite() || !twists->covariance.allFinite() ||
+        Eigen::LLT<Eigen::MatrixXd>(twists->covariance).info() != Eigen::Success) {
+      return std::string("its twists are not finite or their covariance is not positive definite");
+    }
+  } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
+    for (const PoseObservation& seen : *poses) {
+      if (auto fault = tagFault(seen.tag)) return fault;
+      if (!seen.X_BT.translation.allFinite() || !seen.X_BT.rotation.allFinite()) {
+        return text("the pose of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+      }
+    }
+  } else {
+    for (const CornerObservation& seen : std::get<std::vector<CornerObservation>>(reading)) {
+      if (auto fault = tagFault(seen.tag)) return fault;
+      if (!seen.direction.allFinite()) {
+        return text("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+      }
+    }
+    if (!(arm.focal > 0)) return text("the focal length is ", arm.focal, " px; expected > 0");
+  }
+  return std::nullopt;
+}
+
+// Of captures of which there is at least one.
+const Reading& firstReading(const std::vector<ArmCaptures>& arms) {
+  const auto first = std::find_if(arms.begin(), arms.end(),
+                                  [](const ArmCaptures& arm) { return !arm.captures.empty(); });
+  return first->captures.front().reading;
+}
+
+bool isEmpty(const Reading& reading) {
+  const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading);
+  const auto* corners = std::get_if<std::vector<CornerObservation>>(&reading);
+  return (poses && poses->empty()) || (corners && corners->empty());
+}
+
+// Captures that hold readings.
+std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms) {
+  std::vector<ArmCaptures> out = arms;
+  for (ArmCaptures& arm : out) {
+    auto& captures = arm.captures;
+    captures.erase(std::remove_if(captures.begin(), captures.end(),
+                                  [](const Capture& capture) { return isEmpty(capture.reading); }),
+                   captures.end());
+  }
+  return out;
+}
+
+std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
+  using Status = CalibrationStatus;
+  const Capture* first = nullptr;
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      const std::string who = text(arm.name, ", capture ", capture.number, ": ");
+      if (capture.pressure.size() != arm.arm.actuatorCount()) {
+        return Verdict{Status::kBadData,
+                       text(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
+                            arm.arm.actuatorCount(), " actuators; is it of another arm?")};
+      }
+      for (int i = 0; i < capture.pressure.size(); ++i) {
+        const model::Actuator& actuator = arm.arm.actuator(i);
+        if (actuator.drive != model::Drive::kPressure) {
+          return Verdict{Status::kBadData, text(arm.name, ": ", actuator.name,
+                                                " is a tendon; expected pressures alone")};
+        }
+        if (actuator.limits.contains(capture.pressure[i])) continue;
+        return Verdict{Status::kBadData,
+                       text(who, "the pressure of ", actuator.name, " is ",
+                            capture.pressure[i] / 1e3, " kPa; expected its limits, ",
+                            actuator.limits.lower / 1e3, " to ", actuator.limits.upper / 1e3)};
+      }
+      if (const auto fault = faultOf(capture.reading, arm)) {
+        return Verdict{Status::kBadData, who + *fault};
+      }
+      if (first != nullptr && kindOf(first->reading) != kindOf(capture.reading)) {
+        return Verdict{Status::kBadData,
+                       who +
+                           "is another kind of reading than the captures before it; calibrate "
+                           "with one kind at a time"};
+      }
+      if (first == nullptr) first = &capture;
+    }
+  }
+  if (first == nullptr) {
+    return Verdict{Status::kNoCaptures, "there is no capture with a reading; record some first"};
+  }
+  const auto differs = [first](const Capture& capture) {
+    return !same(capture.pressure, first->pressure);
+  };
+  for (const ArmCaptures& arm : arms) {
+    if (std::any_of(arm.captures.begin(), arm.captures.end(), differs)) return std::nullopt;
+  }
+  return Verdict{Status::kOnePressure,
+                 text("all captures were taken at ", pressureText(first->pressure),
+                      ": nothing tells the parameters apart; capture at other pressures, too")};
+}
+
+// Pressures of each capture as groups of the same ones.
+struct Groups {
+  std::vector<int> of;                    // (captures)
+  std::vector<Eigen::VectorXd> pressure;  // (groups)
+};
+
+Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
+  Groups groups;
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      const auto known = std::find_if(
+          groups.pressure.begin(), groups.pressure.end(),
+          [&capture](const Eigen::VectorXd& other) { return same(other, capture.pressure); });
+      groups.of.push_back(static_cast<int>(known - groups.pressure.begin()));
+      if (known == groups.pressure.end()) groups.pressure.push_back(capture.pressure);
+    }
+  }
+  return groups;
+}
+
+bool everyCapture(int) { return true; }
+
+// Effective error of one kind of reading over comparisons: RMS of curvatures, median of the rest.
+double errorOf(ReadingKind kind, const std::vector<Comparison>& comparisons) {
+  std::vector<double> errors;
+  double square = 0;
+  for (const Comparison& one : comparisons) {
+    errors.push_back(one.error);
+    square += one.error * one.error;
+  }
+  if (errors.empty()) return 0;
+  if (kind == ReadingKind::kCurvature)
+    return std::sqrt(square / static_cast<double>(errors.size()));
+  return medianOf(std::move(errors));
+}
+
+// What readings and priors say of the parameters but those of shapes, whatever the shapes are.
+struct Statistics {
+  Eigen::MatrixXd information, covariance;
+  double data_parameters;  // of all free parameters, those that the readings determine
+};
+
+Statistics statisticsOf(const CalibrationProblem& problem, double noise_scale) {
+  const Eigen::VectorXd prior = problem.priorInformation();
+  Eigen::MatrixXd all = problem.information(noise_scale, everyCapture);
+  all.diagonal() += prior;
+  const auto count = static_cast<Eigen::Index>(problem.parameters().size());
+  Statistics out;
+  out.information = all.topLeftCorner(count, count);
+  // The readings of a capture see no shape but its own: eliminate one after the other.
+  struct Shape {
+    Eigen::MatrixXd covariance, by_rest;  // given the rest, and how the rest moves it
+    Eigen::Index first;
+  };
+  std::vector<Shape> shapes;
+  Eigen::Index first = count;
+  for (const int size : problem.shapeSizes()) {
+    const Eigen::LLT<Eigen::MatrixXd> factors(all.block(first, first, size, size));
+    const auto cross = all.block(first, 0, size, count);
+    shapes.push_back(
+        {factors.solve(Eigen::MatrixXd::Identity(size, size)), factors.solve(cross), first});
+    out.information.noalias() -= cross.transpose() * shapes.back().by_rest;
+    first += size;
+  }
+  out.covariance =
+      Eigen::LLT<Eigen::MatrixXd>(out.information).solve(Eigen::MatrixXd::Identity(count, count));
+  // Trace of covariance and readings' information: all that the priors do not determine.
+  double held = out.covariance.diagonal().dot(prior.head(count));
+  for (const Shape& shape : shapes) {
+    const Eigen::VectorXd variances =
+        shape.covariance.diagonal() +
+        (shape.by_rest * out.covariance).cwiseProduct(shape.by_rest).rowwise().sum();
+    held += variances.dot(prior.segment(shape.first, variances.size()));
+  }
+  out.data_parameters = static_cast<double>(all.rows()) - held;
+  return out;
+}
+
+// The scale of the noise, of the expected one, that the residuals speak of.
+double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
+                    double scale) {
+  double weighted = 0, freedom = 0;
+  for (const Comparison& one : comparisons) {
+    weighted += one.weight * one.square;
+    freedom += one.weight * one.residuals;
+  }
+  const double prior = kNoisePrior / (scale * scale);
+  const double variance =
+      (prior + weighted) / (kNoisePrior + std::max(0.0, freedom - data_parameters));
+  return scale * std::sqrt(variance);
+}
+
+// Solves for parameters and noise together.
+struct Solution {
+  bool converged = false;
+  double noise_scale = 1;
+};
+
+// @param bias  in expected deviations: what residuals do not show.
+Solution solveWithNoise(CalibrationProblem& problem, double bias) {
+  Solution solution;
+  // Placements that are not calibrated are off by far more than the noise: begin with what the
+  // residuals are there, so that no reading is lost to the robust loss.
+  std::vector<double> errors;
+  for (const Comparison& one : problem.compare(1.0)) {
+    if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
+  }
+  if (errors.empty()) return solution;
+  solution.noise_scale = std::max(1.0, medianOf(std::move(errors)));
+  for (int round = 0; round < kMostRounds; ++round) {
+    solution.converged = problem.solve(solution.noise_scale, everyCapture);
+    const double before = solution.noise_scale;
+    const Statistics statistics = statisticsOf(problem, before);
+    const double seen = noiseScaleOf(problem.compare(before), statistics.data_parameters, before);
+    solution.noise_scale = std::hypot(seen, bias);
+    if (std::abs(solution.noise_scale / before - 1) < kNoiseSettled) break;
+  }
+  return solution;
+}
+
+Selection selectionOf(const CalibrationOptions& options) {
+  Selection selection;
+  if (options.K_kappa) selection.stiffness.push_back(StiffnessEntry::kKappa);
+  if (options.K_gamma) selection.stiffness.push_back(StiffnessEntry::kGamma);
+  if (options.K_tau) selection.stiffness.push_back(StiffnessEntry::kTau);
+  selection.length_scale = options.length_scale;
+  selection.base = options.base;
+  selection.tags = options.tags;
+  selection.bleed = options.bleed;
+  selection.free_shapes = options.free_shapes;
+  return selection;
+}
+
+std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
+                             const CalibrationOptions& options, ReadingKind kind) {
+  using Status = CalibrationStatus;
+  const bool tags = kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
+  const bool placement = options.base || options.tags || options.bleed;
+  const bool stiffness = options.K_kappa || options.K_gamma || options.K_tau;
+  if (!placement && !stiffness && options.length_scale == LengthScaling::kNone) {
+    return Verdict{Status::kNothingToFit, "nothing to fit was named"};
+  }
+  if (placement && !tags) {
+    return Verdict{Status::kNothingToFit,
+                   "base, tags and bleed need captures of tags; these are of curvatures or twists"};
+  }
+  if (options.bleed && kind != ReadingKind::kCorners) {
+    return Verdict{Status::kNothingToFit, "bleed needs captures of tag corners"};
+  }
+  if (placement && arms.size() > 1) {
+    return Verdict{Status::kNothingToFit,
+                   "base, tags and bleed are those of one rig; fit them for one arm at a time"};
+  }
+  if (options.free_shapes && !tags) {
+    return Verdict{Status::kNothingToFit, "free shapes need captures of tags"};
+  }
+  const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
+  for (const ArmCaptures& arm : arms) {
+    if (options.length_scale == LengthScaling::kEach &&
+        arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
+                          arms.front().name, " ", arms.front().arm.actuatorCount(),
+                          "; a scale for each needs as many on every arm, a common one does not")};
+    }
+    for (int i = 0; stiffness && i < arm.arm.actuatorCount(); ++i) {
+      const model::Stiffness& other = arm.arm.actuator(i).stiffness;
+      if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
+        continue;
+      }
+      return Verdict{
+          Status::kNothingToFit,
+          text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
+               arms.front().arm.actuator(0).name, " of ", arms.front().name,
+               "; one stiffness is fitted for all: give them the same one first")};
+    }
+  }
+  return std::nullopt;
+}
+
+double standardErrorOf(const ParameterInfo& info, double value, double deviation) {
+  return info.logarithmic ? std::abs(value) * deviation : deviation;
+}
+
+bool identified(const ParameterInfo& info, double variance) {
+  return variance <= (1 - kLeastGain) * info.deviation * info.deviation;
+}
+
+class Calibrator {
+ public:
+  Calibrator(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options)
+      : arms_(arms),
+        options_(options),
+        kind_(kindOf(firstReading(arms))),
+        groups_(groupByPressure(arms)) {}
+
+  Calibration run() {
+    result_.error_unit = unitOf(kind_);
+    if (const auto verdict = unfit(arms_, options_, kind_)) return refuse(*verdict);
+    Selection selection = selectionOf(options_);
+    if (selection.free_shapes) {
+      selection.stiffness.clear();
+      selection.length_scale = LengthScaling::kNone;
+    }
+    fit(selection);
+    if (!solution_.converged) {
+      return refuse({CalibrationStatus::kNotConverged,
+                     "the search came to no end; check where the scene has camera and tags, and "
+                     "that the captures are of this arm"});
+    }
+    report();
+    if (outliers_ * 2 > static_cast<int>(comparisons_.size())) {
+      return refuse({CalibrationStatus::kUnexplained,
+                     text(outliers_, " of ", comparisons_.size(),
+                          " readings do not fit, whatever the parameters; check where the scene "
+                          "has camera and tags, and that the captures are of this arm")});
+    }
+    if (std::none_of(result_.parameters.begin(), result_.parameters.end(),
+                     [](const Parameter& one) { return one.identifiable; })) {
+      return refuse({CalibrationStatus::kNotIdentifiable,
+                     "the captures say nothing of what was to be fitted; capture at pressures that "
+                     "bend the arm farther, or fit other parameters"});
+    }
+    if (options_.held_out) leaveOut();
+    if (!selection.free_shapes) weighCaptures();
+    warn();
+    result_.status = CalibrationStatus::kCalibrated;
+    return std::move(result_);
+  }
+
+ private:
+  Calibration refuse(const Verdict& verdict) {
+    result_.status = verdict.status;
+    result_.reason = verdict.reason;
+    return std::move(result_);
+  }
+
+  // Holds, one after the other, what the captures do not identify.
+  void fit(const Selection& wanted) {
+    Selection selection = wanted;
+    for (;;) {
+      problem_ = std::make_unique<CalibrationProblem>(arms_, options_, selection);
+      solution_ = solveWithNoise(*problem_, kind_ == ReadingKind::kCorners
+                                                ? options_.corner_bias / options_.corner_noise
+                                                : 0.0);
+      statistics_ = statisticsOf(*problem_, solution_.noise_scale);
+      const std::vector<ParameterInfo>& infos = problem_->parameters();
+      int worst = -1;
+      double most = 0;
+      for (std::size_t i = 0; i < infos.size(); ++i) {
+        const double variance = statistics_.covariance(i, i);
+        if (!infos[i].about_shape || identified(infos[i], variance)) continue;
+        const double share = variance / (infos[i].deviation * infos[i].deviation);
+        if (worst < 0 || share > most) {
+          worst = static_cast<int>(i);
+          most = share;
+        }
+      }
+      if (worst < 0) break;
+      const ParameterInfo& info = infos[worst];
+      const double value = initialOf(info),
+                   deviation = std::sqrt(statistics_.covariance(worst, worst));
+      held_.push_back({info.name, info.unit, value, value,
+                       standardErrorOf(info, info.initial, deviation), false});
+      if (infos.size() == 1) break;
+      if (worst < static_cast<int>(selection.stiffness.size())) {
+        selection.stiffness.erase(selection.stiffness.begin() + worst);
+      } else {
+        selection.length_scale = LengthScaling::kNone;
+      }
+    }
+    addUncertaintyOfHeld(wanted);
+  }
+
+  // What is held is known no better than before, and the rest was fitted as if it were right.
+  void addUncertaintyOfHeld(const Selection& wanted) {
+    if (held_.empty() || wanted.free_shapes) return;
+    CalibrationProblem all(arms_, options_, wanted);
+    Values& values = all.values();
+    const Values& fitted = problem_->values();
+    std::vector<int> fitted_columns, held_columns;
+    const std::vector<ParameterInfo>& infos = all.parameters();
+    const std::vector<ParameterInfo>& known = problem_->parameters();
+    const Eigen::VectorXd at = problem_->vector();
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      const auto same_name = [&](const ParameterInfo& one) { return one.name == infos[i].name; };
+      const auto found = std::find_if(known.begin(), known.end(), same_name);
+      (found == known.end() ? held_columns : fitted_columns).push_back(static_cast<int>(i));
+      if (found == known.end() || i >= wanted.stiffness.size()) continue;
+      values.stiffness[static_cast<Eigen::Index>(i)] = at[found - known.begin()];
+    }
+    if (fitted.length_scale.size() > 0) values.length_scale = fitted.length_scale;
+    values.base = fitted.base;
+    values.bleed = fitted.bleed;
+    values.tags = fitted.tags;
+    const Eigen::MatrixXd H = statisticsOf(all, solution_.noise_scale).information;
+    const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
+    const Eigen::MatrixXd shift = statistics_.covariance * cross;
+    Eigen::VectorXd prior(held_columns.size());
+    for (std::size_t i = 0; i < held_columns.size(); ++i) {
+      prior[static_cast<Eigen::Index>(i)] = std::pow(infos[held_columns[i]].deviation, 2);
+    }
+    statistics_.covariance += shift * prior.asDiagonal() * shift.transpose();
+  }
+
+  double initialOf(const ParameterInfo& info) const {
+    const model::Stiffness& initial = arms_.front().arm.actuator(0).stiffness;
+    if (info.name == "K_tau") return initial.tau;
+    if (info.name == "K_gamma") return initial.gamma;
+    if (info.name == "K_kappa") return initial.kappa;
+    return info.initial;
+  }
+
+  void report() {
+    const std::vector<ParameterInfo>& infos = problem_->parameters();
+    const Eigen::VectorXd values = problem_->vector();
+    std::set<std::string> gone;
+    for (const Parameter& one : held_) gone.insert(one.name);
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      if (gone.count(infos[i].name) > 0) continue;
+      const double variance = statistics_.covariance(i, i);
+      const double value =
+          infos[i].logarithmic ? infos[i].initial * std::exp(values[i]) : values[i];
+      result_.parameters.push_back({infos[i].name, infos[i].unit, initialOf(infos[i]), value,
+                                    standardErrorOf(infos[i], value, std::sqrt(variance)),
+                                    identified(infos[i], variance)});
+    }
+    const int fitted = static_cast<int>(result_.parameters.size());
+    result_.parameters.insert(result_.parameters.end(), held_.begin(), held_.end());
+    const int all = static_cast<int>(result_.parameters.size());
+    result_.correlation.setZero(all, all);
+    for (int i = 0; i < fitted; ++i) {
+      for (int j = 0; j < fitted; ++j) {
+        result_.correlation(i, j) =
+            statistics_.covariance(i, j) /
+            std::sqrt(statistics_.covariance(i, i) * statistics_.covariance(j, j));
+      }
+    }
+    const Selection& selection = problem_->selection();
+    if (!selection.stiffness.empty()) result_.stiffness = problem_->stiffness();
+    result_.length_scale = problem_->lengthScale();
+    result_.X_B0B = problem_->base();
+    result_.layout = problem_->layout();
+    result_.bleed = problem_->values().bleed;
+    for (int c = 0; c < problem_->captures(); ++c) result_.shapes.push_back(problem_->shape(c));
+    comparisons_ = problem_->compare(solution_.noise_scale);
+    reportCaptures();
+  }
+
+  bool isOutlier(const Comparison& one) const {
+    return one.square > options_.robust_scale * options_.robust_scale * one.residuals;
+  }
+
+  void reportCaptures() {
+    struct Sum {
+      double square = 0;
+      int fitting = 0, outliers = 0;
+      std::vector<int> tags;
+    };
+    std::vector<Sum> sums(problem_->captures());
+    Sum total;
+    for (const Comparison& one : comparisons_) {
+      Sum& sum = sums[one.capture];
+      if (isOutlier(one)) {
+        ++sum.outliers;
+        ++outliers_;
+        if (one.tag >= 0) sum.tags.push_back(arms_.front().layout.tags[one.tag].id);
+        continue;
+      }
+      for (Sum* each : {&sum, &total}) {
+        each->square += one.error * one.error;
+        ++each->fitting;
+      }
+    }
+    result_.rms = total.fitting > 0 ? std::sqrt(total.square / total.fitting) : 0;
+    int index = 0;
+    for (std::size_t a = 0; a < arms_.size(); ++a) {
+      for (const Capture& capture : arms_[a].captures) {
+        Sum& sum = sums[index++];
+        std::sort(sum.tags.begin(), sum.tags.end());
+        result_.captures.push_back({static_cast<int>(a), capture.number,
+                                    sum.fitting > 0 ? std::sqrt(sum.square / sum.fitting) : 0.0,
+                                    std::move(sum.tags), sum.outliers > sum.fitting, 0.0});
+      }
+    }
+  }
+
+  // One refit without each group of captures, from the full solution.
+  struct Refits {
+    std::vector<Eigen::VectorXd> vectors;
+    std::vector<std::vector<Comparison>> left_out;
+    bool complete = true;
+  };
+
+  Refits refit(const std::vector<int>& group_of, int groups) {
+    Refits refits;
+    const Values full = problem_->values();
+    const auto restore = [&] {
+      // In place: the least squares holds on to where the values are.
+      Values& values = problem_->values();
+      values.stiffness = full.stiffness;
+      values.length_scale = full.length_scale;
+      values.base = full.base;
+      values.bleed = full.bleed;
+      std::copy(full.tags.begin(), full.tags.end(), values.tags.begin());
+      for (std::size_t i = 0; i < full.shapes.size(); ++i) values.shapes[i] = full.shapes[i];
+    };
+    for (int g = 0; g < groups; ++g) {
+      refits.complete &= problem_->solve(solution_.noise_scale,
+                                         [&](int capture) { return group_of[capture] != g; });
+      refits.vectors.push_back(problem_->vector());
+      std::vector<Comparison> left_out;
+      for (const Comparison& one : problem_->compare(solution_.noise_scale)) {
+        if (group_of[one.capture] == g) left_out.push_back(one);
+      }
+      refits.left_out.push_back(std::move(left_out));
+      restore();
+    }
+    return refits;
+  }
+
+  HeldOut heldOut(const Refits& refits, const std::vector<std::string>& labels) const {
+    HeldOut out;
+    std::vector<Comparison> all;
+    for (std::size_t g = 0; g < refits.left_out.size(); ++g) {
+      out.groups.push_back({labels[g], errorOf(kind_, refits.left_out[g])});
+      all.insert(all.end(), refits.left_out[g].begin(), refits.left_out[g].end());
+    }
+    out.error = errorOf(kind_, all);
+    out.in_sample = errorOf(kind_, comparisons_);
+    return out;
+  }
+
+  void leaveOut() {
+    const int groups = static_cast<int>(groups_.pressure.size());
+    // Shapes of their own predict nothing.
+    if (problem_->selection().free_shapes) return;
+    const Refits by_pressure = refit(groups_.of, groups);
+    std::vector<std::string> labels;
+    for (const Eigen::VectorXd& pressure : groups_.pressure)
+      labels.push_back(pressureText(pressure));
+    result_.by_pressure = heldOut(by_pressure, labels);
+    if (!by_pressure.complete) {
+      result_.warnings.push_back(
+          "some of the fits without one pressure came to no end: held-out errors are of where they "
+          "stopped");
+    }
+    raiseErrors(by_pressure);
+    if (arms_.size() < 2) return;
+    std::vector<int> arm_of;
+    labels.clear();
+    for (std::size_t a = 0; a < arms_.size(); ++a) {
+      arm_of.insert(arm_of.end(), arms_[a].captures.size(), static_cast<int>(a));
+      labels.push_back(arms_[a].name);
+    }
+    result_.by_arm = heldOut(refit(arm_of, static_cast<int>(arms_.size())), labels);
+  }
+
+  // The jackknife sees what the noise of single readings does not: a model that is wrong in its own
+  // way at each pressure.
+  void raiseErrors(const Refits& refits) {
+    const int groups = static_cast<int>(refits.vectors.size());
+    if (groups < 3) return;
+    Eigen::VectorXd mean = Eigen::VectorXd::Zero(refits.vectors.front().size());
+    for (const Eigen::VectorXd& vector : refits.vectors) mean += vector / groups;
+    Eigen::VectorXd variance = Eigen::VectorXd::Zero(mean.size());
+    for (const Eigen::VectorXd& vector : refits.vectors) {
+      variance += (vector - mean).array().square().matrix() * (groups - 1) / groups;
+    }
+    const std::vector<ParameterInfo>& infos = problem_->parameters();
+    for (Parameter& one : result_.parameters) {
+      for (std::size_t i = 0; i < infos.size(); ++i) {
+        if (infos[i].name != one.name || !one.identifiable) continue;
+        one.standard_error = std::max(one.standard_error,
+                                      standardErrorOf(infos[i], one.value, std::sqrt(variance[i])));
+      }
+    }
+  }
+
+  // Columns of what the shape depends on; of everything where that is not fitted.
+  std::vector<int> shapeColumns() const {
+    std::vector<int> columns;
+    const std::vector<ParameterInfo>& infos = problem_->parameters();
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      if (infos[i].about_shape) columns.push_back(static_cast<int>(i));
+    }
+    if (columns.empty()) {
+      columns.resize(infos.size());
+      std::iota(columns.begin(), columns.end(), 0);
+    }
+    return columns;
+  }
+
+  // Half the log determinant of the covariance of these columns.
+  static double entropyOf(const Eigen::MatrixXd& information, const std::vector<int>& columns) {
+    const Eigen::LLT<Eigen::MatrixXd> factors(information);
+    if (factors.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
+    const Eigen::Index size = information.rows();
+    Eigen::MatrixXd units = Eigen::MatrixXd::Zero(size, static_cast<Eigen::Index>(columns.size()));
+    for (std::size_t i = 0; i < columns.size(); ++i) units(columns[i], i) = 1;
+    const Eigen::MatrixXd solved = factors.solve(units);
+    Eigen::MatrixXd covariance(columns.size(), columns.size());
+    for (std::size_t i = 0; i < columns.size(); ++i) covariance.row(i) = solved.row(columns[i]);
+    const Eigen::LLT<Eigen::MatrixXd> root(covariance);
+    return root.matrixLLT().diagonal().array().log().sum();
+  }
+
+  void weighCaptures() {
+    const std::vector<int> columns = shapeColumns();
+    const double entropy = entropyOf(statistics_.information, columns);
+    const int groups = static_cast<int>(groups_.pressure.size());
+    double total = 0;
+    for (int g = 0; g < groups; ++g) {
+      const Eigen::MatrixXd own = problem_->information(
+          solution_.noise_scale, [this, g](int capture) { return groups_.of[capture] == g; });
+      gains_.push_back(entropyOf(statistics_.information - own, columns) - entropy);
+      total += gains_.back();
+    }
+    least_gain_ = kNothingNew * total / groups;
+    for (int c = 0; c < problem_->captures(); ++c) result_.captures[c].gain = gains_[groups_.of[c]];
+    suggest(columns);
+  }
+
+  std::vector<Eigen::VectorXd> candidates() const {
+    const model::Arm& arm = arms_.front().arm;
+    const int n = arm.actuatorCount();
+    std::vector<Eigen::VectorXd> out;
+    const auto at = [&arm](int i, double level) {
+      const model::Range& limits = arm.actuator(i).limits;
+      return limits.lower + level * (limits.upper - limits.lower);
+    };
+    if (n <= kMostCombined) {
+      std::vector<std::size_t> digits(n, 0);
+      for (;;) {
+        Eigen::VectorXd pressure(n);
+        for (int i = 0; i < n; ++i) pressure[i] = at(i, kLevels[digits[i]]);
+        out.push_back(pressure);
+        int i = 0;
+        while (i < n && ++digits[i] == std::size(kLevels)) digits[i++] = 0;
+        if (i == n) return out;
+      }
+    }
+    for (int i = 0; i < n; ++i) {
+      for (int j = i; j < n; ++j) {
+        for (const double level : kLevels) {
+          Eigen::VectorXd pressure = arm.inputAt(0);
+          pressure[i] = at(i, level);
+          pressure[j] = at(j, level);
+          out.push_back(pressure);
+        }
+      }
+    }
+    return out;
+  }
+
+  // Greedy: each next pressure given the ones before it.
+  void suggest(const std::vector<int>& columns) {
+    Eigen::MatrixXd information = statistics_.information;
+    const std::vector<Eigen::VectorXd> all = candidates();
+    std::vector<Eigen::MatrixXd> says;
+    std::vector<bool> taken(all.size(), false);
+    for (const Eigen::VectorXd& pressure : all) {
+      says.push_back(problem_->expectedInformation(pressure, solution_.noise_scale));
+    }
+    for (int count = 0; count < options_.next_pressures; ++count) {
+      double least = std::numeric_limits<double>::infinity();
+      std::size_t best = all.size();
+      for (std::size_t i = 0; i < all.size(); ++i) {
+        if (taken[i]) continue;
+        const double entropy = entropyOf(information + says[i], columns);
+        if (entropy < least) {
+          least = entropy;
+          best = i;
+        }
+      }
+      if (best == all.size()) return;
+      result_.next_pressures.push_back(all[best]);
+      taken[best] = true;
+      information += says[best];
+    }
+  }
+
+  void warn() {
+    std::vector<std::string>& warnings = result_.warnings;
+    for (const Parameter& one : held_) {
+      warnings.push_back(text("the captures do not determine ", one.name, ": it stays at ",
+                              one.initial, one.unit.empty() ? "" : " ", one.unit));
+    }
+    std::string outliers, idle;
+    for (const CaptureResidual& one : result_.captures) {
+      if (!one.outlier) continue;
+      outliers += (outliers.empty() ? "" : ", ") +
+                  (arms_.size() > 1 ? arms_[one.arm].name + " " : std::string()) +
+                  std::to_string(one.number);
+    }
+    for (std::size_t g = 0; g < gains_.size(); ++g) {
+      if (gains_[g] > least_gain_) continue;
+      idle += (idle.empty() ? "" : "; ") + pressureText(groups_.pressure[g]);
+    }
+    if (!outliers.empty()) {
+      warnings.push_back("captures that do not fit the others: " + outliers);
+    }
+    if (!idle.empty()) {
+      warnings.push_back("captures at these pressures say nothing new: " + idle +
+                         "; captures at the pressures suggested would say more");
+    }
+    if (solution_.noise_scale > kNoisy) {
+      warnings.push_back(text("readings are ", std::round(10 * solution_.noise_scale) / 10,
+                              " times as far off as their noise: something that is not fitted is "
+                              "wrong, and standard errors are raised in proportion"));
+    }
+  }
+
+  const std::vector<ArmCaptures>& arms_;
+  const CalibrationOptions& options_;
+  const ReadingKind kind_;
+  const Groups groups_;
+  std::unique_ptr<CalibrationProblem> problem_;
+  Solution solution_;
+  Statistics statistics_;
+  std::vector<double> gains_;  // (groups) [nats]
+  double least_gain_ = 0;
+  std::vector<Parameter> held_;
+  std::vector<Comparison> comparisons_;
+  int outliers_ = 0;
+  Calibration result_;
+};
+
+}  // namespace
+
+void CalibrationOptions::validate() const {
+  const auto positive = [](const char* what, double value) {
+    model::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
+                        "a finite value > 0");
+  };
+  positive("the curvature noise", curvature_noise);
+  positive("the corner noise", corner_noise);
+  positive("the position noise", position_noise);
+  const auto not_negative = [](const char* what, double value) {
+    model::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
+                        "a finite value >= 0");
+  };
+  not_negative("the rotation noise", rotation_noise);
+  not_negative("the corner bias", corner_bias);
+  positive("the robust scale", robust_scale);
+  positive("the prior of the stiffness", stiffness_prior);
+  positive("the prior of the length scale", length_scale_prior);
+  positive("the base's prior of translation", base_prior.translation);
+  positive("the base's prior of rotation", base_prior.rotation);
+  positive("the tags' prior of translation", tag_prior.translation);
+  positive("the tags' prior of rotation", tag_prior.rotation);
+  positive("the prior of the bleed", bleed_prior);
+  positive("the model's prior of translation", model_prior.translation);
+  positive("the model's prior of rotation", model_prior.rotation);
+  model::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
+                      "the number of next pressures", next_pressures, "0 to 100");
+  model::requireValue(max_iterations >= 1, "calibration", "the number of iterations",
+                      max_iterations, "at least 1");
+}
+
+const char* nameOf(CalibrationStatus status) {
+  switch (status) {
+    case CalibrationStatus::kCalibrated:
+      return "calibrated";
+    case CalibrationStatus::kNoCaptures:
+      return "no_captures";
+    case CalibrationStatus::kOnePressure:
+      return "one_pressure";
+    case CalibrationStatus::kBadData:
+      return "bad_data";
+    case CalibrationStatus::kNothingToFit:
+      return "nothing_to_fit";
+    case CalibrationStatus::kNotIdentifiable:
+      return "not_identifiable";
+    case CalibrationStatus::kUnexplained:
+      return "unexplained";
+    case CalibrationStatus::kNotConverged:
+      break;
+  }
+  return "not_converged";
+}
+
+Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options) {
+  options.validate();
+  const std::vector<ArmCaptures> read = withReadings(arms);
+  if (const auto verdict = unsound(read)) {
+    Calibration refused;
+    refused.status = verdict->status;
+    refused.reason = verdict->reason;
+    return refused;
+  }
+  return Calibrator(read, options).run();
+}
+
+LeastTipError fitLeastTipError(const std::vector<ArmCaptures>& arms) {
+  const std::vector<ArmCaptures> read = withReadings(arms);
+  if (const auto verdict = unsound(read))
+    throw std::invalid_argument("K_kappa: " + verdict->reason);
+  CalibrationOptions options;
+  options.K_gamma = false;
+  if (const auto verdict = unfit(read, options, kindOf(firstReading(read)))) {
+    throw std::invalid_argument("K_kappa: " + verdict->reason);
+  }
+  CalibrationProblem problem(read, options, selectionOf(options));
+  const auto errorAt = [&problem](double log_kappa) {
+    problem.values().stiffness[0] = log_kappa;
+    double sum = 0;
+    const std::vector<Comparison> comparisons = problem.compare(1.0);
+    for (const Comparison& one : comparisons) sum += one.error;
+    return sum / static_cast<double>(comparisons.size());
+  };
+  // A mean of distances may have several valleys: the lowest of a scan, then golden sections.
+  double best = 0, least = errorAt(0);
+  for (int step = -kScanSteps; step <= kScanSteps; ++step) {
+    const double at = kScanWidth * step / kScanSteps, error = errorAt(at);
+    if (error < least) {
+      least = error;
+      best = at;
+    }
+  }
+  const double golden = 0.5 * (std::sqrt(5.0) - 1), width = kScanWidth / kScanSteps;
+  double lower = best - width, upper = best + width;
+  while (upper - lower > kScanPrecision) {
+    const double a = upper - golden * (upper - lower), b = lower + golden * (upper - lower);
+    if (errorAt(a) < errorAt(b)) {
+      upper = b;
+    } else {
+      lower = a;
+    }
+  }
+  const double log_kappa = 0.5 * (lower + upper), error = errorAt(log_kappa);
+  return {problem.stiffness().kappa, error};
+}
+
+}  // namespace helix_arm::estimation

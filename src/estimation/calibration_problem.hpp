@@ -1,0 +1,100 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "helix_arm/estimation/calibration.hpp"
+
+/// The least squares behind calibrate(): its parameters, its readings, and what they say.
+namespace helix_arm::estimation {
+
+/// The entries of a stiffness that can be fitted.
+enum class StiffnessEntry { kKappa, kGamma, kTau };
+
+/// Which parameters are free.
+struct Selection {
+  std::vector<StiffnessEntry> stiffness;
+  LengthScaling length_scale = LengthScaling::kNone;
+  bool base = false, bleed = false, tags = false, free_shapes = false;
+};
+
+/// What a parameter is, for people and for its verdict.
+struct ParameterInfo {
+  std::string name, unit;
+  double deviation;  ///< of its prior, in the parameter's own units; stiffness and scales: of logs
+  bool logarithmic;  ///< the value is initial * exp(parameter)
+  double initial;
+  bool about_shape;  ///< stiffness or length scale
+};
+
+/// Parameters of a calibration: logs of stiffness and length scales over their initial values,
+/// right-hand motion of the base, bleed, motions of the tags, and, where shapes are free, twists.
+struct Values {
+  Eigen::VectorXd stiffness, length_scale;
+  lie::Vector6 base = lie::Vector6::Zero();
+  double bleed = 0;
+  std::vector<lie::Vector6> tags;  ///< shift along the arm and across it [m], rotation [rad]
+  std::vector<Eigen::VectorXd> shapes;
+};
+
+/// One tag, curvature or twist, compared.
+struct Comparison {
+  int capture;    ///< index over all arms
+  int tag;        ///< index in the layout; -1 where it is no tag
+  int residuals;  ///< how many numbers it consists of
+  double square;  ///< of its residuals, in expected variances
+  double error;   ///< as people see it [rad, px or m]
+  double weight;  ///< that the robust loss leaves it, in (0, 1]
+};
+
+class CalibrationProblem {
+ public:
+  /// The data is sound.
+  CalibrationProblem(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                     const Selection& selection);
+  ~CalibrationProblem();
+
+  const Selection& selection() const;
+  int captures() const;  ///< of all arms
+  /// Free parameters but those of shapes.
+  const std::vector<ParameterInfo>& parameters() const;
+
+  Values& values();
+  /// Values of the free parameters in the order of parameters().
+  Eigen::VectorXd vector() const;
+
+  using Included = std::function<bool(int capture)>;
+  /// Least squares over the captures that are included, from where the values stand.
+  ///
+  /// @param noise_scale  of the expected noise.
+  /// @return whether it converged.
+  bool solve(double noise_scale, const Included& included);
+
+  /// All readings at the present values.
+  std::vector<Comparison> compare(double noise_scale) const;
+
+  /// Weighted J'J of the readings included, without priors: all free parameters, then shapes.
+  Eigen::MatrixXd information(double noise_scale, const Included& included) const;
+  /// Free parameters of each shape; none where they are the model's.
+  std::vector<int> shapeSizes() const;
+  /// The same of readings that an arm at these pressures would give, as far as it can be told.
+  Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale) const;
+  /// Of the priors: a diagonal.
+  Eigen::VectorXd priorInformation() const;
+
+  // What the values stand for.
+  model::Stiffness stiffness() const;
+  Eigen::VectorXd lengthScale() const;  ///< (actuators of the first arm)
+  lie::SE3 base() const;
+  TagLayout layout() const;
+  model::Twists shape(int capture) const;
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace helix_arm::estimation

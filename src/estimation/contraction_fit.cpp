@@ -1,0 +1,384 @@
+#include "helix_arm/estimation/contraction_fit.hpp"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <utility>
+#include <variant>
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr int kCoefficients = 6;
+// Of the largest pressure: where a quintic must have its first sample at the latest.
+constexpr double kNearZero = 0.05;
+// Of the largest pressure: a smaller change is noise of the regulator and no new branch.
+constexpr double kLeastMove = 0.01;
+// Slope that every curve keeps, as a share of the mean one: what stops cannot be inverted.
+constexpr double kLeastSlope = 1e-3;
+// Standard errors of its slope that a line through the samples must have to be a trend.
+constexpr double kLeastTrend = 2.0;
+// Of the largest pressure: what is closer is one pressure, written with other last digits.
+constexpr double kSamePressure = 1e-6;
+constexpr int kSlopeChecks = 1001;
+// Pressures closer than this say nothing of a sixth coefficient that rounding does not drown.
+constexpr double kRankThreshold = 1e-8;
+
+using Coefficients = Eigen::Matrix<double, kCoefficients, 1>;
+using Matrix6 = Eigen::Matrix<double, kCoefficients, kCoefficients>;
+
+struct Failure {
+  ContractionFitStatus status;
+  std::string reason;
+};
+
+template <class... Parts>
+std::string textOf(const Parts&... parts) {
+  std::ostringstream text;
+  (text << ... << parts);
+  return text.str();
+}
+
+std::string shortestReason(double length) {
+  return textOf("the best curve has a length of ", length,
+                " m; expected lengths > 0: correct the samples");
+}
+
+std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const auto [pressure, length] = samples[i];
+    if (!std::isfinite(pressure)) {
+      return Failure{ContractionFitStatus::kNotFinite,
+                     textOf("sample ", i + 1, ": the pressure is ", pressure,
+                            "; expected a finite value; correct it or leave it out")};
+    }
+    if (!(std::isfinite(length) && length > 0)) {
+      return Failure{ContractionFitStatus::kNotFinite,
+                     textOf("sample ", i + 1, ": the length is ", length,
+                            " m; expected a finite value > 0; correct it or leave it out")};
+    }
+    if (pressure < 0) {
+      return Failure{ContractionFitStatus::kOutOfRange,
+                     textOf("sample ", i + 1, ": the pressure is ", pressure,
+                            " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
+                            "to 0")};
+    }
+  }
+  return std::nullopt;
+}
+
+// 1 where the pressure had risen when the sample was taken, -1 where it had fallen, 0 before it
+// first moved.
+std::vector<int> arrivals(const std::vector<double>& pressure, double least_move) {
+  std::vector<int> out(pressure.size(), 0);
+  for (std::size_t i = 1, last = 0; i < pressure.size(); ++i) {
+    const double move = pressure[i] - pressure[last];
+    out[i] = out[i - 1];
+    if (std::abs(move) <= least_move) continue;
+    out[i] = move > 0 ? 1 : -1;
+    last = i;
+  }
+  return out;
+}
+
+struct Branches {
+  bool rising, falling;
+};
+
+std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
+  std::vector<double> pressure;
+  for (const LengthSample& sample : samples) pressure.push_back(sample.pressure);
+  if (pressure.empty()) return {};
+  const double least_move = kLeastMove * *std::max_element(pressure.begin(), pressure.end());
+  const std::vector<int> before = arrivals(pressure, least_move);
+  std::reverse(pressure.begin(), pressure.end());
+  std::vector<int> after = arrivals(pressure, least_move);  // backwards, a rise is a fall
+  std::reverse(after.begin(), after.end());
+  std::vector<Branches> out;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    out.push_back({before[i] > 0 || after[i] < 0, before[i] < 0 || after[i] > 0});
+  }
+  return out;
+}
+
+// The samples that count, by pressure; lengths at one pressure are their mean, with their number.
+struct Knots {
+  std::vector<double> pressure, length, weight;
+
+  std::size_t size() const { return pressure.size(); }
+};
+
+Knots knotsOf(const std::vector<LengthSample>& samples, const std::vector<bool>& counts) {
+  std::vector<LengthSample> sorted;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (counts[i]) sorted.push_back(samples[i]);
+  }
+  std::stable_sort(sorted.begin(), sorted.end(),
+                   [](const auto& a, const auto& b) { return a.pressure < b.pressure; });
+  Knots knots;
+  for (const auto& [pressure, length] : sorted) {
+    if (knots.size() == 0 ||
+        pressure - knots.pressure.back() > kSamePressure * sorted.back().pressure) {
+      knots.pressure.push_back(pressure);
+      knots.length.push_back(0);
+      knots.weight.push_back(0);
+    }
+    knots.weight.back() += 1;
+    knots.length.back() += (length - knots.length.back()) / knots.weight.back();
+  }
+  return knots;
+}
+
+// Slope of the line through the samples that count [m/Pa]; 0 where it says nothing.
+double trendOf(const std::vector<LengthSample>& samples, const std::vector<bool>& counts) {
+  double n = 0, mean_p = 0, mean_l = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (!counts[i]) continue;
+    n += 1;
+    mean_p += (samples[i].pressure - mean_p) / n;
+    mean_l += (samples[i].length - mean_l) / n;
+  }
+  double pp = 0, pl = 0, ll = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (!counts[i]) continue;
+    const double p = samples[i].pressure - mean_p, l = samples[i].length - mean_l;
+    pp += p * p;
+    pl += p * l;
+    ll += l * l;
+  }
+  const double slope = pl / pp;
+  // Rounding alone gives lengths that never change a slope.
+  if (ll <= n * std::pow(1e-12 * mean_l, 2)) return 0;
+  const double variance = n > 2 ? std::max(0.0, ll - slope * pl) / (n - 2) / pp : 0;
+  return std::abs(slope) > kLeastTrend * std::sqrt(variance) ? slope : 0;
+}
+
+// Least squares under G c >= least (Lawson and Hanson, Solving Least Squares Problems, 1974, ch.
+// 23: the multipliers are >= 0, and 0 where their constraint is loose).
+//
+// @param R, z  of the orthogonal decomposition of the samples: |R c - z| is least.
+struct Constrained {
+  Coefficients c;
+  bool tight;  // some constraint is
+};
+Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
+                             const Eigen::Matrix<double, Eigen::Dynamic, kCoefficients>& G,
+                             double least) {
+  // x = R c - z turns it into the shortest x with M x >= d.
+  const auto upper = R.triangularView<Eigen::Upper>();
+  const Eigen::Matrix<double, kCoefficients, Eigen::Dynamic> Mt =
+      upper.transpose().solve(G.transpose());
+  const Eigen::VectorXd d = Eigen::VectorXd::Constant(G.rows(), least) - Mt.transpose() * z;
+  std::vector<Eigen::Index> tight;
+  Eigen::VectorXd multiplier = Eigen::VectorXd::Zero(G.rows());
+  Coefficients x = Coefficients::Zero();
+  for (Eigen::Index round = 0; round < G.rows(); ++round) {
+    Eigen::Index worst = 0;
+    const double violation = (d - Mt.transpose() * x).maxCoeff(&worst);
+    // A thousandth of the least slope is no violation but rounding.
+    if (violation <= 1e-3 * least) break;
+    tight.push_back(worst);
+    for (;;) {
+      const auto count = static_cast<Eigen::Index>(tight.size());
+      Eigen::Matrix<double, kCoefficients, Eigen::Dynamic> columns(kCoefficients, count);
+      Eigen::VectorXd target(count);
+      for (Eigen::Index k = 0; k < count; ++k) {
+        columns.col(k) = Mt.col(tight[k]);
+        target[k] = d[tight[k]];
+      }
+      // Shortest x that meets all of them, and x = columns * wanted.
+      const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> rows(columns.transpose());
+      const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> combination(columns);
+      x = rows.solve(target);
+      const Eigen::VectorXd wanted = combination.solve(x);
+      double step = 1.0;
+      Eigen::Index blocking = -1;
+      for (Eigen::Index k = 0; k < count; ++k) {
+        const double now = multiplier[tight[k]];
+        if (wanted[k] > 0 || now / (now - wanted[k]) > step) continue;
+        step = now / (now - wanted[k]);
+        blocking = k;
+      }
+      for (Eigen::Index k = 0; k < count; ++k) {
+        double& now = multiplier[tight[k]];
+        now = k == blocking ? 0.0 : now + step * (wanted[k] - now);
+      }
+      if (blocking < 0) break;
+      tight.erase(tight.begin() + blocking);
+    }
+  }
+  return {upper.solve(x + z), !tight.empty()};
+}
+
+using Solution = std::variant<Failure, ContractionFit>;
+
+Solution fitQuintic(const Knots& knots, double trend) {
+  const double first = knots.pressure.front(), last = knots.pressure.back();
+  if (first > kNearZero * last) {
+    return Failure{ContractionFitStatus::kOutOfRange,
+                   textOf("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
+                          " of the largest, ", last,
+                          " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
+                          "a table")};
+  }
+  const auto n = static_cast<Eigen::Index>(knots.size());
+  if (n < kCoefficients) {
+    return Failure{ContractionFitStatus::kTooFewPressures,
+                   textOf("pressures that differ: ", n, "; expected at least ", kCoefficients,
+                          " for a quintic: measure at more, or fit a table")};
+  }
+  Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
+  Eigen::VectorXd y(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double root = std::sqrt(knots.weight[i]);
+    double power = root;
+    for (int k = 0; k < kCoefficients; ++k, power *= knots.pressure[i] / last) A(i, k) = power;
+    y[i] = root * knots.length[i];
+  }
+  const Eigen::HouseholderQR<Eigen::MatrixXd> decomposition(A);
+  const Matrix6 R = decomposition.matrixQR().topRows<kCoefficients>();
+  const auto diagonal = R.diagonal().cwiseAbs();
+  if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
+    return Failure{
+        ContractionFitStatus::kTooFewPressures,
+        textOf(n, " pressures, but so close together that they do not tell the ", kCoefficients,
+               " coefficients of a quintic apart: spread them, or fit a table")};
+  }
+  const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
+
+  // Slopes in the direction of the trend.
+  Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> G(kSlopeChecks, kCoefficients);
+  for (int i = 0; i < kSlopeChecks; ++i) {
+    double power = trend < 0 ? -1.0 : 1.0;
+    G(i, 0) = 0;
+    for (int k = 1; k < kCoefficients; ++k, power *= i / (kSlopeChecks - 1.0)) {
+      G(i, k) = k * power;
+    }
+  }
+  const Constrained solution = solveConstrained(R, z, G, kLeastSlope * std::abs(trend) * last);
+  ContractionFit fit;
+  fit.constrained = solution.tight;
+  fit.reference_pressure = last;
+  Coefficients::Map(fit.coefficients.data()) = solution.c;
+  const double shortest = trend < 0 ? solution.c.sum() : solution.c[0];
+  if (!(shortest > 0)) return Failure{ContractionFitStatus::kOutOfRange, shortestReason(shortest)};
+  fit.curve = model::Contraction::quintic(fit.coefficients, last, last);
+  return fit;
+}
+
+// Least squares of lengths that fall, or rise, by at least the least slope (pool adjacent
+// violators).
+Solution fitTable(const Knots& knots, double trend) {
+  struct Pool {
+    double mean, weight;
+    std::size_t count;
+  };
+  const double sign = trend < 0 ? -1.0 : 1.0;
+  const double slope = kLeastSlope * std::abs(trend);
+  // What rises beyond the least slope: monotone where the lengths are steep enough.
+  const auto excess = [&](std::size_t i) {
+    return sign * knots.length[i] - slope * knots.pressure[i];
+  };
+  std::vector<Pool> pools;
+  for (std::size_t i = 0; i < knots.size(); ++i) {
+    pools.push_back({excess(i), knots.weight[i], 1});
+    for (; pools.size() > 1 && pools[pools.size() - 2].mean > pools.back().mean; pools.pop_back()) {
+      Pool& into = pools[pools.size() - 2];
+      const Pool& from = pools.back();
+      into.mean += (from.mean - into.mean) * from.weight / (into.weight + from.weight);
+      into.weight += from.weight;
+      into.count += from.count;
+    }
+  }
+  ContractionFit fit;
+  fit.kind = CurveKind::kTable;
+  fit.constrained = pools.size() < knots.size();
+  fit.pressures = knots.pressure;
+  for (const Pool& pool : pools) {
+    for (std::size_t k = 0; k < pool.count; ++k) {
+      const std::size_t i = fit.lengths.size();
+      fit.lengths.push_back(pool.count == 1 ? knots.length[i]
+                                            : sign * (pool.mean + slope * knots.pressure[i]));
+    }
+  }
+  const double shortest = std::min(fit.lengths.front(), fit.lengths.back());
+  if (!(shortest > 0)) return Failure{ContractionFitStatus::kOutOfRange, shortestReason(shortest)};
+  fit.curve = model::Contraction::table(fit.pressures, fit.lengths);
+  return fit;
+}
+
+double medianOf(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const std::size_t n = values.size();
+  return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
+}
+
+ContractionFit failed(CurveKind kind, Failure failure) {
+  ContractionFit fit;
+  fit.status = failure.status;
+  fit.reason = std::move(failure.reason);
+  fit.kind = kind;
+  return fit;
+}
+
+}  // namespace
+
+ContractionFit fitContraction(const std::vector<LengthSample>& samples,
+                              const ContractionFitOptions& options) {
+  if (std::optional<Failure> fault = checkSamples(samples)) {
+    return failed(options.kind, std::move(*fault));
+  }
+  const std::vector<Branches> branches = branchesOf(samples);
+  std::vector<bool> counts;
+  for (const Branches& on : branches) {
+    counts.push_back(options.branch == Branch::kBoth ||
+                     (options.branch == Branch::kRising ? on.rising : on.falling));
+  }
+  const Knots knots = knotsOf(samples, counts);
+  const bool quintic = options.kind == CurveKind::kQuintic;
+  if (knots.size() < 2) {
+    const char* const where = options.branch == Branch::kBoth     ? ""
+                              : options.branch == Branch::kRising ? " on the rising branch"
+                                                                  : " on the falling branch";
+    return failed(options.kind, {ContractionFitStatus::kTooFewPressures,
+                                 textOf("pressures that differ", where, ": ", knots.size(),
+                                        "; expected at least ", quintic ? kCoefficients : 2,
+                                        ": measure at more")});
+  }
+  const double trend = trendOf(samples, counts);
+  if (trend == 0) {
+    return failed(
+        options.kind,
+        {ContractionFitStatus::kNoTrend,
+         textOf("the lengths neither rise nor fall with pressure; expected a line through "
+                "them to slope by at least ",
+                kLeastTrend, " of its standard errors: check which column is which")});
+  }
+  Solution solution = quintic ? fitQuintic(knots, trend) : fitTable(knots, trend);
+  if (Failure* failure = std::get_if<Failure>(&solution)) {
+    return failed(options.kind, std::move(*failure));
+  }
+  ContractionFit fit = std::get<ContractionFit>(std::move(solution));
+  fit.status = ContractionFitStatus::kFitted;
+
+  fit.residual = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(samples.size()));
+  std::vector<double> rising, falling;  // residuals of the samples that are on one branch only
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const auto [pressure, length] = samples[i];
+    const model::Range range = fit.curve->inputRange();
+    if (!counts[i] && !range.contains(pressure)) continue;
+    const double residual =
+        fit.curve->length(std::clamp(pressure, range.lower, range.upper)) - length;
+    if (counts[i]) fit.residual[static_cast<Eigen::Index>(i)] = residual;
+    if (branches[i].rising != branches[i].falling) {
+      (branches[i].rising ? rising : falling).push_back(residual);
+    }
+  }
+  fit.rms = fit.residual.norm() /
+            std::sqrt(static_cast<double>(std::count(counts.begin(), counts.end(), true)));
+  if (!rising.empty() && !falling.empty()) fit.hysteresis = medianOf(falling) - medianOf(rising);
+  return fit;
+}
+
+}  // namespace helix_arm::estimation

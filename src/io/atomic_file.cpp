@@ -1,0 +1,199 @@
+#include "helix_arm/io/atomic_file.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "helix_arm/io/file_error.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kNameDigits = 16;  // of a temporary file
+const char* const kSuffix = ".tmp";
+constexpr mode_t kPermissions = 07777;
+
+[[noreturn]] void refuse(const std::string& path, const std::string& reason,
+                         const std::string& remedy) {
+  throw FileError(path + " cannot be written: " + reason + "; " + remedy);
+}
+
+const char* remedyOf(int error) {
+  switch (error) {
+    case ENOSPC:
+    case EDQUOT:
+    case EFBIG:
+      return "make room, or choose another place";
+    default:
+      return "choose another place";
+  }
+}
+
+[[noreturn]] void refuse(const std::string& path, int error) {
+  refuse(path, std::strerror(error), remedyOf(error));
+}
+
+class Descriptor {
+ public:
+  explicit Descriptor(int number) : number_(number) {}
+  Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+  Descriptor& operator=(Descriptor&&) = delete;
+  ~Descriptor() {
+    if (number_ >= 0) ::close(number_);
+  }
+  int operator*() const { return number_; }
+  bool isOpen() const { return number_ >= 0; }
+  bool close() { return ::close(std::exchange(number_, -1)) == 0; }
+
+ private:
+  int number_;
+};
+
+std::string prefixOf(const std::string& name) { return "." + name + "."; }
+
+bool isTemporaryOf(const std::string& name, const std::string& entry) {
+  const std::string prefix = prefixOf(name);
+  const std::size_t size = prefix.size() + kNameDigits + std::strlen(kSuffix);
+  return entry.size() == size && entry.compare(0, prefix.size(), prefix) == 0 &&
+         entry.compare(prefix.size() + kNameDigits, std::string::npos, kSuffix) == 0 &&
+         entry.find_first_not_of("0123456789abcdef", prefix.size()) == prefix.size() + kNameDigits;
+}
+
+std::string temporaryName(const std::string& name) {
+  std::random_device random;
+  std::string digits;
+  for (int i = 0; i < kNameDigits; ++i) digits += "0123456789abcdef"[random() & 15];
+  return prefixOf(name) + digits + kSuffix;
+}
+
+// A writer holds a lock on its temporary file, and the system takes it back when the writer ends.
+// What can be locked here has no writer left.
+void removeAbandoned(int folder, const std::string& name) {
+  const int listed = ::openat(folder, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (listed < 0) return;
+  DIR* const entries = ::fdopendir(listed);
+  if (entries == nullptr) {
+    ::close(listed);
+    return;
+  }
+  std::vector<std::string> found;
+  while (const dirent* entry = ::readdir(entries)) {
+    if (isTemporaryOf(name, entry->d_name)) found.emplace_back(entry->d_name);
+  }
+  ::closedir(entries);
+  for (const std::string& entry : found) {
+    const Descriptor file(::openat(folder, entry.c_str(), O_RDWR | O_NOFOLLOW | O_CLOEXEC));
+    if (file.isOpen() && ::flock(*file, LOCK_EX | LOCK_NB) == 0) {
+      ::unlinkat(folder, entry.c_str(), 0);
+    }
+  }
+}
+
+// A new file in a folder, gone again with the object unless it was renamed.
+class TemporaryFile {
+ public:
+  TemporaryFile(const Descriptor& folder, const std::string& name, const std::string& path)
+      : folder_(*folder), path_(path), file_(create(name)) {}
+  ~TemporaryFile() {
+    if (!name_.empty()) ::unlinkat(folder_, name_.c_str(), 0);
+  }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  void setPermissions(mode_t mode) const {
+    if (::fchmod(*file_, mode) != 0) refuse(path_, errno);
+  }
+
+  void write(const std::string& text) const {
+    for (std::size_t done = 0; done < text.size();) {
+      const ssize_t count = ::write(*file_, text.data() + done, text.size() - done);
+      if (count < 0 && errno == EINTR) continue;
+      if (count < 0) refuse(path_, errno);
+      done += static_cast<std::size_t>(count);
+    }
+    if (::fsync(*file_) != 0) refuse(path_, errno);
+  }
+
+  void renameTo(const std::string& name) {
+    if (::renameat(folder_, name_.c_str(), folder_, name.c_str()) != 0) refuse(path_, errno);
+    name_.clear();
+  }
+
+ private:
+  Descriptor create(const std::string& name) {
+    while (true) {
+      name_ = temporaryName(name);
+      constexpr int kNew = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
+      Descriptor file(::openat(folder_, name_.c_str(), kNew, 0666));
+      const int error = errno;
+      if (!file.isOpen()) name_.clear();
+      if (!file.isOpen() && error == EEXIST) continue;
+      if (!file.isOpen()) refuse(path_, error);
+      // Between its making and its lock another writer may take the file for an abandoned one.
+      // Where the file system has no locks it cannot.
+      const bool taken = ::flock(*file, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+      struct stat now {};
+      if (!taken && ::fstat(*file, &now) == 0 && now.st_nlink > 0) return file;
+    }
+  }
+
+  int folder_;
+  const std::string& path_;
+  std::string name_;
+  Descriptor file_;
+};
+
+}  // namespace
+
+void writeFileAtomically(const std::string& path, const std::string& text) {
+  struct stat present {};
+  const bool exists = ::stat(path.c_str(), &present) == 0;
+  if (!exists && errno != ENOENT) refuse(path, errno);
+  if (exists && S_ISDIR(present.st_mode)) {
+    refuse(path, "it is a folder", "expected the path of a file");
+  }
+  if (exists && !S_ISREG(present.st_mode)) {
+    refuse(path, "it is no regular file", "expected the path of one, or a free one");
+  }
+  // A file whose owner forbade writing is kept, even where the rules of the system would let it be
+  // replaced: its folder decides that, and root may do anything.
+  constexpr mode_t kWritable = S_IWUSR | S_IWGRP | S_IWOTH;
+  if (exists && ((present.st_mode & kWritable) == 0 ||
+                 ::faccessat(AT_FDCWD, path.c_str(), W_OK, AT_EACCESS) != 0)) {
+    refuse(path, "it is read-only", "allow writing to it, or choose another place");
+  }
+  std::error_code error;
+  const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
+  if (error) refuse(path, error.value());
+  const std::string name = target.filename().string();
+  if (name.empty()) refuse(path, "it names no file", "expected the path of a file");
+  const std::string directory = target.has_parent_path() ? target.parent_path().string() : ".";
+
+  const Descriptor folder(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!folder.isOpen()) refuse(path, errno);
+  removeAbandoned(*folder, name);
+  TemporaryFile file(folder, name, path);
+  if (exists) file.setPermissions(present.st_mode & kPermissions);
+  file.write(text);
+  file.renameTo(name);
+  // Not every file system can sync a folder; those that cannot say EINVAL.
+  if (::fsync(*folder) != 0 && errno != EINVAL) {
+    throw FileError(path +
+                    " is written, but a loss of power may undo it: its folder cannot be "
+                    "synced: " +
+                    std::strerror(errno) + "; check the disk");
+  }
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,252 @@
+#include "helix_arm/io/calibrated_scene.hpp"
+
+#include <algorithm>
+
+#include "camera_reader.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/model/requirement.hpp"
+#include "pose_reader.hpp"
+#include "provenance_section.hpp"
+#include "scene_document.hpp"
+#include "value_writer.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+const char* const kTitle =
+    "# A calibrated scene. Its key calibration names the scene and the measurements that it was "
+    "made\n"
+    "# from, and how far to trust each number.\n";
+
+// A map of the file that describes actuators: a ring of several, or one.
+struct ActuatorEntry {
+  Value* keys;
+  std::string path;
+  int first;  // of its actuators in the arm
+  int count;
+};
+
+// The sections of a document that is a scene.
+std::vector<Value::Entry>& sectionsOf(Value& document) {
+  return findValue(*findValue(document, "arm"), "sections")->entries;
+}
+
+std::vector<ActuatorEntry> actuatorEntries(Value& document) {
+  std::vector<ActuatorEntry> entries;
+  int first = 0;
+  std::vector<Value::Entry>& sections = sectionsOf(document);
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    const std::string path = indexPath("arm.sections", k);
+    if (Value* ring = findValue(sections[k].value, "ring")) {
+      const int count = static_cast<int>(*parseNumber(ring->find("count")->text));
+      entries.push_back({ring, joinPath(path, "ring"), first, count});
+      first += count;
+      continue;
+    }
+    std::vector<Value::Entry>& actuators = findValue(sections[k].value, "actuators")->entries;
+    for (std::size_t i = 0; i < actuators.size(); ++i) {
+      const std::string item = indexPath(joinPath(path, "actuators"), i);
+      entries.push_back({&actuators[i].value, item, first++, 1});
+    }
+  }
+  return entries;
+}
+
+// Of all that it may be given to, so that none keeps an old one.
+void putStiffness(const model::Stiffness& stiffness, Value& document) {
+  MapWriter value;
+  value.number("K_gamma", stiffness.gamma);
+  value.number("K_tau_m2", stiffness.tau);
+  value.number("K_kappa_m2", stiffness.kappa);
+  std::vector<Value*> owners{findValue(document, "arm")};
+  for (Value::Entry& section : sectionsOf(document)) owners.push_back(&section.value);
+  for (const ActuatorEntry& entry : actuatorEntries(document)) owners.push_back(entry.keys);
+  for (Value* owner : owners) {
+    if (findValue(*owner, "stiffness")) setValue(*owner, "stiffness", value.value());
+  }
+}
+
+void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& document) {
+  model::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
+                      "the number of length scales", factors.size(), scene.arm.actuatorCount());
+  for (const ActuatorEntry& entry : actuatorEntries(document)) {
+    Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
+    if (const Value* given = entry.keys->find("length_scale")) {
+      const bool each = given->kind == Value::Kind::kList;
+      for (int i = 0; i < entry.count; ++i) {
+        scales[i] *= *parseNumber(each ? given->entries[i].value.text : given->text);
+      }
+    }
+    const bool common = (scales.array() == scales[0]).all();
+    setValue(*entry.keys, "length_scale", common ? numberValue(scales[0]) : numbersValue(scales));
+  }
+}
+
+void putPose(const lie::SE3& X, Value& map) {
+  setValue(map, "position_m", numbersValue(X.translation));
+  setValue(map, "rpy_deg", numbersValue(rpyDegOf(X.rotation)));
+}
+
+void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
+  model::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
+                 "but scene ", scene.name, " has none; expected one with a camera");
+  lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
+  X_WC.rotation *= kOpticalInBody.transpose();
+  putPose(X_WC, *findValue(document, "camera"));
+}
+
+// The frame that the poses of a group are given in, seen from the base curve's.
+lie::SE3 mountOf(const Scene& scene, const Value& group, int section) {
+  const Value* name = group.find("actuator");
+  for (int i = scene.arm.firstActuator(section);
+       name != nullptr && i < scene.arm.firstActuator(section + 1); ++i) {
+    if (scene.arm.actuator(i).name == name->text) return scene.arm.actuator(i).X_O;
+  }
+  return {};
+}
+
+bool isSame(const estimation::TagPlacement& a, const estimation::TagPlacement& b) {
+  return a.s == b.s && a.X_ST.rotation == b.X_ST.rotation &&
+         a.X_ST.translation == b.X_ST.translation;
+}
+
+// A group of one tag, mounted as those of another one.
+Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPlacement& tag) {
+  MapWriter group;
+  for (const char* key : {"section", "actuator"}) {
+    if (const Value* value = mounted.find(key)) group.set(key, *value);
+  }
+  group.set("ids", listValue({plainValue(std::to_string(tag.id))}));
+  group.set("s", listValue({numberValue(tag.s)}));
+  Value value = group.value();
+  putPose(mountOf(scene, mounted, tag.section).inverse() * tag.X_ST, value);
+  return value;
+}
+
+void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
+  model::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
+                      "the number of tags", layout.tags.size(), scene.tags->tags.size());
+  Value& groups = *findValue(*findValue(document, "tags"), "groups");
+  std::vector<Value> placed;
+  std::size_t next = 0;
+  for (const Value::Entry& entry : groups.entries) {
+    const Value& group = entry.value;
+    const std::size_t first = next;
+    next += group.find("ids")->entries.size();
+    std::vector<Value> split;
+    bool moved = false;
+    for (std::size_t i = first; i < next; ++i) {
+      const estimation::TagPlacement& before = scene.tags->tags[i];
+      const int index = layout.find(before.id);
+      model::require(index >= 0 && layout.tags[index].section == before.section,
+                     "calibratedSceneText: tag ", before.id, " of scene ", scene.name,
+                     " is not placed on its section; expected all tags of the scene");
+      moved = moved || !isSame(before, layout.tags[index]);
+      split.push_back(groupOf(scene, group, layout.tags[index]));
+    }
+    if (!moved) split = {group};
+    placed.insert(placed.end(), split.begin(), split.end());
+  }
+  groups = listValue(placed);
+}
+
+// Limits that were given and reach beyond a new curve.
+void findLimitsBeyond(const std::string& name, const model::Range& range,
+                      const std::vector<ActuatorEntry>& entries, FaultList& faults) {
+  for (const ActuatorEntry& entry : entries) {
+    if (entry.keys->find("contraction")->text != name) continue;
+    for (const char* key : {"min_pressure_kpa", "max_pressure_kpa"}) {
+      const Value* limit = entry.keys->find(key);
+      if (limit == nullptr || range.contains(pascals(*parseNumber(limit->text)))) continue;
+      report(faults, limit->place,
+             joinPath(entry.path, key) + " is " + limit->text +
+                 "; expected a pressure where the new curve of " + name + " was measured, " +
+                 formatNumber(kilopascals(range.lower)) + " to " +
+                 formatNumber(kilopascals(range.upper)) +
+                 ": move the limit there, or measure the free length as far as that");
+    }
+  }
+}
+
+Value curveValue(const estimation::ContractionFit& fit) {
+  const auto inKilopascals = [](const std::vector<double>& pressures) {
+    Eigen::VectorXd kpa(static_cast<int>(pressures.size()));
+    std::transform(pressures.begin(), pressures.end(), kpa.begin(), &kilopascals);
+    return kpa;
+  };
+  MapWriter curve, value;
+  if (fit.kind == estimation::CurveKind::kQuintic) {
+    curve.numbers("coefficients_m",
+                  Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
+                                                    static_cast<int>(fit.coefficients.size())));
+    curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
+    curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
+    value.set("quintic", curve.value());
+  } else {
+    curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
+    curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
+                                  fit.lengths.data(), static_cast<int>(fit.lengths.size())));
+    value.set("table", curve.value());
+  }
+  return value.value();
+}
+
+void putContraction(const Scene& scene, const std::string& name,
+                    const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
+  model::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
+                 " has no curve: ", fit.reason);
+  Value& contractions = *findValue(document, "contractions");
+  Value* const present = findValue(contractions, name);
+  std::vector<std::string> known;
+  for (const Value::Entry& entry : contractions.entries) known.push_back(entry.key);
+  model::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
+                 " has no contraction ", name, "; expected ", alternatives(known));
+  model::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
+                 " of scene ", scene.name, " is a tendon; expected one that pressure drives");
+  findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
+  *present = curveValue(fit);
+}
+
+void putCalibration(const Scene& scene, const SceneCalibration& calibration, Value& document,
+                    FaultList& faults) {
+  if (calibration.stiffness) putStiffness(*calibration.stiffness, document);
+  if (calibration.length_scale) putLengthScale(scene, *calibration.length_scale, document);
+  if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
+  const bool of_tags = calibration.tags || calibration.X_BF || calibration.bleed != 0;
+  model::require(!of_tags || scene.tags.has_value(), "calibratedSceneText: tags are calibrated, ",
+                 "but scene ", scene.name, " has none; expected one with tags");
+  if (calibration.tags) putTags(scene, *calibration.tags, document);
+  if (calibration.bleed != 0) {
+    const double size = scene.tags->size - 2 * calibration.bleed;
+    setValue(*findValue(document, "tags"), "size_m", numberValue(size));
+  }
+  if (calibration.X_BF) {
+    Value frame = MapWriter().value();
+    putPose(*calibration.X_BF, frame);
+    setValue(*findValue(document, "tags"), "frame", std::move(frame));
+  }
+  for (const auto& [name, fit] : calibration.contractions) {
+    putContraction(scene, name, fit, document, faults);
+  }
+  setValue(document, "calibration", writeProvenance(calibration.provenance));
+}
+
+}  // namespace
+
+std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
+                                const SceneCalibration& calibration) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults);
+  const Scene scene = makeScene(document, faults);
+  putCalibration(scene, calibration, document, faults);
+  faults.throwIfAny();
+  std::string text = kTitle + writeDocument(document);
+
+  FaultList faults_after(path + ", once calibrated,");
+  const std::optional<Value> written = parseDocument(text, faults_after);
+  faults_after.throwIfAny();
+  makeScene(*written, faults_after);
+  return text;
+}
+
+}  // namespace helix_arm::io

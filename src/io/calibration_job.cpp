@@ -1,0 +1,285 @@
+#include "helix_arm/io/calibration_job.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <ctime>
+#include <set>
+#include <stdexcept>
+
+#include "helix_arm/io/calibrated_scene.hpp"
+#include "helix_arm/io/captures.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/model/requirement.hpp"
+#include "scene_document.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using estimation::ArmCaptures;
+using estimation::Calibration;
+using estimation::CalibrationOptions;
+using estimation::CalibrationStatus;
+using estimation::LengthScaling;
+
+const char* const kWords[] = {
+    "stiffness",   "K_kappa",   "K_gamma", "K_tau", "length_scale", "length_scale_each",
+    "contraction", "placement", "base",    "tags",  "bleed"};
+
+// The words of a request.
+class FitWords {
+ public:
+  explicit FitWords(const std::vector<std::string>& words) : words_(words.begin(), words.end()) {
+    if (words_.empty()) words_.insert("stiffness");
+    for (const std::string& word : words_) {
+      if (std::find(std::begin(kWords), std::end(kWords), word) != std::end(kWords)) continue;
+      std::string known;
+      for (const char* const one : kWords) known += (known.empty() ? "" : ", ") + std::string(one);
+      throw std::invalid_argument("there is no \"" + word + "\" to fit; expected some of " + known);
+    }
+  }
+
+  bool has(const std::string& word) const { return words_.count(word) > 0; }
+  bool any(std::initializer_list<const char*> words) const {
+    return std::any_of(words.begin(), words.end(), [this](const char* one) { return has(one); });
+  }
+
+ private:
+  std::set<std::string> words_;
+};
+
+bool areCorners(const std::vector<estimation::Capture>& captures) {
+  return !captures.empty() && std::holds_alternative<std::vector<estimation::CornerObservation>>(
+                                  captures.front().reading);
+}
+
+CalibrationOptions optionsOf(const Scene& scene, const CalibrationRequest& request,
+                             const FitWords& words, const CalibrationData& data) {
+  CalibrationOptions options;
+  options.K_kappa = words.any({"stiffness", "K_kappa"});
+  options.K_gamma = words.any({"stiffness", "K_gamma"});
+  options.K_tau = words.has("K_tau");
+  const bool scaled =
+      words.has("length_scale") || (words.has("contraction") && data.lengths.empty());
+  if (scaled) options.length_scale = LengthScaling::kCommon;
+  if (words.has("length_scale_each")) options.length_scale = LengthScaling::kEach;
+  options.base = words.any({"placement", "base"});
+  options.tags = words.any({"placement", "tags"});
+  options.bleed = words.has("bleed") || (words.has("placement") && areCorners(data.captures));
+  // Placements alone are not to depend on how good the model is.
+  options.free_shapes = !options.K_kappa && !options.K_gamma && !options.K_tau &&
+                        options.length_scale == LengthScaling::kNone;
+
+  const estimation::TwistFitOptions& expected = scene.vision.fit;
+  const auto chosen = [](double asked, double usual) { return asked > 0 ? asked : usual; };
+  const auto check = [](const char* what, double noise) {
+    model::requireValue(std::isfinite(noise) && noise >= 0, "calibration", what, noise,
+                        "a finite value >= 0, 0 for the scene's");
+  };
+  check("the curvature noise", request.curvature_noise);
+  check("the corner noise", request.corner_noise);
+  check("the position noise", request.position_noise);
+  check("the rotation noise", request.rotation_noise);
+  options.curvature_noise = chosen(request.curvature_noise, options.curvature_noise);
+  options.corner_noise = chosen(request.corner_noise, expected.corner_noise);
+  options.position_noise = chosen(request.position_noise, expected.position_noise);
+  options.rotation_noise = chosen(request.rotation_noise, expected.rotation_noise);
+  options.robust_scale = expected.robust_scale;
+  options.tag_prior = scene.tag_prior;
+  options.bleed_prior = expected.bleed_prior;
+  return options;
+}
+
+// Which of the scene's curves the data of free lengths is of.
+std::optional<std::string> curveName(const Scene& scene, const std::string& asked,
+                                     std::string& message) {
+  std::string names;
+  for (const std::string& name : scene.contractions) {
+    names += (names.empty() ? "" : ", ") + name;
+    if (name == asked) return name;
+  }
+  if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.front();
+  message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
+                                "; say which of them was measured"
+                          : "scene " + scene.name + " has no contraction " + asked +
+                                "; expected one of " + names;
+  return std::nullopt;
+}
+
+Provenance provenanceOf(const std::string& path, const CalibrationRequest& request,
+                        const CalibrationData& data, const CalibrationOutcome& outcome) {
+  Provenance out;
+  out.date = request.date;
+  out.package_version = HELIX_ARM_VERSION;
+  out.from = path;
+  out.data = data.sources;
+  if (outcome.calibration) {
+    const Calibration& calibration = *outcome.calibration;
+    for (const estimation::Parameter& one : calibration.parameters) {
+      out.parameters.push_back(
+          {one.name, one.value, one.standard_error, one.identifiable, one.unit});
+    }
+    out.rms = calibration.rms;
+    if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
+    out.error_unit = calibration.error_unit;
+  } else {
+    out.rms = outcome.contractions.front().second.rms;
+    out.error_unit = "m";
+  }
+  return out;
+}
+
+SceneCalibration changesOf(const Scene& scene, const Calibration& calibration,
+                           const CalibrationOptions& options, bool corners) {
+  SceneCalibration changes;
+  changes.stiffness = calibration.stiffness;
+  if (options.length_scale != LengthScaling::kNone) changes.length_scale = calibration.length_scale;
+  if (options.base && corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
+  if (options.base && !corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
+  if (options.tags) changes.tags = calibration.layout;
+  if (options.bleed) changes.bleed = calibration.bleed;
+  return changes;
+}
+
+// A scene that calibratedSceneText() gave.
+Scene sceneOf(const std::string& text, const std::string& name) {
+  FaultList faults(name);
+  const std::optional<Value> document = parseDocument(text, faults);
+  faults.throwIfAny();
+  return makeScene(*document, faults);
+}
+
+// Shapes fitted to the tags of each capture by itself, where they determine one.
+ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data) {
+  ArmCaptures out = data;
+  out.captures.clear();
+  estimation::TwistFitter fitter(data.layout, data.arm.sectionCount(), scene.vision.fit);
+  for (const estimation::Capture& capture : data.captures) {
+    const model::Twists model = data.arm.twists(capture.pressure);
+    const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
+    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
+    const estimation::TwistFit& fit = poses != nullptr
+                                          ? fitter.fitCold(*poses, model)
+                                          : fitter.fitCold(*corners, data.X_CB, data.focal, model);
+    if (fit.status != estimation::FitStatus::kConverged) continue;
+    estimation::Capture twists = capture;
+    twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
+    out.captures.push_back(std::move(twists));
+  }
+  return out;
+}
+
+// By the paper's definition, which needs captures of one arm at several pressures.
+std::optional<estimation::LeastTipError> leastTipError(const Scene& scene,
+                                                       const ArmCaptures& data) {
+  const estimation::Reading& first = data.captures.front().reading;
+  const bool tags = std::holds_alternative<std::vector<estimation::PoseObservation>>(first) ||
+                    std::holds_alternative<std::vector<estimation::CornerObservation>>(first);
+  // In its plane a twist has no covariance across it, and none is needed for the tip.
+  if (tags && data.planar) return std::nullopt;
+  const ArmCaptures readings = tags ? asTwists(scene, data) : data;
+  if (readings.captures.size() < 2) return std::nullopt;
+  return estimation::fitLeastTipError({readings});
+}
+
+CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& message) {
+  outcome.success = false;
+  outcome.message = message;
+  return outcome;
+}
+
+}  // namespace
+
+CalibrationData loadCalibrationData(const Scene& scene, const std::vector<std::string>& paths) {
+  CalibrationData out;
+  for (const std::string& path : paths) {
+    const DataSet data = loadDataSet(path);
+    int count = 0;
+    if (kindOf(data) == DataKind::kLengths) {
+      const std::vector<estimation::LengthSample> samples = loadLengths(data);
+      out.lengths.insert(out.lengths.end(), samples.begin(), samples.end());
+      count = static_cast<int>(samples.size());
+    } else {
+      LoadedCaptures read = loadCaptures(scene, data);
+      count = static_cast<int>(read.captures.size());
+      if (!read.unknown_tags.empty()) {
+        std::string ids;
+        for (const auto& [id, sights] : read.unknown_tags) ids += " " + std::to_string(id);
+        out.warnings.push_back(path + " has tags that the scene has not:" + ids);
+      }
+      std::move(read.captures.begin(), read.captures.end(), std::back_inserter(out.captures));
+    }
+    out.sources.push_back({path, sha256OfFile(path), count});
+  }
+  return out;
+}
+
+CalibrationOutcome runCalibration(const std::string& path, const std::vector<Override>& overrides,
+                                  const CalibrationRequest& request, const CalibrationData& data,
+                                  const std::vector<CompanionArm>& companions) {
+  const FitWords words(request.fit);
+  CalibrationOutcome outcome;
+  outcome.warnings = data.warnings;
+  Scene scene = loadScene(path, overrides);
+  SceneCalibration curves;
+  const bool fits_arm = words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "length_scale",
+                                   "length_scale_each", "placement", "base", "tags", "bleed"}) ||
+                        (words.has("contraction") && data.lengths.empty());
+  if (!words.has("contraction") && !data.lengths.empty()) {
+    return refused(outcome,
+                   "the data holds free lengths, but no contraction is to be fitted; leave it out, "
+                   "or fit contraction as well");
+  }
+  if (words.has("contraction") && !data.lengths.empty()) {
+    std::string message;
+    const auto name = curveName(scene, request.contraction, message);
+    if (!name) return refused(outcome, message);
+    estimation::ContractionFit fit = estimation::fitContraction(data.lengths, request.curve);
+    outcome.contractions.emplace_back(*name, fit);
+    if (fit.status != estimation::ContractionFitStatus::kFitted) {
+      return refused(outcome, "contraction " + *name + ": " + fit.reason);
+    }
+    curves.contractions = outcome.contractions;
+  }
+  SceneCalibration changes;
+  if (fits_arm) {
+    // What follows is of the arm with its new curves.
+    if (!curves.contractions.empty()) {
+      curves.provenance = provenanceOf(path, request, data, outcome);
+      scene = sceneOf(calibratedSceneText(path, overrides, curves), path);
+    }
+    outcome.arms.push_back(makeArmCaptures(scene, data.captures));
+    for (const CompanionArm& one : companions) {
+      outcome.arms.push_back(makeArmCaptures(one.scene, one.captures));
+    }
+    const CalibrationOptions options = optionsOf(scene, request, words, data);
+    outcome.calibration = estimation::calibrate(outcome.arms, options);
+    const Calibration& calibration = *outcome.calibration;
+    outcome.warnings.insert(outcome.warnings.end(), calibration.warnings.begin(),
+                            calibration.warnings.end());
+    if (calibration.status != CalibrationStatus::kCalibrated) {
+      return refused(
+          outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
+    }
+    if (options.K_kappa) outcome.least_tip_error = leastTipError(scene, outcome.arms.front());
+    changes = changesOf(scene, calibration, options, areCorners(data.captures));
+  }
+  changes.contractions = curves.contractions;
+  changes.provenance = provenanceOf(path, request, data, outcome);
+  outcome.scene_text = calibratedSceneText(path, overrides, changes);
+  outcome.success = true;
+  outcome.message = "calibrated " + scene.name;
+  return outcome;
+}
+
+std::string utcNow() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text.data();
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,259 @@
+#include "helix_arm/io/captures.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/tag_poses.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+struct NamedKind {
+  DataKind kind;
+  const char* column;  // that tells it
+  const char* text;
+};
+
+constexpr NamedKind kKinds[] = {
+    {DataKind::kCurvatures, "curvature_rad", "curvatures"},
+    {DataKind::kTagPoses, "x_m", "tag poses"},
+    {DataKind::kTagCorners, "x1_px", "tag corners"},
+    {DataKind::kLengths, "length_m", "free lengths"},
+};
+
+[[noreturn]] void refuse(const std::string& file, const std::string& fault) {
+  throw DocumentError(file + " " + fault);
+}
+
+std::string kilopascalText(double pressure) { return formatNumber(kilopascals(pressure)) + " kPa"; }
+
+std::optional<std::string> limitFault(const model::Actuator& actuator, int number,
+                                      double pressure) {
+  if (actuator.limits.contains(pressure)) return std::nullopt;
+  return "pressure_" + std::to_string(number) + "_kpa is " + kilopascalText(pressure) +
+         "; expected the limits of " + actuator.name + ", " +
+         kilopascalText(actuator.limits.lower) + " to " + kilopascalText(actuator.limits.upper);
+}
+
+const estimation::TagLayout& tagsOf(const Scene& scene, const std::string& file) {
+  if (scene.tags) return *scene.tags;
+  refuse(file,
+         "holds tags, but scene " + scene.name + " has none; expected a scene with a section tags");
+}
+
+std::string idsOf(const estimation::TagLayout& layout) {
+  std::string ids;
+  for (const estimation::TagPlacement& tag : layout.tags) {
+    ids += (ids.empty() ? "" : ", ") + std::to_string(tag.id);
+  }
+  return ids;
+}
+
+// Readings of tags by their ids as readings of tags of the layout.
+template <class Observation>
+class TagReadings {
+ public:
+  explicit TagReadings(const Scene& scene, const std::string& file)
+      : scene_(scene), file_(file), layout_(tagsOf(scene, file)) {}
+
+  // observe(tag) gives what is seen of a tag of the scene, nothing where that is a fault.
+  template <class Tags, class Observe>
+  void add(int number, const Eigen::VectorXd& pressure, const Tags& tags, Observe observe) {
+    std::vector<Observation> reading;
+    for (const auto& tag : tags) {
+      const int index = layout_.find(tag.id);
+      if (index < 0) {
+        ++loaded_.unknown_tags[tag.id];
+        continue;
+      }
+      known_ = true;
+      if (const auto seen = observe(tag)) reading.push_back({index, *seen});
+    }
+    loaded_.captures.push_back({number, pressure, std::move(reading)});
+  }
+
+  LoadedCaptures take() {
+    if (!known_ && !loaded_.unknown_tags.empty()) {
+      std::string ids;
+      for (const auto& tag : loaded_.unknown_tags) {
+        ids += (ids.empty() ? "" : ", ") + std::to_string(tag.first);
+      }
+      refuse(file_, "holds no tag of scene " + scene_.name + " but only " + ids + "; expected " +
+                        idsOf(layout_) + ": is it of another arm?");
+    }
+    return std::move(loaded_);
+  }
+
+ private:
+  const Scene& scene_;
+  const std::string& file_;
+  const estimation::TagLayout& layout_;
+  LoadedCaptures loaded_;
+  bool known_ = false;
+};
+
+LoadedCaptures curvaturesOf(const Scene& scene, const DataSet& data,
+                            const Eigen::MatrixXd& pressures) {
+  if (scene.arm.sectionCount() != 1) {
+    refuse(data.path, "holds curvatures, which are those of one section, but scene " + scene.name +
+                          " has " + std::to_string(scene.arm.sectionCount()));
+  }
+  FaultList faults(data.path);
+  LoadedCaptures loaded;
+  const int column = data.find("curvature_rad");
+  for (int row = 0; row < data.values.rows(); ++row) {
+    const double curvature = data.values(row, column);
+    if (curvature < 0) {
+      faults.add(data.lines[row],
+                 "curvature_rad is " + formatNumber(curvature) + "; expected a finite value >= 0");
+    }
+    loaded.captures.push_back(
+        {row + 1, pressures.row(row), estimation::CurvatureReading{curvature}});
+  }
+  faults.throwIfAny();
+  return loaded;
+}
+
+LoadedCaptures posesOf(const Scene& scene, const DataSet& data) {
+  TagReadings<estimation::PoseObservation> readings(scene, data.path);
+  for (const TagPoseCapture& capture : loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
+    readings.add(capture.number, capture.pressure, capture.tags,
+                 [](const TagPose& tag) { return std::optional(tag.X_BT); });
+  }
+  return readings.take();
+}
+
+// Directions of a tag's corners; nothing, and a fault, where the distortion cannot be undone.
+std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
+                                                const TagCorners& tag, int capture,
+                                                FaultList& faults) {
+  estimation::Corners directions;
+  for (int i = 0; i < tag.corners.cols(); ++i) {
+    const auto direction = camera.directionOf(tag.corners.col(i));
+    if (!direction) {
+      faults.add(tag.line, "corner " + std::to_string(i + 1) + " of tag " + std::to_string(tag.id) +
+                               " in capture " + std::to_string(capture) + " is at " +
+                               formatNumber(tag.corners(0, i)) + ", " +
+                               formatNumber(tag.corners(1, i)) +
+                               " px; expected a place where the camera's distortion can be undone");
+      return std::nullopt;
+    }
+    directions.col(i) = *direction;
+  }
+  return directions;
+}
+
+void requirePressures(const std::string& file, const model::Arm& arm) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).drive == model::Drive::kPressure) continue;
+    refuse(file, "gives pressures, but actuator " + arm.actuator(i).name +
+                     " of the scene is a tendon; expected an arm of pressure actuators");
+  }
+}
+
+}  // namespace
+
+DataKind kindOf(const DataSet& data) {
+  const NamedKind* found = nullptr;
+  for (const NamedKind& kind : kKinds) {
+    if (data.find(kind.column) < 0) continue;
+    if (found != nullptr) {
+      refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
+                            " and " + kind.column + " of " + kind.text + "; expected one of them");
+    }
+    found = &kind;
+  }
+  if (found != nullptr) return found->kind;
+  std::string expected;
+  for (const NamedKind& kind : kKinds) {
+    expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
+  }
+  refuse(data.path, "has none of the columns that tell what it holds; expected " + expected);
+}
+
+Eigen::MatrixXd pressuresWithinLimits(const DataSet& data, const model::Arm& arm) {
+  requirePressures(data.path, arm);
+  Eigen::MatrixXd pressures = pressuresOf(data, arm.actuatorCount());
+  FaultList faults(data.path);
+  for (int row = 0; row < pressures.rows(); ++row) {
+    for (int i = 0; i < pressures.cols(); ++i) {
+      const auto fault = limitFault(arm.actuator(i), i + 1, pressures(row, i));
+      if (fault) faults.add(data.lines[row], *fault);
+    }
+  }
+  faults.throwIfAny();
+  return pressures;
+}
+
+LoadedCaptures loadCaptures(const Scene& scene, const DataSet& data) {
+  const DataKind kind = kindOf(data);
+  if (kind == DataKind::kLengths) {
+    refuse(data.path, "holds free lengths of a muscle; expected measurements of an arm");
+  }
+  const Eigen::MatrixXd pressures = pressuresWithinLimits(data, scene.arm);
+  if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
+  if (kind == DataKind::kTagPoses) return posesOf(scene, data);
+  return makeCaptures(scene, loadTagCorners(data, scene.arm.actuatorCount()), data.path);
+}
+
+LoadedCaptures makeCaptures(const Scene& scene, const std::vector<TagCornerCapture>& seen,
+                            const std::string& name) {
+  requirePressures(name, scene.arm);
+  if (!scene.camera) {
+    refuse(name, "holds corners in pictures, but scene " + scene.name +
+                     " has no camera; expected a scene with a section camera");
+  }
+  FaultList faults(name);
+  TagReadings<estimation::CornerObservation> readings(scene, name);
+  for (const TagCornerCapture& capture : seen) {
+    const int line = capture.tags.empty() ? 0 : capture.tags.front().line;
+    if (capture.pressure.size() != scene.arm.actuatorCount()) {
+      faults.add(line, "has " + std::to_string(capture.pressure.size()) + " pressures in capture " +
+                           std::to_string(capture.number) + "; expected " +
+                           std::to_string(scene.arm.actuatorCount()));
+      continue;
+    }
+    for (int i = 0; i < capture.pressure.size(); ++i) {
+      const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
+      if (fault) faults.add(line, *fault);
+    }
+    readings.add(capture.number, capture.pressure, capture.tags, [&](const TagCorners& tag) {
+      return directionsOf(scene.camera->model, tag, capture.number, faults);
+    });
+  }
+  faults.throwIfAny();
+  return readings.take();
+}
+
+std::vector<estimation::LengthSample> loadLengths(const DataSet& data) {
+  if (kindOf(data) != DataKind::kLengths) {
+    refuse(data.path, "holds measurements of an arm; expected columns pressure_kpa and length_m");
+  }
+  const int pressure = data.find("pressure_kpa"), length = data.find("length_m");
+  if (pressure < 0) {
+    refuse(data.path, "has no column pressure_kpa; expected pressure_kpa, length_m");
+  }
+  std::vector<estimation::LengthSample> samples;
+  samples.reserve(static_cast<std::size_t>(data.values.rows()));
+  for (int row = 0; row < data.values.rows(); ++row) {
+    samples.push_back({pascals(data.values(row, pressure)), data.values(row, length)});
+  }
+  return samples;
+}
+
+estimation::ArmCaptures makeArmCaptures(const Scene& scene,
+                                        std::vector<estimation::Capture> captures) {
+  estimation::ArmCaptures arm{scene.name, scene.arm, scene.planar.has_value(), {}, {}, 0, {}};
+  if (scene.tags) arm.layout = *scene.tags;
+  if (scene.camera) {
+    arm.X_CB = scene.X_CB();
+    arm.focal = 0.5 * (scene.camera->model.fx + scene.camera->model.fy);
+  }
+  arm.captures = std::move(captures);
+  return arm;
+}
+
+}  // namespace helix_arm::io

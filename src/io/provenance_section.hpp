@@ -1,0 +1,17 @@
+#pragma once
+
+#include <optional>
+
+#include "helix_arm/io/provenance.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// Reads `calibration`; nothing where the scene has none.
+std::optional<Provenance> readProvenance(const MapReader& scene, const Value& document,
+                                         FaultList& faults);
+
+/// The value of `calibration` that reads back as this.
+Value writeProvenance(const Provenance& provenance);
+
+}  // namespace helix_arm::io

@@ -1,0 +1,66 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
+
+namespace helix_arm::io {
+
+/// A row of a table that has one for each tag of each capture.
+struct TagRow {
+  const DataSet& data;
+  int row;
+  FaultList& faults;
+
+  int line() const { return data.lines[row]; }
+  double operator[](const std::string& column) const { return data.values(row, data.find(column)); }
+  /// A whole number >= 0; -1, and a fault, where it is none.
+  int number(const std::string& column) const;
+};
+
+/// @param columns  that the table must have beside capture, pressures and tag.
+/// @throws DocumentError naming those that it has not.
+void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns);
+
+/// The captures of a table in the order in which each appears first.
+/// @param readTag  makes a tag, which has an id and a line, of its id and row.
+/// @throws DocumentError with all faults.
+template <class Capture, class ReadTag>
+std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag readTag) {
+  const Eigen::MatrixXd pressures = pressuresOf(data, actuators);
+  FaultList faults(data.path);
+  std::vector<Capture> captures;
+  std::map<int, std::size_t> index;
+  for (int i = 0; i < data.values.rows(); ++i) {
+    const TagRow row{data, i, faults};
+    const int number = row.number("capture"), id = row.number("tag");
+    if (number < 0 || id < 0) continue;
+    const Eigen::VectorXd pressure = pressures.row(i);
+    const auto [found, is_new] = index.emplace(number, captures.size());
+    if (is_new) captures.push_back({number, pressure, {}});
+    Capture& capture = captures[found->second];
+    if (capture.pressure != pressure) {
+      faults.add(row.line(), "changes the pressures of capture " + std::to_string(number) +
+                                 "; expected them as in line " +
+                                 std::to_string(capture.tags.front().line));
+    }
+    const auto same = std::find_if(capture.tags.begin(), capture.tags.end(),
+                                   [id](const auto& tag) { return tag.id == id; });
+    if (same == capture.tags.end()) {
+      capture.tags.push_back(readTag(id, row));
+    } else {
+      faults.add(row.line(), "measures tag " + std::to_string(id) + " again in capture " +
+                                 std::to_string(number) + ", as line " +
+                                 std::to_string(same->line) + " does; expected it once");
+    }
+  }
+  faults.throwIfAny();
+  return captures;
+}
+
+}  // namespace helix_arm::io

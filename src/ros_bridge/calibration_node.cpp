@@ -1,0 +1,547 @@
+#include "helix_arm/ros_bridge/calibration_node.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include <ros/console.h>
+#include <ros/this_node.h>
+#include <unistd.h>
+
+#include "helix_arm/control/pressure_plan.hpp"
+#include "helix_arm/control/quote.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/captures.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/ros_bridge/bag_captures.hpp"
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+#include "helix_arm/ros_bridge/pneumatics.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kClockPatience = 2.0;   // that ROS time may stand still [s]
+constexpr double kWatchPeriod = 0.1;     // [s]
+constexpr double kFeedbackPeriod = 0.2;  // [s]
+constexpr int kUsualCaptures = 3;        // a pressure
+constexpr char kRecorded[] = "recorded samples";
+
+std::vector<std::string> actuatorNames(const model::Arm& arm) {
+  std::vector<std::string> out;
+  for (int i = 0; i < arm.actuatorCount(); ++i) out.push_back(arm.actuator(i).name);
+  return out;
+}
+
+bool endsIn(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+void requireAbsolute(const char* what, const std::string& path) {
+  model::require(!path.empty() && path.front() == '/', what, " is '", control::quoted(path),
+                 "'; expected an absolute path");
+}
+
+// What would be found out after a long run only.
+void requireWritable(const std::string& out) {
+  if (out.empty()) return;
+  requireAbsolute("out", out);
+  const std::string folder = std::filesystem::path(out).parent_path().string();
+  model::require(access(folder.c_str(), W_OK) == 0, "out is '", control::quoted(out), "', but ",
+                 folder, " cannot be written (", std::strerror(errno),
+                 "); expected a path in a folder that can");
+}
+
+// Runs what answers a service: what it throws is the answer.
+template <class Response, class Body>
+bool answer(const char* service, Response& response, const Body& body) {
+  try {
+    body();
+  } catch (const std::exception& fault) {
+    response.success = false;
+    response.message = fault.what();
+  }
+  if (response.success) {
+    ROS_INFO("%s: %s", service, response.message.c_str());
+  } else {
+    ROS_WARN("%s: %s", service, response.message.c_str());
+  }
+  return true;
+}
+
+// Into the response of the service or the result of the action.
+template <class Answer>
+void fill(Answer& out, const io::CalibrationOutcome& outcome, const std::string& path) {
+  out.success = outcome.success;
+  out.message = outcome.message;
+  out.warnings = outcome.warnings;
+  out.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  if (outcome.success) out.out = path;
+  if (!outcome.calibration) return;
+  const estimation::Calibration& calibration = *outcome.calibration;
+  for (const estimation::Parameter& parameter : calibration.parameters) {
+    out.names.push_back(parameter.name);
+    out.units.push_back(parameter.unit);
+    out.initial.push_back(parameter.initial);
+    out.values.push_back(parameter.value);
+    out.standard_errors.push_back(parameter.standard_error);
+    out.identifiable.push_back(parameter.identifiable);
+  }
+  out.rms = calibration.rms;
+  out.error_unit = calibration.error_unit;
+  if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
+  for (const Eigen::VectorXd& row : calibration.next_pressures) {
+    out.next_pressures.insert(out.next_pressures.end(), row.begin(), row.end());
+  }
+}
+
+template <class Value>
+Value wordOf(const char* what, const std::string& given,
+             const std::vector<std::pair<const char*, Value>>& words) {
+  if (given.empty()) return words.front().second;
+  std::string list;
+  for (const auto& [word, value] : words) {
+    if (given == word) return value;
+    list += (list.empty() ? "" : " or ") + std::string(word);
+  }
+  throw std::invalid_argument(std::string(what) + " is '" + control::quoted(given) +
+                              "'; expected " + list);
+}
+
+}  // namespace
+
+CalibrationNodeOptions CalibrationNodeOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  CalibrationNodeOptions out;
+  control::SettleRules& settle = out.settle;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  settle.pressure_tolerance =
+      1e3 * reader.number("pressure_tolerance_kpa", 1e-3 * settle.pressure_tolerance, {0.01, 100});
+  settle.corner_tolerance =
+      reader.number("corner_tolerance_px", settle.corner_tolerance, {0.01, 100});
+  settle.window = reader.number("window_s", settle.window, {0.05, 60});
+  settle.max_age = reader.number("max_age_s", settle.max_age, {0.05, 60});
+  out.run.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * out.run.ramp, {0.1, 10000});
+  out.run.patience = reader.number("patience_s", out.run.patience, {0.1, 3600});
+  out.rate = reader.number("rate", out.rate, {5, 1000});
+  reader.finish();
+  return out;
+}
+
+CalibrationNode::CalibrationNode()
+    : options_(CalibrationNodeOptions::load()),
+      scene_(requirePneumatic(io::loadScene(options_.scene))),
+      watch_(actuatorNames(scene_.arm), options_.settle) {
+  target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
+  using Node = CalibrationNode;
+  const auto hints = ros::TransportHints().tcpNoDelay();
+  const auto listen = [&](const char* topic, auto callback) {
+    return node_.subscribe(topic, 100, callback, this, hints);
+  };
+  detections_subscriber_ = listen(names::kTagDetections, &Node::onDetections);
+  measured_subscriber_ = listen(names::kPressureMeasured, &Node::onMeasured);
+  command_subscriber_ = listen(names::kPressureCommand, &Node::onCommand);
+  status_subscriber_ = listen(names::kTargetStatus, &Node::onStatus);
+  vision_subscriber_ = listen(names::kVisionStatus, &Node::onVision);
+
+  ros::NodeHandle mine("~");
+  calibrate_ = mine.advertiseService(names::kCalibrate, &Node::onCalibrate, this);
+  fit_contraction_ = mine.advertiseService(names::kFitContraction, &Node::onFitContraction, this);
+  record_ = mine.advertiseService(names::kRecordSample, &Node::onRecord, this);
+  clear_ = mine.advertiseService(names::kClearSamples, &Node::onClear, this);
+  save_ = mine.advertiseService(names::kSave, &Node::onSave, this);
+  reload_ = std::make_unique<ReloadServer>(mine, options_.scene,
+                                           [this](io::Scene next) { adopt(std::move(next)); });
+  watch_timer_ =
+      node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &CalibrationNode::onWatch, this);
+  server_ = std::make_unique<Server>(
+      mine, names::kRunCalibration,
+      [this](const RunCalibrationGoalConstPtr& goal) { onGoal(goal); }, false);
+  server_->start();
+  ROS_INFO("%s: %s", scene_.name.c_str(),
+           scene_.camera && scene_.tags
+               ? "ready to record and to calibrate"
+               : "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so "
+                 "nothing can be recorded");
+}
+
+CalibrationNode::~CalibrationNode() = default;
+
+void CalibrationNode::onDetections(const TagDetectionsConstPtr& detections) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  watch_.seen(detections->header.stamp.toSec(), sightingsOf(*detections, scene_));
+}
+
+std::optional<Eigen::VectorXd> CalibrationNode::reading(const PressureArray& message,
+                                                        const char* topic) {
+  const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
+  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) return *pressure;
+  if (foreign_pressures_.add()) {
+    ROS_WARN("%s is not of scene %s: %s (%lu times so far)", topic, scene_.name.c_str(),
+             std::get<control::Refusal>(checked).message.c_str(),
+             static_cast<unsigned long>(foreign_pressures_.total()));
+  }
+  return std::nullopt;
+}
+
+void CalibrationNode::onMeasured(const PressureArrayConstPtr& measured) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (const auto pressure = reading(*measured, names::kPressureMeasured)) {
+    watch_.measured(measured->header.stamp.toSec(), *pressure);
+  }
+}
+
+void CalibrationNode::onCommand(const PressureArrayConstPtr& command) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (const auto pressure = reading(*command, names::kPressureCommand)) {
+    watch_.command(command->header.stamp.toSec(), *pressure);
+  }
+}
+
+void CalibrationNode::onStatus(const TargetStatusConstPtr& status) {
+  if (status->commander != ros::this_node::getName() || status->outcome != TargetStatus::DROPPED) {
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!run_) return;
+  if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
+    run_->yield(status->message);
+  } else {
+    run_->end(control::RunEnd::kAborted, "pressure_command refused a target: " + status->message);
+  }
+}
+
+void CalibrationNode::onVision(const VisionStatusConstPtr& status) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  vision_ = *status;
+}
+
+void CalibrationNode::onWatch(const ros::SteadyTimerEvent&) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  clock_.now();
+  if (end_request_.made() && !running_) ros::requestShutdown();
+}
+
+void CalibrationNode::requireIdle() const {
+  model::require(!running_, "run_calibration is under way; wait for it, or cancel it first");
+}
+
+control::Settling CalibrationNode::settling(double now) const {
+  control::Settling out = watch_.at(now);
+  // Vision knows better why.
+  const bool blind = out.stale() || out.state == control::SettleState::kNoTags;
+  if (blind && vision_ && vision_->state != VisionStatus::MEASURED) {
+    out.reason += "; vision says: " + vision_->message;
+  }
+  return out;
+}
+
+bool CalibrationNode::onRecord(RecordSample::Request&, RecordSample::Response& response) {
+  return answer(names::kRecordSample, response, [&] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    response.samples = static_cast<std::uint32_t>(samples_.size());
+    requireIdle();
+    const control::Settling state = settling(clock_.now());
+    model::require(state.settled(), "not recorded: ", state.reason);
+    samples_.push_back(medianOf(watch_.samples()));
+    const control::Sample& sample = samples_.back();
+    response.samples = static_cast<std::uint32_t>(samples_.size());
+    response.tags = static_cast<std::uint32_t>(sample.tags.size());
+    response.pressure.assign(sample.pressure.begin(), sample.pressure.end());
+    response.success = true;
+    response.message = "sample " + std::to_string(samples_.size()) + " with " +
+                       std::to_string(sample.tags.size()) + " tags";
+  });
+}
+
+bool CalibrationNode::onClear(ClearSamples::Request&, ClearSamples::Response& response) {
+  return answer(names::kClearSamples, response, [&] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    requireIdle();
+    response.cleared = static_cast<std::uint32_t>(samples_.size());
+    samples_.clear();
+    response.success = true;
+    response.message = std::to_string(response.cleared) + " samples forgotten";
+  });
+}
+
+bool CalibrationNode::onSave(Save::Request& request, Save::Response& response) {
+  return answer(names::kSave, response, [&] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    requireAbsolute("path", request.path);
+    if (endsIn(request.path, ".csv")) {
+      model::require(!samples_.empty(), "nothing was recorded; call record_sample first");
+      io::writeFileAtomically(
+          request.path, io::tagCornerCsv(numbered(samples_, scene_.arm), scene_.arm.actuatorCount(),
+                                         "recorded of scene " + scene_.name + ", " + io::utcNow()));
+      response.message = std::to_string(samples_.size()) + " samples in " + request.path;
+    } else {
+      model::require(last_.has_value(), "nothing was calibrated; call calibrate first");
+      io::writeFileAtomically(request.path, last_->scene_text);
+      response.message = "the last calibration in " + request.path;
+    }
+    response.success = true;
+  });
+}
+
+void CalibrationNode::adopt(io::Scene next) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  requireIdle();
+  next = requirePneumatic(std::move(next));
+  requireSameRig(scene_, next);
+  scene_ = std::move(next);
+}
+
+io::CalibrationData CalibrationNode::recorded() const {
+  const std::vector<io::TagCornerCapture> seen = numbered(samples_, scene_.arm);
+  model::require(!seen.empty(),
+                 "nothing was recorded; call record_sample or run_calibration first, or name data "
+                 "sets");
+  io::CalibrationData out;
+  out.captures = io::makeCaptures(scene_, seen, kRecorded).captures;
+  out.sources.push_back({kRecorded,
+                         io::sha256Of(io::tagCornerCsv(seen, scene_.arm.actuatorCount(), "")),
+                         static_cast<int>(seen.size())});
+  return out;
+}
+
+io::CalibrationData CalibrationNode::load(const std::vector<std::string>& paths) const {
+  std::vector<std::string> tables;
+  io::CalibrationData bags;
+  for (const std::string& path : paths) {
+    requireAbsolute("data", path);
+    if (!endsIn(path, ".bag")) {
+      tables.push_back(path);
+      continue;
+    }
+    const auto seen = numbered(loadBag(path, scene_, options_.settle), scene_.arm);
+    io::LoadedCaptures loaded = io::makeCaptures(scene_, seen, path);
+    bags.sources.push_back(
+        {path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
+    std::move(loaded.captures.begin(), loaded.captures.end(), std::back_inserter(bags.captures));
+  }
+  io::CalibrationData out = io::loadCalibrationData(scene_, tables);
+  std::move(bags.captures.begin(), bags.captures.end(), std::back_inserter(out.captures));
+  std::move(bags.sources.begin(), bags.sources.end(), std::back_inserter(out.sources));
+  return out;
+}
+
+io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& request,
+                                                  const io::CalibrationData& data,
+                                                  const std::string& out) {
+  requireWritable(out);
+  io::CalibrationOutcome outcome = io::runCalibration(reload_->path(), {}, request, data);
+  if (!outcome.success) return outcome;
+  if (outcome.calibration) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_ = outcome;
+  }
+  if (out.empty()) return outcome;
+  try {
+    io::writeFileAtomically(out, outcome.scene_text);
+  } catch (const std::exception& fault) {
+    outcome.success = false;
+    outcome.message +=
+        ", but it is not written: " + std::string(fault.what()) + "; call save with another path";
+  }
+  return outcome;
+}
+
+bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Response& response) {
+  return answer(names::kCalibrate, response, [&] {
+    io::CalibrationData data;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      requireIdle();
+      data = request.data.empty() ? recorded() : load(request.data);
+    }
+    io::CalibrationRequest job;
+    job.fit = request.fit;
+    job.curvature_noise = request.curvature_noise;
+    job.corner_noise = request.corner_noise_px;
+    job.position_noise = request.position_noise;
+    job.rotation_noise = request.rotation_noise;
+    job.date = io::utcNow();
+    fill(response, calibrate(job, data, request.out), request.out);
+  });
+}
+
+bool CalibrationNode::onFitContraction(FitContraction::Request& request,
+                                       FitContraction::Response& response) {
+  using estimation::Branch;
+  using estimation::CurveKind;
+  response.hysteresis = std::numeric_limits<double>::quiet_NaN();
+  return answer(names::kFitContraction, response, [&] {
+    io::CalibrationRequest job;
+    job.fit = {"contraction"};
+    job.contraction = request.contraction;
+    job.curve.kind = wordOf<CurveKind>(
+        "kind", request.kind, {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
+    job.curve.branch = wordOf<Branch>(
+        "branch", request.branch,
+        {{"both", Branch::kBoth}, {"rising", Branch::kRising}, {"falling", Branch::kFalling}});
+    job.date = io::utcNow();
+    requireAbsolute("data", request.data);
+    io::CalibrationData data;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      requireIdle();
+      data = io::loadCalibrationData(scene_, {request.data});
+    }
+    model::require(!data.lengths.empty(), request.data,
+                   " holds no free lengths; expected the columns pressure_kpa and length_m");
+    const io::CalibrationOutcome outcome = calibrate(job, data, request.out);
+    response.success = outcome.success;
+    response.message = outcome.message;
+    if (outcome.success) response.out = request.out;
+    if (outcome.contractions.empty()) return;
+    const estimation::ContractionFit& fit = outcome.contractions.front().second;
+    if (!fit.curve) return;
+    response.rms = fit.rms;
+    response.constrained = fit.constrained;
+    if (fit.hysteresis) response.hysteresis = *fit.hysteresis;
+    if (fit.kind == CurveKind::kQuintic) {
+      response.coefficients.assign(fit.coefficients.begin(), fit.coefficients.end());
+      response.reference_pressure = fit.reference_pressure;
+    } else {
+      response.pressures = fit.pressures;
+      response.lengths = fit.lengths;
+    }
+  });
+}
+
+void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
+  RunCalibrationResult refused;
+  answer(names::kRunCalibration, refused, [&] {
+    begin(*goal);
+    refused.success = true;
+    refused.message = "begins";
+  });
+  if (!refused.success) {
+    server_->setAborted(refused, refused.message);
+    return;
+  }
+  if (play()) conclude(*goal);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  run_.reset();
+  running_ = false;
+}
+
+void CalibrationNode::begin(const RunCalibrationGoal& goal) {
+  // Words that nobody knows throw; that there is no data yet does not.
+  io::CalibrationRequest request;
+  request.fit = goal.fit;
+  io::runCalibration(reload_->path(), {}, request, {});
+  requireWritable(goal.out);
+  control::RunRules rules = options_.run;
+  rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
+  rules.validate();
+  model::require(target_publisher_.getNumSubscribers() > 0,
+                 "nobody listens on pressure_target; is pressure_command up?");
+  const std::lock_guard<std::mutex> lock(mutex_);
+  model::require(!end_request_.made(), "the node is about to end");
+  const auto plan = control::checkPlan(scene_.arm, goal.plan);
+  if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
+    throw std::invalid_argument(refusal->message);
+  }
+  const control::Settling state = settling(clock_.now());
+  model::require(!state.stale(), state.reason);
+  model::require(state.set_point.has_value(), "pressure_command has not come yet; is its node up?");
+  run_.emplace(std::get<Eigen::MatrixXd>(plan), *state.set_point, scene_.arm.inputAt(0), rules);
+  samples_.clear();
+  running_ = true;
+}
+
+bool CalibrationNode::play() {
+  const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+      std::chrono::duration<double>(1.0 / options_.rate));
+  std::vector<control::Sample> captures;  // of this step
+  std::chrono::steady_clock::time_point due = std::chrono::steady_clock::now(),
+                                        told = due - std::chrono::hours(1);
+  std::string last_state;
+  while (ros::ok()) {
+    RunCalibrationFeedback feedback;
+    std_msgs::Header header;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      using control::RunEnd;
+      const double now = clock_.now();
+      if (server_->isPreemptRequested()) run_->end(RunEnd::kPreempted, "it was cancelled");
+      if (end_request_.made()) run_->end(RunEnd::kAborted, "the node is to end");
+      if (clock_.stands()) {
+        run_->end(RunEnd::kAborted, "ROS time stands still; is the node that gives /clock up?");
+      }
+      if (run_->ended()) return true;
+      const control::Settling state = settling(now);
+      const control::CalibrationRun::Order order = run_->advance(now, state);
+      header.stamp = ros::Time::now();
+      target_publisher_.publish(toPressureMsg(header, scene_.arm, order.pressure));
+      if (order.capture) captures.push_back(*order.capture);
+      if (order.step_done) {
+        samples_.push_back(medianOf(captures));
+        captures.clear();
+      }
+      feedback.step = static_cast<std::uint32_t>(run_->step() + 1);
+      feedback.steps = static_cast<std::uint32_t>(run_->steps());
+      feedback.state = nameOf(run_->phase());
+      if (run_->phase() == control::RunPhase::kSettling && !state.settled()) {
+        feedback.state += ": " + state.reason;
+      }
+      feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
+      feedback.samples = static_cast<std::uint32_t>(samples_.size());
+    }
+    const auto now = std::chrono::steady_clock::now();
+    if (std::chrono::duration<double>(now - told).count() > kFeedbackPeriod) {
+      told = now;
+      server_->publishFeedback(feedback);
+    }
+    due = std::max(due + period, now);
+    std::this_thread::sleep_until(due);
+  }
+  return false;
+}
+
+void CalibrationNode::conclude(const RunCalibrationGoal& goal) {
+  RunCalibrationResult result;
+  result.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  if (run_->verdict() != control::RunEnd::kCompleted) {
+    result.message = run_->reason();
+    ROS_WARN("run_calibration: %s", result.message.c_str());
+    if (run_->verdict() == control::RunEnd::kPreempted) {
+      server_->setPreempted(result, result.message);
+    } else {
+      server_->setAborted(result, result.message);
+    }
+    return;
+  }
+  answer(names::kRunCalibration, result, [&] {
+    RunCalibrationFeedback feedback;
+    io::CalibrationData data;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      feedback.step = feedback.steps = static_cast<std::uint32_t>(run_->steps());
+      feedback.samples = static_cast<std::uint32_t>(samples_.size());
+      data = recorded();
+    }
+    feedback.state = "fitting";
+    server_->publishFeedback(feedback);
+    io::CalibrationRequest request;
+    request.fit = goal.fit;
+    request.date = io::utcNow();
+    fill(result, calibrate(request, data, goal.out), goal.out);
+  });
+  if (result.success) {
+    server_->setSucceeded(result, result.message);
+  } else {
+    server_->setAborted(result, result.message);
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

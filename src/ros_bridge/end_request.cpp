@@ -1,0 +1,37 @@
+#include "helix_arm/ros_bridge/end_request.hpp"
+
+#include <atomic>
+#include <csignal>
+
+#include <ros/init.h>
+#include <ros/xmlrpc_manager.h>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+std::atomic<int> requests{0};
+static_assert(std::atomic<int>::is_always_lock_free, "signal handlers must not wait");
+
+void onSignal(int) {
+  if (requests.fetch_add(1) > 0) ros::requestShutdown();
+}
+
+// Of the master, as rosnode kill sends it.
+void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
+  requests.fetch_add(1);
+  result = ros::xmlrpc::responseInt(1, "", 0);
+}
+
+}  // namespace
+
+EndRequest::EndRequest() {
+  std::signal(SIGINT, onSignal);
+  std::signal(SIGTERM, onSignal);
+  const auto& manager = ros::XMLRPCManager::instance();
+  manager->unbind("shutdown");
+  manager->bind("shutdown", onShutdown);
+}
+
+bool EndRequest::made() const { return requests > 0; }
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,188 @@
+// A calibration run on rigs as the simulator builds them: stiffness, muscles, camera and tags of
+// each are off in their own way; pictures are rendered, compressed and searched, pressures have lag
+// and noise.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/control/pressure_plan.hpp"
+#include "helix_arm/control/sample.hpp"
+#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/io/captures.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/mount_deviation.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
+#include "support/random.hpp"
+#include "support/sample_rig.hpp"
+
+namespace helix_arm {
+namespace {
+
+using estimation::Calibration;
+using estimation::CalibrationStatus;
+using estimation::Parameter;
+
+constexpr int kRigs = 100;
+constexpr int kMostMisses = 5;
+constexpr int kPictures = 3;                      // at each pressure
+constexpr int kReadings = 100;                    // of the pressures
+constexpr double kSettling = 3.0, kPause = 0.01;  // [s]
+constexpr int kTips = 30;
+constexpr double kOff = 0.006;  // of the tip, before [m]
+
+struct Rig {
+  simulation::ArmDeviation arm;
+  simulation::MountDeviation mounts;
+};
+
+Rig draw(int number) {
+  test::Random random(number);
+  Rig rig;
+  rig.arm.K_kappa_scale = std::exp(0.25 * random.normal());
+  rig.arm.K_gamma_scale = std::exp(0.4 * random.normal());
+  rig.arm.length_scale = std::exp(0.03 * random.normal());
+  rig.mounts = {0.01, 0.02, 0.002, 0.052, static_cast<std::uint32_t>(number)};
+  return rig;
+}
+
+// What the detector sees of the arm, as the calibration takes it.
+std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& rig) {
+  simulation::CameraSetup setup = scene.cameraSetup().value();
+  setup.view = simulation::deviate(scene.view(), scene.arm, rig.mounts);
+  setup.config.seed = rig.mounts.seed;
+  regulator::SimulatedRegulatorConfig regulator = *scene.regulator;
+  regulator.seed = rig.mounts.seed;
+  simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
+  vision::TagDetector detector(scene.vision.detector);
+  std::vector<io::TagCornerCapture> captures;
+  const Eigen::MatrixXd plan = control::defaultPressurePlan(scene.arm);
+  for (int step = 0; step < plan.rows(); ++step) {
+    simulated.command(plan.row(step).transpose());
+    simulated.step(kSettling);
+    std::vector<control::Sample> samples;
+    for (int picture = 0; picture < kPictures; ++picture) {
+      Eigen::VectorXd pressure = Eigen::VectorXd::Zero(plan.cols());
+      for (int i = 0; i < kReadings; ++i) {
+        pressure += simulated.measure() / kReadings;
+        simulated.step(kPause);
+      }
+      control::Sample sample{0, pressure, {}};
+      for (const vision::TagDetection& tag : detector.detect(simulated.render())) {
+        if (scene.tags->find(tag.id) >= 0) sample.tags.push_back({tag.id, tag.corners});
+      }
+      samples.push_back(std::move(sample));
+    }
+    const control::Sample median = control::medianOf(samples);
+    io::TagCornerCapture capture{step + 1, median.pressure, {}};
+    for (int i = 0; i < capture.pressure.size(); ++i) {
+      const model::Range& limits = scene.arm.actuator(i).limits;
+      capture.pressure[i] = std::clamp(capture.pressure[i], limits.lower, limits.upper);
+    }
+    for (const control::TagSighting& tag : median.tags) {
+      capture.tags.push_back({tag.id, tag.corners, 0});
+    }
+    captures.push_back(std::move(capture));
+  }
+  return captures;
+}
+
+// What a calibration should find, by its names.
+std::map<std::string, double> truthOf(const io::Scene& scene, const Rig& rig) {
+  const model::Stiffness& stiffness = scene.arm.actuator(0).stiffness;
+  std::map<std::string, double> truth{{"K_kappa", stiffness.kappa * rig.arm.K_kappa_scale},
+                                      {"K_gamma", stiffness.gamma * rig.arm.K_gamma_scale},
+                                      {"length_scale", rig.arm.length_scale},
+                                      {"bleed", scene.simulation.camera.bleed}};
+  const estimation::ArmView known = scene.view(),
+                            real = simulation::deviate(known, scene.arm, rig.mounts);
+  const lie::Vector6 base = (known.X_CB.inverse() * real.X_CB).log();
+  const char* const names[] = {"x", "y", "z", "rx", "ry", "rz"};
+  for (int i = 0; i < 6; ++i) truth[std::string("base_") + names[i]] = base[i];
+  for (std::size_t t = 0; t < known.layout.tags.size(); ++t) {
+    const estimation::TagPlacement &from = known.layout.tags[t], &to = real.layout.tags[t];
+    const std::string tag = "tag_" + std::to_string(from.id) + "_";
+    const Eigen::Vector3d moved = to.X_ST.translation - from.X_ST.translation;
+    const double length = scene.arm.restTwist(from.section).head<3>().norm();
+    truth[tag + "along"] = (to.s - from.s) * length + moved.x();
+    truth[tag + "y"] = moved.y();
+    truth[tag + "z"] = moved.z();
+    const lie::SE3 turn{from.X_ST.rotation.transpose() * to.X_ST.rotation, Eigen::Vector3d::Zero()};
+    for (int i = 3; i < 6; ++i) truth[tag + names[i]] = turn.log()[i];
+  }
+  return truth;
+}
+
+double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* found, int seed) {
+  const simulation::TrueArm real(scene.arm, rig.arm);
+  const model::Arm arm = found != nullptr && found->stiffness
+                             ? test::withStiffness(scene.arm, *found->stiffness)
+                             : scene.arm;
+  test::Random random(seed);
+  double sum = 0;
+  for (int i = 0; i < kTips; ++i) {
+    const Eigen::VectorXd pressure = test::randomInput(arm, random);
+    Eigen::VectorXd lengths = arm.lengths(pressure);
+    if (found != nullptr) lengths = lengths.cwiseProduct(found->length_scale);
+    sum += (model::tipPose(arm.twistsOfLengths(lengths)).translation -
+            model::tipPose(real.twists(pressure)).translation)
+               .squaredNorm();
+  }
+  return sum / kTips;
+}
+
+TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTipThreeTimesCloser) {
+  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  estimation::CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = estimation::LengthScaling::kCommon;
+  options.corner_noise = scene.vision.fit.corner_noise;
+  options.tag_prior = scene.tag_prior;
+
+  std::map<std::string, int> misses;
+  std::vector<double> ratios;
+  double sum_before = 0, sum_after = 0, square = 0;
+  for (int number = 1; number <= kRigs; ++number) {
+    const Rig rig = draw(number);
+    const io::LoadedCaptures loaded =
+        io::makeCaptures(scene, photograph(scene, rig), "rig " + std::to_string(number));
+    const Calibration found =
+        estimation::calibrate({io::makeArmCaptures(scene, loaded.captures)}, options);
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << number << ": " << found.reason;
+    const auto truth = truthOf(scene, rig);
+    for (const Parameter& one : found.parameters) {
+      const double z = (one.value - truth.at(one.name)) / one.standard_error;
+      misses[one.name] += std::abs(z) > 3;
+      square += z * z / static_cast<double>(found.parameters.size());
+    }
+    const double before = tipError2(scene, rig, nullptr, number);
+    const double after = tipError2(scene, rig, &found, number);
+    sum_before += before;
+    sum_after += after;
+    // A rig that happens to be right from the start has nothing to gain.
+    if (std::sqrt(before) > kOff) ratios.push_back(std::sqrt(after / before));
+  }
+  int worst = 0;
+  for (const auto& [name, count] : misses) {
+    EXPECT_LE(count, kMostMisses) << name;
+    worst = std::max(worst, count);
+  }
+  std::sort(ratios.begin(), ratios.end());
+  EXPECT_LE(ratios.back(), 1.0 / 3);
+  EXPECT_LE(std::sqrt(sum_after / sum_before), 1.0 / 3);
+  std::printf(
+      "%d rigs, %zu parameters: at most %d rigs beyond 3 standard errors, RMS %.2f of them\n"
+      "tip, RMS: %.1f mm before, %.1f mm after; of %zu rigs that were off by more than %.0f mm, "
+      "the worst ratio is %.3f\n",
+      kRigs, misses.size(), worst, std::sqrt(square / kRigs), 1e3 * std::sqrt(sum_before / kRigs),
+      1e3 * std::sqrt(sum_after / kRigs), ratios.size(), 1e3 * kOff, ratios.back());
+}
+
+}  // namespace
+}  // namespace helix_arm

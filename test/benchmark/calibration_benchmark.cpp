@@ -1,0 +1,237 @@
+// Calibrations of the size that labs make. Stiffness of 21 captures of 7 tags, beside a simplex of
+// GSL on the same robust objective, as the paper's authors fit. Placement of 50 captures of 8 tags,
+// beside Ceres on the same residuals with central differences instead of derivatives.
+#include <array>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+#include <ceres/ceres.h>
+#include <gsl/gsl_multimin.h>
+
+#include "helix_arm/estimation/calibration.hpp"
+#include "support/sample_rig.hpp"
+
+namespace helix_arm::benchmark {
+namespace {
+
+using estimation::ArmCaptures;
+using estimation::Calibration;
+using estimation::CalibrationOptions;
+using estimation::CalibrationStatus;
+using estimation::Capture;
+
+constexpr double kPoseNoise = 0.01;   // [m]
+constexpr double kCornerNoise = 0.3;  // [px]
+constexpr int kPatience = 2000;
+
+template <class Seen>
+void add(ArmCaptures& data, const Eigen::VectorXd& pressure, Seen seen) {
+  Capture capture;
+  capture.number = static_cast<int>(data.captures.size()) + 1;
+  capture.pressure = pressure;
+  capture.reading = std::move(seen);
+  data.captures.push_back(std::move(capture));
+}
+
+// 21 captures of 7 tags of a helical arm, as poses.
+const ArmCaptures& stiffnessData() {
+  static const ArmCaptures the_data = [] {
+    const model::Arm known = test::ringArm(test::helicalRing());
+    test::Random random(1);
+    const test::RigTruth truth =
+        test::drawRig(known, test::sampleView(0.8, 1, 7), {0.2, 0.4, 0, 0, 0, 0, 0, 0}, random);
+    ArmCaptures data{"arm", known, false, truth.view.layout, {}, 0, {}};
+    for (int i = 0; i < 21; ++i) {
+      const Eigen::VectorXd pressure = test::randomInput(known, random);
+      std::vector<estimation::PoseObservation> seen;
+      for (lie::SE3 X_BT : estimation::tagPoses(data.layout, test::shapeOf(truth, pressure))) {
+        for (double& x : X_BT.translation) x += kPoseNoise * random.normal();
+        seen.push_back({static_cast<int>(seen.size()), X_BT});
+      }
+      add(data, pressure, std::move(seen));
+    }
+    return data;
+  }();
+  return the_data;
+}
+
+// 50 captures of 8 tags each, as corners.
+const ArmCaptures& placementData() {
+  static const ArmCaptures the_data = [] {
+    const model::Arm known = test::ringArm(test::helicalRing());
+    const estimation::ArmView view = test::sampleView(0.8, 1, 32);
+    test::Random random(2);
+    const test::RigTruth truth =
+        test::drawRig(known, view, {0.2, 0.4, 0.02, 0.01, 0.02, 0.002, 0.05, 0}, random);
+    ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
+    while (data.captures.size() < 50) {
+      const Eigen::VectorXd pressure = test::randomInput(known, random);
+      const auto seen = test::observe(truth, pressure, kCornerNoise, random);
+      if (seen.size() >= 8) add(data, pressure, test::spread(seen, 8));
+    }
+    return data;
+  }();
+  return the_data;
+}
+
+// The fit alone: without what is said about it afterwards.
+CalibrationOptions fitAlone() {
+  CalibrationOptions options;
+  options.held_out = false;
+  options.next_pressures = 0;
+  return options;
+}
+
+void run(::benchmark::State& state, const ArmCaptures& data, const CalibrationOptions& options) {
+  double error = 0;
+  for (auto _ : state) {
+    const Calibration found = calibrate({data}, options);
+    if (found.status != CalibrationStatus::kCalibrated) state.SkipWithError(found.reason.c_str());
+    error = found.rms;
+  }
+  state.counters["rms"] = error;
+}
+
+void stiffnessFit(::benchmark::State& state) { run(state, stiffnessData(), fitAlone()); }
+void stiffnessWithHeldOut(::benchmark::State& state) { run(state, stiffnessData(), {}); }
+
+CalibrationOptions placement() {
+  CalibrationOptions options = fitAlone();
+  options.base = options.tags = options.bleed = options.free_shapes = true;
+  options.base_prior = {0.1, 0.5};
+  return options;
+}
+void placementFit(::benchmark::State& state) { run(state, placementData(), placement()); }
+
+// Robust cost of the poses at logs of K_kappa and K_gamma over the known ones.
+double costOf(const gsl_vector* x, void*) {
+  const ArmCaptures& data = stiffnessData();
+  model::Stiffness stiffness = data.arm.actuator(0).stiffness;
+  stiffness.kappa *= std::exp(gsl_vector_get(x, 0));
+  stiffness.gamma *= std::exp(gsl_vector_get(x, 1));
+  const model::Arm arm = test::withStiffness(data.arm, stiffness);
+  const CalibrationOptions options;
+  const double limit = 3 * options.robust_scale * options.robust_scale;
+  double cost = 0;
+  for (int i = 0; i < 2; ++i) {
+    cost += std::pow(gsl_vector_get(x, i) / options.stiffness_prior, 2);
+  }
+  for (const Capture& capture : data.captures) {
+    const auto model = estimation::tagPoses(data.layout, arm.twists(capture.pressure));
+    for (const auto& seen : std::get<std::vector<estimation::PoseObservation>>(capture.reading)) {
+      const double square = (model[seen.tag].translation - seen.X_BT.translation).squaredNorm() /
+                            (kPoseNoise * kPoseNoise);
+      cost += limit * std::log1p(square / limit);
+    }
+  }
+  return cost;
+}
+
+void stiffnessFitOfPeer(::benchmark::State& state) {
+  gsl_multimin_fminimizer* simplex =
+      gsl_multimin_fminimizer_alloc(gsl_multimin_fminimizer_nmsimplex2, 2);
+  gsl_vector* start = gsl_vector_calloc(2);
+  gsl_vector* step = gsl_vector_alloc(2);
+  gsl_vector_set_all(step, 0.3);
+  gsl_multimin_function function{&costOf, 2, nullptr};
+  double iterations = 0, runs = 0;
+  for (auto _ : state) {
+    gsl_multimin_fminimizer_set(simplex, &function, start, step);
+    for (int n = 0; n < kPatience; ++n, iterations += 1) {
+      if (gsl_multimin_fminimizer_iterate(simplex) != 0) break;
+      // As near as a percent of a standard error or so.
+      if (gsl_multimin_fminimizer_size(simplex) < 1e-3) break;
+    }
+    runs += 1;
+  }
+  state.counters["iterations"] = iterations / runs;
+  gsl_vector_free(step);
+  gsl_vector_free(start);
+  gsl_multimin_fminimizer_free(simplex);
+}
+
+// What a camera sees of one tag, without derivatives.
+struct TagResidual {
+  const ArmCaptures& data;
+  estimation::CornerObservation seen;
+
+  bool operator()(const double* twist, const double* base, const double* bleed, const double* moved,
+                  double* residual) const {
+    const Eigen::Map<const lie::Vector6> g(twist), b(base), m(moved);
+    const estimation::TagPlacement tag =
+        estimation::movedBy(data.layout.tags[seen.tag], m, data.arm.restTwist(0).head<3>().norm());
+    const lie::SE3 X_CT = data.X_CB * lie::SE3::exp(b) * lie::SE3::exp(tag.s * g) * tag.X_ST;
+    const estimation::Corners plane = data.layout.corners(*bleed);
+    for (int c = 0; c < 4; ++c) {
+      const Eigen::Vector3d p = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0);
+      if (!(p.z() > 0)) return false;
+      Eigen::Map<Eigen::Vector2d>(residual + 2 * c) =
+          data.focal / kCornerNoise * (p.head<2>() / p.z() - seen.direction.col(c));
+    }
+    return true;
+  }
+};
+
+// Holds a parameter near where it is thought to be.
+struct Prior {
+  std::array<double, 6> mean, deviation;
+  bool operator()(const double* x, double* residual) const {
+    for (int i = 0; i < 6; ++i) residual[i] = (x[i] - mean[i]) / deviation[i];
+    return true;
+  }
+};
+
+void placementFitOfPeer(::benchmark::State& state) {
+  const ArmCaptures& data = placementData();
+  const CalibrationOptions options = placement();
+  using Six = std::array<double, 6>;
+  for (auto _ : state) {
+    std::vector<Six> twists(data.captures.size()), tags(data.layout.tags.size(), Six{});
+    Six base{}, held{};
+    double bleed = 0;
+    ceres::Problem problem;
+    const auto hold = [&problem](Six& x, double translation, double rotation) {
+      const Prior prior{x, {translation, translation, translation, rotation, rotation, rotation}};
+      problem.AddResidualBlock(
+          new ceres::NumericDiffCostFunction<Prior, ceres::CENTRAL, 6, 6>(new Prior(prior)),
+          nullptr, x.data());
+    };
+    for (std::size_t c = 0; c < data.captures.size(); ++c) {
+      const model::Twists start = data.arm.twists(data.captures[c].pressure);
+      for (int i = 0; i < 6; ++i) twists[c][i] = start(i, 0);
+      hold(twists[c], options.model_prior.translation, options.model_prior.rotation);
+      for (const auto& seen :
+           std::get<std::vector<estimation::CornerObservation>>(data.captures[c].reading)) {
+        auto* cost = new ceres::NumericDiffCostFunction<TagResidual, ceres::CENTRAL, 8, 6, 6, 1, 6>(
+            new TagResidual{data, seen});
+        double* const tag = seen.tag == 0 ? held.data() : tags[seen.tag].data();
+        problem.AddResidualBlock(cost, new ceres::CauchyLoss(options.robust_scale * std::sqrt(8.0)),
+                                 twists[c].data(), base.data(), &bleed, tag);
+      }
+    }
+    hold(base, options.base_prior.translation, options.base_prior.rotation);
+    for (std::size_t i = 1; i < tags.size(); ++i) {
+      hold(tags[i], options.tag_prior.translation, options.tag_prior.rotation);
+    }
+    if (problem.HasParameterBlock(held.data())) problem.SetParameterBlockConstant(held.data());
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = ceres::SPARSE_SCHUR;
+    solver.max_num_iterations = 100;
+    solver.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem, &summary);
+    if (summary.termination_type != ceres::CONVERGENCE) state.SkipWithError("not converged");
+    state.counters["iterations"] = static_cast<double>(summary.iterations.size());
+  }
+}
+
+BENCHMARK(stiffnessFit)->Unit(::benchmark::kMillisecond);
+BENCHMARK(stiffnessWithHeldOut)->Unit(::benchmark::kMillisecond);
+BENCHMARK(stiffnessFitOfPeer)->Unit(::benchmark::kMillisecond);
+BENCHMARK(placementFit)->Unit(::benchmark::kMillisecond);
+BENCHMARK(placementFitOfPeer)->Unit(::benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace helix_arm::benchmark

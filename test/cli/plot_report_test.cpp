@@ -1,0 +1,203 @@
+// scripts/plot_report, which draws what `helix_arm calibrate --format json` prints.
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <sys/wait.h>
+
+#include "nlohmann/json.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kWidth = 1280;
+
+json capture(int number, double kpa, const std::string& kind) {
+  const double model = std::tanh(kpa / 250), measured = model + 0.03 * std::sin(5.0 * number);
+  const bool curvature = kind == "curvature";
+  return {{"capture", number},
+          {"pressure_pa", {1e3 * kpa, 0.0}},
+          {"kind", kind},
+          {"measured_rad", curvature ? json(measured) : json(nullptr)},
+          {"model_rad", curvature ? json(model) : json(nullptr)},
+          {"held_out_rad", curvature && number % 2 == 0 ? json(model) : json(nullptr)},
+          {"rms", std::abs(measured - model)},
+          {"outlier_tags", number == 3 && !curvature ? json({5, 7}) : json::array()},
+          {"outlier", number == 4},
+          {"gain", 0.2}};
+}
+
+json arm(const std::string& name, const std::string& kind, int captures) {
+  json out{{"name", name}, {"captures", json::array()}};
+  for (int i = 1; i <= captures; ++i) out["captures"].push_back(capture(i, 30.0 * i, kind));
+  return out;
+}
+
+json heldOut(int groups) {
+  json out{{"error", 0.05}, {"in_sample", 0.04}, {"groups", json::array()}};
+  for (int i = 0; i < groups; ++i) {
+    out["groups"].push_back({{"label", std::to_string(30 * i) + ", 0 kPa"}, {"error", 0.01 * i}});
+  }
+  return out;
+}
+
+// One of everything.
+json report() {
+  json out{{"scene", "spatial_50 at $5"},
+           {"arms", {arm("planar_76", "curvature", 11), arm("wide", "curvature", 9)}},
+           {"held_out_error", 0.05},
+           {"error_unit", "rad"},
+           {"held_out", {{"by_pressure", heldOut(11)}, {"by_arm", heldOut(2)}}}};
+  json curve{{"name", "muscle"}, {"samples", json::array()}, {"curve", json::array()}};
+  curve["rms_m"] = 6.5e-4;
+  for (int i = 0; i <= 10; ++i) {
+    const json point{{"pressure_pa", 4e4 * i}, {"length_m", 0.43 - 0.1 * std::tanh(0.2 * i)}};
+    curve["samples"].push_back(point);
+    curve["curve"].push_back(point);
+  }
+  out["contractions"] = {curve};
+  out["parameters"]["K_kappa"] = {{"value", 1.2718e-4},
+                                  {"standard_error", 3e-6},
+                                  {"initial", 1.38e-4},
+                                  {"identifiable", true},
+                                  {"unit", "m^2"}};
+  out["parameters"]["K_gamma"] = {{"value", 10.0},
+                                  {"standard_error", nullptr},
+                                  {"initial", 10.0},
+                                  {"identifiable", false},
+                                  {"unit", ""}};
+  return out;
+}
+
+class PlotReport : public testing::Test {
+ protected:
+  // Writes a report, has it drawn, keeps what the script said.
+  int draw(const std::string& text) {
+    std::ofstream(source_) << text;
+    return run(source_, target_);
+  }
+  int draw(const json& document) { return draw(document.dump()); }
+  int run(const std::string& source, const std::string& target) {
+    const std::string command = "'" HELIX_ARM_SOURCE_DIR "/scripts/plot_report' '" + source +
+                                "' '" + target + "' 2>'" + errors_ + "'";
+    const int status = std::system(command.c_str());
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+  std::string errors() const {
+    std::ifstream file(errors_);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+  cv::Mat picture() const { return cv::imread(target_, cv::IMREAD_GRAYSCALE); }
+
+  void expectRefused(const json& document, const std::string& message) {
+    EXPECT_EQ(draw(document), 2);
+    EXPECT_NE(errors().find(message), std::string::npos) << errors();
+    EXPECT_EQ(errors().find("Traceback"), std::string::npos) << errors();
+    EXPECT_FALSE(std::filesystem::exists(target_));
+  }
+
+  TemporaryFolder folder_;
+  const std::string source_ = folder_ / "report.json", target_ = folder_ / "report.png";
+  const std::string errors_ = folder_ / "errors.txt";
+};
+
+// Share of the pixels of a part of the picture that are not white.
+double inked(const cv::Mat& picture) {
+  return cv::countNonZero(picture < 250) / static_cast<double>(picture.total());
+}
+
+TEST_F(PlotReport, ShowsAllThatTheReportHas) {
+  ASSERT_EQ(draw(report()), 0) << errors();
+  EXPECT_EQ(errors(), "");
+  const cv::Mat all = picture();
+  ASSERT_EQ(all.cols, kWidth);
+  // Contraction and two arms, residuals, two kinds of groups: three rows; and the table.
+  EXPECT_GT(all.rows, 3 * 400);
+  EXPECT_LT(all.rows, 4 * 400);
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 2; ++column) {
+      const cv::Rect panel(column * kWidth / 2, 50 + 400 * row, kWidth / 2, 400);
+      EXPECT_GT(inked(all(panel)), 0.02) << row << " " << column;
+    }
+  }
+  EXPECT_GT(inked(all.rowRange(all.rows - 60, all.rows)), 0.01);
+
+  ASSERT_EQ(draw(json{{"contractions", report()["contractions"]}}), 0) << errors();
+  EXPECT_EQ(picture().cols, kWidth);
+  EXPECT_LT(picture().rows, 500);
+  EXPECT_GT(inked(picture()), 0.02);
+}
+
+TEST_F(PlotReport, ManyCapturesAndGroupsAndParametersHaveTheirPlace) {
+  json many = report();
+  many["arms"] = {arm("helical_50", "tag_poses", 300)};
+  many["arms"][0]["captures"][10]["rms"] = 40.0;
+  many["arms"][0]["captures"][20].erase("rms");
+  many["error_unit"] = "m";
+  many["held_out"] = {{"by_pressure", heldOut(300)}, {"by_arm", nullptr}};
+  for (int i = 0; i < 100; ++i) {
+    many["parameters"]["tag_" + std::to_string(i) + "_along"] = many["parameters"]["K_kappa"];
+  }
+  ASSERT_EQ(draw(many), 0) << errors();
+  EXPECT_EQ(errors(), "");
+  EXPECT_EQ(picture().cols, kWidth);
+  EXPECT_LT(picture().rows, 2400);
+}
+
+TEST_F(PlotReport, AMissingReportIsNamed) {
+  EXPECT_EQ(run(folder_ / "none.json", target_), 2);
+  EXPECT_NE(errors().find("none.json cannot be read: No such file"), std::string::npos) << errors();
+  EXPECT_EQ(run(folder_.path(), target_), 2);
+  EXPECT_NE(errors().find("cannot be read: Is a directory"), std::string::npos) << errors();
+}
+
+TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {
+  EXPECT_EQ(draw(std::string("{\"arms\": [")), 2);
+  EXPECT_NE(errors().find("report.json is no JSON: "), std::string::npos) << errors();
+  expectRefused(json::array({1}), "holds no object");
+  expectRefused(json::object(), "has nothing to draw; expected arms, contractions");
+  json wrong = report();
+  wrong["arms"][1]["captures"][2]["rms"] = "small";
+  expectRefused(wrong, R"(arms[1].captures[2].rms is "small"; expected a finite number)");
+  wrong = report();
+  wrong["arms"][0]["captures"][0]["kind"] = "guess";
+  expectRefused(wrong, R"(arms[0].captures[0].kind is "guess"; expected curvature or tag_poses)");
+  wrong = report();
+  wrong["arms"][0]["captures"][0]["pressure_pa"] = {1.0};
+  expectRefused(wrong, "arms[0].captures have [1, 2] pressures; expected as many in each");
+  wrong = report();
+  wrong["arms"][0]["captures"] = json::object();
+  expectRefused(wrong, "arms[0].captures is {}; expected an array");
+  wrong = report();
+  wrong["contractions"][0].erase("rms_m");
+  expectRefused(wrong, "contractions[0] has no rms_m");
+  wrong = report();
+  wrong["parameters"]["K_kappa"]["identifiable"] = 1;
+  expectRefused(wrong, "parameters.K_kappa.identifiable is 1; expected true or false");
+  EXPECT_EQ(draw(std::string(R"({"held_out_error": NaN})")), 2);
+  EXPECT_NE(errors().find("held_out_error is NaN; expected a finite number"), std::string::npos)
+      << errors();
+}
+
+TEST_F(PlotReport, APictureThatCannotBeWrittenLeavesNothing) {
+  std::ofstream(source_) << report();
+  EXPECT_EQ(run(source_, folder_ / "none/report.png"), 2);
+  EXPECT_NE(errors().find("none/report.png cannot be written: No such file"), std::string::npos)
+      << errors();
+  EXPECT_EQ(run(source_, folder_.path()), 2);
+  EXPECT_NE(errors().find("cannot be written: "), std::string::npos) << errors();
+  for (const auto& entry : std::filesystem::directory_iterator(folder_.path())) {
+    EXPECT_EQ(entry.path().extension() == ".part", false) << entry.path();
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,516 @@
+#include "helix_arm/estimation/calibration.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/sample_rig.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using test::kMaxPressure;
+using test::Random;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+const Parameter& parameter(const Calibration& calibration, const std::string& name) {
+  const auto& all = calibration.parameters;
+  const auto found = std::find_if(all.begin(), all.end(),
+                                  [&name](const Parameter& one) { return one.name == name; });
+  if (found == all.end()) throw std::out_of_range("no parameter " + name);
+  return *found;
+}
+
+model::Arm scaled(const model::Arm& arm, double kappa, double gamma) {
+  model::Stiffness stiffness = arm.actuator(0).stiffness;
+  stiffness.kappa *= kappa;
+  stiffness.gamma *= gamma;
+  return test::withStiffness(arm, stiffness);
+}
+
+void add(ArmCaptures& data, const Eigen::VectorXd& pressure, Reading reading) {
+  Capture capture;
+  capture.number = static_cast<int>(data.captures.size()) + 1;
+  capture.pressure = pressure;
+  capture.reading = std::move(reading);
+  data.captures.push_back(std::move(capture));
+}
+
+// Curvatures that an arm has at the twelve pressures, to `noise` [rad].
+ArmCaptures curvatures(const model::Arm& known, const model::Arm& truth, double noise,
+                       Random& random) {
+  ArmCaptures data{"arm", known, false, {}, {}, 0, {}};
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
+    const double curvature = model::curvatureOf(truth.twists(pressure).col(0));
+    add(data, pressure, CurvatureReading{std::abs(curvature + noise * random.normal())});
+  }
+  return data;
+}
+
+ArmCaptures twists(const model::Arm& known, const model::Arm& truth, double deviation) {
+  ArmCaptures data{"arm", known, false, {}, {}, 0, {}};
+  const int entries = 6 * known.sectionCount();
+  const Eigen::MatrixXd covariance =
+      deviation * deviation * Eigen::MatrixXd::Identity(entries, entries);
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
+    add(data, pressure, TwistReading{truth.twists(pressure), covariance});
+  }
+  return data;
+}
+
+ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
+                    double noise, Random& random) {
+  ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
+    add(data, pressure, test::observe(truth, pressure, noise, random));
+  }
+  return data;
+}
+
+ArmCaptures poses(const model::Arm& known, const TagLayout& layout, const model::Arm& truth,
+                  double noise, Random& random) {
+  ArmCaptures data{"arm", known, false, layout, {}, 0, {}};
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
+    std::vector<PoseObservation> seen;
+    for (lie::SE3 X_BT : tagPoses(layout, truth.twists(pressure))) {
+      for (int axis = 0; axis < 3; ++axis) X_BT.translation[axis] += noise * random.normal();
+      seen.push_back({static_cast<int>(seen.size()), X_BT});
+    }
+    add(data, pressure, seen);
+  }
+  return data;
+}
+
+TEST(Calibration, FindsTheStiffnessThatMadeExactTwists) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const model::Arm truth = scaled(known, 1.3, 0.6);
+  const Calibration found = calibrate({twists(known, truth, 1e-6)}, {});
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_NEAR(parameter(found, "K_kappa").value / truth.actuator(0).stiffness.kappa, 1, 1e-5);
+  EXPECT_NEAR(parameter(found, "K_gamma").value / truth.actuator(0).stiffness.gamma, 1, 1e-5);
+  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  EXPECT_TRUE(parameter(found, "K_gamma").identifiable);
+  EXPECT_DOUBLE_EQ(found.stiffness->kappa, parameter(found, "K_kappa").value);
+  EXPECT_LT(found.by_pressure->error, 1e-6);
+}
+
+TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  Random random(1);
+  const test::RigErrors errors{0.2, 0.3, 0.02, 0.01, 0.02, 0.002, 0.05, 0.0002};
+  const test::RigTruth truth = test::drawRig(known, view, errors, random);
+  CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = LengthScaling::kCommon;
+  // Priors that hardly hold anything, where the readings are exact.
+  options.stiffness_prior = 10;
+  options.length_scale_prior = 1;
+  options.tag_prior = {0.1, 1};
+  options.bleed_prior = 0.1;
+  options.corner_noise = 1e-6;
+  options.corner_bias = 0;
+  options.held_out = false;
+  const Calibration found = calibrate({corners(known, view, truth, 0, random)}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  for (const Parameter& one : found.parameters) {
+    if (!one.identifiable) continue;
+    const double expected = truth.parameters.at(one.name);
+    EXPECT_NEAR(one.value, expected, 1e-4 * std::max(std::abs(expected), 0.1)) << one.name;
+  }
+  EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+  EXPECT_TRUE(parameter(found, "K_gamma").identifiable);
+  EXPECT_LT(found.rms, 1e-3);
+  EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
+}
+
+TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndStays) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Random random(2);
+  for (const ArmCaptures& data : {curvatures(known, scaled(known, 1.2, 3.0), 0.01, random),
+                                  twists(known, scaled(known, 1.2, 3.0), 1e-3)}) {
+    const Calibration found = calibrate({data}, {});
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    EXPECT_FALSE(parameter(found, "K_gamma").identifiable);
+    EXPECT_EQ(parameter(found, "K_gamma").value, 10.0);
+    EXPECT_EQ(found.stiffness->gamma, 10.0);
+    EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
+    EXPECT_NEAR(parameter(found, "K_kappa").value / known.actuator(0).stiffness.kappa, 1.2, 0.1);
+    ASSERT_FALSE(found.warnings.empty());
+    EXPECT_NE(found.warnings.front().find("K_gamma"), std::string::npos);
+  }
+}
+
+TEST(Calibration, TorsionIsFoundFromNoneAndOtherwiseStaysNone) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  model::Stiffness stiff = known.actuator(0).stiffness;
+  stiff.tau = 3e-4;
+  CalibrationOptions options;
+  options.K_tau = true;
+  options.stiffness_prior = 5;
+  const Calibration found =
+      calibrate({twists(known, test::withStiffness(known, stiff), 1e-6)}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_EQ(parameter(found, "K_tau").initial, 0.0);
+  EXPECT_NEAR(parameter(found, "K_tau").value / 3e-4, 1, 1e-3);
+
+  Random random(3);
+  const model::Arm straight = test::ringArm(test::straightRing());
+  const Calibration blind = calibrate({curvatures(straight, straight, 0.01, random)}, options);
+  ASSERT_EQ(blind.status, CalibrationStatus::kCalibrated) << blind.reason;
+  EXPECT_FALSE(parameter(blind, "K_tau").identifiable);
+  EXPECT_EQ(blind.stiffness->tau, 0.0);
+}
+
+TEST(Calibration, EachActuatorGetsItsOwnScale) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  const Eigen::Vector3d scales(1.02, 0.98, 1.01);
+  ArmCaptures data = twists(known, known, 1e-5);
+  for (Capture& capture : data.captures) {
+    const Eigen::VectorXd lengths = known.lengths(capture.pressure).cwiseProduct(scales);
+    std::get<TwistReading>(capture.reading).twists = known.twistsOfLengths(lengths);
+  }
+  CalibrationOptions options;
+  options.length_scale = LengthScaling::kEach;
+  const Calibration found = calibrate({data}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_LT((found.length_scale - scales).norm(), 1e-5);
+  EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
+}
+
+TEST(Calibration, StandardErrorsOfRepeatedExperimentsHold) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  const model::Arm truth = scaled(known, 0.8, 1.0);
+  Random random(4);
+  constexpr int kRuns = 200;
+  double sum = 0;
+  int beyond = 0;
+  for (int run = 0; run < kRuns; ++run) {
+    CalibrationOptions options;
+    options.K_gamma = false;
+    const Calibration found = calibrate({curvatures(known, truth, 0.03, random)}, options);
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    const Parameter& kappa = parameter(found, "K_kappa");
+    const double z = (kappa.value - truth.actuator(0).stiffness.kappa) / kappa.standard_error;
+    sum += z * z;
+    beyond += std::abs(z) > 3;
+  }
+  // The larger of two estimates is a little cautious: z^2 is somewhat below 1 in the mean.
+  EXPECT_GT(sum / kRuns, 0.4);
+  EXPECT_LT(sum / kRuns, 1.2);
+  EXPECT_LE(beyond, 4);
+}
+
+TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const TagLayout layout = test::sampleLayout(1, 12);
+  for (const double noise : {0.001, 0.03}) {  // 10 mm are expected
+    Random random(5);
+    CalibrationOptions options;
+    options.base = true;
+    options.held_out = false;
+    options.next_pressures = 0;
+    const Calibration found =
+        calibrate({poses(known, layout, scaled(known, 1.0, 1.0), noise, random)}, options);
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    EXPECT_NEAR(found.rms, std::sqrt(3.0) * noise, 0.15 * noise);
+  }
+}
+
+TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const TagLayout layout = test::sampleLayout(1, 12);
+  Random random(6);
+  CalibrationOptions options;
+  options.base = true;
+  ArmCaptures data = poses(known, layout, scaled(known, 1.0, 0.5), 0.002, random);
+  const Calibration clean = calibrate({data}, options);
+  std::get<std::vector<PoseObservation>>(data.captures[4].reading)[7].X_BT.translation.y() += 0.2;
+  for (PoseObservation& seen : std::get<std::vector<PoseObservation>>(data.captures[8].reading)) {
+    seen.X_BT.translation += Eigen::Vector3d(0.1, -0.3, 0.2);
+  }
+  const Calibration found = calibrate({data}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_EQ(found.captures[4].outlier_tags, std::vector<int>{7});
+  EXPECT_FALSE(found.captures[4].outlier);
+  EXPECT_TRUE(found.captures[8].outlier);
+  EXPECT_EQ(found.captures[8].outlier_tags.size(), layout.tags.size());
+  for (const char* const name : {"K_gamma", "base_x", "base_rz"}) {
+    const Parameter& one = parameter(found, name);
+    EXPECT_LT(std::abs(one.value - parameter(clean, name).value), 2 * one.standard_error) << name;
+  }
+  const bool told =
+      std::any_of(found.warnings.begin(), found.warnings.end(), [](const std::string& warning) {
+        return warning.find("do not fit the others: 9") != std::string::npos;
+      });
+  EXPECT_TRUE(told);
+}
+
+TEST(Calibration, WhatIsHeldOutIsPredictedByAFitThatNeverSawIt) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Random random(7);
+  CalibrationOptions options;
+  options.K_gamma = false;
+  const ArmCaptures data = curvatures(known, scaled(known, 1.4, 1.0), 0.05, random);
+  const Calibration all = calibrate({data}, options);
+  ASSERT_EQ(all.by_pressure->groups.size(), data.captures.size());
+  double square = 0;
+  for (std::size_t g = 0; g < data.captures.size(); ++g) {
+    ArmCaptures rest = data;
+    rest.captures.erase(rest.captures.begin() + static_cast<std::ptrdiff_t>(g));
+    const Calibration without = calibrate({rest}, options);
+    const model::Arm fitted = test::withStiffness(known, *without.stiffness);
+    const double error =
+        std::abs(model::curvatureOf(fitted.twists(data.captures[g].pressure).col(0)) -
+                 std::get<CurvatureReading>(data.captures[g].reading).curvature);
+    // The noise, and with it the weight of the prior, differs a little between the two.
+    EXPECT_NEAR(all.by_pressure->groups[g].error, error, 2e-3);
+    square += error * error;
+  }
+  EXPECT_NEAR(all.by_pressure->error, std::sqrt(square / 12), 1e-3);
+  EXPECT_GT(all.by_pressure->error, all.by_pressure->in_sample);
+}
+
+TEST(Calibration, SeveralArmsShareOneStiffnessAndEachIsPredictedByTheOthers) {
+  Random random(8);
+  std::vector<ArmCaptures> arms;
+  for (const double radius : {0.02, 0.0254, 0.04}) {
+    test::Ring ring = test::straightRing();
+    ring.radius = radius;
+    const model::Arm known = test::ringArm(ring);
+    arms.push_back(curvatures(known, scaled(known, 1.3, 1.0), 0.01, random));
+    arms.back().name = "arm of " + std::to_string(radius);
+  }
+  CalibrationOptions options;
+  options.K_gamma = false;
+  const Calibration found = calibrate(arms, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  const Parameter& kappa = parameter(found, "K_kappa");
+  EXPECT_LT(std::abs(kappa.value - 1.3 * 1.38e-4), 3 * kappa.standard_error);
+  ASSERT_TRUE(found.by_arm);
+  ASSERT_EQ(found.by_arm->groups.size(), 3u);
+  EXPECT_EQ(found.by_arm->groups[1].label, arms[1].name);
+  EXPECT_LT(found.by_arm->error, 0.03);
+  EXPECT_EQ(found.captures.size(), 36u);
+  EXPECT_EQ(found.captures.back().arm, 2);
+}
+
+TEST(Calibration, PlacementNeedsNoModelWhereShapesAreFree) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  Random random(9);
+  // The arm itself is nothing like the known one.
+  test::RigErrors errors{0.5, 1.0, 0.03, 0.01, 0.02, 0.002, 0.05, 0};
+  const test::RigTruth truth = test::drawRig(known, view, errors, random);
+  CalibrationOptions options;
+  options.base = options.tags = options.free_shapes = true;
+  const ArmCaptures data = corners(known, view, truth, 0.2, random);
+  const Calibration found = calibrate({data}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_FALSE(found.stiffness);
+  for (const Parameter& one : found.parameters) {
+    const double z = (one.value - truth.parameters.at(one.name)) / one.standard_error;
+    EXPECT_LT(std::abs(z), 4.5) << one.name;
+  }
+  for (std::size_t c = 0; c < data.captures.size(); ++c) {
+    const Eigen::Vector3d tip =
+        model::tipPose(test::shapeOf(truth, data.captures[c].pressure)).translation;
+    EXPECT_LT((model::tipPose(found.shapes[c]).translation - tip).norm(), 0.02);
+  }
+}
+
+TEST(Calibration, PlacementsStayOnTheArm) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  ArmView view = test::sampleView(0.8, 1, 16);
+  for (int tag = 12; tag < 16; ++tag) view.layout.tags[tag].s = 1;
+  Random random(10);
+  test::RigTruth truth = test::drawRig(known, view, {}, random);
+  // These are thought to be at the very end, and are glued 3 mm beyond it.
+  for (int tag = 12; tag < 16; ++tag) truth.view.layout.tags[tag].X_ST.translation.x() += 0.003;
+  CalibrationOptions options;
+  options.tags = options.base = true;
+  const Calibration found = calibrate({corners(known, view, truth, 0.1, random)}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_NO_THROW(found.layout.validate(1));
+  const model::Twists shape = truth.arm.twists(Eigen::VectorXd::Zero(3));
+  int told = 0;
+  for (int tag = 12; tag < 16; ++tag) {
+    if (!parameter(found, "tag_" + std::to_string(tag) + "_along").identifiable) continue;
+    const Eigen::Vector3d expected = tagPoses(truth.view.layout, shape)[tag].translation;
+    const Eigen::Vector3d placed = (found.X_B0B * tagPoses(found.layout, shape)[tag]).translation;
+    EXPECT_LT((placed - expected).norm(), 0.0015);
+    ++told;
+  }
+  EXPECT_GE(told, 1);
+}
+
+TEST(Calibration, SaysWhichCapturesAddNothingAndWhichWouldAddMost) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Random random(11);
+  ArmCaptures data = curvatures(known, known, 0.01, random);
+  CalibrationOptions options;
+  options.K_gamma = false;
+  const Calibration found = calibrate({data}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated);
+  // At rest no stiffness is seen; the harder it bends, the more is.
+  EXPECT_LT(found.captures.front().gain, 1e-6);
+  EXPECT_GT(found.captures.back().gain, found.captures[3].gain);
+  ASSERT_EQ(found.next_pressures.size(), 3u);
+  EXPECT_NE(found.next_pressures[0], found.next_pressures[1]);
+  EXPECT_GE(found.next_pressures.front().maxCoeff(), 0.99 * kMaxPressure);
+  EXPECT_NE(found.warnings.front().find("0, 0, 0 kPa"), std::string::npos);
+
+  // What is suggested takes more from the uncertainty than what is not.
+  const auto errorWith = [&](const Eigen::VectorXd& pressure) {
+    ArmCaptures more = data;
+    const double exact = model::curvatureOf(known.twists(pressure).col(0));
+    for (int i = 0; i < 20; ++i) add(more, pressure, CurvatureReading{exact});
+    CalibrationOptions plain = options;
+    plain.held_out = false;
+    return parameter(calibrate({more}, plain), "K_kappa").standard_error;
+  };
+  EXPECT_LT(errorWith(found.next_pressures.front()), errorWith(data.captures[3].pressure));
+}
+
+TEST(Calibration, LeastTipErrorIsAtItsValley) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const model::Arm truth = scaled(known, 1.7, 1.0);
+  const LeastTipError exact = fitLeastTipError({twists(known, truth, 1e-3)});
+  EXPECT_NEAR(exact.K_kappa / truth.actuator(0).stiffness.kappa, 1, 1e-5);
+  EXPECT_LT(exact.error, 1e-7);
+
+  Random random(12);
+  const model::Arm straight = test::ringArm(test::straightRing());
+  const ArmCaptures noisy = curvatures(straight, scaled(straight, 1.7, 1.0), 0.1, random);
+  const LeastTipError least = fitLeastTipError({noisy});
+  const auto meanError = [&](double K_kappa) {
+    model::Stiffness stiffness = straight.actuator(0).stiffness;
+    stiffness.kappa = K_kappa;
+    const model::Arm arm = test::withStiffness(straight, stiffness);
+    double sum = 0;
+    for (const Capture& capture : noisy.captures) {
+      sum += std::abs(model::curvatureOf(arm.twists(capture.pressure).col(0)) -
+                      std::get<CurvatureReading>(capture.reading).curvature);
+    }
+    return sum / static_cast<double>(noisy.captures.size());
+  };
+  EXPECT_NEAR(least.error, meanError(least.K_kappa), 1e-12);
+  for (double factor = 0.05; factor < 20; factor *= 1.02) {
+    EXPECT_GE(meanError(factor * least.K_kappa), least.error - 1e-7);
+  }
+}
+
+class Refused : public ::testing::Test {
+ protected:
+  Refused() : data_(twists(known_, known_, 1e-3)) {}
+
+  void expect(CalibrationStatus status, const std::string& word,
+              const CalibrationOptions& options = {}) const {
+    const Calibration found = calibrate({data_}, options);
+    EXPECT_EQ(found.status, status) << nameOf(found.status);
+    EXPECT_NE(found.reason.find(word), std::string::npos) << found.reason;
+  }
+
+  const model::Arm known_ = test::ringArm(test::helicalRing());
+  ArmCaptures data_;
+};
+
+TEST_F(Refused, NoCaptures) {
+  data_.captures.clear();
+  expect(CalibrationStatus::kNoCaptures, "record some");
+  add(data_, Eigen::VectorXd::Zero(3), std::vector<PoseObservation>());
+  expect(CalibrationStatus::kNoCaptures, "record some");
+}
+
+TEST_F(Refused, OnePressure) {
+  for (Capture& capture : data_.captures) capture.pressure = Eigen::Vector3d(1e5, 0, 500);
+  expect(CalibrationStatus::kOnePressure, "100, 0, 0.5 kPa");
+}
+
+TEST_F(Refused, NumbersThatAreNone) {
+  std::get<TwistReading>(data_.captures[2].reading).twists(4, 0) = kNaN;
+  expect(CalibrationStatus::kBadData, "capture 3");
+  data_ = twists(known_, known_, 1e-3);
+  data_.captures[5].pressure[1] = kNaN;
+  expect(CalibrationStatus::kBadData, "capture 6: the pressure of muscle_2");
+  data_ = twists(known_, known_, 1e-3);
+  std::get<TwistReading>(data_.captures[0].reading).covariance.setZero();
+  expect(CalibrationStatus::kBadData, "positive definite");
+}
+
+TEST_F(Refused, AnotherArm) {
+  data_.captures[1].pressure = Eigen::VectorXd::Zero(2);
+  expect(CalibrationStatus::kBadData, "has 2 pressures, but the arm has 3 actuators");
+  data_ = twists(known_, known_, 1e-3);
+  data_.captures[1].pressure[0] = 2 * kMaxPressure;
+  expect(CalibrationStatus::kBadData, "muscle_1");
+  Random random(13);
+  data_ = poses(known_, test::sampleLayout(1, 8), known_, 0.001, random);
+  data_.layout.tags.resize(4);
+  expect(CalibrationStatus::kBadData, "index 4");
+}
+
+TEST_F(Refused, KindsThatAreMixed) {
+  data_.captures[7].reading = CurvatureReading{0.5};
+  expect(CalibrationStatus::kBadData, "capture 8: is another kind");
+}
+
+TEST_F(Refused, WhatReadingsCannotTell) {
+  CalibrationOptions options;
+  options.base = true;
+  expect(CalibrationStatus::kNothingToFit, "need captures of tags", options);
+  options = {};
+  options.K_kappa = options.K_gamma = false;
+  expect(CalibrationStatus::kNothingToFit, "nothing to fit", options);
+}
+
+TEST_F(Refused, StiffnessOfSeveralKinds) {
+  std::vector<model::Section> sections(1);
+  for (int i = 0; i < 3; ++i) sections[0].actuators.push_back(known_.actuator(i));
+  sections[0].actuators[2].stiffness.kappa *= 2;
+  data_.arm = model::Arm(sections);
+  expect(CalibrationStatus::kNothingToFit, "muscle_3");
+}
+
+TEST_F(Refused, TagsThatAreAllWrong) {
+  Random random(14);
+  data_ = poses(known_, test::sampleLayout(1, 8), known_, 0.001, random);
+  int i = 0;
+  for (Capture& capture : data_.captures) {
+    // Two of eight are where they should be; the rest is anywhere within metres.
+    for (PoseObservation& seen : std::get<std::vector<PoseObservation>>(capture.reading)) {
+      if (++i % 4 == 0) continue;
+      for (int axis = 0; axis < 3; ++axis) seen.X_BT.translation[axis] += 3 * random.normal();
+    }
+  }
+  const Calibration found = calibrate({data_}, {});
+  EXPECT_NE(found.status, CalibrationStatus::kCalibrated);
+  EXPECT_FALSE(found.reason.empty());
+}
+
+TEST_F(Refused, ArmsThatNeverBend) {
+  const model::Arm straight = test::ringArm(test::straightRing());
+  data_ = {"arm", straight, false, {}, {}, 0, {}};
+  for (int i = 0; i < 5; ++i) {
+    add(data_, Eigen::VectorXd::Constant(3, 5e4 * i), CurvatureReading{0.001});
+  }
+  expect(CalibrationStatus::kNotIdentifiable, "bend the arm farther");
+}
+
+TEST(CalibrationOptions, NamesWhatBreaksARule) {
+  CalibrationOptions options;
+  options.corner_noise = -1;
+  try {
+    options.validate();
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(), "calibration: the corner noise is -1; expected a finite value > 0");
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,349 @@
+#include "helix_arm/estimation/contraction_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/data_set.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using Samples = std::vector<LengthSample>;
+
+// Slope of the line through the ends.
+double meanSlope(const model::Contraction& curve) {
+  const model::Range range = curve.inputRange();
+  return (curve.length(range.upper) - curve.length(range.lower)) / (range.upper - range.lower);
+}
+
+// Least slope in the direction of the trend, as a share of the mean one, on a grid that no dip of a
+// quintic fits through.
+double leastSlope(const model::Contraction& curve) {
+  const model::Range range = curve.inputRange();
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i <= 20000; ++i) {
+    const double p = std::min(range.lower + i * (range.upper - range.lower) / 20000, range.upper);
+    least = std::min(least, curve.slope(p) / meanSlope(curve));
+  }
+  return least;
+}
+
+double quintic(const std::array<double, 6>& c, double u) {
+  double sum = 0, power = 1;
+  for (const double coefficient : c) {
+    sum += coefficient * power;
+    power *= u;
+  }
+  return sum;
+}
+
+// One that falls from 0 to 1 by the least slope at least: the integral of -(a^2 + u b^2 + least).
+std::array<double, 6> fallingQuintic(test::Random& random, double least) {
+  const double a0 = random.normal(), a1 = random.normal(), a2 = random.normal();
+  const double b0 = random.normal(), b1 = random.normal();
+  const double size = 0.1 * random.uniform(0, 1);
+  return {0.4 + 0.1 * random.normal(),         -size * a0 * a0 - least,
+          -size * (2 * a0 * a1 + b0 * b0) / 2, -size * (a1 * a1 + 2 * a0 * a2 + 2 * b0 * b1) / 3,
+          -size * (2 * a1 * a2 + b1 * b1) / 4, -size * a2 * a2 / 5};
+}
+
+// Falls, and stays where it is from the given pressure on.
+double kinked(double pressure, double kink) { return 0.44 - 2e-7 * std::min(pressure, kink); }
+
+Samples kinkedSamples(double kink, int count) {
+  Samples samples;
+  for (int i = 0; i < count; ++i) {
+    const double pressure = 400e3 * i / (count - 1);
+    samples.push_back({pressure, kinked(pressure, kink)});
+  }
+  return samples;
+}
+
+TEST(ContractionFit, FindsTheQuinticThatSamplesLieOn) {
+  test::Random random(1);
+  for (int trial = 0; trial < 100; ++trial) {
+    const std::array<double, 6> truth = fallingQuintic(random, 0.01);
+    Samples samples;
+    for (int i = 0; i <= 20; ++i) samples.push_back({20e3 * i, 1.0 + quintic(truth, i / 20.0)});
+    const ContractionFit fit = fitContraction(samples);
+    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+    EXPECT_FALSE(fit.constrained);
+    EXPECT_EQ(fit.reference_pressure, 400e3);
+    EXPECT_LT(fit.rms, 1e-13);
+    for (int k = 1; k < 6; ++k) EXPECT_NEAR(fit.coefficients[k], truth[k], 1e-10) << k;
+  }
+}
+
+TEST(ContractionFit, ResidualIsOrthogonalToEveryPowerWhereTheBestPolynomialIsMonotone) {
+  test::Random random(2);
+  Samples samples;
+  for (int i = 0; i < 30; ++i) {
+    const double u = i == 0 ? 0.0 : random.uniform(0, 1);
+    samples.push_back({u * 300e3, 0.4 - 0.1 * u + 1e-4 * random.normal()});
+  }
+  const ContractionFit fit = fitContraction(samples);
+  ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+  ASSERT_FALSE(fit.constrained);
+  for (int k = 0; k < 6; ++k) {
+    double product = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      product += fit.residual[static_cast<Eigen::Index>(i)] *
+                 std::pow(samples[i].pressure / fit.reference_pressure, k);
+    }
+    EXPECT_NEAR(product, 0, 1e-14) << k;
+  }
+}
+
+TEST(ContractionFit, IsMonotoneWhereTheBestPolynomialTurnsBack) {
+  for (const double kink : {60e3, 120e3, 200e3, 300e3}) {
+    const ContractionFit fit = fitContraction(kinkedSamples(kink, 21));
+    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+    EXPECT_TRUE(fit.constrained) << kink;
+    EXPECT_GT(leastSlope(*fit.curve), 0) << kink;
+  }
+}
+
+TEST(ContractionFit, NoMonotoneQuinticIsCloser) {
+  // At the least of a convex cost no feasible direction descends.
+  test::Random random(3);
+  const Samples samples = kinkedSamples(120e3, 21);
+  const ContractionFit fit = fitContraction(samples);
+  ASSERT_TRUE(fit.constrained);
+  for (int trial = 0; trial < 2000; ++trial) {
+    const std::array<double, 6> other = fallingQuintic(random, 1e-4);
+    double descent = 0, size = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const double residual = fit.residual[static_cast<Eigen::Index>(i)];
+      const double step =
+          quintic(other, samples[i].pressure / 400e3) - samples[i].length - residual;
+      descent += residual * step;
+      size += std::abs(residual * step);
+    }
+    EXPECT_GT(descent, -1e-3 * size) << trial;
+  }
+}
+
+TEST(ContractionFit, WhateverTheSamplesTheCurveIsMonotoneOrThereIsAReason) {
+  test::Random random(4);
+  int fitted = 0, constrained = 0;
+  for (int trial = 0; trial < 2000; ++trial) {
+    const double noise = random.logUniform(1e-5, 1e-2), kink = random.uniform(0, 400e3);
+    const double sign = random.integer(0, 1) == 0 ? -1 : 1;
+    Samples samples{{0, 0.4}};
+    for (int i = random.integer(5, 30); i > 0; --i) {
+      const double p = 400e3 * std::pow(random.uniform(0, 1), random.logUniform(0.1, 10));
+      samples.push_back({p, 0.4 + sign * 2e-7 * std::min(p, kink) + noise * random.normal()});
+    }
+    for (const CurveKind kind : {CurveKind::kQuintic, CurveKind::kTable}) {
+      const ContractionFit fit = fitContraction(samples, {kind, Branch::kBoth});
+      ASSERT_EQ(fit.status == ContractionFitStatus::kFitted, fit.curve.has_value());
+      ASSERT_EQ(fit.reason.empty(), fit.curve.has_value()) << fit.reason;
+      if (!fit.curve) continue;
+      ++fitted;
+      constrained += fit.constrained;
+      // A table may be flat at a point, such as its end.
+      ASSERT_GT(leastSlope(*fit.curve), kind == CurveKind::kQuintic ? 0 : -1e-9) << trial;
+      if (kind == CurveKind::kQuintic) continue;
+      for (std::size_t i = 1; i < fit.lengths.size(); ++i) {
+        ASSERT_GT((fit.lengths[i] - fit.lengths[i - 1]) * meanSlope(*fit.curve), 0) << trial;
+      }
+    }
+  }
+  EXPECT_GT(fitted, 1000);
+  EXPECT_GT(constrained, 500);
+}
+
+TEST(ContractionFit, BellowsLengthen) {
+  Samples samples;
+  for (int i = 0; i <= 10; ++i) samples.push_back({10e3 * i, 0.1 + 0.03 * std::sin(0.15 * i)});
+  for (const CurveKind kind : {CurveKind::kQuintic, CurveKind::kTable}) {
+    const ContractionFit fit = fitContraction(samples, {kind, Branch::kBoth});
+    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+    EXPECT_GT(leastSlope(*fit.curve), 0);
+    EXPECT_LT(fit.rms, 1e-5);
+  }
+}
+
+TEST(ContractionFit, TableIsTheSamplesWhereTheyAreMonotone) {
+  const Samples samples{{300e3, 0.35}, {20e3, 0.44}, {100e3, 0.41}};
+  const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
+  ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+  EXPECT_EQ(fit.pressures, (std::vector<double>{20e3, 100e3, 300e3}));
+  EXPECT_EQ(fit.lengths, (std::vector<double>{0.44, 0.41, 0.35}));
+  EXPECT_FALSE(fit.constrained);
+  EXPECT_EQ(fit.rms, 0);
+}
+
+TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
+  // 0.40 twice, then 0.43 once: all of a mean of 0.41, but for the least slope.
+  const Samples samples{{0, 0.5}, {100e3, 0.39}, {100e3, 0.41}, {200e3, 0.43}, {300e3, 0.3}};
+  const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
+  ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+  EXPECT_TRUE(fit.constrained);
+  ASSERT_EQ(fit.lengths.size(), 4U);
+  EXPECT_EQ(fit.lengths[0], 0.5);
+  EXPECT_NEAR(fit.lengths[1], 0.41, 1e-4);
+  EXPECT_NEAR(fit.lengths[2], 0.41, 1e-4);
+  EXPECT_NEAR(2 * fit.lengths[1] + fit.lengths[2], 3 * 0.41, 1e-15);
+  EXPECT_LT(fit.lengths[2], fit.lengths[1]);
+  EXPECT_EQ(fit.lengths[3], 0.3);
+}
+
+TEST(ContractionFit, OrderAndRepeatsDoNotMatter) {
+  Samples samples = kinkedSamples(150e3, 12);
+  const ContractionFit once = fitContraction(samples);
+  Samples twice = samples;
+  twice.insert(twice.end(), samples.rbegin(), samples.rend());
+  const ContractionFit again = fitContraction(twice);
+  ASSERT_TRUE(once.curve && again.curve);
+  EXPECT_NEAR(again.rms, once.rms, 1e-12);
+  for (int i = 0; i <= 100; ++i) {
+    EXPECT_NEAR(again.curve->length(4e3 * i), once.curve->length(4e3 * i), 1e-10);
+  }
+}
+
+// Up and down again, longer by 4 mm on the way up except where it turns.
+Samples cycle() {
+  Samples samples;
+  for (int i = 0; i <= 20; ++i) {
+    const double u = 1 - std::abs(i - 10) / 10.0;
+    const double shift = u == 0 || u == 1 ? 0.0 : (i < 10 ? 0.002 : -0.002);
+    samples.push_back({u * 300e3, 0.4 - 0.1 * u + shift});
+  }
+  return samples;
+}
+
+TEST(ContractionFit, BranchesAreToldApart) {
+  const Samples samples = cycle();
+  for (const Branch branch : {Branch::kRising, Branch::kFalling}) {
+    const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, branch});
+    ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+    ASSERT_EQ(fit.pressures.size(), 11U) << "a turning point is on both branches";
+    const double shift = branch == Branch::kRising ? 0.002 : -0.002;
+    EXPECT_NEAR(fit.curve->length(150e3), 0.35 + shift, 1e-12);
+    EXPECT_LT(fit.rms, 1e-12);
+    EXPECT_EQ(fit.residual[branch == Branch::kRising ? 15 : 5], 0);
+  }
+}
+
+TEST(ContractionFit, HysteresisIsHowMuchLongerTheMuscleIsOnTheWayUp) {
+  for (const Branch branch : {Branch::kBoth, Branch::kRising, Branch::kFalling}) {
+    const ContractionFit fit = fitContraction(cycle(), {CurveKind::kQuintic, branch});
+    ASSERT_TRUE(fit.hysteresis) << fit.reason;
+    EXPECT_NEAR(*fit.hysteresis, 0.004, 2e-4);
+  }
+  EXPECT_FALSE(fitContraction(kinkedSamples(150e3, 12)).hysteresis);
+}
+
+TEST(ContractionFit, NoiseOfTheRegulatorStartsNoBranch) {
+  test::Random random(5);
+  Samples samples;
+  for (int i = 0; i < 40; ++i) {
+    const double u = i / 39.0;
+    samples.push_back({std::max(0.0, 300e3 * u + 500 * random.normal()), 0.4 - 0.1 * u});
+  }
+  EXPECT_EQ(fitContraction(samples, {CurveKind::kQuintic, Branch::kFalling}).status,
+            ContractionFitStatus::kTooFewPressures);
+}
+
+TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  struct Case {
+    Samples samples;
+    ContractionFitOptions options;
+    ContractionFitStatus status;
+    const char* reason;
+  };
+  const Samples sound = kinkedSamples(300e3, 8);
+  const auto with = [&](LengthSample sample) {
+    Samples samples = sound;
+    samples[3] = sample;
+    return samples;
+  };
+  Samples flat = sound, late = sound, narrow;
+  for (LengthSample& sample : flat) sample.length = 0.4;
+  for (LengthSample& sample : late) sample.pressure += 100e3;
+  for (int i = 0; i < 8; ++i) narrow.push_back({i == 0 ? 0 : 300e3 + i, i == 0 ? 0.4 : 0.3});
+  const ContractionFitOptions table{CurveKind::kTable, Branch::kBoth};
+  const Case cases[] = {
+      {{},
+       {},
+       ContractionFitStatus::kTooFewPressures,
+       "pressures that differ: 0; expected at least 6"},
+      {{}, table, ContractionFitStatus::kTooFewPressures, "expected at least 2"},
+      {Samples(9, {100e3, 0.4}),
+       {},
+       ContractionFitStatus::kTooFewPressures,
+       "pressures that differ: 1;"},
+      {{sound.begin(), sound.begin() + 5},
+       {},
+       ContractionFitStatus::kTooFewPressures,
+       "pressures that differ: 5; expected at least 6 for a quintic: measure at more, or fit a "
+       "table"},
+      {narrow, {}, ContractionFitStatus::kTooFewPressures, "so close together"},
+      {sound,
+       {CurveKind::kTable, Branch::kFalling},
+       ContractionFitStatus::kTooFewPressures,
+       "on the falling branch"},
+      {with({nan, 0.4}), {}, ContractionFitStatus::kNotFinite, "sample 4: the pressure is nan"},
+      {with({100e3, nan}), {}, ContractionFitStatus::kNotFinite, "sample 4: the length is nan m"},
+      {with({100e3, 0}), {}, ContractionFitStatus::kNotFinite, "sample 4: the length is 0 m"},
+      {with({-1, 0.4}), {}, ContractionFitStatus::kOutOfRange, "sample 4: the pressure is -1 Pa"},
+      {late, {}, ContractionFitStatus::kOutOfRange, "the smallest pressure is 100000 Pa"},
+      {flat, {}, ContractionFitStatus::kNoTrend, "neither rise nor fall"},
+      {flat, table, ContractionFitStatus::kNoTrend, "neither rise nor fall"},
+  };
+  for (const Case& c : cases) {
+    const ContractionFit fit = fitContraction(c.samples, c.options);
+    EXPECT_EQ(fit.status, c.status) << c.reason << " / " << fit.reason;
+    EXPECT_NE(fit.reason.find(c.reason), std::string::npos) << fit.reason;
+    EXPECT_FALSE(fit.curve);
+  }
+  EXPECT_TRUE(fitContraction(late, table).curve) << "a table begins where its samples do";
+}
+
+// A published set, and the most that a fit may miss it by [m].
+struct PublishedSet {
+  const char* file;
+  double rms;
+};
+
+class PublishedContraction : public testing::TestWithParam<PublishedSet> {};
+
+TEST_P(PublishedContraction, IsMonotoneAndAsCloseAsPublished) {
+  const std::string path = std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/" + GetParam().file;
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is absent";
+  const io::DataSet data = io::loadDataSet(path);
+  Samples samples;
+  for (Eigen::Index i = 0; i < data.values.rows(); ++i) {
+    samples.push_back(
+        {1e3 * data.values(i, data.find("pressure_kpa")), data.values(i, data.find("length_m"))});
+  }
+  const ContractionFit fit = fitContraction(samples);
+  ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
+  RecordProperty("rms_mm", std::to_string(1e3 * fit.rms));
+  EXPECT_LE(fit.rms, GetParam().rms);
+  EXPECT_GT(leastSlope(*fit.curve), 0);
+  EXPECT_LT(meanSlope(*fit.curve), 0);
+  const ContractionFit table = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
+  ASSERT_EQ(table.status, ContractionFitStatus::kFitted) << table.reason;
+  EXPECT_LE(table.rms, fit.rms);
+}
+
+INSTANTIATE_TEST_SUITE_P(Sets, PublishedContraction,
+                         testing::Values(PublishedSet{"free_contraction_fig3.csv", 0.70e-3},
+                                         PublishedSet{"free_contraction_planar.csv", 1.35e-3}),
+                         [](const auto& set) {
+                           const std::string file = set.param.file;
+                           return file.substr(0, file.find('.'));
+                         });
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,297 @@
+#include "helix_arm/io/atomic_file.hpp"
+
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iostream>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "helix_arm/io/file_error.hpp"
+#include "support/random.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TemporaryFolder;
+
+std::string contentOf(const std::string& path) {
+  std::ostringstream content;
+  content << std::ifstream(path, std::ios::binary).rdbuf();
+  return content.str();
+}
+
+std::set<std::string> namesIn(const std::string& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
+  return names;
+}
+
+// What writing says; empty when it says nothing.
+std::string refusal(const std::string& path, const std::string& text) {
+  try {
+    writeFileAtomically(path, text);
+  } catch (const FileError& error) {
+    return error.what();
+  }
+  return {};
+}
+
+constexpr int kPassed = 0, kFailed = 1, kSkipped = 77;
+
+// The exit code of a child process that runs this; what it sets of itself ends with it.
+int inChild(const std::function<int()>& body) {
+  const pid_t child = ::fork();
+  if (child == 0) {
+    try {
+      ::_exit(body());
+    } catch (const std::exception& error) {
+      std::cerr << error.what() << "\n";
+      ::_exit(kFailed);
+    }
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) ? WEXITSTATUS(status) : kFailed;
+}
+
+// In a child: writing must fail with this reason and leave the folder as it was.
+int refusesAndLeavesAll(const std::string& folder, const std::string& text,
+                        const std::string& reason) {
+  const auto names = namesIn(folder);
+  const std::string path = folder + "/scene.yaml", before = contentOf(path);
+  const std::string message = refusal(path, text);
+  if (message.find(path + " cannot be written: " + reason + "; ") != 0 ||
+      contentOf(path) != before || namesIn(folder) != names) {
+    std::cerr << "said \"" << message << "\"; expected " << reason << "\n";
+    return kFailed;
+  }
+  return kPassed;
+}
+
+TEST(AtomicFile, HoldsWhatWasWrittenLast) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.yaml";
+  std::string bytes;
+  for (int i = 0; i < 100000; ++i) bytes += static_cast<char>(i);
+  for (const std::string& text : {std::string("first"), bytes, std::string(), std::string("x")}) {
+    writeFileAtomically(path, text);
+    EXPECT_EQ(contentOf(path), text);
+    EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
+  }
+}
+
+TEST(AtomicFile, MayBeNamedWithoutItsFolder) {
+  const TemporaryFolder folder;
+  const fs::path before = fs::current_path();
+  fs::current_path(folder.path());
+  const std::string message = refusal("scene.yaml", "text");
+  fs::current_path(before);
+  EXPECT_EQ(message, "");
+  EXPECT_EQ(contentOf(folder / "scene.yaml"), "text");
+}
+
+TEST(AtomicFile, KeepsThePermissionsItHas) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.yaml";
+  const auto mode = [](const std::string& file) {
+    struct stat status {};
+    ::stat(file.c_str(), &status);
+    return status.st_mode & 07777;
+  };
+  const mode_t mask = ::umask(027);
+  writeFileAtomically(path, "new");
+  ::umask(mask);
+  EXPECT_EQ(mode(path), 0640u) << "a new one has those that the process gives";
+  for (const mode_t kept : {0600u, 0664u, 0200u}) {
+    ASSERT_EQ(::chmod(path.c_str(), kept), 0);
+    writeFileAtomically(path, "again");
+    EXPECT_EQ(mode(path), kept);
+  }
+}
+
+TEST(AtomicFile, AReadOnlyFileIsKept) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.yaml";
+  std::ofstream(path) << "old";
+  ASSERT_EQ(::chmod(path.c_str(), 0444), 0);
+  EXPECT_EQ(refusal(path, "new"), path +
+                                      " cannot be written: it is read-only; allow writing to it, "
+                                      "or choose another place");
+  EXPECT_EQ(contentOf(path), "old");
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
+}
+
+TEST(AtomicFile, ALinkIsFollowed) {
+  const TemporaryFolder folder;
+  fs::create_directory(folder / "real");
+  std::ofstream(folder / "real/scene.yaml") << "old";
+  fs::create_symlink("real/scene.yaml", folder / "link.yaml");
+  writeFileAtomically(folder / "link.yaml", "new");
+  EXPECT_TRUE(fs::is_symlink(folder / "link.yaml"));
+  EXPECT_EQ(contentOf(folder / "real/scene.yaml"), "new");
+  EXPECT_EQ(namesIn(folder / "real"), std::set<std::string>{"scene.yaml"});
+}
+
+TEST(AtomicFile, OnlyAFileIsReplaced) {
+  const TemporaryFolder folder;
+  EXPECT_EQ(refusal(folder.path(), "text"),
+            folder.path() + " cannot be written: it is a folder; expected the path of a file");
+  const std::string pipe = folder / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  for (const std::string& path : {pipe, std::string("/dev/full")}) {
+    EXPECT_EQ(refusal(path, "text"), path +
+                                         " cannot be written: it is no regular file; expected the "
+                                         "path of one, or a free one");
+  }
+  EXPECT_TRUE(fs::is_character_file("/dev/full"));
+  EXPECT_EQ(refusal("", "text"),
+            " cannot be written: it names no file; expected the path of a file");
+  EXPECT_EQ(refusal(folder / "none/scene.yaml", "text"),
+            folder / "none/scene.yaml" +
+                " cannot be written: No such file or directory; choose another place");
+  EXPECT_EQ(refusal(pipe + "/scene.yaml", "text"),
+            pipe + "/scene.yaml cannot be written: Not a directory; choose another place");
+}
+
+TEST(AtomicFile, AFolderThatMayNotBeWrittenToIsLeftAlone) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "scene.yaml") << "old";
+  ASSERT_EQ(::chmod((folder / "scene.yaml").c_str(), 0666), 0);
+  ASSERT_EQ(::chmod(folder.path().c_str(), 0555), 0);
+  const int result = inChild([&folder] {
+    constexpr uid_t kNobody = 65534;  // root may write everywhere
+    if (::geteuid() == 0 && ::seteuid(kNobody) != 0) return kSkipped;
+    return refusesAndLeavesAll(folder.path(), "new", "Permission denied");
+  });
+  ASSERT_EQ(::chmod(folder.path().c_str(), 0755), 0);
+  if (result == kSkipped) GTEST_SKIP() << "this process may not become another user";
+  EXPECT_EQ(result, kPassed);
+}
+
+TEST(AtomicFile, AFileThatGrowsTooLargeLeavesTheOldOne) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "scene.yaml") << "old";
+  EXPECT_EQ(inChild([&folder] {
+              std::signal(SIGXFSZ, SIG_IGN);
+              const rlimit limit{10000, 10000};
+              if (::setrlimit(RLIMIT_FSIZE, &limit) != 0) return kFailed;
+              return refusesAndLeavesAll(folder.path(), std::string(20000, 'x'), "File too large");
+            }),
+            kPassed);
+}
+
+TEST(AtomicFile, AFullDiskLeavesTheOldFile) {
+  const TemporaryFolder folder;
+  const std::string disk = folder / "disk";
+  fs::create_directory(disk);
+  const int result = inChild([&disk] {
+    // In a name space of its own the disk goes away with the process.
+    const std::string user = std::to_string(::geteuid()), group = std::to_string(::getegid());
+    if (::unshare(CLONE_NEWNS) != 0) {
+      if (::unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) return kSkipped;
+      std::ofstream("/proc/self/setgroups") << "deny";
+      std::ofstream("/proc/self/uid_map") << "0 " + user + " 1";
+      std::ofstream("/proc/self/gid_map") << "0 " + group + " 1";
+    }
+    ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr);
+    if (::mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=16k") != 0) return kSkipped;
+    writeFileAtomically(disk + "/scene.yaml", std::string(5000, 'o'));
+    const int refused =
+        refusesAndLeavesAll(disk, std::string(20000, 'n'), "No space left on device");
+    if (refused != kPassed) return refused;
+    // There is room again.
+    writeFileAtomically(disk + "/scene.yaml", "small");
+    return contentOf(disk + "/scene.yaml") == "small" ? kPassed : kFailed;
+  });
+  if (result == kSkipped) GTEST_SKIP() << "this process may not mount a small disk";
+  EXPECT_EQ(result, kPassed);
+}
+
+TEST(AtomicFile, SeveralWritersLeaveOneWholeFile) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.yaml";
+  constexpr int kWriters = 4;
+  std::set<std::string> versions;
+  std::vector<std::thread> writers;
+  for (int i = 0; i < kWriters; ++i) {
+    const std::string text(20000 + 1000 * i, static_cast<char>('a' + i));
+    versions.insert(text);
+    writers.emplace_back([path, text] {
+      for (int k = 0; k < 25; ++k) writeFileAtomically(path, text);
+    });
+  }
+  for (std::thread& writer : writers) writer.join();
+  EXPECT_EQ(versions.count(contentOf(path)), 1u);
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
+}
+
+TEST(AtomicFile, OthersTemporaryFilesStay) {
+  const TemporaryFolder folder;
+  const std::set<std::string> others{".other.yaml.0123456789abcdef.tmp", ".scene.yaml.tmp",
+                                     ".scene.yaml.0123456789abcdeg.tmp",
+                                     ".scene.yaml.0123456789abcdef.tm", "scene.yaml~"};
+  for (const std::string& name : others) std::ofstream(folder / name) << "mine";
+  std::ofstream(folder / ".scene.yaml.0123456789abcdef.tmp") << "of a writer that is gone";
+  writeFileAtomically(folder / "scene.yaml", "text");
+  std::set<std::string> expected = others;
+  expected.insert("scene.yaml");
+  EXPECT_EQ(namesIn(folder.path()), expected);
+}
+
+// A writer that is killed at any moment leaves one of its versions, whole, and at most one
+// temporary file, which the next writer removes.
+TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
+  constexpr int kKills = 200;
+  constexpr std::size_t kSize = 500000;
+  const TemporaryFolder folder;
+  const std::string path = folder / "scene.yaml";
+  const std::string versions[] = {std::string(kSize, 'a'), std::string(kSize + 1234, 'b')};
+  using Clock = std::chrono::steady_clock;
+  const auto start = Clock::now();
+  for (const std::string& version : versions) writeFileAtomically(path, version);
+  // Some kills come before the first version is written and some after the second, on any disk.
+  const std::chrono::duration<double> both = Clock::now() - start;
+  test::Random random(17);
+  int seen[2] = {0, 0}, abandoned = 0;
+  for (int kill = 0; kill < kKills; ++kill) {
+    const pid_t writer = ::fork();
+    ASSERT_GE(writer, 0);
+    if (writer == 0) {
+      for (int k = kill;; ++k) writeFileAtomically(path, versions[k % 2]);
+    }
+    std::this_thread::sleep_for(both * random.uniform(0, 2));
+    ASSERT_EQ(::kill(writer, SIGKILL), 0);
+    int status = 0;
+    ASSERT_EQ(::waitpid(writer, &status, 0), writer);
+    ASSERT_TRUE(WIFSIGNALED(status)) << "the writer must not end by itself";
+    const std::string content = contentOf(path);
+    ASSERT_TRUE(content == versions[0] || content == versions[1])
+        << "after kill " << kill << " it holds " << content.size() << " bytes";
+    ++seen[content == versions[1] ? 1 : 0];
+    const std::size_t files = namesIn(folder.path()).size();
+    ASSERT_LE(files, 2u);
+    if (files == 2) ++abandoned;
+  }
+  EXPECT_GT(seen[0], 0);
+  EXPECT_GT(seen[1], 0);
+  EXPECT_GT(abandoned, kKills / 20) << "too few were killed while they wrote";
+  writeFileAtomically(path, versions[0]);
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
+}
+
+}  // namespace
+}  // namespace helix_arm::io

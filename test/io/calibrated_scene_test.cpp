@@ -1,0 +1,380 @@
+#include "helix_arm/io/calibrated_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
+#include "scene_text.hpp"
+#include "support/random.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::kPlanarScene;
+using test::kSpatialScene;
+
+constexpr double kPi = 3.14159265358979323846;
+
+Provenance provenance() {
+  return {"2026-01-31T12:00:00Z",
+          "0.1.0",
+          "a path: with \"signs\" # and blanks",
+          {{"corners.csv", std::string(64, '0'), 36}, {"12", std::string(64, 'e'), 0}},
+          {{"K_kappa", 1.0 / 3, 1e-7, true, "m^2"}, {"tag_7_s", -2, 0, false, ""}},
+          0.3,
+          0.4,
+          "px"};
+}
+
+SceneCalibration calibration() {
+  SceneCalibration made;
+  made.provenance = provenance();
+  return made;
+}
+
+Scene sceneOf(const std::string& text, const std::vector<Override>& overrides = {}) {
+  return loadScene(test::TemporaryFile(text).path(), overrides);
+}
+
+// The scene of a text once it is calibrated.
+Scene calibrated(const std::string& text, const SceneCalibration& change,
+                 const std::vector<Override>& overrides = {}) {
+  return sceneOf(calibratedSceneText(test::TemporaryFile(text).path(), overrides, change));
+}
+
+std::string refusal(const std::string& text, const SceneCalibration& change) {
+  const test::TemporaryFile file(text);
+  try {
+    calibratedSceneText(file.path(), {}, change);
+  } catch (const DocumentError& error) {
+    return std::string(error.what()).substr(file.path().size());
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+double difference(const lie::SE3& a, const lie::SE3& b) {
+  return (a.rotation - b.rotation).norm() + (a.translation - b.translation).norm();
+}
+
+lie::SE3 randomPose(test::Random& random, double size) {
+  lie::Vector6 twist;
+  for (int i = 0; i < 6; ++i) twist[i] = size * random.normal();
+  return lie::SE3::exp(twist);
+}
+
+void expectSameActuators(const model::Arm& a, const model::Arm& b) {
+  ASSERT_EQ(a.actuatorCount(), b.actuatorCount());
+  for (int i = 0; i < a.actuatorCount(); ++i) {
+    const model::Actuator &x = a.actuator(i), &y = b.actuator(i);
+    EXPECT_EQ(x.name, y.name);
+    EXPECT_EQ(difference(x.X_O, y.X_O), 0);
+    EXPECT_EQ(x.stiffness.gamma, y.stiffness.gamma);
+    EXPECT_EQ(x.stiffness.tau, y.stiffness.tau);
+    EXPECT_EQ(x.stiffness.kappa, y.stiffness.kappa);
+    EXPECT_EQ(x.limits.lower, y.limits.lower);
+    EXPECT_EQ(x.limits.upper, y.limits.upper);
+    for (const double part : {0.0, 0.3, 1.0}) {
+      const double q = x.limits.lower + part * (x.limits.upper - x.limits.lower);
+      EXPECT_EQ(x.contraction.length(q), y.contraction.length(q));
+    }
+  }
+}
+
+void expectSameTags(const estimation::TagLayout& a, const estimation::TagLayout& b,
+                    double tolerance) {
+  EXPECT_NEAR(a.size, b.size, tolerance);
+  ASSERT_EQ(a.tags.size(), b.tags.size());
+  for (std::size_t i = 0; i < a.tags.size(); ++i) {
+    EXPECT_EQ(a.tags[i].id, b.tags[i].id);
+    EXPECT_EQ(a.tags[i].section, b.tags[i].section);
+    EXPECT_EQ(a.tags[i].s, b.tags[i].s);
+    EXPECT_LE(difference(a.tags[i].X_ST, b.tags[i].X_ST), tolerance) << a.tags[i].id;
+  }
+}
+
+void expectSameScene(const Scene& a, const Scene& b) {
+  EXPECT_EQ(a.name, b.name);
+  EXPECT_EQ(difference(a.X_WB, b.X_WB), 0);
+  EXPECT_EQ(difference(a.X_BF, b.X_BF), 0);
+  expectSameActuators(a.arm, b.arm);
+  ASSERT_EQ(a.planar.has_value(), b.planar.has_value());
+  ASSERT_EQ(a.looks.size(), b.looks.size());
+  for (std::size_t k = 0; k < a.looks.size(); ++k) {
+    EXPECT_EQ(a.looks[k].name, b.looks[k].name);
+    EXPECT_EQ(a.looks[k].separators, b.looks[k].separators);
+  }
+  ASSERT_EQ(a.regulator.has_value(), b.regulator.has_value());
+  if (a.regulator) {
+    EXPECT_EQ(a.regulator->seed, b.regulator->seed);
+    EXPECT_EQ(a.regulator->supply_pressure, b.regulator->supply_pressure);
+  }
+  ASSERT_EQ(a.tags.has_value(), b.tags.has_value());
+  if (a.tags) expectSameTags(*a.tags, *b.tags, 0);
+  ASSERT_EQ(a.camera.has_value(), b.camera.has_value());
+  if (a.camera) {
+    EXPECT_EQ(difference(a.camera->X_WC, b.camera->X_WC), 0);
+    EXPECT_EQ(a.camera->model.distortion, b.camera->model.distortion);
+    EXPECT_EQ(a.camera->webcam.has_value(), b.camera->webcam.has_value());
+  }
+  EXPECT_EQ(a.vision.fit.free_base, b.vision.fit.free_base);
+  EXPECT_EQ(a.vision.detector.family, b.vision.detector.family);
+  EXPECT_EQ(a.simulation.arm.K_kappa_scale, b.simulation.arm.K_kappa_scale);
+  EXPECT_EQ(a.simulation.mounts.seed, b.simulation.mounts.seed);
+  EXPECT_EQ(a.safety.commander_timeout, b.safety.commander_timeout);
+}
+
+class ShippedScene : public testing::TestWithParam<const char*> {
+ protected:
+  std::string path() const {
+    return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + GetParam() + ".yaml";
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Scenes, ShippedScene,
+                         testing::Values("annotated", "demo", "helical_50", "planar_101",
+                                         "planar_50", "planar_76", "spatial_101", "spatial_50"));
+
+TEST_P(ShippedScene, WithoutAChangeIsTheSame) {
+  expectSameScene(sceneOf(calibratedSceneText(path(), {}, calibration())), loadScene(path()));
+}
+
+TEST_P(ShippedScene, HoldsAllThatWasCalibrated) {
+  const Scene before = loadScene(path());
+  test::Random random(31);
+  SceneCalibration change = calibration();
+  change.stiffness = model::Stiffness{12.5, 1.0 / 3e5, 1.0 / 7e3};
+  change.length_scale = Eigen::VectorXd(before.arm.actuatorCount());
+  for (double& scale : *change.length_scale) scale = random.uniform(0.95, 1.05);
+  if (before.camera) change.X_CB = before.X_CB() * randomPose(random, 0.02);
+  if (before.tags) {
+    change.X_BF = randomPose(random, 0.02);
+    change.bleed = 0.0002;
+    change.tags = before.tags;
+    for (estimation::TagPlacement& tag : change.tags->tags) {
+      tag.s = std::clamp(tag.s + 0.01 * random.normal(), 0.0, 1.0);
+      tag.X_ST = tag.X_ST * randomPose(random, 0.01);
+    }
+  }
+  const Scene after = sceneOf(calibratedSceneText(path(), {}, change));
+  for (int i = 0; i < after.arm.actuatorCount(); ++i) {
+    const model::Actuator &a = after.arm.actuator(i), &b = before.arm.actuator(i);
+    EXPECT_EQ(a.stiffness.gamma, change.stiffness->gamma);
+    EXPECT_EQ(a.stiffness.tau, change.stiffness->tau);
+    EXPECT_EQ(a.stiffness.kappa, change.stiffness->kappa);
+    const double q = 0.4 * b.limits.upper + 0.6 * b.limits.lower;
+    EXPECT_NEAR(a.contraction.length(q), (*change.length_scale)[i] * b.contraction.length(q),
+                1e-15);
+    EXPECT_EQ(a.limits.upper, b.limits.upper);
+  }
+  if (change.X_CB) {
+    EXPECT_LT(difference(after.X_CB(), *change.X_CB), 1e-12);
+  }
+  if (change.tags) {
+    EXPECT_LT(difference(after.X_BF, *change.X_BF), 1e-12);
+    change.tags->size -= 2 * change.bleed;
+    expectSameTags(*after.tags, *change.tags, 1e-12);
+  }
+}
+
+TEST(CalibratedScene, SaysWhereItComesFrom) {
+  const Scene scene = calibrated(kSpatialScene, calibration());
+  ASSERT_TRUE(scene.calibration);
+  const Provenance expected = provenance();
+  EXPECT_EQ(scene.calibration->date, expected.date);
+  EXPECT_EQ(scene.calibration->from, expected.from);
+  ASSERT_EQ(scene.calibration->data.size(), 2u);
+  EXPECT_EQ(scene.calibration->data[1].file, "12");
+  EXPECT_EQ(scene.calibration->data[1].sha256, std::string(64, 'e'));
+  ASSERT_EQ(scene.calibration->parameters.size(), 2u);
+  EXPECT_EQ(scene.calibration->parameters[0].value, 1.0 / 3);
+  EXPECT_TRUE(scene.calibration->parameters[0].identifiable);
+  EXPECT_EQ(scene.calibration->parameters[0].unit, "m^2");
+  EXPECT_EQ(scene.calibration->parameters[1].unit, "");
+  EXPECT_EQ(scene.calibration->held_out_error, 0.4);
+  const std::string text =
+      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
+  EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
+}
+
+TEST(CalibratedScene, MayBeCalibratedAgain) {
+  SceneCalibration change = calibration();
+  change.length_scale = Eigen::VectorXd::Constant(6, 1.02);
+  const std::string once =
+      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, change);
+  EXPECT_NE(once.find("length_scale: 1.02"), std::string::npos) << "equal ones are one number";
+  change.provenance.date = "2027-01-01T00:00:00Z";
+  (*change.length_scale)[1] = 1.01;
+  const Scene twice = calibrated(once, change);
+  EXPECT_EQ(twice.calibration->date, "2027-01-01T00:00:00Z");
+  EXPECT_NEAR(twice.arm.actuator(0).contraction.length(0), 0.4 * 1.02 * 1.02, 1e-15);
+  EXPECT_NEAR(twice.arm.actuator(1).contraction.length(0), 0.4 * 1.02 * 1.01, 1e-15);
+  EXPECT_NEAR(twice.arm.actuator(5).contraction.length(0), 0.1 * 1.02 * 1.02, 1e-15);
+}
+
+TEST(CalibratedScene, HoldsTheOverridesItBeganWith) {
+  const Scene scene = calibrated(kSpatialScene, calibration(), {{"camera.focal_px", "[700, 710]"}});
+  EXPECT_EQ(scene.camera->model.fx, 700);
+}
+
+TEST(CalibratedScene, EveryStiffnessIsReplaced) {
+  SceneCalibration change = calibration();
+  change.stiffness = model::Stiffness{7, 0, 3e-4};
+  const Scene scene = calibrated(kSpatialScene, change);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(scene.arm.actuator(i).stiffness.gamma, 7) << i;
+    EXPECT_EQ(scene.arm.actuator(i).stiffness.kappa, 3e-4) << i;
+  }
+}
+
+TEST(CalibratedScene, TheCameraMayLookAnyWay) {
+  test::Random random(32);
+  const Scene before = sceneOf(kSpatialScene);
+  SceneCalibration change = calibration();
+  for (int trial = 0; trial < 120; ++trial) {
+    // Its body pitches by 90 degrees, or nearly, every other time: there roll and yaw are one.
+    lie::SE3 X_WC = randomPose(random, 2);
+    if (trial % 2 == 0) {
+      const double off = trial % 4 == 0 ? 0 : random.logUniform(1e-16, 1e-3);
+      lie::Vector6 pitch = lie::Vector6::Zero(), yaw = pitch, roll = pitch;
+      pitch[4] = (trial % 8 < 4 ? 1 : -1) * (kPi / 2 - off);
+      yaw[5] = random.uniform(-kPi, kPi);
+      roll[3] = random.uniform(-kPi, kPi);
+      X_WC.rotation = (lie::SE3::exp(yaw) * lie::SE3::exp(pitch) * lie::SE3::exp(roll)).rotation;
+      Eigen::Matrix3d optical_in_body;
+      optical_in_body << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+      X_WC.rotation *= optical_in_body;
+    }
+    change.X_CB = X_WC.inverse() * before.X_WB;
+    EXPECT_LT(difference(calibrated(kSpatialScene, change).X_CB(), *change.X_CB), 1e-12) << trial;
+  }
+}
+
+TEST(CalibratedScene, GroupsWhoseTagsStayAreKept) {
+  const Scene before = sceneOf(kSpatialScene);
+  SceneCalibration change = calibration();
+  change.tags = before.tags;
+  change.tags->tags[2].s = 0.51;  // the one of the second group
+  const test::TemporaryFile file(kSpatialScene);
+  const std::string text = calibratedSceneText(file.path(), {}, change);
+  EXPECT_NE(text.find("ids: [3, 1]"), std::string::npos) << text;
+  expectSameTags(*sceneOf(text).tags, *change.tags, 1e-12);
+  change.tags->tags[0].X_ST.translation.x() += 1e-3;
+  expectSameTags(*calibrated(kSpatialScene, change).tags, *change.tags, 1e-12);
+}
+
+estimation::ContractionFit quintic(double max_pressure) {
+  estimation::ContractionFit fit;
+  fit.status = estimation::ContractionFitStatus::kFitted;
+  fit.kind = estimation::CurveKind::kQuintic;
+  fit.coefficients = {0.41, -0.11, 0, 0.001, 0, 0};
+  fit.reference_pressure = max_pressure;
+  fit.curve = model::Contraction::quintic(fit.coefficients, max_pressure, max_pressure);
+  return fit;
+}
+
+TEST(CalibratedScene, CurvesReplaceThoseOfTheirNames) {
+  SceneCalibration change = calibration();
+  estimation::ContractionFit table;
+  table.status = estimation::ContractionFitStatus::kFitted;
+  table.kind = estimation::CurveKind::kTable;
+  table.pressures = {0, 49999.9, 100e3 / 3 * 4};
+  table.lengths = {0.1, 0.121, 0.131};
+  table.curve = model::Contraction::table(table.pressures, table.lengths);
+  const double max = pascals(413.6856);
+  change.contractions = {{"muscle", quintic(max)}, {"bellows", table}};
+  const Scene scene = calibrated(kSpatialScene, change);
+  const model::Contraction& muscle = scene.arm.actuator(0).contraction;
+  EXPECT_EQ(muscle.inputRange().upper, max);
+  EXPECT_EQ(scene.arm.actuator(0).limits.upper, 300e3) << "its limits stay";
+  for (double p = 0; p < max; p += 1e4) EXPECT_EQ(muscle.length(p), quintic(max).curve->length(p));
+  const model::Contraction& bellows = scene.arm.actuator(3).contraction;
+  EXPECT_NEAR(scene.arm.actuator(3).limits.upper, table.pressures.back(), 1e-10)
+      << "left open, they are those of the curve";
+  for (double p = 0; p < 133e3; p += 1e3) {
+    EXPECT_NEAR(bellows.length(p), table.curve->length(p), 1e-15);
+  }
+}
+
+// The largest pressure of a data set is often an actuator's limit as well.
+TEST(CalibratedScene, ACurveReachesTheLimitThatItWasMeasuredAt) {
+  test::Random random(33);
+  for (int i = 0; i < 60; ++i) {
+    const double kpa = random.uniform(250, 1000);
+    SceneCalibration change = calibration();
+    change.contractions = {{"muscle", quintic(pascals(kpa))}};
+    const Scene scene =
+        calibrated(kSpatialScene, change,
+                   {{"arm.sections.0.ring.max_pressure_kpa", formatNumber(std::min(kpa, 400.0))}});
+    EXPECT_EQ(scene.arm.actuator(0).contraction.inputRange().upper, pascals(kpa));
+  }
+}
+
+TEST(CalibratedScene, LimitsBeyondANewCurveAreFaults) {
+  SceneCalibration change = calibration();
+  change.contractions = {{"muscle", quintic(250e3)}};
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            ":18 arm.sections[0].ring.max_pressure_kpa is 300; expected a pressure where the new "
+            "curve of muscle was measured, 0 to 250: move the limit there, or measure the free "
+            "length as far as that");
+}
+
+TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
+  SceneCalibration change = calibration();
+  change.X_CB = lie::SE3();
+  EXPECT_EQ(refusal(kPlanarScene, change),
+            "calibratedSceneText: the base is seen from a camera, but scene flat has none; "
+            "expected one with a camera");
+  change = calibration();
+  change.bleed = 1e-4;
+  EXPECT_EQ(refusal(kPlanarScene, change),
+            "calibratedSceneText: tags are calibrated, but scene flat has none; expected one with "
+            "tags");
+  change = calibration();
+  change.length_scale = Eigen::Vector3d::Ones();
+  EXPECT_EQ(refusal(kPlanarScene, change),
+            "calibratedSceneText: the number of length scales is 3; expected 2");
+  change = calibration();
+  change.tags = sceneOf(kSpatialScene).tags;
+  change.tags->tags[1].id = 30;
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            "calibratedSceneText: tag 1 of scene rig is not placed on its section; expected all "
+            "tags of the scene");
+  change = calibration();
+  change.contractions = {{"mussel", quintic(4e5)}};
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            "calibratedSceneText: scene rig has no contraction mussel; expected muscle, bellows or "
+            "cable");
+  change.contractions = {{"cable", quintic(4e5)}};
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            "calibratedSceneText: contraction cable of scene rig is a tendon; expected one that "
+            "pressure drives");
+  change.contractions = {{"muscle", {}}};
+  change.contractions[0].second.reason = "too few";
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            "calibratedSceneText: contraction muscle has no curve: too few");
+}
+
+TEST(CalibratedScene, ABrokenOneNeverLeaves) {
+  SceneCalibration change = calibration();
+  change.length_scale = Eigen::VectorXd::Constant(6, 3);
+  const std::string message = refusal(kSpatialScene, change);
+  EXPECT_EQ(message.find(", once calibrated,:"), 0u) << message;
+  EXPECT_NE(message.find("length_scale is 3; expected 0.5 to 2"), std::string::npos) << message;
+  change = calibration();
+  change.stiffness = model::Stiffness{10, 0, NAN};
+  EXPECT_NE(refusal(kSpatialScene, change).find("K_kappa_m2 is nan"), std::string::npos);
+  change = calibration();
+  change.provenance.date = "today";
+  EXPECT_NE(refusal(kSpatialScene, change).find("calibration.date is \"today\""),
+            std::string::npos);
+  EXPECT_EQ(refusal("name: [", calibration()).find(":1 is not YAML"), 0u);
+}
+
+}  // namespace
+}  // namespace helix_arm::io

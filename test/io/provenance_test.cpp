@@ -1,0 +1,138 @@
+#include "helix_arm/io/provenance.hpp"
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/scene.hpp"
+#include "scene_faults.hpp"
+#include "scene_text.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::BrokenRule;
+using test::faultsOf;
+using test::kPlanarScene;
+using test::replaced;
+
+// Its first line is line 11 of the scene.
+const std::string kScene = kPlanarScene + R"(calibration:
+  date: "2026-01-31T12:00:00Z"
+  package_version: "0.1.0"
+  from: arm.yaml
+  data:
+    - {file: a.csv, sha256: ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad, captures: 36}
+    - {file: b.csv, sha256: e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855, captures: 0}
+  parameters:
+    K_kappa: {value: 1.5e-4, standard_error: 2.0e-6, identifiable: true, unit: m^2}
+    K_gamma: {value: 10, standard_error: 0, identifiable: false}
+  rms: 0.3
+  held_out_error: 0.4
+  error_unit: px
+)";
+
+Scene load(const std::string& text) { return loadScene(test::TemporaryFile(text).path()); }
+
+TEST(Provenance, IsReadWithTheScene) {
+  const Scene scene = load(kScene);
+  ASSERT_TRUE(scene.calibration);
+  const Provenance& calibration = *scene.calibration;
+  EXPECT_EQ(calibration.date, "2026-01-31T12:00:00Z");
+  EXPECT_EQ(calibration.package_version, "0.1.0");
+  EXPECT_EQ(calibration.from, "arm.yaml");
+  ASSERT_EQ(calibration.data.size(), 2u);
+  EXPECT_EQ(calibration.data[0].file, "a.csv");
+  EXPECT_EQ(calibration.data[0].sha256.substr(0, 8), "ba7816bf");
+  EXPECT_EQ(calibration.data[0].captures, 36);
+  ASSERT_EQ(calibration.parameters.size(), 2u);
+  EXPECT_EQ(calibration.parameters[0].name, "K_kappa");
+  EXPECT_EQ(calibration.parameters[0].value, 1.5e-4);
+  EXPECT_EQ(calibration.parameters[0].standard_error, 2e-6);
+  EXPECT_TRUE(calibration.parameters[0].identifiable);
+  EXPECT_EQ(calibration.parameters[0].unit, "m^2");
+  EXPECT_FALSE(calibration.parameters[1].identifiable);
+  EXPECT_EQ(calibration.parameters[1].unit, "");
+  EXPECT_EQ(calibration.rms, 0.3);
+  EXPECT_EQ(calibration.held_out_error, 0.4);
+  EXPECT_EQ(calibration.error_unit, "px");
+}
+
+TEST(Provenance, IsAbsentWhereNothingWasCalibrated) {
+  EXPECT_FALSE(load(kPlanarScene).calibration);
+  const Scene scene = load(replaced(kScene, "  held_out_error: 0.4\n", ""));
+  EXPECT_FALSE(scene.calibration->held_out_error);
+}
+
+TEST(Provenance, ChangesNothingOfTheModel) {
+  const Scene with = load(kScene), without = load(kPlanarScene);
+  const Eigen::VectorXd pressure = Eigen::Vector2d(1e5, 3e5);
+  EXPECT_EQ(with.arm.twists(pressure), without.arm.twists(pressure));
+}
+
+class ProvenanceRules : public testing::TestWithParam<BrokenRule> {};
+
+TEST_P(ProvenanceRules, BreakingOneIsReported) {
+  ASSERT_TRUE(faultsOf(kScene).empty());
+  EXPECT_EQ(faultsOf(replaced(kScene, GetParam().from, GetParam().to)), GetParam().faults);
+}
+
+const std::string kDate = "; expected a time in UTC such as 2026-01-31T12:00:00Z";
+const std::string kParameter = ":19 calibration.parameters.K_kappa.";
+const BrokenRule kRules[] = {
+    {"\"2026-01-31T12:00:00Z\"", "yesterday", {":12 calibration.date is yesterday" + kDate}},
+    {"\"2026-01-31T12:00:00Z\"",
+     "2026-01-31T12:00:00+01:00",
+     {":12 calibration.date is 2026-01-31T12:00:00+01:00" + kDate}},
+    {"  date: \"2026-01-31T12:00:00Z\"\n", "", {":11 calibration.date is missing" + kDate}},
+    {"  from: arm.yaml\n",
+     "",
+     {":11 calibration.from is missing; expected the path of the scene it began with"}},
+    {"from: arm.yaml",
+     "form: arm.yaml",
+     {":14 calibration.form is not a known key; did you mean from?",
+      ":11 calibration.from is missing; expected the path of the scene it began with"}},
+    {"sha256: ba78",
+     "sha256: xy78",
+     {":16 calibration.data[0].sha256 is "
+      "xy7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f200...; expected 64 hexadecimal "
+      "digits"}},
+    {"captures: 36",
+     "captures: -1",
+     {":16 calibration.data[0].captures is -1; expected a whole number from 0 to 2147483647"}},
+    {"value: 1.5e-4", "value: .inf", {kParameter + "value is .inf; expected a finite value"}},
+    {"standard_error: 2.0e-6",
+     "standard_error: -1",
+     {kParameter + "standard_error is -1; expected a finite value >= 0"}},
+    {"identifiable: true",
+     "identifiable: maybe",
+     {kParameter + "identifiable is maybe; expected true or false"}},
+    {"identifiable: true, ", "", {kParameter + "identifiable is missing; expected true or false"}},
+    {"rms: 0.3", "rms: bad", {":21 calibration.rms is bad; expected a finite value >= 0"}},
+    {"held_out_error: 0.4",
+     "held_out_error: -0.4",
+     {":22 calibration.held_out_error is -0.4; expected a finite value >= 0"}},
+    {"error_unit: px",
+     "error_unit: mm",
+     {":23 calibration.error_unit is mm; expected rad, px or m"}},
+    {"K_gamma: {value: 10, standard_error: 0, identifiable: false}",
+     "K_gamma: 10",
+     {
+         ":20 calibration.parameters.K_gamma is 10; expected a map of value, standard_error, "
+         "identifiable or unit",
+     }},
+};
+INSTANTIATE_TEST_SUITE_P(Keys, ProvenanceRules, testing::ValuesIn(kRules));
+
+TEST(Provenance, NeedsDataAndMayHaveNoParameters) {
+  const std::string parameters =
+      kScene.substr(kScene.find("    K_kappa"), kScene.find("  rms") - kScene.find("    K_kappa"));
+  EXPECT_TRUE(faultsOf(replaced(kScene, "parameters:\n" + parameters, "parameters: {}\n")).empty());
+  const std::string data = kScene.substr(kScene.find("    - {file"),
+                                         kScene.find("  parameters") - kScene.find("    - {file"));
+  EXPECT_EQ(faultsOf(replaced(kScene, "data:\n" + data, "data: []\n")),
+            std::vector<std::string>{
+                ":15 calibration.data is empty; expected a list of at least one entry"});
+}
+
+}  // namespace
+}  // namespace helix_arm::io

@@ -1,0 +1,95 @@
+#include "helix_arm/io/tag_corners.hpp"
+
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "support/random.hpp"
+#include "support/temporary_file.hpp"
+#include "table_faults.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+const std::string kHeader =
+    "capture,pressure_1_kpa,pressure_2_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
+
+std::vector<TagCornerCapture> load(const std::string& text) {
+  return loadTagCorners(loadDataSet(test::TemporaryFile(text).path()), 2);
+}
+
+std::string faultsOf(const std::string& text) {
+  return test::tableFaults(text,
+                           [](const std::string& path) { loadTagCorners(loadDataSet(path), 2); });
+}
+
+TEST(TagCorners, RowsOfACaptureBelongTogether) {
+  const auto captures = load("# comment\n" + kHeader +
+                             "7,10,20,3,1,2,3,4,5,6,7,8.5\n"
+                             "2,0,5,3,0,0,1,0,1,1,0,1\n"
+                             "7,10,20,0,-1,0,0,0,0,0,0,0\n");
+  ASSERT_EQ(captures.size(), 2u);
+  EXPECT_EQ(captures[0].number, 7);
+  EXPECT_EQ(captures[0].pressure, Eigen::VectorXd(Eigen::Vector2d(10e3, 20e3)));
+  ASSERT_EQ(captures[0].tags.size(), 2u);
+  EXPECT_EQ(captures[0].tags[0].id, 3);
+  EXPECT_EQ(captures[0].tags[0].line, 3);
+  EXPECT_EQ(captures[0].tags[1].line, 5);
+  estimation::Corners expected;
+  expected << 1, 3, 5, 7, 2, 4, 6, 8.5;
+  EXPECT_EQ(captures[0].tags[0].corners, expected);
+  EXPECT_EQ(captures[1].number, 2);
+}
+
+TEST(TagCorners, WhatIsWrittenReadsBackToTheLastBit) {
+  test::Random random(8);
+  std::vector<TagCornerCapture> captures;
+  for (int number : {4, 0, 12}) {
+    TagCornerCapture capture{number, Eigen::Vector2d(random.uniform(0, 4e5), 413685.6), {}};
+    // A pressure that some number of kPa gives, as those of files and commands are.
+    capture.pressure[0] = 1e3 * (capture.pressure[0] / 1e3);
+    for (int id = 0; id < 5; ++id) {
+      TagCorners tag{id, {}};
+      for (int i = 0; i < tag.corners.size(); ++i) tag.corners(i) = random.uniform(-10, 2000);
+      capture.tags.push_back(tag);
+    }
+    captures.push_back(capture);
+  }
+  captures.push_back({13, Eigen::Vector2d(0, 0), {}});  // saw nothing
+  const std::string text = tagCornerCsv(captures, 2, "two\nlines");
+  EXPECT_EQ(text.find("# two\n# lines\n" + kHeader), 0u) << text.substr(0, 200);
+  const auto read = load(text);
+  ASSERT_EQ(read.size(), 3u);
+  for (std::size_t c = 0; c < read.size(); ++c) {
+    EXPECT_EQ(read[c].number, captures[c].number);
+    EXPECT_EQ(read[c].pressure, captures[c].pressure);
+    ASSERT_EQ(read[c].tags.size(), captures[c].tags.size());
+    for (std::size_t i = 0; i < read[c].tags.size(); ++i) {
+      EXPECT_EQ(read[c].tags[i].id, captures[c].tags[i].id);
+      EXPECT_EQ(read[c].tags[i].corners, captures[c].tags[i].corners);
+    }
+  }
+  EXPECT_EQ(tagCornerCsv({}, 2, ""), kHeader);
+  EXPECT_THROW(tagCornerCsv(captures, 3, ""), std::invalid_argument);
+}
+
+TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
+  EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,3,4,5,6,7,8\n"
+                               "1,0,0,3,1,2,3,4,5,6,7,8\n"
+                               "1,0,5,4,1,2,3,4,5,6,7,8\n"
+                               "-1,0,0,4,1,2,3,4,5,6,7,8\n"
+                               "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
+            ":3 measures tag 3 again in capture 1, as line 2 does; expected it once\n"
+            ":4 changes the pressures of capture 1; expected them as in line 2\n"
+            ":5 capture is -1; expected a whole number >= 0\n"
+            ":6 tag is 0.5; expected a whole number >= 0");
+  EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
+            ":2 x2_px is nan; expected a finite number");
+  EXPECT_EQ(faultsOf("capture,pressure_1_kpa,x1_px\n1,0,0\n"),
+            " has no column tag, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, y4_px; expected "
+            "capture, pressure_1_kpa .., tag, x1_px, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, "
+            "y4_px");
+}
+
+}  // namespace
+}  // namespace helix_arm::io

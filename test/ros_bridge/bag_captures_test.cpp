@@ -1,0 +1,146 @@
+#include "helix_arm/ros_bridge/bag_captures.hpp"
+
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/ros_bridge/conversions.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+io::Scene demo() { return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml"); }
+
+// A recording of an arm that is at once where it is commanded to: pressures at 50 Hz, pictures at
+// 10 Hz, written a picture's time after they were taken.
+class Recording {
+ public:
+  explicit Recording(const std::string& path) : path_(path), bag_(path, rosbag::bagmode::Write) {}
+
+  void play(const Eigen::Vector3d& pressure, double seconds, bool commanded = true,
+            const std::string& ns = "") {
+    for (int k = 0; k < static_cast<int>(50 * seconds); ++k) {
+      time_ += ros::Duration(0.02);
+      std_msgs::Header header;
+      header.stamp = time_;
+      const PressureArray message = toPressureMsg(header, scene_.arm, pressure);
+      write(ns + "/pressure_measured", message, 0);
+      if (commanded) write(ns + "/pressure_command", message, 0);
+      if (++tick_ % 5 == 0) write(ns + "/tag_detections", detections(header, pressure), 0.1);
+    }
+  }
+
+  // The corners of two tags of the scene, one that is not, and one that is seen twice.
+  static TagDetections detections(const std_msgs::Header& header, const Eigen::Vector3d& pressure) {
+    TagDetections out;
+    out.header = header;
+    for (const int id : {3, 8, 12, 400}) {
+      TagDetection tag;
+      tag.id = id;
+      tag.known = id != 400;
+      tag.repeated = id == 12;
+      for (int c = 0; c < 8; ++c) tag.corners[c] = 100 + c + id + 1e-3 * pressure[0];
+      out.tags.push_back(tag);
+    }
+    return out;
+  }
+
+  template <class Message>
+  void write(const std::string& topic, const Message& message, double late) {
+    bag_.write(topic, time_ + ros::Duration(late), message);
+  }
+  const std::string& close() {
+    bag_.close();
+    return path_;
+  }
+
+ private:
+  const io::Scene scene_ = demo();
+  std::string path_;
+  rosbag::Bag bag_;
+  ros::Time time_{1000, 0};
+  int tick_ = 0;
+};
+
+std::string faultOf(const std::string& path) {
+  try {
+    loadBag(path, demo(), {});
+  } catch (const io::DocumentError& fault) {
+    return fault.what();
+  }
+  return "";
+}
+
+TEST(BagCaptures, AreTheMomentsInWhichTheArmStandsStill) {
+  const test::TemporaryFolder folder;
+  for (const bool commanded : {true, false}) {
+    Recording recording(folder / (commanded ? "with.bag" : "without.bag"));
+    recording.play({0, 0, 0}, 3, commanded);
+    recording.play({3e5, 0, 0}, 0.5, commanded);  // too short to settle
+    recording.play({1e5, 2e5, 0}, 3, commanded, "");
+    const auto samples = loadBag(recording.close(), demo(), {});
+    ASSERT_EQ(samples.size(), 2u);
+    EXPECT_LT(samples[0].pressure.norm(), 1e-6);
+    EXPECT_LT((samples[1].pressure - Eigen::Vector3d(1e5, 2e5, 0)).norm(), 1e-6);
+    ASSERT_EQ(samples[1].tags.size(), 2u);
+    EXPECT_EQ(samples[1].tags[0].id, 3);
+    EXPECT_EQ(samples[1].tags[1].id, 8);
+    EXPECT_NEAR(samples[1].tags[0].corners(1, 3), 100 + 7 + 3 + 1e2, 1e-9);
+  }
+}
+
+TEST(BagCaptures, CountFromOneAndLieInsideTheLimits) {
+  const io::Scene scene = demo();
+  control::Sample sample{1.0, Eigen::Vector3d(-200, 1e5, 413.8e3), {}};
+  sample.tags.push_back({3, Eigen::Matrix<double, 2, 4>::Constant(7)});
+  const auto captures = numbered({sample, sample}, scene.arm);
+  ASSERT_EQ(captures.size(), 2u);
+  EXPECT_EQ(captures[0].number, 1);
+  EXPECT_EQ(captures[1].number, 2);
+  EXPECT_EQ(captures[0].pressure[0], 0);
+  EXPECT_EQ(captures[0].pressure[1], 1e5);
+  EXPECT_EQ(captures[0].pressure[2], scene.arm.actuator(2).limits.upper);
+  ASSERT_EQ(captures[0].tags.size(), 1u);
+  EXPECT_EQ(captures[0].tags[0].corners, sample.tags[0].corners);
+}
+
+TEST(BagCaptures, AnArmThatNeverStandsStillIsToldOf) {
+  const test::TemporaryFolder folder;
+  Recording recording(folder / "moving.bag");
+  for (int k = 0; k < 20; ++k) recording.play({1e4 * k, 0, 0}, 0.3);
+  EXPECT_NE(faultOf(recording.close()).find("never stands still"), std::string::npos);
+}
+
+TEST(BagCaptures, WhatIsMissingOrOfAnotherArmIsNamed) {
+  const test::TemporaryFolder folder;
+  Recording empty(folder / "empty.bag");
+  const std::string missing = faultOf(empty.close());
+  EXPECT_NE(missing.find("tag_detections is missing"), std::string::npos) << missing;
+  EXPECT_NE(missing.find("pressure_measured is missing"), std::string::npos) << missing;
+
+  Recording two(folder / "two.bag");
+  two.play({0, 0, 0}, 1, true, "/left");
+  two.play({0, 0, 0}, 1, true, "/right");
+  EXPECT_NE(faultOf(two.close()).find("/left/tag_detections and /right/tag_detections"),
+            std::string::npos);
+
+  Recording other(folder / "other.bag");
+  other.play({0, 0, 0}, 1);
+  PressureArray foreign;
+  foreign.name = {"bellows"};
+  foreign.pressure = {1e5};
+  other.write("/pressure_measured", foreign, 0);
+  EXPECT_NE(faultOf(other.close()).find("not of this arm"), std::string::npos);
+
+  EXPECT_NE(faultOf("/no/such.bag").find("/no/such.bag"), std::string::npos);
+  const std::string text = folder / "text.bag";
+  std::ofstream(text) << "pressure_kpa,length_m\n";
+  EXPECT_NE(faultOf(text).find(text), std::string::npos);
+}
+
+}  // namespace
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,193 @@
+// What a calibration refuses, and how it ends when something goes wrong: with a reason, and with
+// the pressures ramped down. Time runs at five times its pace.
+#include <csignal>
+
+#include <gtest/gtest.h>
+
+#include "support/calibration_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+class CalibrationFaults : public CalibrationRig {
+ protected:
+  CalibrationFaults() : CalibrationRig("demo") {}
+
+  // A run that is well under way: some pressure is high.
+  void startRun() {
+    freeTheArm();
+    RunCalibrationGoal goal;
+    goal.fit = {"K_kappa"};
+    goal.plan = {3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5};
+    first_command_ = rig_.command.all().size();
+    client_->sendGoal(goal);
+    ASSERT_TRUE(rig_.command.next([](const PressureArray& command) {
+      return command.pressure[0] > 2.9e5;
+    })) << calibration_->output();
+  }
+
+  std::size_t first_command_ = 0;
+};
+
+TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
+  const auto refusal = [](const Calibrate::Request& request) {
+    const Calibrate::Response response = call<Calibrate>("calibrate", request);
+    EXPECT_FALSE(response.success);
+    return response.message;
+  };
+  const auto says = [](const std::string& message, const std::string& word) {
+    EXPECT_NE(message.find(word), std::string::npos) << message;
+  };
+  Calibrate::Request request;
+  says(refusal(request), "nothing was recorded");
+  request.data = {HELIX_ARM_SOURCE_DIR "/config/series/tour_3.csv"};
+  EXPECT_FALSE(refusal(request).empty());
+  request.data = {"relative.csv"};
+  says(refusal(request), "absolute path");
+  request.data = {"/no/such.csv"};
+  says(refusal(request), "/no/such.csv");
+  request.data = {"/no/such.bag"};
+  says(refusal(request), "/no/such.bag");
+
+  const TemporaryFile not_a_bag("pressure_kpa,length_m\n0,0.4\n");
+  std::filesystem::rename(not_a_bag.path(), not_a_bag.path() + ".bag");
+  request.data = {not_a_bag.path() + ".bag"};
+  says(refusal(request), not_a_bag.path());
+  std::filesystem::remove(not_a_bag.path() + ".bag");
+
+  Save::Request save;
+  save.path = "/tmp/samples.csv";
+  says(call<Save>("save", save).message, "nothing was recorded");
+  save.path = "/tmp/scene.yaml";
+  says(call<Save>("save", save).message, "nothing was calibrated");
+  save.path = "scene.yaml";
+  says(call<Save>("save", save).message, "absolute path");
+
+  FitContraction::Request contraction;
+  contraction.data = "/no/such.csv";
+  says(call<FitContraction>("fit_contraction", contraction).message, "/no/such.csv");
+  contraction.kind = "cubic";
+  says(call<FitContraction>("fit_contraction", contraction).message, "quintic or table");
+
+  const auto refusedRun = [&](const RunCalibrationGoal& goal) {
+    client_->sendGoal(goal);
+    EXPECT_TRUE(ends());
+    EXPECT_EQ(ending(), "ABORTED");
+    return client_->getResult() ? client_->getResult()->message : "";
+  };
+  RunCalibrationGoal goal;
+  goal.fit = {"everything"};
+  says(refusedRun(goal), "everything");
+  goal.fit = {"stiffness"};
+  goal.captures_per_pressure = 6;
+  says(refusedRun(goal), "captures is 6");
+  goal.captures_per_pressure = 1;
+  goal.plan = {1, 2, 3, 4};
+  says(refusedRun(goal), "4 pressures for 3 actuators");
+  goal.plan = {0, 0, 0, 9e5, 0, 0};
+  says(refusedRun(goal), "step 2 of the plan");
+  goal.plan = {1e5, 0, 0};
+  says(refusedRun(goal), "one pressure");
+  goal.plan.clear();
+  goal.out = "/no/such/folder/scene.yaml";
+  says(refusedRun(goal), "/no/such/folder");
+  EXPECT_EQ(rig_.command.last().pressure, (std::vector<double>{0, 0, 0}));
+}
+
+TEST_F(CalibrationFaults, ASampleOfAnArmThatMovesIsRefused) {
+  ASSERT_TRUE(recordWhenSettled().success);
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_TRUE(
+      rig_.measured.next([](const PressureArray& measured) { return measured.pressure[0] > 2e5; }));
+  const RecordSample::Response moving = call<RecordSample>("record_sample");
+  EXPECT_FALSE(moving.success);
+  EXPECT_NE(moving.message.find("not recorded: "), std::string::npos) << moving.message;
+  EXPECT_EQ(moving.samples, 1u);
+  const RecordSample::Response settled = recordWhenSettled();
+  EXPECT_TRUE(settled.success) << settled.message;
+  EXPECT_EQ(settled.samples, 2u);
+  EXPECT_GE(settled.tags, 5u);
+  ASSERT_EQ(settled.pressure.size(), 3u);
+  EXPECT_NEAR(settled.pressure[0], 3e5, 5e3);
+  EXPECT_EQ(call<ClearSamples>("clear_samples").cleared, 2u);
+  EXPECT_EQ(call<ClearSamples>("clear_samples").cleared, 0u);
+  ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+}
+
+TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
+  ASSERT_TRUE(recordWhenSettled().success);
+  rig_process_->signal(SIGINT);
+  EXPECT_EQ(rig_process_->exitCode(), 0);
+  RecordSample::Response response;
+  EXPECT_TRUE(waitFor([&] {
+    response = call<RecordSample>("record_sample");
+    waitFor([] { return false; }, 0.1);
+    return !response.success;
+  }));
+  EXPECT_NE(response.message.find("none has come for"), std::string::npos) << response.message;
+  RunCalibrationGoal goal;
+  client_->sendGoal(goal);
+  ASSERT_TRUE(ends());
+  EXPECT_EQ(ending(), "ABORTED");
+  EXPECT_NE(client_->getResult()->message.find("none has come for"), std::string::npos);
+}
+
+TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
+  startRun();
+  client_->cancelGoal();
+  ASSERT_TRUE(ends());
+  EXPECT_EQ(ending(), "PREEMPTED");
+  EXPECT_NE(client_->getResult()->message.find("cancelled"), std::string::npos);
+  EXPECT_TRUE(atRest());
+  expectRamps(first_command_);
+}
+
+TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
+  startRun();
+  RunCalibrationGoal goal;
+  goal.plan = {0, 0, 0, 0, 0, 1e5};
+  goal.captures_per_pressure = 1;
+  goal.fit = {"K_kappa"};
+  client_->sendGoal(goal);
+  ASSERT_TRUE(ends());
+  EXPECT_TRUE(client_->getResult()) << calibration_->output();
+  EXPECT_TRUE(atRest());
+  expectRamps(first_command_);
+}
+
+TEST_F(CalibrationFaults, WithoutMeasurementsItRampsDownAndSaysSo) {
+  startRun();
+  rig_process_->signal(SIGINT);
+  ASSERT_TRUE(ends());
+  EXPECT_EQ(ending(), "ABORTED");
+  EXPECT_NE(client_->getResult()->message.find("stands still"), std::string::npos)
+      << client_->getResult()->message;
+  EXPECT_TRUE(atRest());
+}
+
+TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
+  startRun();
+  calibration_->signal(SIGINT);
+  EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
+  EXPECT_TRUE(atRest());
+  expectRamps(first_command_);
+}
+
+TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {
+  ASSERT_EQ(rig_.sendPressures({0, 0, 1e5}).outcome, TargetStatus::TAKEN);
+  RunCalibrationGoal goal;
+  client_->sendGoal(goal);
+  ASSERT_TRUE(waitFor([this] {
+    EXPECT_EQ(rig_.sendPressures({0, 0, 1e5}).outcome, TargetStatus::TAKEN);
+    return client_->getState().isDone();
+  }));
+  EXPECT_EQ(ending(), "ABORTED");
+  EXPECT_NE(client_->getResult()->message.find("commands the arm"), std::string::npos)
+      << client_->getResult()->message;
+  EXPECT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

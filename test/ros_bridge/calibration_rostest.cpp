@@ -1,0 +1,135 @@
+// A whole calibration: a rig that is not what its scene says, pressures, pictures, samples, the
+// fit, the file, and the nodes that go on with it. Time runs at five times its pace.
+#include <algorithm>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "support/calibration_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+
+// The demo, whose arm deviates from its scene, with a camera and tags that are displaced as well.
+std::string displacedDemo() {
+  return io::sceneText(kDemo, {{"simulation.mounts.camera_translation_m", "0.004"},
+                               {"simulation.mounts.camera_rotation_deg", "0.5"},
+                               {"simulation.mounts.tag_translation_m", "0.001"},
+                               {"simulation.mounts.tag_rotation_deg", "1"},
+                               {"simulation.mounts.seed", "11"}});
+}
+
+// Median distance of an arm's tips from the true ones, over the range of the pressures [m].
+double tipError(const io::Scene& scene, const simulation::TrueArm& truth) {
+  std::mt19937 generator(5);
+  std::uniform_real_distribution<double> share(0.0, 1.0);
+  std::vector<double> errors;
+  for (int k = 0; k < 51; ++k) {
+    Eigen::VectorXd pressure(scene.arm.actuatorCount());
+    for (int i = 0; i < pressure.size(); ++i) {
+      pressure[i] = share(generator) * scene.arm.actuator(i).limits.upper;
+    }
+    const lie::SE3 X = model::tipPose(truth.twists(pressure));
+    errors.push_back((scene.arm.tip(pressure).translation - X.translation).norm());
+  }
+  std::nth_element(errors.begin(), errors.begin() + 25, errors.end());
+  return errors[25];
+}
+
+class WholeCalibration : public CalibrationRig {
+ protected:
+  WholeCalibration() : CalibrationRig(kRigScene.path()) {}
+
+  static const TemporaryFile kRigScene;
+};
+const TemporaryFile WholeCalibration::kRigScene(displacedDemo());
+
+TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
+  const TemporaryFolder folder;
+  RunCalibrationGoal goal;
+  goal.fit = {"stiffness", "length_scale", "placement"};
+  goal.out = folder / "calibrated.yaml";
+  std::vector<RunCalibrationFeedback> progress;
+  const std::size_t first_command = rig_.command.all().size();
+  client_->sendGoal(goal, {}, {},
+                    [&](const RunCalibrationFeedbackConstPtr& f) { progress.push_back(*f); });
+  ASSERT_TRUE(ends()) << calibration_->output();
+  const RunCalibrationResult result = *client_->getResult();
+  ASSERT_EQ(ending(), "SUCCEEDED") << result.message;
+  EXPECT_TRUE(result.success);
+  EXPECT_EQ(result.out, goal.out);
+  EXPECT_TRUE(atRest());
+  expectRamps(first_command);
+
+  // Told step by step.
+  ASSERT_FALSE(progress.empty());
+  EXPECT_EQ(progress.front().step, 1u);
+  EXPECT_EQ(progress.back().step, 12u);
+  EXPECT_EQ(progress.back().steps, 12u);
+  EXPECT_EQ(progress.back().samples, 12u);
+  EXPECT_EQ(progress.back().state, "fitting");
+
+  const io::Scene demo = shippedScene("demo"), calibrated = io::loadScene(goal.out);
+  const simulation::TrueArm truth(demo.arm, demo.simulation.arm);
+  const double before = tipError(demo, truth), after = tipError(calibrated, truth);
+  EXPECT_GT(before, 0.004);
+  EXPECT_LE(after, before / 3) << "from " << 1e3 * before << " mm";
+  RecordProperty("tip_error_mm",
+                 "from " + std::to_string(1e3 * before) + " to " + std::to_string(1e3 * after));
+  ASSERT_TRUE(calibrated.calibration);
+  EXPECT_EQ(calibrated.calibration->data.at(0).captures, 12);
+  ASSERT_EQ(result.names.size(), result.values.size());
+  ASSERT_EQ(result.names.size(), result.standard_errors.size());
+  const auto scale = std::find(result.names.begin(), result.names.end(), "length_scale");
+  ASSERT_NE(scale, result.names.end());
+  const auto k = static_cast<std::size_t>(scale - result.names.begin());
+  EXPECT_TRUE(result.identifiable[k]);
+  EXPECT_LT(std::abs(result.values[k] - demo.simulation.arm.length_scale),
+            3 * result.standard_errors[k]);
+
+  Save::Request save;
+  save.path = folder / "saved.yaml";
+  EXPECT_TRUE(call<Save>("save", save).success);
+  EXPECT_EQ(io::loadScene(save.path).arm.tip(Eigen::Vector3d(3e5, 0, 1e5)).translation,
+            calibrated.arm.tip(Eigen::Vector3d(3e5, 0, 1e5)).translation);
+
+  // The samples remain: saved, and calibrated from the file, they tell the same.
+  save.path = folder / "samples.csv";
+  EXPECT_TRUE(call<Save>("save", save).success);
+  Calibrate::Request again;
+  again.fit = goal.fit;
+  again.data = {save.path};
+  const Calibrate::Response from_file = call<Calibrate>("calibrate", again);
+  EXPECT_TRUE(from_file.success) << from_file.message;
+  ASSERT_EQ(from_file.names, result.names);
+  EXPECT_LT((vectorOf(from_file.values) - vectorOf(result.values)).norm(),
+            1e-6 * vectorOf(result.values).norm());
+
+  // The nodes go on with the new file, and their model is where the camera sees the arm.
+  const auto tipErrorSeen = [&] {
+    freeTheArm();
+    const ros::Time moved = ros::Time::now();
+    EXPECT_EQ(rig_.sendPressures({3.5e5, 0, 1e5}).outcome, TargetStatus::TAKEN);
+    const auto error = eye_.errors.next(
+        [&](const ModelError& e) { return (e.header.stamp - moved).toSec() > 3.0; });
+    EXPECT_TRUE(error);
+    return error ? error->tip_error : 1.0;
+  };
+  const double seen_before = tipErrorSeen();
+  Reload::Request reload;
+  reload.scene = goal.out;
+  for (const char* node : {"pressure_command", "vision", "calibration"}) {
+    const Reload::Response response = call<Reload>(std::string(node) + "/reload", reload);
+    EXPECT_TRUE(response.success) << response.message;
+  }
+  EXPECT_LE(tipErrorSeen(), seen_before / 2) << "from " << 1e3 * seen_before << " mm";
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }

@@ -1,0 +1,164 @@
+// Scenes that take another's place while the nodes run.
+#include <algorithm>
+#include <fstream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+#include <ros/service.h>
+
+#include "helix_arm/Reload.h"
+#include "support/temporary_file.hpp"
+#include "support/vision_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+constexpr char kPressureCommand[] = "pressure_command";
+constexpr char kVision[] = "vision";
+constexpr char kMonitor[] = "monitor";
+
+// The demo scene with some keys set otherwise.
+std::string demoWith(const std::vector<io::Override>& overrides) {
+  return io::sceneText(kDemo, overrides);
+}
+
+Reload::Response reload(const std::string& node, const std::string& scene) {
+  Reload call;
+  call.request.scene = scene;
+  const std::string service = node + "/reload";
+  EXPECT_TRUE(ros::service::waitForService(service, ros::Duration(20)));
+  EXPECT_TRUE(ros::service::call(service, call)) << service;
+  return call.response;
+}
+
+class Reloading : public ::testing::Test {
+ protected:
+  void SetUp() override { ASSERT_TRUE(rig_.connect()); }
+  // The nodes of all tests go on with the demo's scene.
+  void TearDown() override {
+    ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+    for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+      const Reload::Response response = reload(node, "demo");
+      EXPECT_TRUE(response.success) << response.message;
+    }
+  }
+
+  Rig rig_;
+};
+
+// Whether a model is the scene's at what was measured at the same time.
+bool isModelOf(const io::Scene& scene, const Rig& rig, const ArmShape& model) {
+  const auto measured = VisionListener::of(rig.measured, model.header.stamp);
+  if (!measured) return false;
+  Eigen::VectorXd pressure = vectorOf(measured->pressure);
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const model::Range& limits = scene.arm.actuator(i).limits;
+    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
+  }
+  const model::Twists expected = scene.arm.twists(pressure);
+  return (vectorOf(model.twist) - Eigen::Map<const Eigen::VectorXd>(expected.data(), 6)).norm() <
+         1e-9;
+}
+
+TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::TAKEN);
+  const io::Scene demo = shippedScene("demo");
+  const TemporaryFile file(demoWith({{"arm.stiffness.K_kappa_m2", "2e-4"}}));
+  const io::Scene stiffer = io::loadScene(file.path());
+  ASSERT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
+  const Reload::Response response = reload(kPressureCommand, file.path());
+  EXPECT_TRUE(response.success) << response.message;
+  EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(stiffer, rig_, m); }));
+  const auto command = rig_.command.next([](const PressureArray&) { return true; });
+  ASSERT_TRUE(command);
+  EXPECT_EQ(command->pressure, (std::vector<double>{3e5, 0, 0}));
+  // Without a path, the file that the node has now: it may have changed.
+  std::ofstream(file.path()) << demoWith({});
+  EXPECT_TRUE(reload(kPressureCommand, "").success);
+  EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
+}
+
+TEST_F(Reloading, AFaultyFileChangesNothing) {
+  const io::Scene demo = shippedScene("demo");
+  const TemporaryFile faulty(demoWith({}) + "\nnonsense: 1\n"), broken("arm: [");
+  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+    for (const std::string& path : {faulty.path(), broken.path(), std::string("/no/such.yaml"),
+                                    std::string("no_such_scene"), std::string("../demo.yaml")}) {
+      const Reload::Response response = reload(node, path);
+      EXPECT_FALSE(response.success) << node << " " << path;
+      EXPECT_FALSE(response.message.empty()) << node << " " << path;
+    }
+    const Reload::Response response = reload(node, faulty.path());
+    EXPECT_NE(response.message.find("nonsense"), std::string::npos) << response.message;
+  }
+  EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
+}
+
+TEST_F(Reloading, AnotherRigIsRefused) {
+  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+    for (const std::string scene :
+         {"planar_76", HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml"}) {
+      const Reload::Response response = reload(node, scene);
+      EXPECT_FALSE(response.success) << node << " " << scene;
+    }
+  }
+  const Reload::Response response = reload(kPressureCommand, "planar_76");
+  EXPECT_NE(response.message.find("not of the rig that runs"), std::string::npos)
+      << response.message;
+}
+
+TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {
+  const TemporaryFile file(demoWith({{"arm.sections.0.ring.max_pressure_kpa", "200"}}));
+  ASSERT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::TAKEN);
+  const Reload::Response refused = reload(kPressureCommand, file.path());
+  EXPECT_FALSE(refused.success);
+  EXPECT_NE(refused.message.find("muscle_2"), std::string::npos) << refused.message;
+  EXPECT_EQ(rig_.command.next([](const PressureArray&) { return true; })->pressure[1], 2.5e5);
+  ASSERT_EQ(rig_.sendPressures({0, 1.9e5, 0}).outcome, TargetStatus::TAKEN);
+  const Reload::Response taken = reload(kPressureCommand, file.path());
+  EXPECT_TRUE(taken.success) << taken.message;
+  EXPECT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::DROPPED);
+}
+
+TEST_F(Reloading, VisionLooksForTheNewScenesTagsFromTheNextPictureOn) {
+  CameraStandIn camera("");
+  ASSERT_TRUE(camera.connect());
+  const cv::Mat picture = camera.picture(camera.twists({1e5, 0, 0}));
+  const auto tipAfterShowing = [&]() -> Eigen::Vector3d {
+    const ros::Time stamp = camera.stamp();
+    camera.show(picture, stamp);
+    const auto measured = VisionListener::of(camera.measured, stamp);
+    if (!measured) return Eigen::Vector3d::Constant(std::nan(""));
+    return ros_bridge::fromMsg(measured->tip).translation;
+  };
+  const Eigen::Vector3d before = tipAfterShowing();
+  ASSERT_TRUE(before.allFinite());
+  // Seen from 5 cm farther away, the same picture is of an arm that is 5 cm farther away.
+  const io::Scene demo = shippedScene("demo");
+  const Eigen::Vector3d away =
+      demo.camera->X_WC.translation - 0.05 * demo.camera->X_WC.rotation.col(2);
+  std::ostringstream position;
+  position.precision(17);
+  position << "[" << away.x() << ", " << away.y() << ", " << away.z() << "]";
+  const TemporaryFile file(demoWith({{"camera.position_m", position.str()},
+                                     {"vision.base_prior.translation_m", "0.0001"},
+                                     {"vision.base_prior.rotation_deg", "0.01"}}));
+  const Reload::Response response = reload(kVision, file.path());
+  ASSERT_TRUE(response.success) << response.message;
+  const ros::Time stamp = camera.stamp();
+  camera.show(picture, stamp);
+  const auto detections = VisionListener::of(camera.detections, stamp);
+  ASSERT_TRUE(detections);
+  const auto measured = VisionListener::of(camera.measured, stamp, 1.0);
+  const bool moved =
+      !measured || (ros_bridge::fromMsg(measured->tip).translation - before).norm() > 0.01;
+  EXPECT_TRUE(moved);
+  ASSERT_TRUE(reload(kVision, "demo").success);
+  EXPECT_LT((tipAfterShowing() - before).norm(), 0.002);
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }
