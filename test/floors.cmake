@@ -12,7 +12,7 @@ set(below_simulation "lie|model|control|estimation|vision|regulator")
 set(below_io "lie|model|control|estimation|vision|regulator|simulation")
 set(below_ros_bridge "lie|model|control|estimation|vision|regulator|simulation|io")
 set(below_nodes "ros_bridge")
-set(below_cli "lie|model|control|estimation|vision|regulator|simulation|io")
+set(below_cli "lie|model|control|estimation|vision|regulator|simulation|io|ros_bridge")  # its recordings
 
 foreach(floor lie model control regulator)
   set(others_${floor} "Eigen")

@@ -9,6 +9,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/calibration_job.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -47,7 +48,7 @@ io::CompanionArm companionOf(const std::string& text) {
   io::CompanionArm companion{io::loadScene(parts.front()), {}};
   requirePressureDriven(companion.scene);
   io::CalibrationData data =
-      io::loadCalibrationData(companion.scene, {parts.begin() + 1, parts.end()});
+      ros_bridge::loadMeasurements(companion.scene, {parts.begin() + 1, parts.end()}, {});
   companion.captures = std::move(data.captures);
   return companion;
 }
@@ -264,7 +265,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (options.branch == "rising") request.curve.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.curve.branch = estimation::Branch::kFalling;
   request.date = io::utcNow();
-  const io::CalibrationData data = io::loadCalibrationData(scene, options.data);
+  const io::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
   std::vector<io::CompanionArm> companions;
   for (const std::string& text : options.also) companions.push_back(companionOf(text));
   const io::CalibrationOutcome outcome =
@@ -291,7 +292,8 @@ Subcommand addCalibrate(CLI::App& app) {
           "data sets: # comments, a header that names units, rows. Of curvatures "
           "(pressure_1_kpa .., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, "
           "x_m .. qw), tag corners (.., tag, x1_px, y1_px .. y4_px) or free lengths "
-          "(pressure_kpa, length_m)")
+          "(pressure_kpa, length_m). Or rosbags with tag_detections, pressure_measured and "
+          "pressure_command: each time the arm stands still is a capture")
       ->required();
   command->add_option(
       "--fit", options->fit,

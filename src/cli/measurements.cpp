@@ -11,14 +11,6 @@
 namespace helix_arm::cli {
 namespace {
 
-Eigen::VectorXd clamped(const model::Arm& arm, Eigen::VectorXd pressure) {
-  for (int i = 0; i < pressure.size(); ++i) {
-    const model::Range& limits = arm.actuator(i).limits;
-    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
-  }
-  return pressure;
-}
-
 std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   const std::string check =
       "; check that their positions are in metres and seen from the arm's base, and where the "
@@ -84,7 +76,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
         capture.seen.push_back({index, tag.X_BT});
       }
     }
-    capture.model = modelTwists(scene, clamped(scene.arm, measured.pressure));
+    capture.model = modelTwists(scene, scene.arm.clamped(measured.pressure));
     const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model);
     capture.status = fit.status;
     capture.reason = reasonOf(scene, capture);

@@ -1,5 +1,6 @@
 #include "helix_arm/model/arm.hpp"
 
+#include <algorithm>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -104,6 +105,16 @@ Eigen::VectorXd ArmOf<Group>::inputAt(double fraction) const {
   for (int i = 0; i < q.size(); ++i) {
     const Range& limits = actuators_[i].limits;
     q[i] = limits.lower + fraction * (limits.upper - limits.lower);
+  }
+  return q;
+}
+
+template <class Group>
+Eigen::VectorXd ArmOf<Group>::clamped(Eigen::VectorXd q) const {
+  if (q.size() != actuatorCount()) refuse(q);
+  for (int i = 0; i < actuatorCount(); ++i) {
+    const Range& limits = actuators_[i].limits;
+    q[i] = std::clamp(q[i], limits.lower, limits.upper);
   }
   return q;
 }

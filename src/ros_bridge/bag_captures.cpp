@@ -1,6 +1,7 @@
 #include "helix_arm/ros_bridge/bag_captures.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <map>
 #include <set>
 
@@ -9,9 +10,9 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
-#include "helix_arm/ros_bridge/pneumatics.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -69,7 +70,7 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<control::Sample>& s
   for (const control::Sample& sample : samples) {
     io::TagCornerCapture& capture = out.emplace_back();
     capture.number = static_cast<int>(out.size());
-    capture.pressure = clampToLimits(arm, sample.pressure);
+    capture.pressure = arm.clamped(sample.pressure);
     for (const control::TagSighting& tag : sample.tags) {
       capture.tags.push_back({tag.id, tag.corners});
     }
@@ -137,6 +138,31 @@ std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& s
   throw io::DocumentError(path + ": " + fault.what() +
                           "; expected a bag that was closed (rosbag "
                           "reindex mends one that was not)");
+}
+
+io::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
+                                     const control::SettleRules& rules) {
+  const std::string kRecording = ".bag";
+  std::vector<std::string> tables;
+  io::CalibrationData bags;
+  for (const std::string& path : paths) {
+    const bool is_bag =
+        path.size() >= kRecording.size() &&
+        path.compare(path.size() - kRecording.size(), kRecording.size(), kRecording) == 0;
+    if (!is_bag) {
+      tables.push_back(path);
+      continue;
+    }
+    const auto seen = numbered(loadBag(path, scene, rules), scene.arm);
+    io::LoadedCaptures loaded = io::makeCaptures(scene, seen, path);
+    bags.sources.push_back(
+        {path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
+    std::move(loaded.captures.begin(), loaded.captures.end(), std::back_inserter(bags.captures));
+  }
+  io::CalibrationData out = io::loadCalibrationData(scene, tables);
+  std::move(bags.captures.begin(), bags.captures.end(), std::back_inserter(out.captures));
+  std::move(bags.sources.begin(), bags.sources.end(), std::back_inserter(out.sources));
+  return out;
 }
 
 }  // namespace helix_arm::ros_bridge

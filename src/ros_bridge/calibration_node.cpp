@@ -313,24 +313,8 @@ io::CalibrationData CalibrationNode::recorded() const {
 }
 
 io::CalibrationData CalibrationNode::load(const std::vector<std::string>& paths) const {
-  std::vector<std::string> tables;
-  io::CalibrationData bags;
-  for (const std::string& path : paths) {
-    requireAbsolute("data", path);
-    if (!endsIn(path, ".bag")) {
-      tables.push_back(path);
-      continue;
-    }
-    const auto seen = numbered(loadBag(path, scene_, options_.settle), scene_.arm);
-    io::LoadedCaptures loaded = io::makeCaptures(scene_, seen, path);
-    bags.sources.push_back(
-        {path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
-    std::move(loaded.captures.begin(), loaded.captures.end(), std::back_inserter(bags.captures));
-  }
-  io::CalibrationData out = io::loadCalibrationData(scene_, tables);
-  std::move(bags.captures.begin(), bags.captures.end(), std::back_inserter(out.captures));
-  std::move(bags.sources.begin(), bags.sources.end(), std::back_inserter(out.sources));
-  return out;
+  for (const std::string& path : paths) requireAbsolute("data", path);
+  return loadMeasurements(scene_, paths, options_.settle);
 }
 
 io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& request,
@@ -355,6 +339,7 @@ io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& 
 }
 
 bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Response& response) {
+  response.held_out_error = std::numeric_limits<double>::quiet_NaN();
   return answer(names::kCalibrate, response, [&] {
     io::CalibrationData data;
     {
@@ -419,6 +404,7 @@ bool CalibrationNode::onFitContraction(FitContraction::Request& request,
 
 void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
   RunCalibrationResult refused;
+  refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
   answer(names::kRunCalibration, refused, [&] {
     begin(*goal);
     refused.success = true;

@@ -1,6 +1,5 @@
 #include "helix_arm/ros_bridge/pneumatics.hpp"
 
-#include <algorithm>
 #include <stdexcept>
 
 #include <ros/console.h>
@@ -36,14 +35,6 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
     }
   }
   return {scene.arm.actuatorCount(), config};
-}
-
-Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::Range& limits = arm.actuator(i).limits;
-    pressure[i] = std::clamp(pressure[i], limits.lower, limits.upper);
-  }
-  return pressure;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -232,7 +232,7 @@ void PressureCommandNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   solver_ = model::InverseSolver(scene_.arm);
   static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
-  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
+  twists_ = twistsAt(scene_.arm.clamped(measured_));
 }
 
 void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
@@ -247,7 +247,7 @@ void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
 
 void PressureCommandNode::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
   measured_ = measured;
-  twists_ = twistsAt(clampToLimits(scene_.arm, measured_));
+  twists_ = twistsAt(scene_.arm.clamped(measured_));
   last_reading_ = ros::SteadyTime::now();
   ++readings_;
   std_msgs::Header header;

@@ -40,12 +40,7 @@ TrueArm::TrueArm(const model::Arm& arm, const ArmDeviation& deviation)
     : arm_(deviate(arm, deviation)), length_scale_(deviation.length_scale) {}
 
 model::Twists TrueArm::twists(const model::InputRef& pressure) const {
-  Eigen::VectorXd clamped = pressure;
-  for (int i = 0; i < std::min<int>(arm_.actuatorCount(), static_cast<int>(clamped.size())); ++i) {
-    const model::Range& limits = arm_.actuator(i).limits;
-    clamped[i] = std::clamp(clamped[i], limits.lower, limits.upper);
-  }
-  return arm_.twistsOfLengths(length_scale_ * arm_.lengths(clamped));
+  return arm_.twistsOfLengths(length_scale_ * arm_.lengths(arm_.clamped(pressure)));
 }
 
 SimulatedRig::SimulatedRig(const model::Arm& arm,

@@ -80,11 +80,7 @@ std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& 
       samples.push_back(std::move(sample));
     }
     const control::Sample median = control::medianOf(samples);
-    io::TagCornerCapture capture{step + 1, median.pressure, {}};
-    for (int i = 0; i < capture.pressure.size(); ++i) {
-      const model::Range& limits = scene.arm.actuator(i).limits;
-      capture.pressure[i] = std::clamp(capture.pressure[i], limits.lower, limits.upper);
-    }
+    io::TagCornerCapture capture{step + 1, scene.arm.clamped(median.pressure), {}};
     for (const control::TagSighting& tag : median.tags) {
       capture.tags.push_back({tag.id, tag.corners, 0});
     }

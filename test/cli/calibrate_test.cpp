@@ -20,14 +20,14 @@ std::string sharedData(const std::string& name) {
 
 // Curvatures that the arm of a scene has at the paper's pressures, as the command itself gives them
 // with some K_kappa.
-std::string curvatures(const std::string& scene, double K_kappa, int actuators) {
+std::string curvatures(const std::string& path, double K_kappa, int actuators) {
   std::string rows = "# made for a test\npressure_1_kpa,curvature_rad\n";
   for (const double kpa : {0.0, 100.0, 200.0, 300.0, 400.0}) {
     std::string pressures = std::to_string(kpa);
     for (int i = 1; i < actuators; ++i) pressures += ",0";
     const json result =
-        runCommand({"forward", scenePath(scene), "--pressure-kpa", pressures, "--format", "json",
-                    "--set", "arm.stiffness.K_kappa_m2=" + std::to_string(K_kappa)})
+        runCommand({"forward", path, "--pressure-kpa", pressures, "--format", "json", "--set",
+                    "arm.stiffness.K_kappa_m2=" + std::to_string(K_kappa)})
             .json();
     const auto twist = numbersOf(result["twist"][0]);
     rows += std::to_string(kpa) + "," + std::to_string(std::hypot(twist[4], twist[5])) + "\n";
@@ -50,7 +50,7 @@ double value(const json& result, const std::string& name) {
 
 TEST(Calibrate, WritesASceneThatPredictsWhatWasMeasured) {
   const TemporaryFolder folder;
-  const TemporaryFile data(curvatures("spatial_50", 2.1e-4, 3));
+  const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
   const std::string out = folder / "calibrated.yaml";
   const Outcome outcome = calibrate(scenePath("spatial_50"), {data.path()}, {"--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
@@ -71,8 +71,8 @@ TEST(Calibrate, WritesASceneThatPredictsWhatWasMeasured) {
 }
 
 TEST(Calibrate, OneStiffnessForSeveralArms) {
-  const TemporaryFile narrow(curvatures("spatial_50", 2e-4, 3));
-  const TemporaryFile wide(curvatures("spatial_101", 2e-4, 3));
+  const TemporaryFile narrow(curvatures(scenePath("spatial_50"), 2e-4, 3));
+  const TemporaryFile wide(curvatures(scenePath("spatial_101"), 2e-4, 3));
   const Outcome outcome = calibrate(scenePath("spatial_50"), {narrow.path()},
                                     {"--also", scenePath("spatial_101") + "," + wide.path()});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
@@ -97,6 +97,70 @@ TEST(Calibrate, FreeLengthsReplaceTheCurve) {
         runCommand({"forward", out, "--pressure-kpa", "0,0,0", "--format", "json"}).json();
     EXPECT_NEAR(numbersOf(after["lengths_m"])[0], 0.42, 2e-3);
   }
+}
+
+TEST(Calibrate, StiffnessIsFittedToTheArmWithItsNewCurve) {
+  const TemporaryFolder folder;
+  // Muscles half as strong as the scene's, and the curvatures of an arm that has them.
+  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.42\n200,0.40\n413.6856,0.38\n");
+  const std::string soft = folder / "soft.yaml", both = folder / "both.yaml";
+  ASSERT_EQ(calibrate(scenePath("spatial_50"), {lengths.path()},
+                      {"--fit", "contraction", "--curve", "table", "--out", soft})
+                .exit_code,
+            0);
+  const TemporaryFile bends(curvatures(soft, 2.1e-4, 3));
+  const Outcome outcome =
+      calibrate(scenePath("spatial_50"), {lengths.path(), bends.path()},
+                {"--fit", "contraction,stiffness", "--curve", "table", "--out", both});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json result = outcome.json();
+  EXPECT_NEAR(value(result, "K_kappa") / 2.1e-4, 1, 2e-3);
+  EXPECT_EQ(result["contractions"][0]["kind"], "table");
+  const json after = runCommand({"evaluate", both, bends.path(), "--format", "json"}).json();
+  EXPECT_LT(after["rms_rad"].get<double>(), 1e-3);
+}
+
+TEST(Calibrate, ARigIsFoundFromItsPictures) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "rig", out = folder / "calibrated.yaml";
+  const Outcome made = runCommand(
+      {"simulate", scenePath("demo"), "--out", rig, "--count", "20", "--seed", "7", "--set",
+       "simulation.mounts={camera_translation_m: 0.01, camera_rotation_deg: 1, tag_translation_m: "
+       "0.002, tag_rotation_deg: 3, seed: 7}"});
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const Outcome outcome = calibrate(scenePath("demo"), {rig + "/tag_corners.csv"},
+                                    {"--fit", "stiffness,length_scale,placement", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json result = outcome.json();
+  EXPECT_EQ(result["error_unit"], "px");
+  EXPECT_LT(result["held_out_error"].get<double>(), 0.5);
+  EXPECT_NEAR(value(result, "length_scale"), 1.01, 0.003);
+
+  // With what was found, the model puts the tip where it truly was.
+  const auto tipErrors = [&](const std::string& scene) {
+    double square = 0;
+    const auto rows = csvRows(contentOf(rig + "/truth.csv"));
+    const auto column = [&rows](const std::string& name) {
+      return static_cast<std::size_t>(std::find(rows[0].begin(), rows[0].end(), name) -
+                                      rows[0].begin());
+    };
+    for (std::size_t row = 1; row < rows.size(); ++row) {
+      std::string pressures;
+      for (const char* const name : {"pressure_1_kpa", "pressure_2_kpa", "pressure_3_kpa"}) {
+        pressures += (pressures.empty() ? "" : ",") + rows[row][column(name)];
+      }
+      const json tip =
+          runCommand({"forward", scene, "--pressure-kpa", pressures, "--format", "json"})
+              .json()["tip"];
+      const auto position = numbersOf(tip["position_m"]);
+      int axis = 0;
+      for (const char* const name : {"tip_x_m", "tip_y_m", "tip_z_m"}) {
+        square += std::pow(position[axis++] - std::stod(rows[row][column(name)]), 2);
+      }
+    }
+    return std::sqrt(square / static_cast<double>(rows.size() - 1));
+  };
+  EXPECT_LT(tipErrors(out), tipErrors(scenePath("demo")) / 3);
 }
 
 TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
@@ -148,7 +212,7 @@ TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
 }
 
 TEST(Calibrate, AnOutputThatCannotBeWrittenIsTheCallers) {
-  const TemporaryFile data(curvatures("spatial_50", 2.1e-4, 3));
+  const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
   expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "/dev/full"}),
                     "/dev/full");
   expectCallerError(

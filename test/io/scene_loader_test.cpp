@@ -110,6 +110,14 @@ TEST(SceneLoader, FreeLengthsHaveTheirScales) {
   EXPECT_NEAR(scene.arm.actuator(5).contraction.length(50e3), 0.18, 1e-15);
 }
 
+TEST(SceneLoader, PlacementsAreKnownAsWellAsTheirPriorSays) {
+  EXPECT_EQ(load(kSpatialScene).tag_prior.translation, estimation::TagPrior().translation);
+  const Scene prior =
+      load(kSpatialScene, {{"tags.placement_prior", "{translation_m: 0.01, rotation_deg: 9}"}});
+  EXPECT_EQ(prior.tag_prior.translation, 0.01);
+  EXPECT_NEAR(prior.tag_prior.rotation, 9 * kPi / 180, kTolerance);
+}
+
 TEST(SceneLoader, DataSetsMayGiveTagPosesInAFrameOfTheirOwn) {
   EXPECT_EQ(load(kSpatialScene).X_BF.translation, Eigen::Vector3d::Zero());
   EXPECT_EQ(load(kSpatialScene).X_BF.rotation, Eigen::Matrix3d::Identity());

@@ -94,6 +94,13 @@ TEST(Arm, RefusesInputsThatBreakTheContract) {
   }
 }
 
+TEST(Arm, ClampsInputsToTheirLimits) {
+  const model::Arm arm = test::ringArm(test::straightRing());
+  EXPECT_EQ(arm.clamped(Eigen::Vector3d(-1e3, 2e5, 2 * test::kMaxPressure)),
+            Eigen::Vector3d(0, 2e5, test::kMaxPressure));
+  EXPECT_THROW(arm.clamped(Eigen::VectorXd::Zero(2)), std::invalid_argument);
+}
+
 TEST(Arm, RefusesToBeBuiltWrong) {
   EXPECT_NE(refusal<std::invalid_argument>([] { Arm({}); }).find("0 sections"), std::string::npos);
   EXPECT_NE(refusal<std::invalid_argument>([] {

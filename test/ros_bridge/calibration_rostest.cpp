@@ -2,6 +2,7 @@
 // fit, the file, and the nodes that go on with it. Time runs at five times its pace.
 #include <algorithm>
 #include <random>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -127,6 +128,34 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
     EXPECT_TRUE(response.success) << response.message;
   }
   EXPECT_LE(tipErrorSeen(), seen_before / 2) << "from " << 1e3 * seen_before << " mm";
+}
+
+TEST_F(WholeCalibration, FitsFreeLengthsAndPutsTheCurveIntoTheScene) {
+  const TemporaryFolder folder;
+  const io::Scene demo = shippedScene("demo");
+  const model::Contraction& curve = demo.arm.actuator(0).contraction;
+  std::ostringstream table;
+  table.precision(17);
+  table << "# the demo's muscle, 2 % longer\npressure_kpa,length_m\n";
+  for (int k = 0; k <= 40; ++k) {
+    const double kpa = k == 40 ? 413.6856 : 413.6856 * k / 40;
+    const double pressure = std::min(1e3 * kpa, curve.inputRange().upper);
+    table << kpa << "," << 1.02 * curve.length(pressure) << "\n";
+  }
+  const TemporaryFile data(table.str());
+  FitContraction::Request request;
+  request.data = data.path();
+  request.out = folder / "longer.yaml";
+  const FitContraction::Response response = call<FitContraction>("fit_contraction", request);
+  ASSERT_TRUE(response.success) << response.message;
+  EXPECT_LT(response.rms, 1e-8);
+  ASSERT_EQ(response.coefficients.size(), 6u);
+  EXPECT_NEAR(response.coefficients[0], 1.02 * 4.269760703e-1, 1e-7);
+  const io::Scene longer = io::loadScene(response.out);
+  for (const double pressure : {0.0, 1e5, 4e5}) {
+    EXPECT_NEAR(longer.arm.actuator(2).contraction.length(pressure), 1.02 * curve.length(pressure),
+                1e-7);
+  }
 }
 
 }  // namespace

@@ -66,6 +66,17 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                 HELIX_ARM_SIMULATED_RIG);
   expectRefused({"_scene:=demo", "_source:=camera", "_stale_after_s:=0"},
                 {"~source is camera", "image/compressed", "~stale_after_s is 0"}, HELIX_ARM_VISION);
+  expectRefused({"_pressure_tolerance_kpa:=0", "_window_s:=-1", "_patience_s:=long"},
+                {"~scene is missing", "~pressure_tolerance_kpa is 0", "~window_s is -1",
+                 "~patience_s is long"},
+                HELIX_ARM_CALIBRATION);
+}
+
+TEST_F(NodeProcess, ATimeFactorNeedsSimulatedTime) {
+  expectRefused({"_scene:=demo", "_time_factor:=5"}, {"~time_factor is 5", "/use_sim_time"},
+                HELIX_ARM_SIMULATED_RIG);
+  expectRefused({"_scene:=demo", "_time_factor:=0.001"}, {"~time_factor is 0.001"},
+                HELIX_ARM_SIMULATED_RIG);
 }
 
 TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
@@ -151,12 +162,14 @@ TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {
   Process monitor({HELIX_ARM_MONITOR}, variables());
   Process rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables());
   Process vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables());
+  Process calibration({HELIX_ARM_CALIBRATION, "__ns:=rig", "_scene:=demo"}, variables());
   ASSERT_TRUE(command.prints(kReady)) << command.output();
+  ASSERT_TRUE(calibration.prints("ready to record")) << calibration.output();
   ASSERT_TRUE(series.prints("row 1")) << series.output();
   ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
   ASSERT_TRUE(vision.prints("measured")) << vision.output();
   master_.stop();
-  for (Process* node : {&command, &series, &monitor, &rig, &vision}) {
+  for (Process* node : {&command, &series, &monitor, &rig, &vision, &calibration}) {
     EXPECT_EQ(node->exitCode(), 1) << node->output();
     EXPECT_NE(node->output().find("is gone"), std::string::npos) << node->output();
   }
@@ -213,6 +226,9 @@ class LaunchFile : public NodeProcess {
 TEST_F(LaunchFile, ArmRuns) { expectRuns("arm.launch"); }
 TEST_F(LaunchFile, DemoRunsAndIsMeasured) { expectRuns("demo.launch", {}, "demo"); }
 TEST_F(LaunchFile, DemoRunsWithoutACamera) { expectRuns("demo.launch", {"scene:=planar_76"}); }
+TEST_F(LaunchFile, DemoRunsToBeCalibrated) {
+  expectRuns("demo.launch", {"calibration:=true"}, "demo");
+}
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 
 TEST_F(LaunchFile, ReplayTakesTheMeasuredSeries) {

@@ -57,6 +57,10 @@ class ArmOf {
   /// Inputs (n) at a fraction of each actuator's limits: 0 the lower ones, 1 the upper.
   Eigen::VectorXd inputAt(double fraction) const;
 
+  /// The inputs (n) with those outside their limits at the nearest one; NaN stays.
+  /// @throws std::invalid_argument on a wrong size.
+  Eigen::VectorXd clamped(Eigen::VectorXd q) const;
+
   /// Free lengths (n) [m] of the actuators at inputs q (n).
   /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside
   /// its limits.

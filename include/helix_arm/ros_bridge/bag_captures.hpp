@@ -5,6 +5,7 @@
 
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/control/settle_watch.hpp"
+#include "helix_arm/io/calibration_job.hpp"
 #include "helix_arm/io/captures.hpp"
 
 /// From what nodes say, live or in a recording, to what a calibration takes.
@@ -27,6 +28,11 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<control::Sample>& s
 /// @throws io::DocumentError where it cannot be read, lacks a topic or has more than one, where
 /// pressures are not of the scene's arm, or where the arm never stands still.
 std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& scene,
+                                     const control::SettleRules& rules);
+
+/// Data sets of all kinds: recordings (.bag), and what io::loadCalibrationData() reads.
+/// @throws io::DocumentError with every fault of a file.
+io::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
                                      const control::SettleRules& rules);
 
 }  // namespace helix_arm::ros_bridge

@@ -13,7 +13,4 @@ io::Scene requirePneumatic(io::Scene scene);
 /// @throws std::invalid_argument when the scene has none.
 regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
 
-/// Gauge pressures (n) inside the actuators' limits [Pa].
-Eigen::VectorXd clampToLimits(const model::Arm& arm, Eigen::VectorXd pressure);
-
 }  // namespace helix_arm::ros_bridge
