@@ -897,15 +897,12 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   return Calibrator(read, options).run();
 }
 
-LeastTipError fitLeastTipError(const std::vector<ArmCaptures>& arms) {
+std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& arms) {
   const std::vector<ArmCaptures> read = withReadings(arms);
-  if (const auto verdict = unsound(read))
-    throw std::invalid_argument("K_kappa: " + verdict->reason);
+  if (unsound(read)) return std::nullopt;
   CalibrationOptions options;
   options.K_gamma = false;
-  if (const auto verdict = unfit(read, options, kindOf(firstReading(read)))) {
-    throw std::invalid_argument("K_kappa: " + verdict->reason);
-  }
+  if (unfit(read, options, kindOf(firstReading(read)))) return std::nullopt;
   CalibrationProblem problem(read, options, selectionOf(options));
   const auto errorAt = [&problem](double log_kappa) {
     problem.values().stiffness[0] = log_kappa;
@@ -923,6 +920,7 @@ LeastTipError fitLeastTipError(const std::vector<ArmCaptures>& arms) {
       best = at;
     }
   }
+  if (std::abs(best) == kScanWidth) return std::nullopt;
   const double golden = 0.5 * (std::sqrt(5.0) - 1), width = kScanWidth / kScanSteps;
   double lower = best - width, upper = best + width;
   while (upper - lower > kScanPrecision) {
@@ -934,7 +932,7 @@ LeastTipError fitLeastTipError(const std::vector<ArmCaptures>& arms) {
     }
   }
   const double log_kappa = 0.5 * (lower + upper), error = errorAt(log_kappa);
-  return {problem.stiffness().kappa, error};
+  return LeastTipError{problem.stiffness().kappa, error};
 }
 
 }  // namespace helix_arm::estimation

@@ -150,37 +150,42 @@ Scene sceneOf(const std::string& text, const std::string& name) {
   return makeScene(*document, faults);
 }
 
-// Shapes fitted to the tags of each capture by itself, where they determine one.
-ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data) {
+// Shapes fitted to the tags of each capture by itself, where they determine one, with the
+// placements that a calibration found.
+ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data, const Calibration& calibration) {
   ArmCaptures out = data;
   out.captures.clear();
-  estimation::TwistFitter fitter(data.layout, data.arm.sectionCount(), scene.vision.fit);
+  estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
+  const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
   for (const estimation::Capture& capture : data.captures) {
     const model::Twists model = data.arm.twists(capture.pressure);
-    const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
-    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
-    const estimation::TwistFit& fit = poses != nullptr
-                                          ? fitter.fitCold(*poses, model)
-                                          : fitter.fitCold(*corners, data.X_CB, data.focal, model);
-    if (fit.status != estimation::FitStatus::kConverged) continue;
     estimation::Capture twists = capture;
+    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
+    auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
+    for (std::size_t i = 0; poses != nullptr && i < poses->size(); ++i) {
+      (*poses)[i].X_BT = X_BB0 * (*poses)[i].X_BT;
+    }
+    const estimation::TwistFit& fit = corners != nullptr
+                                          ? fitter.fitCold(*corners, X_CB, data.focal, model)
+                                          : fitter.fitCold(*poses, model);
+    if (fit.status != estimation::FitStatus::kConverged) continue;
     twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
     out.captures.push_back(std::move(twists));
   }
   return out;
 }
 
-// By the paper's definition, which needs captures of one arm at several pressures.
-std::optional<estimation::LeastTipError> leastTipError(const Scene& scene,
-                                                       const ArmCaptures& data) {
-  const estimation::Reading& first = data.captures.front().reading;
-  const bool tags = std::holds_alternative<std::vector<estimation::PoseObservation>>(first) ||
-                    std::holds_alternative<std::vector<estimation::CornerObservation>>(first);
-  // In its plane a twist has no covariance across it, and none is needed for the tip.
-  if (tags && data.planar) return std::nullopt;
-  const ArmCaptures readings = tags ? asTwists(scene, data) : data;
-  if (readings.captures.size() < 2) return std::nullopt;
-  return estimation::fitLeastTipError({readings});
+// By the paper's definition, which knows of no other parameter.
+std::optional<estimation::LeastTipError> leastTipError(const Scene& scene, const ArmCaptures& data,
+                                                       const Calibration& calibration,
+                                                       const CalibrationOptions& options) {
+  if (!options.K_kappa || options.length_scale != LengthScaling::kNone) return std::nullopt;
+  const bool curvatures =
+      std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
+  if (curvatures) return estimation::fitLeastTipError({data});
+  // In its plane a twist has no covariance across it.
+  if (data.planar) return std::nullopt;
+  return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
 }
 
 CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& message) {
@@ -262,7 +267,7 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
       return refused(
           outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
     }
-    if (options.K_kappa) outcome.least_tip_error = leastTipError(scene, outcome.arms.front());
+    outcome.least_tip_error = leastTipError(scene, outcome.arms.front(), calibration, options);
     changes = changesOf(scene, calibration, options, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;

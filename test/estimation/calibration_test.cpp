@@ -379,14 +379,14 @@ TEST(Calibration, SaysWhichCapturesAddNothingAndWhichWouldAddMost) {
 TEST(Calibration, LeastTipErrorIsAtItsValley) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const model::Arm truth = scaled(known, 1.7, 1.0);
-  const LeastTipError exact = fitLeastTipError({twists(known, truth, 1e-3)});
+  const LeastTipError exact = fitLeastTipError({twists(known, truth, 1e-3)}).value();
   EXPECT_NEAR(exact.K_kappa / truth.actuator(0).stiffness.kappa, 1, 1e-5);
   EXPECT_LT(exact.error, 1e-7);
 
   Random random(12);
   const model::Arm straight = test::ringArm(test::straightRing());
   const ArmCaptures noisy = curvatures(straight, scaled(straight, 1.7, 1.0), 0.1, random);
-  const LeastTipError least = fitLeastTipError({noisy});
+  const LeastTipError least = fitLeastTipError({noisy}).value();
   const auto meanError = [&](double K_kappa) {
     model::Stiffness stiffness = straight.actuator(0).stiffness;
     stiffness.kappa = K_kappa;
@@ -402,6 +402,16 @@ TEST(Calibration, LeastTipErrorIsAtItsValley) {
   for (double factor = 0.05; factor < 20; factor *= 1.02) {
     EXPECT_GE(meanError(factor * least.K_kappa), least.error - 1e-7);
   }
+}
+
+TEST(Calibration, LeastTipErrorIsNothingWhereItHasNoValley) {
+  // The less the arm resists the better: it bends more than any of its kind can.
+  const model::Arm straight = test::ringArm(test::straightRing());
+  ArmCaptures data{"arm", straight, false, {}, {}, 0, {}};
+  for (const double kpa : {0.0, 100.0, 200.0}) {
+    add(data, Eigen::Vector3d(1e3 * kpa, 0, 0), CurvatureReading{0.1 * kpa});
+  }
+  EXPECT_FALSE(fitLeastTipError({data}));
 }
 
 class Refused : public ::testing::Test {

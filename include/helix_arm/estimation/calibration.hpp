@@ -185,6 +185,8 @@ struct LeastTipError {
   double K_kappa;  ///< [m^2]
   double error;    ///< mean, with it [m or rad]
 };
-LeastTipError fitLeastTipError(const std::vector<ArmCaptures>& arms);
+/// Nothing where calibrate() would refuse the captures, and where the error has no valley within a
+/// factor of 100 of the scene's K_kappa.
+std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& arms);
 
 }  // namespace helix_arm::estimation
