@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <filesystem>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -38,19 +39,39 @@ std::vector<std::string> wordsOf(const std::string& list) {
 }
 
 // SCENE2,DATA2.csv[,DATA3.csv...] of --also.
-io::CompanionArm companionOf(const std::string& text) {
-  const std::vector<std::string> parts = wordsOf(text);
+std::vector<std::string> partsOfAlso(const std::string& text) {
+  std::vector<std::string> parts = wordsOf(text);
   if (parts.size() < 2) {
     throw CallerError(
         "--also " + text +
         " is not SCENE,DATA.csv: the scene of another arm and what was measured of it");
   }
-  io::CompanionArm companion{io::loadScene(parts.front()), {}};
-  requirePressureDriven(companion.scene);
+  return parts;
+}
+
+io::CompanionArm companionOf(const std::string& text) {
+  const std::vector<std::string> parts = partsOfAlso(text);
+  io::Scene scene = io::loadScene(parts.front());
+  requirePressureDriven(scene);
   io::CalibrationData data =
-      ros_bridge::loadMeasurements(companion.scene, {parts.begin() + 1, parts.end()}, {});
-  companion.captures = std::move(data.captures);
-  return companion;
+      ros_bridge::loadMeasurements(scene, {parts.begin() + 1, parts.end()}, {});
+  return {std::move(scene), std::move(data)};
+}
+
+// What was measured, and scenes with their comments, are not to be written over.
+void requireOutputOfItsOwn(const CalibrateOptions& options) {
+  std::vector<std::string> inputs = options.data;
+  inputs.push_back(options.scene);
+  for (const std::string& text : options.also) {
+    const std::vector<std::string> parts = partsOfAlso(text);
+    inputs.insert(inputs.end(), parts.begin(), parts.end());
+  }
+  for (const std::string& input : inputs) {
+    std::error_code ignored;  // one of them is not there
+    if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
+    throw CallerError("--out " + options.out +
+                      " is an input; expected the path of a file of its own");
+  }
 }
 
 const char* kindOf(const estimation::Capture& capture) {
@@ -80,7 +101,11 @@ json armsJson(const io::CalibrationOutcome& outcome) {
         entry["rms"] = residual.rms;
         entry["outlier_tags"] = residual.outlier_tags;
         entry["outlier"] = residual.outlier;
-        entry["gain_nats"] = residual.gain;
+        entry["gain_nats"] = toJson(residual.gain);
+        const std::vector<model::Twists>& held_out = calibration->held_out_shapes;
+        if (entry.contains("measured_rad") && index < held_out.size()) {
+          entry["held_out_rad"] = model::curvatureOf(held_out[index].col(0));
+        }
       }
       ++index;
       captures.push_back(std::move(entry));
@@ -258,6 +283,7 @@ void printTextResult(const io::Scene& scene, const io::CalibrationOutcome& outco
 int run(const CalibrateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
+  if (!options.out.empty()) requireOutputOfItsOwn(options);
   io::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
   request.curve.kind =
@@ -303,7 +329,8 @@ Subcommand addCalibrate(CLI::App& app) {
   command->add_option("--out", options->out, "scene file to write, whole or not at all");
   command
       ->add_option("--also", options->also,
-                   "SCENE,DATA.csv of another arm with the same stiffness; repeatable")
+                   "SCENE,DATA.csv of another arm with the same stiffness, to which --set does not "
+                   "apply; repeatable")
       ->allow_extra_args(false);
   command->add_option("--contraction", options->request.contraction,
                       "the scene's curve that free lengths replace; needed where it has several");

@@ -16,8 +16,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Pressures that are no farther apart are the same one [Pa].
-constexpr double kSamePressure = 2000.0;
+// Pressures that are no farther apart are the same one: regulators are no better [Pa].
+constexpr double kSamePressure = 5000.0;
 // Of its prior's variance, the captures must take this share from a parameter to identify it.
 constexpr double kLeastGain = 0.75;
 // The noise is found when a round changes it by less than this share; some rounds suffice.
@@ -27,8 +27,12 @@ constexpr int kMostRounds = 15;
 constexpr double kNoisePrior = 1.0;
 // Readings so many times farther off than expected are worth a warning.
 constexpr double kNoisy = 3.0;
-// Captures that add less than this share of what others do say nothing new.
+// Captures that add less than this share of what others do, or less than so little, say nothing
+// new.
 constexpr double kNothingNew = 0.02;
+constexpr double kLeastGainNats = 1e-3;
+// With fewer pressures leaving one out says nothing of how sure the rest is.
+constexpr int kFewestPressures = 3;
 // Levels of each actuator, of its range, at which captures are weighed.
 constexpr double kLevels[] = {0.0, 0.5, 1.0};
 // K_kappa by least error is looked for within this factor (as a log) of the scene's, to this
@@ -446,7 +450,7 @@ class Calibrator {
     for (;;) {
       problem_ = std::make_unique<CalibrationProblem>(arms_, options_, selection);
       solution_ = solveWithNoise(*problem_, kind_ == ReadingKind::kCorners
-                                                ? options_.corner_bias / options_.corner_noise
+                                                ? options_.corner_floor / options_.corner_noise
                                                 : 0.0);
       statistics_ = statisticsOf(*problem_, solution_.noise_scale);
       const std::vector<ParameterInfo>& infos = problem_->parameters();
@@ -454,7 +458,7 @@ class Calibrator {
       double most = 0;
       for (std::size_t i = 0; i < infos.size(); ++i) {
         const double variance = statistics_.covariance(i, i);
-        if (!infos[i].about_shape || identified(infos[i], variance)) continue;
+        if (i >= selection.stiffness.size() || identified(infos[i], variance)) continue;
         const double share = variance / (infos[i].deviation * infos[i].deviation);
         if (worst < 0 || share > most) {
           worst = static_cast<int>(i);
@@ -468,18 +472,19 @@ class Calibrator {
       held_.push_back({info.name, info.unit, value, value,
                        standardErrorOf(info, info.initial, deviation), false});
       if (infos.size() == 1) break;
-      if (worst < static_cast<int>(selection.stiffness.size())) {
-        selection.stiffness.erase(selection.stiffness.begin() + worst);
-      } else {
-        selection.length_scale = LengthScaling::kNone;
-      }
+      selection.stiffness.erase(selection.stiffness.begin() + worst);
+    }
+    for (std::size_t i = 0; i < problem_->parameters().size(); ++i) {
+      identified_.push_back(identified(problem_->parameters()[i], statistics_.covariance(i, i)));
     }
     addUncertaintyOfHeld(wanted);
   }
 
-  // What is held is known no better than before, and the rest was fitted as if it were right.
-  void addUncertaintyOfHeld(const Selection& wanted) {
-    if (held_.empty() || wanted.free_shapes) return;
+  // What is not fitted is known no better than before, and the rest was fitted as if it were right.
+  void addUncertaintyOfHeld(Selection wanted) {
+    const bool corners = kind_ == ReadingKind::kCorners;
+    if (arms_.size() == 1 && (corners || kind_ == ReadingKind::kPoses)) wanted.tags = true;
+    wanted.bleed |= corners && arms_.size() == 1;
     CalibrationProblem all(arms_, options_, wanted);
     Values& values = all.values();
     const Values& fitted = problem_->values();
@@ -498,6 +503,8 @@ class Calibrator {
     values.base = fitted.base;
     values.bleed = fitted.bleed;
     values.tags = fitted.tags;
+    for (std::size_t i = 0; i < fitted.shapes.size(); ++i) values.shapes[i] = fitted.shapes[i];
+    if (held_columns.empty()) return;
     const Eigen::MatrixXd H = statisticsOf(all, solution_.noise_scale).information;
     const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
     const Eigen::MatrixXd shift = statistics_.covariance * cross;
@@ -528,7 +535,7 @@ class Calibrator {
           infos[i].logarithmic ? infos[i].initial * std::exp(values[i]) : values[i];
       result_.parameters.push_back({infos[i].name, infos[i].unit, initialOf(infos[i]), value,
                                     standardErrorOf(infos[i], value, std::sqrt(variance)),
-                                    identified(infos[i], variance)});
+                                    identified_[i]});
     }
     const int fitted = static_cast<int>(result_.parameters.size());
     result_.parameters.insert(result_.parameters.end(), held_.begin(), held_.end());
@@ -569,7 +576,9 @@ class Calibrator {
       if (isOutlier(one)) {
         ++sum.outliers;
         ++outliers_;
-        if (one.tag >= 0) sum.tags.push_back(arms_.front().layout.tags[one.tag].id);
+        if (one.tag >= 0) {
+          sum.tags.push_back(arms_[problem_->armOf(one.capture)].layout.tags[one.tag].id);
+        }
         continue;
       }
       for (Sum* each : {&sum, &total}) {
@@ -594,11 +603,13 @@ class Calibrator {
   struct Refits {
     std::vector<Eigen::VectorXd> vectors;
     std::vector<std::vector<Comparison>> left_out;
+    std::vector<model::Twists> shapes;  // (captures) by the fit without it
     bool complete = true;
   };
 
   Refits refit(const std::vector<int>& group_of, int groups) {
     Refits refits;
+    refits.shapes.resize(problem_->captures());
     const Values full = problem_->values();
     const auto restore = [&] {
       // In place: the least squares holds on to where the values are.
@@ -619,6 +630,9 @@ class Calibrator {
         if (group_of[one.capture] == g) left_out.push_back(one);
       }
       refits.left_out.push_back(std::move(left_out));
+      for (int c = 0; c < problem_->captures(); ++c) {
+        if (group_of[c] == g) refits.shapes[c] = problem_->shape(c);
+      }
       restore();
     }
     return refits;
@@ -645,6 +659,7 @@ class Calibrator {
     for (const Eigen::VectorXd& pressure : groups_.pressure)
       labels.push_back(pressureText(pressure));
     result_.by_pressure = heldOut(by_pressure, labels);
+    result_.held_out_shapes = by_pressure.shapes;
     if (!by_pressure.complete) {
       result_.warnings.push_back(
           "some of the fits without one pressure came to no end: held-out errors are of where they "
@@ -665,7 +680,7 @@ class Calibrator {
   // way at each pressure.
   void raiseErrors(const Refits& refits) {
     const int groups = static_cast<int>(refits.vectors.size());
-    if (groups < 3) return;
+    if (groups < kFewestPressures) return;
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(refits.vectors.front().size());
     for (const Eigen::VectorXd& vector : refits.vectors) mean += vector / groups;
     Eigen::VectorXd variance = Eigen::VectorXd::Zero(mean.size());
@@ -721,7 +736,7 @@ class Calibrator {
       gains_.push_back(entropyOf(statistics_.information - own, columns) - entropy);
       total += gains_.back();
     }
-    least_gain_ = kNothingNew * total / groups;
+    least_gain_ = std::max(kLeastGainNats, kNothingNew * total / groups);
     for (int c = 0; c < problem_->captures(); ++c) result_.captures[c].gain = gains_[groups_.of[c]];
     suggest(columns);
   }
@@ -787,6 +802,11 @@ class Calibrator {
 
   void warn() {
     std::vector<std::string>& warnings = result_.warnings;
+    const std::size_t pressures = groups_.pressure.size();
+    if (pressures < kFewestPressures) {
+      warnings.push_back(text("there are captures at ", pressures,
+                              " pressures only: standard errors are of the noise alone"));
+    }
     for (const Parameter& one : held_) {
       warnings.push_back(text("the captures do not determine ", one.name, ": it stays at ",
                               one.initial, one.unit.empty() ? "" : " ", one.unit));
@@ -825,6 +845,7 @@ class Calibrator {
   Statistics statistics_;
   std::vector<double> gains_;  // (groups) [nats]
   double least_gain_ = 0;
+  std::vector<bool> identified_;  // (parameters of the problem)
   std::vector<Parameter> held_;
   std::vector<Comparison> comparisons_;
   int outliers_ = 0;
@@ -846,7 +867,7 @@ void CalibrationOptions::validate() const {
                         "a finite value >= 0");
   };
   not_negative("the rotation noise", rotation_noise);
-  not_negative("the corner bias", corner_bias);
+  not_negative("the floor of the corners' noise", corner_floor);
   positive("the robust scale", robust_scale);
   positive("the prior of the stiffness", stiffness_prior);
   positive("the prior of the length scale", length_scale_prior);

@@ -63,19 +63,19 @@ class ShapeModel {
     if (!(reference_.tau > 0)) reference_.tau = reference_.kappa;
   }
 
-  const model::Stiffness& initial() const { return initial_; }
   double referenceOf(StiffnessEntry entry) const {
     model::Stiffness reference = reference_;
     return entryOf(reference, entry);
   }
 
-  model::Stiffness stiffnessAt(const double* logs) const {
-    model::Stiffness stiffness = initial_;
+  // With the fitted entries at these logs, the others as they are.
+  model::Stiffness stiffnessAt(const double* logs, model::Stiffness stiffness) const {
     for (std::size_t e = 0; e < fitted_.size(); ++e) {
       entryOf(stiffness, fitted_[e]) = referenceOf(fitted_[e]) * std::exp(logs[e]);
     }
     return stiffness;
   }
+  const model::Stiffness& initial() const { return initial_; }
 
   // Twists of arm `a` at these lengths, and, where asked for, their change with the logs.
   void twists(int a, const Eigen::VectorXd& lengths, const double* logs, model::Twists& twists,
@@ -106,14 +106,15 @@ class ShapeModel {
   int size() const { return static_cast<int>(fitted_.size()); }
 
   Maps mapsAt(const Eigen::VectorXd& logs) const {
-    const model::Stiffness stiffness = stiffnessAt(logs.data());
     Maps maps(arms_.size());
     for (std::size_t a = 0; a < arms_.size(); ++a) {
       const model::Arm& arm = arms_[a].arm;
       for (int k = 0; k < arm.sectionCount(); ++k) {
         std::vector<model::Strand<lie::SE3>> strands;
         for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-          strands.push_back({arm.actuator(i).X_O, stiffness.diagonal<lie::SE3>()});
+          const model::Actuator& actuator = arm.actuator(i);
+          strands.push_back(
+              {actuator.X_O, stiffnessAt(logs.data(), actuator.stiffness).diagonal<lie::SE3>()});
         }
         maps[a].emplace_back(model::solveEquilibrium(strands).map);
       }
@@ -724,6 +725,7 @@ CalibrationProblem::~CalibrationProblem() = default;
 
 const Selection& CalibrationProblem::selection() const { return work_->shared.selection; }
 int CalibrationProblem::captures() const { return static_cast<int>(work_->places.size()); }
+int CalibrationProblem::armOf(int capture) const { return work_->places[capture].first; }
 const std::vector<ParameterInfo>& CalibrationProblem::parameters() const { return work_->infos; }
 Values& CalibrationProblem::values() { return work_->values; }
 
@@ -868,7 +870,8 @@ Eigen::VectorXd CalibrationProblem::priorInformation() const {
 }
 
 model::Stiffness CalibrationProblem::stiffness() const {
-  return work_->shared.model.stiffnessAt(work_->values.stiffness.data());
+  const ShapeModel& model = work_->shared.model;
+  return model.stiffnessAt(work_->values.stiffness.data(), model.initial());
 }
 
 Eigen::VectorXd CalibrationProblem::lengthScale() const {

@@ -58,7 +58,8 @@ class CalibrationProblem {
   ~CalibrationProblem();
 
   const Selection& selection() const;
-  int captures() const;  ///< of all arms
+  int captures() const;          ///< of all arms
+  int armOf(int capture) const;  ///< index of its arm
   /// Free parameters but those of shapes.
   const std::vector<ParameterInfo>& parameters() const;
 

@@ -205,10 +205,20 @@ void putContraction(const Scene& scene, const std::string& name,
                  " of scene ", scene.name, " is a tendon; expected one that pressure drives");
   findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
   *present = curveValue(fit);
+  // Factors on the old curve say nothing of the new one.
+  for (const ActuatorEntry& entry : actuatorEntries(document)) {
+    const bool scaled = entry.keys->find("length_scale") != nullptr;
+    if (scaled && entry.keys->find("contraction")->text == name) {
+      setValue(*entry.keys, "length_scale", numberValue(1));
+    }
+  }
 }
 
 void putCalibration(const Scene& scene, const SceneCalibration& calibration, Value& document,
                     FaultList& faults) {
+  for (const auto& [name, fit] : calibration.contractions) {
+    putContraction(scene, name, fit, document, faults);
+  }
   if (calibration.stiffness) putStiffness(*calibration.stiffness, document);
   if (calibration.length_scale) putLengthScale(scene, *calibration.length_scale, document);
   if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
@@ -224,9 +234,6 @@ void putCalibration(const Scene& scene, const SceneCalibration& calibration, Val
     Value frame = MapWriter().value();
     putPose(*calibration.X_BF, frame);
     setValue(*findValue(document, "tags"), "frame", std::move(frame));
-  }
-  for (const auto& [name, fit] : calibration.contractions) {
-    putContraction(scene, name, fit, document, faults);
   }
   setValue(document, "calibration", writeProvenance(calibration.provenance));
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <ctime>
+#include <map>
 #include <set>
 #include <stdexcept>
 
@@ -66,7 +67,8 @@ CalibrationOptions optionsOf(const Scene& scene, const CalibrationRequest& reque
   if (words.has("length_scale_each")) options.length_scale = LengthScaling::kEach;
   options.base = words.any({"placement", "base"});
   options.tags = words.any({"placement", "tags"});
-  options.bleed = words.has("bleed") || (words.has("placement") && areCorners(data.captures));
+  // It is there whether one asks for it or not, and what ignores it is wrong by many of its errors.
+  options.bleed = words.has("bleed") || areCorners(data.captures);
   // Placements alone are not to depend on how good the model is.
   options.free_shapes = !options.K_kappa && !options.K_gamma && !options.K_tau &&
                         options.length_scale == LengthScaling::kNone;
@@ -107,13 +109,19 @@ std::optional<std::string> curveName(const Scene& scene, const std::string& aske
   return std::nullopt;
 }
 
-Provenance provenanceOf(const std::string& path, const CalibrationRequest& request,
-                        const CalibrationData& data, const CalibrationOutcome& outcome) {
+Provenance provenanceOf(const std::string& path, const std::vector<Override>& overrides,
+                        const CalibrationRequest& request,
+                        const std::vector<Provenance::Data>& sources,
+                        const CalibrationOutcome& outcome) {
   Provenance out;
   out.date = request.date;
   out.package_version = HELIX_ARM_VERSION;
   out.from = path;
-  out.data = data.sources;
+  out.from_sha256 = sha256OfFile(path);
+  for (const Override& one : overrides) {
+    out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
+  }
+  out.data = sources;
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     for (const estimation::Parameter& one : calibration.parameters) {
@@ -131,14 +139,14 @@ Provenance provenanceOf(const std::string& path, const CalibrationRequest& reque
 }
 
 SceneCalibration changesOf(const Scene& scene, const Calibration& calibration,
-                           const CalibrationOptions& options, bool corners) {
+                           const CalibrationOptions& options, const FitWords& words, bool corners) {
   SceneCalibration changes;
   changes.stiffness = calibration.stiffness;
   if (options.length_scale != LengthScaling::kNone) changes.length_scale = calibration.length_scale;
   if (options.base && corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
   if (options.base && !corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
   if (options.tags) changes.tags = calibration.layout;
-  if (options.bleed) changes.bleed = calibration.bleed;
+  if (words.any({"placement", "bleed"})) changes.bleed = calibration.bleed;
   return changes;
 }
 
@@ -155,15 +163,20 @@ Scene sceneOf(const std::string& text, const std::string& name) {
 ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data, const Calibration& calibration) {
   ArmCaptures out = data;
   out.captures.clear();
+  model::Stiffness stiffness = calibration.stiffness.value();
+  stiffness.kappa = data.arm.actuator(0).stiffness.kappa;
+  out.arm = data.arm.withStiffness(stiffness);
   estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
   const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
-  for (const estimation::Capture& capture : data.captures) {
-    const model::Twists model = data.arm.twists(capture.pressure);
+  for (std::size_t i = 0; i < data.captures.size(); ++i) {
+    if (calibration.captures[i].outlier) continue;
+    const estimation::Capture& capture = data.captures[i];
+    const model::Twists model = calibration.shapes[i];
     estimation::Capture twists = capture;
     const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
     auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
-    for (std::size_t i = 0; poses != nullptr && i < poses->size(); ++i) {
-      (*poses)[i].X_BT = X_BB0 * (*poses)[i].X_BT;
+    if (poses != nullptr) {
+      for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
     }
     const estimation::TwistFit& fit = corners != nullptr
                                           ? fitter.fitCold(*corners, X_CB, data.focal, model)
@@ -179,13 +192,50 @@ ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data, const Calibrat
 std::optional<estimation::LeastTipError> leastTipError(const Scene& scene, const ArmCaptures& data,
                                                        const Calibration& calibration,
                                                        const CalibrationOptions& options) {
-  if (!options.K_kappa || options.length_scale != LengthScaling::kNone) return std::nullopt;
+  const bool fitted = options.K_kappa && calibration.stiffness;
+  if (!fitted || options.length_scale != LengthScaling::kNone) return std::nullopt;
   const bool curvatures =
       std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
   if (curvatures) return estimation::fitLeastTipError({data});
   // In its plane a twist has no covariance across it.
   if (data.planar) return std::nullopt;
   return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
+}
+
+// Data that is given twice would count twice.
+std::optional<std::string> repeated(const std::vector<Provenance::Data>& sources) {
+  std::map<std::string, std::string> files;
+  for (const Provenance::Data& source : sources) {
+    const auto [known, is_new] = files.emplace(source.sha256, source.file);
+    if (!is_new) {
+      return source.file + " holds the same as " + known->second + "; give each data set once";
+    }
+  }
+  return std::nullopt;
+}
+
+// The captures of one more arm, but those that show nothing of it.
+void addArm(const Scene& scene, const std::vector<estimation::Capture>& captures,
+            CalibrationOutcome& outcome) {
+  ArmCaptures arm = makeArmCaptures(scene, {});
+  std::string empty;
+  for (const estimation::Capture& capture : captures) {
+    const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
+    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
+    if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
+      empty += (empty.empty() ? "" : ", ") + std::to_string(capture.number);
+    } else {
+      arm.captures.push_back(capture);
+    }
+  }
+  if (!empty.empty()) {
+    outcome.warnings.push_back("captures of " + arm.name + " without a tag of the arm: " + empty);
+  }
+  const auto same =
+      std::count_if(outcome.arms.begin(), outcome.arms.end(),
+                    [&scene](const ArmCaptures& one) { return one.name == scene.name; });
+  if (same > 0) arm.name += " (" + std::to_string(same + 1) + ")";
+  outcome.arms.push_back(std::move(arm));
 }
 
 CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& message) {
@@ -195,6 +245,21 @@ CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& messag
 }
 
 }  // namespace
+
+void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
+                 CalibrationData& data) {
+  std::set<int> taken;
+  for (const estimation::Capture& one : data.captures) taken.insert(one.number);
+  const bool meet = std::any_of(captures.begin(), captures.end(),
+                                [&taken](const auto& one) { return taken.count(one.number) > 0; });
+  if (meet) {
+    const int offset = *taken.rbegin();
+    for (estimation::Capture& one : captures) one.number += offset;
+    data.warnings.push_back("captures of " + file + " are called by their number + " +
+                            std::to_string(offset));
+  }
+  std::move(captures.begin(), captures.end(), std::back_inserter(data.captures));
+}
 
 CalibrationData loadCalibrationData(const Scene& scene, const std::vector<std::string>& paths) {
   CalibrationData out;
@@ -213,7 +278,7 @@ CalibrationData loadCalibrationData(const Scene& scene, const std::vector<std::s
         for (const auto& [id, sights] : read.unknown_tags) ids += " " + std::to_string(id);
         out.warnings.push_back(path + " has tags that the scene has not:" + ids);
       }
-      std::move(read.captures.begin(), read.captures.end(), std::back_inserter(out.captures));
+      addCaptures(std::move(read.captures), path, out);
     }
     out.sources.push_back({path, sha256OfFile(path), count});
   }
@@ -226,6 +291,17 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
   const FitWords words(request.fit);
   CalibrationOutcome outcome;
   outcome.warnings = data.warnings;
+  std::vector<Provenance::Data> sources = data.sources;
+  for (const CompanionArm& one : companions) {
+    sources.insert(sources.end(), one.data.sources.begin(), one.data.sources.end());
+    outcome.warnings.insert(outcome.warnings.end(), one.data.warnings.begin(),
+                            one.data.warnings.end());
+    if (!one.data.lengths.empty()) {
+      return refused(outcome, "the data of " + one.scene.name +
+                                  " holds free lengths; give those of the scene alone");
+    }
+  }
+  if (const auto twice = repeated(sources)) return refused(outcome, *twice);
   Scene scene = loadScene(path, overrides);
   SceneCalibration curves;
   const bool fits_arm = words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "length_scale",
@@ -247,16 +323,23 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
     }
     curves.contractions = outcome.contractions;
   }
+  if (!fits_arm && !companions.empty()) {
+    return refused(outcome, "other arms share the stiffness, but none is to be fitted");
+  }
   SceneCalibration changes;
   if (fits_arm) {
     // What follows is of the arm with its new curves.
     if (!curves.contractions.empty()) {
-      curves.provenance = provenanceOf(path, request, data, outcome);
+      curves.provenance = provenanceOf(path, overrides, request, sources, outcome);
       scene = sceneOf(calibratedSceneText(path, overrides, curves), path);
+      if (!companions.empty()) {
+        outcome.warnings.push_back("the other arms keep the curves of their own scenes");
+      }
     }
-    outcome.arms.push_back(makeArmCaptures(scene, data.captures));
-    for (const CompanionArm& one : companions) {
-      outcome.arms.push_back(makeArmCaptures(one.scene, one.captures));
+    addArm(scene, data.captures, outcome);
+    for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
+    for (const ArmCaptures& arm : outcome.arms) {
+      if (arm.captures.empty()) return refused(outcome, "there is no capture of " + arm.name);
     }
     const CalibrationOptions options = optionsOf(scene, request, words, data);
     outcome.calibration = estimation::calibrate(outcome.arms, options);
@@ -268,10 +351,10 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
           outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
     }
     outcome.least_tip_error = leastTipError(scene, outcome.arms.front(), calibration, options);
-    changes = changesOf(scene, calibration, options, areCorners(data.captures));
+    changes = changesOf(scene, calibration, options, words, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;
-  changes.provenance = provenanceOf(path, request, data, outcome);
+  changes.provenance = provenanceOf(path, overrides, request, sources, outcome);
   outcome.scene_text = calibratedSceneText(path, overrides, changes);
   outcome.success = true;
   outcome.message = "calibrated " + scene.name;

@@ -80,8 +80,8 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   const Value* value = document.find("calibration");
   if (value == nullptr) return std::nullopt;
   const MapReader keys(*value, scene.path("calibration"),
-                       {"date", "package_version", "from", "data", "parameters", "rms",
-                        "held_out_error", "error_unit"},
+                       {"date", "package_version", "from", "from_sha256", "overrides", "data",
+                        "parameters", "rms", "held_out_error", "error_unit"},
                        faults);
   Provenance provenance;
   provenance.date =
@@ -89,6 +89,12 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   provenance.package_version =
       keys.text("package_version", "the version that calibrated").value_or("");
   provenance.from = keys.text("from", "the path of the scene it began with").value_or("");
+  if (keys.has("from_sha256")) {
+    provenance.from_sha256 = formedText(keys, "from_sha256", "64 hexadecimal digits", isHash);
+  }
+  if (keys.has("overrides")) {
+    provenance.overrides = keys.text("overrides", "the keys that were overridden").value_or("");
+  }
   provenance.data = readData(keys, faults);
   provenance.parameters = readParameters(keys, faults);
   provenance.rms = keys.number("rms", kNotNegative).value_or(0);
@@ -102,6 +108,8 @@ Value writeProvenance(const Provenance& provenance) {
   out.text("date", provenance.date);
   out.text("package_version", provenance.package_version);
   out.text("from", provenance.from);
+  if (!provenance.from_sha256.empty()) out.text("from_sha256", provenance.from_sha256);
+  if (!provenance.overrides.empty()) out.text("overrides", provenance.overrides);
   std::vector<Value> data;
   for (const Provenance::Data& entry : provenance.data) {
     MapWriter item;

@@ -74,6 +74,18 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
 }
 
 template <class Group>
+ArmOf<Group> ArmOf<Group>::withStiffness(const Stiffness& stiffness) const {
+  std::vector<SectionOf<Group>> sections(sectionCount());
+  for (int k = 0; k < sectionCount(); ++k) {
+    for (int i = first_[k]; i < first_[k + 1]; ++i) {
+      sections[k].actuators.push_back(actuators_[i]);
+      sections[k].actuators.back().stiffness = stiffness;
+    }
+  }
+  return ArmOf(std::move(sections));
+}
+
+template <class Group>
 void ArmOf<Group>::check(const InputRef& q) const {
   if (q.size() != actuatorCount()) refuse(q);
   for (int i = 0; i < actuatorCount(); ++i) {

@@ -143,25 +143,20 @@ std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& s
 io::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
                                      const control::SettleRules& rules) {
   const std::string kRecording = ".bag";
-  std::vector<std::string> tables;
-  io::CalibrationData bags;
+  std::vector<std::string> tables, bags;
   for (const std::string& path : paths) {
     const bool is_bag =
         path.size() >= kRecording.size() &&
         path.compare(path.size() - kRecording.size(), kRecording.size(), kRecording) == 0;
-    if (!is_bag) {
-      tables.push_back(path);
-      continue;
-    }
-    const auto seen = numbered(loadBag(path, scene, rules), scene.arm);
-    io::LoadedCaptures loaded = io::makeCaptures(scene, seen, path);
-    bags.sources.push_back(
-        {path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
-    std::move(loaded.captures.begin(), loaded.captures.end(), std::back_inserter(bags.captures));
+    (is_bag ? bags : tables).push_back(path);
   }
   io::CalibrationData out = io::loadCalibrationData(scene, tables);
-  std::move(bags.captures.begin(), bags.captures.end(), std::back_inserter(out.captures));
-  std::move(bags.sources.begin(), bags.sources.end(), std::back_inserter(out.sources));
+  for (const std::string& path : bags) {
+    const auto seen = numbered(loadBag(path, scene, rules), scene.arm);
+    io::LoadedCaptures loaded = io::makeCaptures(scene, seen, path);
+    out.sources.push_back({path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
+    io::addCaptures(std::move(loaded.captures), path, out);
+  }
   return out;
 }
 

@@ -117,9 +117,8 @@ std::map<std::string, double> truthOf(const io::Scene& scene, const Rig& rig) {
 
 double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* found, int seed) {
   const simulation::TrueArm real(scene.arm, rig.arm);
-  const model::Arm arm = found != nullptr && found->stiffness
-                             ? test::withStiffness(scene.arm, *found->stiffness)
-                             : scene.arm;
+  const model::Arm arm =
+      found != nullptr && found->stiffness ? scene.arm.withStiffness(*found->stiffness) : scene.arm;
   test::Random random(seed);
   double sum = 0;
   for (int i = 0; i < kTips; ++i) {

@@ -111,7 +111,7 @@ double costOf(const gsl_vector* x, void*) {
   model::Stiffness stiffness = data.arm.actuator(0).stiffness;
   stiffness.kappa *= std::exp(gsl_vector_get(x, 0));
   stiffness.gamma *= std::exp(gsl_vector_get(x, 1));
-  const model::Arm arm = test::withStiffness(data.arm, stiffness);
+  const model::Arm arm = data.arm.withStiffness(stiffness);
   const CalibrationOptions options;
   const double limit = 3 * options.robust_scale * options.robust_scale;
   double cost = 0;

@@ -211,6 +211,38 @@ TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
               "has none");
 }
 
+TEST(Calibrate, NeitherDataNorScenesAreWrittenOver) {
+  const std::string text = curvatures(scenePath("spatial_50"), 2.1e-4, 3);
+  const TemporaryFile data(text), scene(contentOf(scenePath("spatial_50")));
+  for (const std::string& input : {data.path(), scene.path()}) {
+    expectCallerError(calibrate(scene.path(), {data.path()}, {"--out", input}), "is an input");
+  }
+  expectCallerError(calibrate(scenePath("spatial_50"), {data.path()},
+                              {"--also", scene.path() + "," + data.path(), "--out", scene.path()}),
+                    "is an input");
+  EXPECT_EQ(contentOf(data.path()), text);
+}
+
+TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
+  const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
+  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.42\n200,0.37\n413.6856,0.334\n");
+  const auto expectRefused = [](const Outcome& outcome, const std::string& word) {
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+    EXPECT_NE(outcome.json()["reason"].get<std::string>().find(word), std::string::npos)
+        << outcome.out;
+  };
+  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}), "holds the same");
+  const std::string other = scenePath("spatial_50") + "," + data.path();
+  expectRefused(calibrate(scenePath("spatial_50"), {data.path()}, {"--also", other}),
+                "holds the same");
+  expectRefused(calibrate(scenePath("spatial_50"), {lengths.path()},
+                          {"--fit", "contraction,stiffness", "--curve", "table", "--also", other}),
+                "no capture of spatial_50");
+  expectRefused(calibrate(scenePath("spatial_50"), {data.path()},
+                          {"--also", scenePath("spatial_50") + "," + lengths.path()}),
+                "free lengths");
+}
+
 TEST(Calibrate, AnOutputThatCannotBeWrittenIsTheCallers) {
   const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
   expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "/dev/full"}),

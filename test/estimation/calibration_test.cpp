@@ -29,7 +29,7 @@ model::Arm scaled(const model::Arm& arm, double kappa, double gamma) {
   model::Stiffness stiffness = arm.actuator(0).stiffness;
   stiffness.kappa *= kappa;
   stiffness.gamma *= gamma;
-  return test::withStiffness(arm, stiffness);
+  return arm.withStiffness(stiffness);
 }
 
 void add(ArmCaptures& data, const Eigen::VectorXd& pressure, Reading reading) {
@@ -113,7 +113,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   options.tag_prior = {0.1, 1};
   options.bleed_prior = 0.1;
   options.corner_noise = 1e-6;
-  options.corner_bias = 0;
+  options.corner_floor = 0;
   options.held_out = false;
   const Calibration found = calibrate({corners(known, view, truth, 0, random)}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
@@ -152,8 +152,7 @@ TEST(Calibration, TorsionIsFoundFromNoneAndOtherwiseStaysNone) {
   CalibrationOptions options;
   options.K_tau = true;
   options.stiffness_prior = 5;
-  const Calibration found =
-      calibrate({twists(known, test::withStiffness(known, stiff), 1e-6)}, options);
+  const Calibration found = calibrate({twists(known, known.withStiffness(stiff), 1e-6)}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
   EXPECT_EQ(parameter(found, "K_tau").initial, 0.0);
   EXPECT_NEAR(parameter(found, "K_tau").value / 3e-4, 1, 1e-3);
@@ -182,6 +181,30 @@ TEST(Calibration, EachActuatorGetsItsOwnScale) {
   EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
 }
 
+TEST(Calibration, WhatIsNotFittedKeepsItsOwnStiffness) {
+  // Two sections that are not alike; only the scale of their muscles is wrong.
+  std::vector<model::Section> sections(2);
+  for (int k = 0; k < 2; ++k) {
+    test::Ring ring = test::helicalRing();
+    if (k == 1) ring.stiffness = {30.0, 0.0, 3e-4};
+    sections[k] = test::ringSection(ring, test::fig3Muscle());
+    for (int i = 0; i < 3; ++i) sections[k].actuators[i].name += k == 0 ? "_lower" : "_upper";
+  }
+  const model::Arm known(sections);
+  ArmCaptures data = twists(known, known, 1e-5);
+  for (Capture& capture : data.captures) {
+    const Eigen::VectorXd lengths = 1.01 * known.lengths(capture.pressure);
+    std::get<TwistReading>(capture.reading).twists = known.twistsOfLengths(lengths);
+  }
+  CalibrationOptions options;
+  options.K_kappa = options.K_gamma = false;
+  options.length_scale = LengthScaling::kCommon;
+  const Calibration found = calibrate({data}, options);
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_NEAR(parameter(found, "length_scale").value, 1.01, 1e-5);
+  EXPECT_LT(found.rms, 1e-5);
+}
+
 TEST(Calibration, StandardErrorsOfRepeatedExperimentsHold) {
   const model::Arm known = test::ringArm(test::straightRing());
   const model::Arm truth = scaled(known, 0.8, 1.0);
@@ -208,17 +231,37 @@ TEST(Calibration, StandardErrorsOfRepeatedExperimentsHold) {
 TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const TagLayout layout = test::sampleLayout(1, 12);
-  for (const double noise : {0.001, 0.03}) {  // 10 mm are expected
+  const auto errorsAt = [&](double noise) {  // 10 mm are expected
     Random random(5);
     CalibrationOptions options;
-    options.base = true;
+    options.K_kappa = options.K_gamma = false;
+    options.base = options.tags = true;
+    // Placements that are known, so that noise alone is in the errors.
+    options.tag_prior = {1e-6, 1e-6};
     options.held_out = false;
     options.next_pressures = 0;
-    const Calibration found =
-        calibrate({poses(known, layout, scaled(known, 1.0, 1.0), noise, random)}, options);
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+    const Calibration found = calibrate({poses(known, layout, known, noise, random)}, options);
+    EXPECT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
     EXPECT_NEAR(found.rms, std::sqrt(3.0) * noise, 0.15 * noise);
-  }
+    return parameter(found, "base_y").standard_error;
+  };
+  // What was expected counts as one residual more.
+  const double ratio = errorsAt(0.03) / errorsAt(0.001);
+  EXPECT_GT(ratio, 25);
+  EXPECT_LT(ratio, 31);
+}
+
+TEST(Calibration, WhatIsNotKnownOfTagsIsInTheErrors) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  Random random(15);
+  const ArmCaptures data = poses(known, test::sampleLayout(1, 12), known, 0.0005, random);
+  CalibrationOptions options;
+  options.base = true;
+  options.held_out = false;
+  options.tag_prior = {1e-6, 1e-6};
+  const double sure = parameter(calibrate({data}, options), "base_y").standard_error;
+  options.tag_prior = {0.01, 0.05};
+  EXPECT_GT(parameter(calibrate({data}, options), "base_y").standard_error, 3 * sure);
 }
 
 TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
@@ -263,7 +306,7 @@ TEST(Calibration, WhatIsHeldOutIsPredictedByAFitThatNeverSawIt) {
     ArmCaptures rest = data;
     rest.captures.erase(rest.captures.begin() + static_cast<std::ptrdiff_t>(g));
     const Calibration without = calibrate({rest}, options);
-    const model::Arm fitted = test::withStiffness(known, *without.stiffness);
+    const model::Arm fitted = known.withStiffness(*without.stiffness);
     const double error =
         std::abs(model::curvatureOf(fitted.twists(data.captures[g].pressure).col(0)) -
                  std::get<CurvatureReading>(data.captures[g].reading).curvature);
@@ -297,6 +340,21 @@ TEST(Calibration, SeveralArmsShareOneStiffnessAndEachIsPredictedByTheOthers) {
   EXPECT_LT(found.by_arm->error, 0.03);
   EXPECT_EQ(found.captures.size(), 36u);
   EXPECT_EQ(found.captures.back().arm, 2);
+}
+
+TEST(Calibration, WrongTagsOfEveryArmGoByTheirOwnIds) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  Random random(16);
+  std::vector<ArmCaptures> arms;
+  for (const int first_id : {0, 500}) {
+    TagLayout layout = test::sampleLayout(1, first_id == 0 ? 8 : 12);
+    for (TagPlacement& tag : layout.tags) tag.id += first_id;
+    arms.push_back(poses(known, layout, known, 0.002, random));
+  }
+  std::get<std::vector<PoseObservation>>(arms[1].captures[2].reading)[11].X_BT.translation.x() += 1;
+  const Calibration found = calibrate(arms, {});
+  ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
+  EXPECT_EQ(found.captures[14].outlier_tags, std::vector<int>{511});
 }
 
 TEST(Calibration, PlacementNeedsNoModelWhereShapesAreFree) {
@@ -390,7 +448,7 @@ TEST(Calibration, LeastTipErrorIsAtItsValley) {
   const auto meanError = [&](double K_kappa) {
     model::Stiffness stiffness = straight.actuator(0).stiffness;
     stiffness.kappa = K_kappa;
-    const model::Arm arm = test::withStiffness(straight, stiffness);
+    const model::Arm arm = straight.withStiffness(stiffness);
     double sum = 0;
     for (const Capture& capture : noisy.captures) {
       sum += std::abs(model::curvatureOf(arm.twists(capture.pressure).col(0)) -

@@ -24,6 +24,8 @@ Provenance provenance() {
   return {"2026-01-31T12:00:00Z",
           "0.1.0",
           "a path: with \"signs\" # and blanks",
+          std::string(64, 'a'),
+          "arm.stiffness.K_gamma=50 tags.size_m=0.03",
           {{"corners.csv", std::string(64, '0'), 36}, {"12", std::string(64, 'e'), 0}},
           {{"K_kappa", 1.0 / 3, 1e-7, true, "m^2"}, {"tag_7_s", -2, 0, false, ""}},
           0.3,
@@ -188,6 +190,8 @@ TEST(CalibratedScene, SaysWhereItComesFrom) {
   const Provenance expected = provenance();
   EXPECT_EQ(scene.calibration->date, expected.date);
   EXPECT_EQ(scene.calibration->from, expected.from);
+  EXPECT_EQ(scene.calibration->from_sha256, expected.from_sha256);
+  EXPECT_EQ(scene.calibration->overrides, expected.overrides);
   ASSERT_EQ(scene.calibration->data.size(), 2u);
   EXPECT_EQ(scene.calibration->data[1].file, "12");
   EXPECT_EQ(scene.calibration->data[1].sha256, std::string(64, 'e'));
@@ -299,6 +303,23 @@ TEST(CalibratedScene, CurvesReplaceThoseOfTheirNames) {
   for (double p = 0; p < 133e3; p += 1e3) {
     EXPECT_NEAR(bellows.length(p), table.curve->length(p), 1e-15);
   }
+}
+
+TEST(CalibratedScene, ANewCurveIsNotScaledAsTheOldOneWas) {
+  SceneCalibration scaled = calibration();
+  scaled.length_scale = Eigen::VectorXd::Constant(6, 1.02);
+  const test::TemporaryFile once(
+      calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, scaled));
+  SceneCalibration change = calibration();
+  change.contractions = {{"muscle", quintic(pascals(413.6856))}};
+  const auto lengthAtRest = [&] {
+    const test::TemporaryFile twice(calibratedSceneText(once.path(), {}, change));
+    return loadScene(twice.path()).arm.actuator(0).contraction.length(0);
+  };
+  const double measured = change.contractions.front().second.curve->length(0);
+  EXPECT_NEAR(lengthAtRest(), measured, 1e-15);
+  change.length_scale = Eigen::VectorXd::Constant(6, 1.01);
+  EXPECT_NEAR(lengthAtRest(), 1.01 * measured, 1e-12) << "a scale of the new one is its own";
 }
 
 // The largest pressure of a data set is often an actuator's limit as well.

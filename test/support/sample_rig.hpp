@@ -28,24 +28,12 @@ struct RigErrors {
   double bleed = 0;                                   ///< [m]
 };
 
-inline model::Arm withStiffness(const model::Arm& arm, const model::Stiffness& stiffness) {
-  std::vector<model::Section> sections(arm.sectionCount());
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      model::Actuator actuator = arm.actuator(i);
-      actuator.stiffness = stiffness;
-      sections[k].actuators.push_back(actuator);
-    }
-  }
-  return model::Arm(std::move(sections));
-}
-
 inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view,
                         const RigErrors& errors, Random& random) {
   model::Stiffness stiffness = known.actuator(0).stiffness;
   stiffness.kappa *= std::exp(errors.K_kappa * random.normal());
   stiffness.gamma *= std::exp(errors.K_gamma * random.normal());
-  RigTruth truth{withStiffness(known, stiffness),
+  RigTruth truth{known.withStiffness(stiffness),
                  std::exp(errors.length_scale * random.normal()),
                  {},
                  view,

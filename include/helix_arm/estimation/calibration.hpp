@@ -75,9 +75,9 @@ struct CalibrationOptions {
   double curvature_noise =
       0.02;                   ///< expected standard deviations; the residuals correct them [rad]
   double corner_noise = 0.3;  ///< [px]
-  /// Error that a corner has alike in capture after capture, from blur, bleeding and perspective:
-  /// no residual shows it, and real corners are no better than this. >= 0 [px]
-  double corner_bias = 0.2;
+  /// No corner is better than this, whatever the residuals say: part of what blur, bleeding and
+  /// perspective do to it is taken up by the placements. >= 0 [px]
+  double corner_floor = 0.2;
   double position_noise = 0.010;     ///< of a tag pose, each axis [m]
   double rotation_noise = 0.0;       ///< [rad]; 0 leaves rotations out
   double robust_scale = 3.5;         ///< as TwistFitOptions has it, for tags and curvatures
@@ -114,9 +114,10 @@ struct Parameter {
   std::string name;  ///< K_kappa, length_scale, base_x, tag_7_s, ...
   std::string unit;  ///< m^2, m, rad, or empty
   double initial;    ///< before
-  double value;      ///< fitted; of stiffness and scales that are not identifiable, the initial one
-  /// Of the fit: the larger of what the noise gives and what leaving out one pressure at a time
-  /// does. Where not identifiable, how little is known.
+  double value;      ///< fitted; of a stiffness that is not identifiable, the initial one
+  /// The larger of what the noise gives, with what is not known of tags, bleeding and stiffness
+  /// that are not fitted, and of what leaving out one pressure at a time does. Where not
+  /// identifiable, how little is known.
   double standard_error;
   bool identifiable;  ///< by the information matrix: the captures say more of it than was known
 };
@@ -129,8 +130,8 @@ struct CaptureResidual {
   std::vector<int> outlier_tags;  ///< ids of those that do not, ascending
   bool outlier;                   ///< more than half of it does not fit
   /// Information that the captures at its pressure add about stiffness and scales, or, where none
-  /// are fitted, about all [nats].
-  double gain;
+  /// are fitted, about all [nats]. Absent where shapes are free.
+  std::optional<double> gain;
 };
 
 /// How well what was left out is predicted.
@@ -159,6 +160,9 @@ struct Calibration {
   lie::SE3 X_B0B;                ///< base seen from where it was thought to be
   TagLayout layout;              ///< with the placements found
   double bleed = 0;              ///< [m]
+  /// (captures of all arms) as fits without their pressure predict them; empty without held-out
+  /// fits.
+  std::vector<model::Twists> held_out_shapes;
   std::vector<model::Twists> shapes;  ///< (captures of all arms), of the model or fitted
 
   std::string error_unit;  ///< of rms and held-out errors: rad, px or m

@@ -13,13 +13,14 @@ namespace helix_arm::io {
 
 /// What a calibration puts in place of what a scene says; what is absent stays.
 struct SceneCalibration {
-  std::optional<model::Stiffness> stiffness;    ///< of every actuator
-  std::optional<Eigen::VectorXd> length_scale;  ///< (actuators) factors on the lengths it has now
-  std::optional<lie::SE3> X_CB;                 ///< base seen from the camera: moves the camera
-  std::optional<lie::SE3> X_BF;                 ///< frame of tag poses seen from the base
+  std::optional<model::Stiffness> stiffness;  ///< of every actuator
+  /// (actuators) factors on the lengths that it has now, or that its new curves give.
+  std::optional<Eigen::VectorXd> length_scale;
+  std::optional<lie::SE3> X_CB;               ///< base seen from the camera: moves the camera
+  std::optional<lie::SE3> X_BF;               ///< frame of tag poses seen from the base
   std::optional<estimation::TagLayout> tags;  ///< placements of the same tags; its size is not read
   double bleed = 0;                           ///< tags look so much smaller at each edge [m]
-  /// Curves that replace those of the same names, fitted.
+  /// Curves that replace those of the same names, fitted, and the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   Provenance provenance;
 };

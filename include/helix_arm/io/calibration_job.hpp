@@ -42,7 +42,7 @@ struct CalibrationData {
 /// An arm that shares its stiffness with the one that is calibrated.
 struct CompanionArm {
   Scene scene;
-  std::vector<estimation::Capture> captures;
+  CalibrationData data;  ///< captures alone
 };
 
 /// What became of a request.
@@ -53,12 +53,18 @@ struct CalibrationOutcome {
   /// The arms as they were fitted, that of the scene first; empty where nothing but curves was.
   std::vector<estimation::ArmCaptures> arms;
   std::optional<estimation::Calibration> calibration;
-  /// K_kappa by the paper's definition, for comparison, where K_kappa was fitted. Tips are those of
-  /// shapes that were fitted to each capture's tags; of curvatures see fitLeastTipError().
+  /// K_kappa by the paper's definition, for comparison, where K_kappa and no length scale was
+  /// fitted; the rest as fitted. Tips are those of shapes that were fitted to each sound capture's
+  /// tags; of curvatures see fitLeastTipError().
   std::optional<estimation::LeastTipError> least_tip_error;
   std::vector<std::string> warnings;
   std::string scene_text;  ///< of the calibrated scene; empty without success
 };
+
+/// Adds the captures of one file; where numbers are taken they are counted on, and a warning says
+/// so.
+void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
+                 CalibrationData& data);
 
 /// Reads data sets of all kinds: curvatures, tag poses, tag corners, free lengths.
 /// @throws DocumentError with every fault of a file.

@@ -27,7 +27,9 @@ struct Provenance {
   std::string date;             ///< of the calibration, UTC: 2026-01-31T12:00:00Z
   std::string package_version;  ///< that made it
   std::string from;             ///< path of the scene it began with
-  std::vector<Data> data;       ///< at least one
+  std::string from_sha256;      ///< of its content; may be empty
+  std::string overrides;        ///< of its keys: `key=value`, joined by blanks; may be empty
+  std::vector<Data> data;       ///< at least one; those of other arms as well
   std::vector<Parameter> parameters;
   double rms;                            ///< of the residuals that fit, >= 0
   std::optional<double> held_out_error;  ///< of what was left out of the fit, >= 0

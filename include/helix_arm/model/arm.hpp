@@ -44,6 +44,9 @@ class ArmOf {
   ///         finite and >= 0.
   explicit ArmOf(std::vector<SectionOf<Group>> sections);
 
+  /// The same arm with this stiffness of every actuator.
+  ArmOf withStiffness(const Stiffness& stiffness) const;
+
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
   int actuatorCount() const { return static_cast<int>(actuators_.size()); }
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
