@@ -108,6 +108,27 @@ TEST(BagCaptures, CountFromOneAndLieInsideTheLimits) {
   EXPECT_EQ(captures[0].tags[0].corners, sample.tags[0].corners);
 }
 
+TEST(BagCaptures, AreDataLikeAnyOtherAndCountOn) {
+  const test::TemporaryFolder folder;
+  std::vector<std::string> paths;
+  for (const double pressure : {1e5, 2e5}) {
+    Recording recording(folder / (std::to_string(paths.size()) + ".bag"));
+    recording.play({0, 0, 0}, 3);
+    recording.play({pressure, 0, 0}, 3);
+    paths.push_back(recording.close());
+  }
+  const io::CalibrationData data = loadMeasurements(demo(), paths, {});
+  ASSERT_EQ(data.captures.size(), 4u);
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(data.captures[i].number, i + 1);
+  EXPECT_NEAR(data.captures[3].pressure[0], 2e5, 1e-6);
+  ASSERT_EQ(data.sources.size(), 2u);
+  EXPECT_EQ(data.sources[1].file, paths[1]);
+  EXPECT_EQ(data.sources[1].captures, 2);
+  EXPECT_NE(data.sources[0].sha256, data.sources[1].sha256);
+  ASSERT_EQ(data.warnings.size(), 1u);
+  EXPECT_NE(data.warnings[0].find(paths[1]), std::string::npos);
+}
+
 TEST(BagCaptures, AnArmThatNeverStandsStillIsToldOf) {
   const test::TemporaryFolder folder;
   Recording recording(folder / "moving.bag");
