@@ -8,20 +8,10 @@
 #include <ceres/ceres.h>
 #include <ceres/normal_prior.h>
 
-#include "helix_arm/model/curve.hpp"
-#include "tag_models.hpp"
+#include "reading_costs.hpp"
 
 namespace helix_arm::estimation {
 namespace {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-// Of the logs: step of the central differences of the maps, with an error of its square.
-constexpr double kMapStep = 1e-4;
-// Of the bending stiffness of an arm that has none yet, in squares of its actuators' offset.
-constexpr double kLikelyBending = 0.2;
-// A tag whose normal is farther from the line of sight than this cosine is not counted on.
-constexpr double kFacing = 0.3;
 
 const char* parameterName(StiffnessEntry entry) {
   switch (entry) {
@@ -35,452 +25,20 @@ const char* parameterName(StiffnessEntry entry) {
   return "K_tau";
 }
 
-double& entryOf(model::Stiffness& stiffness, StiffnessEntry entry) {
-  switch (entry) {
-    case StiffnessEntry::kKappa:
-      return stiffness.kappa;
-    case StiffnessEntry::kGamma:
-      return stiffness.gamma;
-    case StiffnessEntry::kTau:
-      break;
-  }
-  return stiffness.tau;
-}
-
-// The linear maps of all arms at some stiffness, and how they change with it.
-class ShapeModel {
- public:
-  ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted)
-      : arms_(arms), fitted_(fitted) {
-    initial_ = arms.front().arm.actuator(0).stiffness;
-    reference_ = initial_;
-    double offset = 0;
-    for (int i = 0; i < arms.front().arm.actuatorCount(); ++i) {
-      offset = std::max(offset, arms.front().arm.actuator(i).X_O.translation.squaredNorm());
-    }
-    if (!(reference_.kappa > 0)) reference_.kappa = kLikelyBending * offset;
-    if (!(reference_.gamma > 0)) reference_.gamma = 1.0;
-    if (!(reference_.tau > 0)) reference_.tau = reference_.kappa;
-  }
-
-  double referenceOf(StiffnessEntry entry) const {
-    model::Stiffness reference = reference_;
-    return entryOf(reference, entry);
-  }
-
-  // With the fitted entries at these logs, the others as they are.
-  model::Stiffness stiffnessAt(const double* logs, model::Stiffness stiffness) const {
-    for (std::size_t e = 0; e < fitted_.size(); ++e) {
-      entryOf(stiffness, fitted_[e]) = referenceOf(fitted_[e]) * std::exp(logs[e]);
-    }
-    return stiffness;
-  }
-  const model::Stiffness& initial() const { return initial_; }
-
-  // Twists of arm `a` at these lengths, and, where asked for, their change with the logs.
-  void twists(int a, const Eigen::VectorXd& lengths, const double* logs, model::Twists& twists,
-              Eigen::MatrixXd* by_stiffness) {
-    update(logs, by_stiffness != nullptr);
-    const model::Arm& arm = arms_[a].arm;
-    twists.resize(6, arm.sectionCount());
-    if (by_stiffness) by_stiffness->resize(6 * arm.sectionCount(), size());
-    for (int k = 0; k < arm.sectionCount(); ++k) {
-      const auto l = lengths.segment(arm.firstActuator(k), count(arm, k));
-      twists.col(k) = maps_[a][k] * l;
-      for (int e = 0; by_stiffness && e < size(); ++e) {
-        by_stiffness->block<6, 1>(6 * k, e) = changes_[a][k][e] * l;
-      }
-    }
-  }
-
-  // The map of the section that an actuator belongs to, at the logs last seen.
-  const Eigen::MatrixXd& mapOf(int a, int section) const { return maps_[a][section]; }
-
-  static int count(const model::Arm& arm, int k) {
-    return arm.firstActuator(k + 1) - arm.firstActuator(k);
-  }
-
- private:
-  using Maps = std::vector<std::vector<Eigen::MatrixXd>>;  // [arm][section]
-
-  int size() const { return static_cast<int>(fitted_.size()); }
-
-  Maps mapsAt(const Eigen::VectorXd& logs) const {
-    Maps maps(arms_.size());
-    for (std::size_t a = 0; a < arms_.size(); ++a) {
-      const model::Arm& arm = arms_[a].arm;
-      for (int k = 0; k < arm.sectionCount(); ++k) {
-        std::vector<model::Strand<lie::SE3>> strands;
-        for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-          const model::Actuator& actuator = arm.actuator(i);
-          strands.push_back(
-              {actuator.X_O, stiffnessAt(logs.data(), actuator.stiffness).diagonal<lie::SE3>()});
-        }
-        maps[a].emplace_back(model::solveEquilibrium(strands).map);
-      }
-    }
-    return maps;
-  }
-
-  void update(const double* logs, bool derivatives) {
-    const Eigen::VectorXd at = Eigen::Map<const Eigen::VectorXd>(logs, size());
-    const bool known = !maps_.empty() && at_ == at;
-    if (known && (has_changes_ || !derivatives)) return;
-    if (!known) maps_ = mapsAt(at);
-    at_ = at;
-    has_changes_ = derivatives;
-    if (!derivatives) return;
-    changes_.assign(arms_.size(), {});
-    for (std::size_t a = 0; a < arms_.size(); ++a) {
-      changes_[a].assign(arms_[a].arm.sectionCount(), std::vector<Eigen::MatrixXd>(fitted_.size()));
-    }
-    for (int e = 0; e < size(); ++e) {
-      const Eigen::VectorXd step = kMapStep * Eigen::VectorXd::Unit(size(), e);
-      const Maps above = mapsAt(at + step), below = mapsAt(at - step);
-      for (std::size_t a = 0; a < arms_.size(); ++a) {
-        for (std::size_t k = 0; k < above[a].size(); ++k) {
-          changes_[a][k][e] = (above[a][k] - below[a][k]) / (2 * kMapStep);
-        }
-      }
-    }
-  }
-
-  const std::vector<ArmCaptures>& arms_;
-  const std::vector<StiffnessEntry> fitted_;
-  model::Stiffness initial_, reference_;
-  Eigen::VectorXd at_;
-  bool has_changes_ = false;
-  Maps maps_;
-  std::vector<std::vector<std::vector<Eigen::MatrixXd>>> changes_;  // [arm][section][entry]
-};
-
-// Of one arm: which entries of its twists are free where shapes are.
-std::vector<int> freeEntries(const ArmCaptures& arm) {
-  std::vector<int> entries;
-  for (int entry = 0; entry < 6 * arm.arm.sectionCount(); ++entry) {
-    const int axis = entry % 6;
-    if (!arm.planar || axis < 2 || axis == 5) entries.push_back(entry);
-  }
-  return entries;
-}
-
-// What all costs share.
-struct Shared {
-  const std::vector<ArmCaptures>& arms;
-  const CalibrationOptions& options;
-  Selection selection;
-  ShapeModel model;
-  double inverse_noise = 1;  // 1 / scale of the expected noise
-  TwistFitOptions expected;  // noise of tags
-
-  Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
-         const Selection& chosen)
-      : arms(all), options(wanted), selection(chosen), model(all, chosen.stiffness) {
-    expected.corner_noise = options.corner_noise;
-    expected.position_noise = options.position_noise;
-    expected.rotation_noise = options.rotation_noise;
-  }
-
-  int scales() const {
-    if (selection.length_scale == LengthScaling::kNone) return 0;
-    return selection.length_scale == LengthScaling::kCommon ? 1 : arms.front().arm.actuatorCount();
-  }
-  double scaleOf(const double* logs, int actuator) const {
-    if (scales() == 0) return 1;
-    return std::exp(logs[scales() == 1 ? 0 : actuator]);
-  }
-};
-
-// Where a reading was taken.
-struct Place {
-  int arm, capture;         // capture: over all arms
-  Eigen::VectorXd lengths;  // at its pressures [m]
-};
-
-// Parameters of a cost in Ceres' order, and where each stands in it.
-struct Blocks {
-  int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
-};
-
-// The twists that a cost sees, and how its blocks change them.
-struct ShapeThere {
-  model::Twists twists;
-  Eigen::MatrixXd by_stiffness, by_scale;  // (6 sections x entries)
-};
-
-class ReadingCost : public ceres::CostFunction {
- public:
-  ReadingCost(Shared& shared, Place place, int residuals, bool takes_base, bool takes_bleed,
-              bool takes_tag)
-      : shared_(shared), place_(std::move(place)), entries_(freeEntries(shared.arms[place_.arm])) {
-    set_num_residuals(residuals);
-    const auto take = [this](bool taken, int size, int& index) {
-      if (!taken || size == 0) return;
-      index = static_cast<int>(parameter_block_sizes().size());
-      mutable_parameter_block_sizes()->push_back(size);
-    };
-    const Selection& selection = shared.selection;
-    const bool free = selection.free_shapes;
-    take(!free, static_cast<int>(selection.stiffness.size()), blocks_.stiffness);
-    take(!free, shared.scales(), blocks_.scale);
-    take(free, static_cast<int>(entries_.size()), blocks_.shape);
-    take(takes_base && selection.base, 6, blocks_.base);
-    take(takes_bleed && selection.bleed, 1, blocks_.bleed);
-    take(takes_tag && selection.tags, 6, blocks_.tag);
-  }
-
-  const Blocks& blocks() const { return blocks_; }
-  const Place& place() const { return place_; }
-  int parameterBlocks() const { return static_cast<int>(parameter_block_sizes().size()); }
-  virtual int tag() const { return -1; }
-  // The error as people see it, of residuals that this cost gave.
-  virtual double shown(const double* const* parameters, double square) const = 0;
-
- protected:
-  ShapeThere shapeAt(const double* const* p, bool derivatives) const {
-    ShapeThere shape;
-    const ArmCaptures& data = shared_.arms[place_.arm];
-    const int sections = data.arm.sectionCount();
-    if (blocks_.shape >= 0) {
-      shape.twists = model::Twists::Zero(6, sections);
-      for (std::size_t i = 0; i < entries_.size(); ++i) {
-        shape.twists.data()[entries_[i]] = p[blocks_.shape][i];
-      }
-      return shape;
-    }
-    Eigen::VectorXd lengths = place_.lengths;
-    const double* scales = blocks_.scale >= 0 ? p[blocks_.scale] : nullptr;
-    for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared_.scaleOf(scales, i);
-    shared_.model.twists(place_.arm, lengths,
-                         blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr, shape.twists,
-                         derivatives ? &shape.by_stiffness : nullptr);
-    if (derivatives && scales != nullptr) {
-      shape.by_scale.setZero(6 * sections, shared_.scales());
-      for (int k = 0; k < sections; ++k) {
-        for (int i = data.arm.firstActuator(k); i < data.arm.firstActuator(k + 1); ++i) {
-          shape.by_scale.block<6, 1>(6 * k, shared_.scales() == 1 ? 0 : i) +=
-              shared_.model.mapOf(place_.arm, k).col(i - data.arm.firstActuator(k)) * lengths[i];
-        }
-      }
-    }
-    return shape;
-  }
-
-  // Passes derivatives by the twists on to the blocks that make them.
-  void passOn(const Eigen::MatrixXd& by_twists, const ShapeThere& shape, double** J) const {
-    const auto block = [&](int index, const Eigen::MatrixXd& derivatives) {
-      if (index < 0 || J[index] == nullptr) return;
-      Eigen::Map<RowMajor>(J[index], derivatives.rows(), derivatives.cols()) = derivatives;
-    };
-    if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_twists * shape.by_stiffness);
-    if (blocks_.scale >= 0) block(blocks_.scale, by_twists * shape.by_scale);
-    if (blocks_.shape < 0 || J[blocks_.shape] == nullptr) return;
-    Eigen::Map<RowMajor> out(J[blocks_.shape], by_twists.rows(),
-                             static_cast<Eigen::Index>(entries_.size()));
-    for (std::size_t i = 0; i < entries_.size(); ++i) out.col(i) = by_twists.col(entries_[i]);
-  }
-
-  Shared& shared_;
-  const Place place_;
-  const std::vector<int> entries_;  // of the twists, where shapes are free
-  Blocks blocks_;
-};
-
-// |(w_y, w_z)| of the only section.
-class CurvatureCost final : public ReadingCost {
- public:
-  CurvatureCost(Shared& shared, Place place, double measured)
-      : ReadingCost(shared, std::move(place), 1, false, false, false), measured_(measured) {}
-
-  bool Evaluate(const double* const* p, double* residual, double** J) const override {
-    const double weight = shared_.inverse_noise / shared_.options.curvature_noise;
-    const ShapeThere shape = shapeAt(p, J != nullptr);
-    const double curvature = model::curvatureOf(shape.twists.col(0));
-    residual[0] = weight * (curvature - measured_);
-    if (J == nullptr) return true;
-    Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(1, 6);
-    // A straight arm bends alike to all sides: no direction is the one of change.
-    if (curvature > 0)
-      by_twists.rightCols(2) = weight / curvature * shape.twists.col(0).tail<2>().transpose();
-    passOn(by_twists, shape, J);
-    return true;
-  }
-
-  double shown(const double* const*, double square) const override {
-    return std::sqrt(square) * shared_.options.curvature_noise / shared_.inverse_noise;
-  }
-
- private:
-  const double measured_;
-};
-
-class TwistCost final : public ReadingCost {
- public:
-  TwistCost(Shared& shared, Place place, const TwistReading& reading)
-      : ReadingCost(shared, std::move(place), static_cast<int>(reading.twists.size()), false, false,
-                    false),
-        measured_(reading.twists) {
-    const Eigen::LLT<Eigen::MatrixXd> factors(reading.covariance);
-    whitening_ = factors.matrixL().solve(
-        Eigen::MatrixXd::Identity(reading.covariance.rows(), reading.covariance.cols()));
-  }
-
-  bool Evaluate(const double* const* p, double* residual, double** J) const override {
-    const ShapeThere shape = shapeAt(p, J != nullptr);
-    const model::Twists difference = shape.twists - measured_;
-    Eigen::Map<Eigen::VectorXd>(residual, num_residuals()) =
-        shared_.inverse_noise * whitening_ *
-        Eigen::Map<const Eigen::VectorXd>(difference.data(), difference.size());
-    if (J != nullptr) passOn(shared_.inverse_noise * whitening_, shape, J);
-    return true;
-  }
-
-  // Distance of the tips [m].
-  double shown(const double* const* p, double) const override {
-    return (model::tipPose(shapeAt(p, false).twists).translation -
-            model::tipPose(measured_).translation)
-        .norm();
-  }
-
- private:
-  const model::Twists measured_;
-  Eigen::MatrixXd whitening_;
-};
-
-template <class Model>
-class TagCost final : public ReadingCost {
- public:
-  TagCost(Shared& shared, Place place, const Model& model, typename Model::Observation seen,
-          bool takes_tag)
-      : ReadingCost(shared, std::move(place), model.residuals(), true, Model::kBleeds, takes_tag),
-        model_(model),
-        seen_(std::move(seen)) {
-    const model::Arm& arm = shared.arms[place_.arm].arm;
-    const TagPlacement& tag = placement();
-    rest_length_ = arm.restTwist(tag.section).template head<3>().norm();
-  }
-
-  int tag() const override { return seen_.tag; }
-
-  bool Evaluate(const double* const* p, double* residual, double** J) const override {
-    const ShapeThere shape = shapeAt(p, J != nullptr);
-    const Pose pose = poseAt(p, shape.twists);
-    typename Model::Rows rows;
-    if (!model_.evaluate(seen_, pose.X_B0T, corners(p), rows)) return false;
-    const int m = num_residuals();
-    rows.residual *= shared_.inverse_noise;
-    Eigen::Map<Eigen::VectorXd>(residual, m) = rows.residual.head(m);
-    if (J == nullptr) return true;
-    rows.by_v *= shared_.inverse_noise;
-    rows.by_w *= shared_.inverse_noise;
-    if (Model::kBleeds) rows.by_bleed *= shared_.inverse_noise;
-
-    const TagPlacement& tag = placement();
-    Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(Model::Rows::kCount, shape.twists.size());
-    for (int k = 0; k <= tag.section; ++k) {
-      const double reach = k < tag.section ? 1.0 : pose.s;
-      Mover(pose.starts[k], shape.twists.col(k), reach).fill(rows, 6 * k, by_twists);
-    }
-    passOn(by_twists.topRows(m), shape, J);
-    if (blocks_.base >= 0 && J[blocks_.base] != nullptr) {
-      Eigen::MatrixXd moved(Model::Rows::kCount, 6);
-      Mover(pose.starts[0]).fill(rows, 0, moved);
-      const Eigen::Map<const lie::Vector6> base(p[blocks_.base]);
-      Eigen::Map<RowMajor>(J[blocks_.base], m, 6) =
-          (moved * lie::SE3::rightJacobian(base)).topRows(m);
-    }
-    if constexpr (Model::kBleeds) {
-      if (blocks_.bleed >= 0 && J[blocks_.bleed] != nullptr) {
-        Eigen::Map<Eigen::VectorXd>(J[blocks_.bleed], m) = rows.by_bleed.head(m);
-      }
-    }
-    if (blocks_.tag >= 0 && J[blocks_.tag] != nullptr) {
-      Eigen::Map<RowMajor>(J[blocks_.tag], m, 6) =
-          byPlacement(p, shape.twists, pose, rows).topRows(m);
-    }
-    return true;
-  }
-
-  double shown(const double* const* p, double square) const override {
-    const double expected = square / (shared_.inverse_noise * shared_.inverse_noise);
-    return model_.shown(seen_, poseAt(p, shapeAt(p, false).twists).X_B0T, expected);
-  }
-
-  // Whether it turns its face to the camera.
-  bool faces(const double* const* p) const {
-    if constexpr (Model::kBleeds) {
-      const lie::SE3 X_CT = model_.X_CB0 * poseAt(p, shapeAt(p, false).twists).X_B0T;
-      return X_CT.translation.z() > 0 &&
-             -X_CT.rotation.col(2).dot(X_CT.translation.normalized()) > kFacing;
-    }
-    return true;
-  }
-
- private:
-  struct Pose {
-    double s;
-    std::vector<lie::SE3> starts;  // X_B0k of the sections up to the tag's
-    lie::SE3 X_B0S, X_B0T;
-  };
-
-  const TagPlacement& placement() const { return shared_.arms[place_.arm].layout.tags[seen_.tag]; }
-
-  Corners corners(const double* const* p) const {
-    return shared_.arms[place_.arm].layout.corners(blocks_.bleed >= 0 ? p[blocks_.bleed][0] : 0.0);
-  }
-
-  Pose poseAt(const double* const* p, const model::Twists& twists) const {
-    TagPlacement tag = placement();
-    if (blocks_.tag >= 0) {
-      tag = movedBy(tag, Eigen::Map<const lie::Vector6>(p[blocks_.tag]), rest_length_);
-    }
-    Pose pose;
-    pose.s = tag.s;
-    lie::SE3 X_B0k;
-    if (blocks_.base >= 0) {
-      X_B0k = lie::SE3::exp(Eigen::Map<const lie::Vector6>(p[blocks_.base]));
-    }
-    for (int k = 0; k <= tag.section; ++k) {
-      pose.starts.push_back(X_B0k);
-      if (k < tag.section) X_B0k = X_B0k * lie::SE3::exp(twists.col(k));
-    }
-    pose.X_B0S = X_B0k * lie::SE3::exp(pose.s * twists.col(tag.section));
-    pose.X_B0T = pose.X_B0S * tag.X_ST;
-    return pose;
-  }
-
-  Eigen::MatrixXd byPlacement(const double* const* p, const model::Twists& twists, const Pose& pose,
-                              const typename Model::Rows& rows) const {
-    const TagPlacement& tag = placement();
-    const Eigen::Vector3d turned(p[blocks_.tag][3], p[blocks_.tag][4], p[blocks_.tag][5]);
-    Eigen::MatrixXd out(Model::Rows::kCount, 6);
-    Eigen::MatrixXd moved(Model::Rows::kCount, 6);
-    Mover(pose.X_B0S).fill(rows, 0, moved);
-    const double s = tag.s + p[blocks_.tag][0] / rest_length_;
-    if (s == pose.s) {
-      out.col(0) = moved * twists.col(tag.section) / rest_length_;
-    } else {  // beyond an end, along x
-      out.col(0) = moved.col(0);
-    }
-    out.middleCols<2>(1) = rows.by_v * pose.X_B0S.rotation.template rightCols<2>();
-    lie::Vector6 phi = lie::Vector6::Zero();
-    phi.tail<3>() = turned;
-    const Eigen::Matrix3d w =
-        pose.X_B0T.rotation * lie::SE3::rightJacobian(phi).template bottomRightCorner<3, 3>();
-    out.rightCols<3>() = rows.by_v * lie::skew(pose.X_B0T.translation) * w + rows.by_w * w;
-    return out;
-  }
-
-  const Model model_;
-  const typename Model::Observation seen_;
-  double rest_length_;  // of the section [m]
-};
-
-Eigen::VectorXd lengthsAt(const model::Arm& arm, const Eigen::VectorXd& pressure) {
-  return arm.lengths(pressure);
-}
-
 }  // namespace
+
+Selection selectionOf(const CalibrationOptions& options) {
+  Selection selection;
+  if (options.K_kappa) selection.stiffness.push_back(StiffnessEntry::kKappa);
+  if (options.K_gamma) selection.stiffness.push_back(StiffnessEntry::kGamma);
+  if (options.K_tau) selection.stiffness.push_back(StiffnessEntry::kTau);
+  selection.length_scale = options.length_scale;
+  selection.base = options.base;
+  selection.tags = options.tags;
+  selection.bleed = options.bleed;
+  selection.free_shapes = options.free_shapes;
+  return selection;
+}
 
 struct CalibrationProblem::Workspace {
   struct Term {
@@ -605,6 +163,24 @@ struct CalibrationProblem::Workspace {
     }
   }
 
+  model::Twists freeShape(int capture) const {
+    model::Twists twists(6, armOf(capture).arm.sectionCount());
+    twists.setZero();
+    const std::vector<int> entries = freeEntries(armOf(capture));
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      twists.data()[entries[i]] = values.shapes[capture][static_cast<Eigen::Index>(i)];
+    }
+    return twists;
+  }
+
+  model::Twists modelShape(int capture) {
+    Eigen::VectorXd lengths = armOf(capture).arm.lengths(captureOf(capture).pressure);
+    for (int i = 0; i < lengths.size(); ++i) {
+      lengths[i] *= shared.scaleOf(values.length_scale.data(), i);
+    }
+    return shared.model.twists(places[capture].first, lengths, values.stiffness.data());
+  }
+
   // Pointers of a cost's parameters, in its order.
   std::vector<double*> parametersOf(const ReadingCost& cost) {
     std::vector<double*> out(cost.parameterBlocks());
@@ -653,7 +229,7 @@ struct CalibrationProblem::Workspace {
   void addTerms(int capture) {
     const Capture& measured = captureOf(capture);
     const Place place{places[capture].first, capture,
-                      lengthsAt(armOf(capture).arm, measured.pressure)};
+                      armOf(capture).arm.lengths(measured.pressure)};
     const bool robust = !std::holds_alternative<TwistReading>(measured.reading);
     for (std::unique_ptr<ReadingCost>& cost : costsOf(place, measured.reading)) {
       Term term;
@@ -812,7 +388,7 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
   Workspace& work = *work_;
   work.shared.inverse_noise = 1 / noise_scale;
   const ArmCaptures& data = work.arms.front();
-  const Place place{0, 0, lengthsAt(data.arm, pressure)};
+  const Place place{0, 0, data.arm.lengths(pressure)};
   // The readings of the captures there are, each tag once.
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(work.columns(), work.columns());
   std::vector<bool> seen(data.layout.tags.size(), false);
@@ -895,23 +471,7 @@ TagLayout CalibrationProblem::layout() const {
 }
 
 model::Twists CalibrationProblem::shape(int capture) const {
-  const ArmCaptures& data = work_->armOf(capture);
-  if (selection().free_shapes) {
-    model::Twists twists = model::Twists::Zero(6, data.arm.sectionCount());
-    const std::vector<int> entries = freeEntries(data);
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      twists.data()[entries[i]] = work_->values.shapes[capture][i];
-    }
-    return twists;
-  }
-  Eigen::VectorXd lengths = lengthsAt(data.arm, work_->captureOf(capture).pressure);
-  for (int i = 0; i < lengths.size(); ++i) {
-    lengths[i] *= work_->shared.scaleOf(work_->values.length_scale.data(), i);
-  }
-  model::Twists twists;
-  work_->shared.model.twists(work_->places[capture].first, lengths, work_->values.stiffness.data(),
-                             twists, nullptr);
-  return twists;
+  return selection().free_shapes ? work_->freeShape(capture) : work_->modelShape(capture);
 }
 
 }  // namespace helix_arm::estimation

@@ -21,6 +21,9 @@ struct Selection {
   bool base = false, bleed = false, tags = false, free_shapes = false;
 };
 
+/// All that is asked for.
+Selection selectionOf(const CalibrationOptions& options);
+
 /// What a parameter is, for people and for its verdict.
 struct ParameterInfo {
   std::string name, unit;

@@ -1,0 +1,216 @@
+#include "calibration_checks.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace helix_arm::estimation {
+namespace {
+
+// Pressures that are no farther apart are the same one: regulators are no better [Pa].
+constexpr double kSamePressure = 5000.0;
+
+bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
+  return a.size() == b.size() && (a - b).cwiseAbs().maxCoeff() <= kSamePressure;
+}
+
+std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& arm) {
+  const auto tagFault = [&arm](int tag) -> std::optional<std::string> {
+    if (tag >= 0 && tag < static_cast<int>(arm.layout.tags.size())) return std::nullopt;
+    return text("it has a tag of index ", tag, ", but the arm has ", arm.layout.tags.size());
+  };
+  if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
+    if (arm.arm.sectionCount() != 1) {
+      return text("a curvature is that of one section, but the arm has ", arm.arm.sectionCount());
+    }
+    if (!(std::isfinite(curvature->curvature) && curvature->curvature >= 0)) {
+      return text("its curvature is ", curvature->curvature, " rad; expected a finite value >= 0");
+    }
+  } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
+    const int entries = 6 * arm.arm.sectionCount();
+    if (twists->twists.size() != entries || twists->covariance.rows() != entries ||
+        twists->covariance.cols() != entries) {
+      return text("its twists or their covariance are not of ", arm.arm.sectionCount(),
+                  " sections");
+    }
+    if (!twists->twists.allFinite() || !twists->covariance.allFinite() ||
+        Eigen::LLT<Eigen::MatrixXd>(twists->covariance).info() != Eigen::Success) {
+      return std::string("its twists are not finite or their covariance is not positive definite");
+    }
+  } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
+    for (const PoseObservation& seen : *poses) {
+      if (auto fault = tagFault(seen.tag)) return fault;
+      if (!seen.X_BT.translation.allFinite() || !seen.X_BT.rotation.allFinite()) {
+        return text("the pose of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+      }
+    }
+  } else {
+    for (const CornerObservation& seen : std::get<std::vector<CornerObservation>>(reading)) {
+      if (auto fault = tagFault(seen.tag)) return fault;
+      if (!seen.direction.allFinite()) {
+        return text("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+      }
+    }
+    if (!(arm.focal > 0)) return text("the focal length is ", arm.focal, " px; expected > 0");
+  }
+  return std::nullopt;
+}
+
+bool isEmpty(const Reading& reading) {
+  const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading);
+  const auto* corners = std::get_if<std::vector<CornerObservation>>(&reading);
+  return (poses && poses->empty()) || (corners && corners->empty());
+}
+
+}  // namespace
+
+ReadingKind kindOf(const Reading& reading) { return static_cast<ReadingKind>(reading.index()); }
+
+const char* unitOf(ReadingKind kind) {
+  switch (kind) {
+    case ReadingKind::kCurvature:
+      return "rad";
+    case ReadingKind::kCorners:
+      return "px";
+    case ReadingKind::kTwists:
+    case ReadingKind::kPoses:
+      break;
+  }
+  return "m";
+}
+
+std::string pressureText(const Eigen::VectorXd& pressure) {
+  std::ostringstream out;
+  for (int i = 0; i < pressure.size(); ++i) out << (i == 0 ? "" : ", ") << pressure[i] / 1e3;
+  out << " kPa";
+  return out.str();
+}
+
+const Reading& firstReading(const std::vector<ArmCaptures>& arms) {
+  const auto first = std::find_if(arms.begin(), arms.end(),
+                                  [](const ArmCaptures& arm) { return !arm.captures.empty(); });
+  return first->captures.front().reading;
+}
+
+std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms) {
+  std::vector<ArmCaptures> out = arms;
+  for (ArmCaptures& arm : out) {
+    auto& captures = arm.captures;
+    captures.erase(std::remove_if(captures.begin(), captures.end(),
+                                  [](const Capture& capture) { return isEmpty(capture.reading); }),
+                   captures.end());
+  }
+  return out;
+}
+
+std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
+  using Status = CalibrationStatus;
+  const Capture* first = nullptr;
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      const std::string who = text(arm.name, ", capture ", capture.number, ": ");
+      if (capture.pressure.size() != arm.arm.actuatorCount()) {
+        return Verdict{Status::kBadData,
+                       text(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
+                            arm.arm.actuatorCount(), " actuators; is it of another arm?")};
+      }
+      for (int i = 0; i < capture.pressure.size(); ++i) {
+        const model::Actuator& actuator = arm.arm.actuator(i);
+        if (actuator.drive != model::Drive::kPressure) {
+          return Verdict{Status::kBadData, text(arm.name, ": ", actuator.name,
+                                                " is a tendon; expected pressures alone")};
+        }
+        if (actuator.limits.contains(capture.pressure[i])) continue;
+        return Verdict{Status::kBadData,
+                       text(who, "the pressure of ", actuator.name, " is ",
+                            capture.pressure[i] / 1e3, " kPa; expected its limits, ",
+                            actuator.limits.lower / 1e3, " to ", actuator.limits.upper / 1e3)};
+      }
+      if (const auto fault = faultOf(capture.reading, arm)) {
+        return Verdict{Status::kBadData, who + *fault};
+      }
+      if (first != nullptr && kindOf(first->reading) != kindOf(capture.reading)) {
+        return Verdict{Status::kBadData,
+                       who +
+                           "is another kind of reading than the captures before it; calibrate "
+                           "with one kind at a time"};
+      }
+      if (first == nullptr) first = &capture;
+    }
+  }
+  if (first == nullptr) {
+    return Verdict{Status::kNoCaptures, "there is no capture with a reading; record some first"};
+  }
+  const auto differs = [first](const Capture& capture) {
+    return !same(capture.pressure, first->pressure);
+  };
+  for (const ArmCaptures& arm : arms) {
+    if (std::any_of(arm.captures.begin(), arm.captures.end(), differs)) return std::nullopt;
+  }
+  return Verdict{Status::kOnePressure,
+                 text("all captures were taken at ", pressureText(first->pressure),
+                      ": nothing tells the parameters apart; capture at other pressures, too")};
+}
+
+Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
+  Groups groups;
+  for (const ArmCaptures& arm : arms) {
+    for (const Capture& capture : arm.captures) {
+      const auto known = std::find_if(
+          groups.pressure.begin(), groups.pressure.end(),
+          [&capture](const Eigen::VectorXd& other) { return same(other, capture.pressure); });
+      groups.of.push_back(static_cast<int>(known - groups.pressure.begin()));
+      if (known == groups.pressure.end()) groups.pressure.push_back(capture.pressure);
+    }
+  }
+  return groups;
+}
+
+std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
+                             const CalibrationOptions& options, ReadingKind kind) {
+  using Status = CalibrationStatus;
+  const bool tags = kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
+  const bool placement = options.base || options.tags || options.bleed;
+  const bool stiffness = options.K_kappa || options.K_gamma || options.K_tau;
+  if (!placement && !stiffness && options.length_scale == LengthScaling::kNone) {
+    return Verdict{Status::kNothingToFit, "nothing to fit was named"};
+  }
+  if (placement && !tags) {
+    return Verdict{Status::kNothingToFit,
+                   "base, tags and bleed need captures of tags; these are of curvatures or twists"};
+  }
+  if (options.bleed && kind != ReadingKind::kCorners) {
+    return Verdict{Status::kNothingToFit, "bleed needs captures of tag corners"};
+  }
+  if (placement && arms.size() > 1) {
+    return Verdict{Status::kNothingToFit,
+                   "base, tags and bleed are those of one rig; fit them for one arm at a time"};
+  }
+  if (options.free_shapes && !tags) {
+    return Verdict{Status::kNothingToFit, "free shapes need captures of tags"};
+  }
+  const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
+  for (const ArmCaptures& arm : arms) {
+    if (options.length_scale == LengthScaling::kEach &&
+        arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
+                          arms.front().name, " ", arms.front().arm.actuatorCount(),
+                          "; a scale for each needs as many on every arm, a common one does not")};
+    }
+    for (int i = 0; stiffness && i < arm.arm.actuatorCount(); ++i) {
+      const model::Stiffness& other = arm.arm.actuator(i).stiffness;
+      if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
+        continue;
+      }
+      return Verdict{
+          Status::kNothingToFit,
+          text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
+               arms.front().arm.actuator(0).name, " of ", arms.front().name,
+               "; one stiffness is fitted for all: give them the same one first")};
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace helix_arm::estimation

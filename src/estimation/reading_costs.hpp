@@ -1,0 +1,345 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include <ceres/cost_function.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "shape_model.hpp"
+#include "tag_models.hpp"
+
+/// The readings of a calibration as the least squares sees them: residuals in expected deviations,
+/// and their derivatives.
+namespace helix_arm::estimation {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Of one arm: which entries of its twists are free where shapes are.
+inline std::vector<int> freeEntries(const ArmCaptures& arm) {
+  std::vector<int> entries;
+  for (int entry = 0; entry < 6 * arm.arm.sectionCount(); ++entry) {
+    const int axis = entry % 6;
+    if (!arm.planar || axis < 2 || axis == 5) entries.push_back(entry);
+  }
+  return entries;
+}
+
+// What all costs share.
+struct Shared {
+  const std::vector<ArmCaptures>& arms;
+  const CalibrationOptions& options;
+  Selection selection;
+  ShapeModel model;
+  double inverse_noise = 1;  // 1 / scale of the expected noise
+  TwistFitOptions expected;  // noise of tags
+
+  Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
+         const Selection& chosen)
+      : arms(all), options(wanted), selection(chosen), model(all, chosen.stiffness) {
+    expected.corner_noise = options.corner_noise;
+    expected.position_noise = options.position_noise;
+    expected.rotation_noise = options.rotation_noise;
+  }
+
+  int scales() const {
+    if (selection.length_scale == LengthScaling::kNone) return 0;
+    return selection.length_scale == LengthScaling::kCommon ? 1 : arms.front().arm.actuatorCount();
+  }
+  double scaleOf(const double* logs, int actuator) const {
+    if (scales() == 0) return 1;
+    return std::exp(logs[scales() == 1 ? 0 : actuator]);
+  }
+};
+
+// Where a reading was taken.
+struct Place {
+  int arm, capture;         // capture: over all arms
+  Eigen::VectorXd lengths;  // at its pressures [m]
+};
+
+// Parameters of a cost in Ceres' order, and where each stands in it.
+struct Blocks {
+  int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
+};
+
+// The twists that a cost sees, and how its blocks change them.
+struct ShapeThere {
+  model::Twists twists;
+  Eigen::MatrixXd by_stiffness, by_scale;  // (6 sections x entries)
+};
+
+class ReadingCost : public ceres::CostFunction {
+ public:
+  ReadingCost(Shared& shared, Place place, int residuals, bool takes_base, bool takes_bleed,
+              bool takes_tag)
+      : shared_(shared), place_(std::move(place)), entries_(freeEntries(shared.arms[place_.arm])) {
+    set_num_residuals(residuals);
+    const auto take = [this](bool taken, int size, int& index) {
+      if (!taken || size == 0) return;
+      index = static_cast<int>(parameter_block_sizes().size());
+      mutable_parameter_block_sizes()->push_back(size);
+    };
+    const Selection& selection = shared.selection;
+    const bool free = selection.free_shapes;
+    take(!free, static_cast<int>(selection.stiffness.size()), blocks_.stiffness);
+    take(!free, shared.scales(), blocks_.scale);
+    take(free, static_cast<int>(entries_.size()), blocks_.shape);
+    take(takes_base && selection.base, 6, blocks_.base);
+    take(takes_bleed && selection.bleed, 1, blocks_.bleed);
+    take(takes_tag && selection.tags, 6, blocks_.tag);
+  }
+
+  const Blocks& blocks() const { return blocks_; }
+  const Place& place() const { return place_; }
+  int parameterBlocks() const { return static_cast<int>(parameter_block_sizes().size()); }
+  virtual int tag() const { return -1; }
+  // The error as people see it, of residuals that this cost gave.
+  virtual double shown(const double* const* parameters, double square) const = 0;
+
+ protected:
+  ShapeThere shapeAt(const double* const* p, bool derivatives) const {
+    ShapeThere shape;
+    const ArmCaptures& data = shared_.arms[place_.arm];
+    const int sections = data.arm.sectionCount();
+    if (blocks_.shape >= 0) {
+      shape.twists = model::Twists::Zero(6, sections);
+      for (std::size_t i = 0; i < entries_.size(); ++i) {
+        shape.twists.data()[entries_[i]] = p[blocks_.shape][i];
+      }
+      return shape;
+    }
+    Eigen::VectorXd lengths = place_.lengths;
+    const double* scales = blocks_.scale >= 0 ? p[blocks_.scale] : nullptr;
+    for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared_.scaleOf(scales, i);
+    shape.twists = shared_.model.twists(place_.arm, lengths,
+                                        blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr,
+                                        derivatives ? &shape.by_stiffness : nullptr);
+    if (derivatives && scales != nullptr) {
+      shape.by_scale.setZero(6 * sections, shared_.scales());
+      for (int k = 0; k < sections; ++k) {
+        for (int i = data.arm.firstActuator(k); i < data.arm.firstActuator(k + 1); ++i) {
+          shape.by_scale.block<6, 1>(6 * k, shared_.scales() == 1 ? 0 : i) +=
+              shared_.model.mapOf(place_.arm, k).col(i - data.arm.firstActuator(k)) * lengths[i];
+        }
+      }
+    }
+    return shape;
+  }
+
+  // Passes derivatives by the twists on to the blocks that make them.
+  void passOn(const Eigen::MatrixXd& by_twists, const ShapeThere& shape, double** J) const {
+    const auto block = [&](int index, const Eigen::MatrixXd& derivatives) {
+      if (index < 0 || J[index] == nullptr) return;
+      Eigen::Map<RowMajor>(J[index], derivatives.rows(), derivatives.cols()) = derivatives;
+    };
+    if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_twists * shape.by_stiffness);
+    if (blocks_.scale >= 0) block(blocks_.scale, by_twists * shape.by_scale);
+    if (blocks_.shape < 0 || J[blocks_.shape] == nullptr) return;
+    Eigen::Map<RowMajor> out(J[blocks_.shape], by_twists.rows(),
+                             static_cast<Eigen::Index>(entries_.size()));
+    for (std::size_t i = 0; i < entries_.size(); ++i) out.col(i) = by_twists.col(entries_[i]);
+  }
+
+  Shared& shared_;
+  const Place place_;
+  const std::vector<int> entries_;  // of the twists, where shapes are free
+  Blocks blocks_;
+};
+
+// |(w_y, w_z)| of the only section.
+class CurvatureCost final : public ReadingCost {
+ public:
+  CurvatureCost(Shared& shared, Place place, double measured)
+      : ReadingCost(shared, std::move(place), 1, false, false, false), measured_(measured) {}
+
+  bool Evaluate(const double* const* p, double* residual, double** J) const override {
+    const double weight = shared_.inverse_noise / shared_.options.curvature_noise;
+    const ShapeThere shape = shapeAt(p, J != nullptr);
+    const double curvature = model::curvatureOf(shape.twists.col(0));
+    residual[0] = weight * (curvature - measured_);
+    if (J == nullptr) return true;
+    Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(1, 6);
+    // A straight arm bends alike to all sides: no direction is the one of change.
+    if (curvature > 0)
+      by_twists.rightCols(2) = weight / curvature * shape.twists.col(0).tail<2>().transpose();
+    passOn(by_twists, shape, J);
+    return true;
+  }
+
+  double shown(const double* const*, double square) const override {
+    return std::sqrt(square) * shared_.options.curvature_noise / shared_.inverse_noise;
+  }
+
+ private:
+  const double measured_;
+};
+
+class TwistCost final : public ReadingCost {
+ public:
+  TwistCost(Shared& shared, Place place, const TwistReading& reading)
+      : ReadingCost(shared, std::move(place), static_cast<int>(reading.twists.size()), false, false,
+                    false),
+        measured_(reading.twists) {
+    const Eigen::LLT<Eigen::MatrixXd> factors(reading.covariance);
+    whitening_ = factors.matrixL().solve(
+        Eigen::MatrixXd::Identity(reading.covariance.rows(), reading.covariance.cols()));
+  }
+
+  bool Evaluate(const double* const* p, double* residual, double** J) const override {
+    const ShapeThere shape = shapeAt(p, J != nullptr);
+    const model::Twists difference = shape.twists - measured_;
+    Eigen::Map<Eigen::VectorXd>(residual, num_residuals()) =
+        shared_.inverse_noise * whitening_ *
+        Eigen::Map<const Eigen::VectorXd>(difference.data(), difference.size());
+    if (J != nullptr) passOn(shared_.inverse_noise * whitening_, shape, J);
+    return true;
+  }
+
+  // Distance of the tips [m].
+  double shown(const double* const* p, double) const override {
+    return (model::tipPose(shapeAt(p, false).twists).translation -
+            model::tipPose(measured_).translation)
+        .norm();
+  }
+
+ private:
+  const model::Twists measured_;
+  Eigen::MatrixXd whitening_;
+};
+
+template <class Model>
+class TagCost final : public ReadingCost {
+  // A tag whose normal is farther from the line of sight than this cosine is not counted on.
+  static constexpr double kFacing = 0.3;
+
+ public:
+  TagCost(Shared& shared, Place place, const Model& model, typename Model::Observation seen,
+          bool takes_tag)
+      : ReadingCost(shared, std::move(place), model.residuals(), true, Model::kBleeds, takes_tag),
+        model_(model),
+        seen_(std::move(seen)) {
+    const model::Arm& arm = shared.arms[place_.arm].arm;
+    const TagPlacement& tag = placement();
+    rest_length_ = arm.restTwist(tag.section).template head<3>().norm();
+  }
+
+  int tag() const override { return seen_.tag; }
+
+  bool Evaluate(const double* const* p, double* residual, double** J) const override {
+    const ShapeThere shape = shapeAt(p, J != nullptr);
+    const Pose pose = poseAt(p, shape.twists);
+    typename Model::Rows rows;
+    if (!model_.evaluate(seen_, pose.X_B0T, corners(p), rows)) return false;
+    const int m = num_residuals();
+    rows.residual *= shared_.inverse_noise;
+    Eigen::Map<Eigen::VectorXd>(residual, m) = rows.residual.head(m);
+    if (J == nullptr) return true;
+    rows.by_v *= shared_.inverse_noise;
+    rows.by_w *= shared_.inverse_noise;
+    if (Model::kBleeds) rows.by_bleed *= shared_.inverse_noise;
+
+    const TagPlacement& tag = placement();
+    Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(Model::Rows::kCount, shape.twists.size());
+    for (int k = 0; k <= tag.section; ++k) {
+      const double reach = k < tag.section ? 1.0 : pose.s;
+      Mover(pose.starts[k], shape.twists.col(k), reach).fill(rows, 6 * k, by_twists);
+    }
+    passOn(by_twists.topRows(m), shape, J);
+    if (blocks_.base >= 0 && J[blocks_.base] != nullptr) {
+      Eigen::MatrixXd moved(Model::Rows::kCount, 6);
+      Mover(pose.starts[0]).fill(rows, 0, moved);
+      const Eigen::Map<const lie::Vector6> base(p[blocks_.base]);
+      Eigen::Map<RowMajor>(J[blocks_.base], m, 6) =
+          (moved * lie::SE3::rightJacobian(base)).topRows(m);
+    }
+    if constexpr (Model::kBleeds) {
+      if (blocks_.bleed >= 0 && J[blocks_.bleed] != nullptr) {
+        Eigen::Map<Eigen::VectorXd>(J[blocks_.bleed], m) = rows.by_bleed.head(m);
+      }
+    }
+    if (blocks_.tag >= 0 && J[blocks_.tag] != nullptr) {
+      Eigen::Map<RowMajor>(J[blocks_.tag], m, 6) =
+          byPlacement(p, shape.twists, pose, rows).topRows(m);
+    }
+    return true;
+  }
+
+  double shown(const double* const* p, double square) const override {
+    const double expected = square / (shared_.inverse_noise * shared_.inverse_noise);
+    return model_.shown(seen_, poseAt(p, shapeAt(p, false).twists).X_B0T, expected);
+  }
+
+  // Whether it turns its face to the camera.
+  bool faces(const double* const* p) const {
+    if constexpr (Model::kBleeds) {
+      const lie::SE3 X_CT = model_.X_CB0 * poseAt(p, shapeAt(p, false).twists).X_B0T;
+      return X_CT.translation.z() > 0 &&
+             -X_CT.rotation.col(2).dot(X_CT.translation.normalized()) > kFacing;
+    }
+    return true;
+  }
+
+ private:
+  struct Pose {
+    double s;
+    std::vector<lie::SE3> starts;  // X_B0k of the sections up to the tag's
+    lie::SE3 X_B0S, X_B0T;
+  };
+
+  const TagPlacement& placement() const { return shared_.arms[place_.arm].layout.tags[seen_.tag]; }
+
+  Corners corners(const double* const* p) const {
+    return shared_.arms[place_.arm].layout.corners(blocks_.bleed >= 0 ? p[blocks_.bleed][0] : 0.0);
+  }
+
+  Pose poseAt(const double* const* p, const model::Twists& twists) const {
+    TagPlacement tag = placement();
+    if (blocks_.tag >= 0) {
+      tag = movedBy(tag, Eigen::Map<const lie::Vector6>(p[blocks_.tag]), rest_length_);
+    }
+    Pose pose;
+    pose.s = tag.s;
+    lie::SE3 X_B0k;
+    if (blocks_.base >= 0) {
+      X_B0k = lie::SE3::exp(Eigen::Map<const lie::Vector6>(p[blocks_.base]));
+    }
+    for (int k = 0; k <= tag.section; ++k) {
+      pose.starts.push_back(X_B0k);
+      if (k < tag.section) X_B0k = X_B0k * lie::SE3::exp(twists.col(k));
+    }
+    pose.X_B0S = X_B0k * lie::SE3::exp(pose.s * twists.col(tag.section));
+    pose.X_B0T = pose.X_B0S * tag.X_ST;
+    return pose;
+  }
+
+  Eigen::MatrixXd byPlacement(const double* const* p, const model::Twists& twists, const Pose& pose,
+                              const typename Model::Rows& rows) const {
+    const TagPlacement& tag = placement();
+    const Eigen::Vector3d turned(p[blocks_.tag][3], p[blocks_.tag][4], p[blocks_.tag][5]);
+    Eigen::MatrixXd out(Model::Rows::kCount, 6);
+    Eigen::MatrixXd moved(Model::Rows::kCount, 6);
+    Mover(pose.X_B0S).fill(rows, 0, moved);
+    const double s = tag.s + p[blocks_.tag][0] / rest_length_;
+    if (s == pose.s) {
+      out.col(0) = moved * twists.col(tag.section) / rest_length_;
+    } else {  // beyond an end, along x
+      out.col(0) = moved.col(0);
+    }
+    out.middleCols<2>(1) = rows.by_v * pose.X_B0S.rotation.template rightCols<2>();
+    lie::Vector6 phi = lie::Vector6::Zero();
+    phi.tail<3>() = turned;
+    const Eigen::Matrix3d w =
+        pose.X_B0T.rotation * lie::SE3::rightJacobian(phi).template bottomRightCorner<3, 3>();
+    out.rightCols<3>() = rows.by_v * lie::skew(pose.X_B0T.translation) * w + rows.by_w * w;
+    return out;
+  }
+
+  const Model model_;
+  const typename Model::Observation seen_;
+  double rest_length_;  // of the section [m]
+};
+
+}  // namespace helix_arm::estimation
