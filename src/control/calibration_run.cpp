@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kSamePressure = 1.0;  // commands go around through messages [Pa]
 // After a pause of the caller a ramp goes on where it was, and does not leap.
-constexpr double kLongestStep = 0.5;  // [s]
+constexpr double kLongestStep = 0.1;  // [s]
 
 constexpr std::array<const char*, 4> kPhases = {"ramping", "settling", "returning", "ended"};
 
@@ -75,6 +75,10 @@ void CalibrationRun::lookAt(double now, const Settling& settling, Order& order) 
 }
 
 CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settling) {
+  if (last_time_ && now < *last_time_) {
+    end(RunEnd::kAborted, "time has gone back by " + std::to_string(*last_time_ - now) +
+                              " s: was a clock set, or the node that gives /clock started anew?");
+  }
   const double dt = last_time_ ? std::clamp(now - *last_time_, 0.0, kLongestStep) : 0.0;
   last_time_ = now;
   if (settling.stale()) end(RunEnd::kAborted, settling.reason);
@@ -92,7 +96,8 @@ CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settli
 }
 
 void CalibrationRun::end(RunEnd verdict, const std::string& reason) {
-  if (phase_ == RunPhase::kReturning || phase_ == RunPhase::kEnded) return;
+  const bool done = phase_ == RunPhase::kReturning && verdict_ == RunEnd::kCompleted;
+  if (phase_ == RunPhase::kEnded || (phase_ == RunPhase::kReturning && !done)) return;
   phase_ = RunPhase::kReturning;
   verdict_ = verdict;
   reason_ = reason;

@@ -78,8 +78,8 @@ void SettleWatch::add(std::deque<Entry>& history, Entry entry) const {
 
 void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
   checkSize(set_point);
-  const bool jumped_back = time < set_last_;
-  if (!set_point_ || jumped_back || *set_point_ != set_point) set_since_ = time;
+  const bool broken = time < set_last_ || time - set_last_ > rules_.max_age;
+  if (!set_point_ || broken || *set_point_ != set_point) set_since_ = time;
   set_point_ = set_point;
   set_last_ = time;
 }
@@ -101,6 +101,11 @@ std::string SettleWatch::staleness(double now) const {
   const auto stale = [&](bool none, double time, const char* what, const char* remedy) {
     if (none) return format("%s: none has come yet; %s", what, remedy);
     const double age = now - time;
+    if (age < -rules_.max_age) {
+      return format(
+          "%s: the last are stamped %.2f s ahead of now (at most %g s); set the clocks alike", what,
+          -age, rules_.max_age);
+    }
     if (age <= rules_.max_age) return std::string();
     return format("%s: none has come for %.2f s (at most %g s); %s", what, age, rules_.max_age,
                   remedy);

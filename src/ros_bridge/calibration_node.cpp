@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 #include <thread>
@@ -28,7 +29,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kClockPatience = 2.0;   // that ROS time may stand still [s]
 constexpr double kWatchPeriod = 0.1;     // [s]
 constexpr double kFeedbackPeriod = 0.2;  // [s]
 constexpr int kUsualCaptures = 3;        // a pressure
@@ -53,6 +53,13 @@ void requireAbsolute(const char* what, const std::string& path) {
 void requireWritable(const std::string& out) {
   if (out.empty()) return;
   requireAbsolute("out", out);
+  std::error_code ignored;
+  const bool is_file =
+      std::filesystem::path(out).has_filename() && !std::filesystem::is_directory(out, ignored);
+  model::require(is_file, "out is '", control::quoted(out), "'; expected the path of a file");
+  const bool is_there = std::filesystem::exists(out, ignored);
+  model::require(!is_there || access(out.c_str(), W_OK) == 0, "out is '", control::quoted(out),
+                 "', which cannot be written over; expected another path");
   const std::string folder = std::filesystem::path(out).parent_path().string();
   model::require(access(folder.c_str(), W_OK) == 0, "out is '", control::quoted(out), "', but ",
                  folder, " cannot be written (", std::strerror(errno),
@@ -231,6 +238,7 @@ void CalibrationNode::onWatch(const ros::SteadyTimerEvent&) {
 
 void CalibrationNode::requireIdle() const {
   model::require(!running_, "run_calibration is under way; wait for it, or cancel it first");
+  model::require(!fitting_, "a fit is under way; wait for it");
 }
 
 control::Settling CalibrationNode::settling(double now) const {
@@ -250,7 +258,12 @@ bool CalibrationNode::onRecord(RecordSample::Request&, RecordSample::Response& r
     requireIdle();
     const control::Settling state = settling(clock_.now());
     model::require(state.settled(), "not recorded: ", state.reason);
-    samples_.push_back(medianOf(watch_.samples()));
+    const std::vector<control::Sample> pictures = watch_.samples();
+    const bool again = !samples_.empty() && pictures.front().time <= samples_.back().time &&
+                       samples_.back().time <= pictures.back().time;
+    model::require(!again, "not recorded: the last sample is of these pictures; wait for ",
+                   options_.settle.window, " s (~window_s)");
+    samples_.push_back(medianOf(pictures));
     const control::Sample& sample = samples_.back();
     response.samples = static_cast<std::uint32_t>(samples_.size());
     response.tags = static_cast<std::uint32_t>(sample.tags.size());
@@ -267,6 +280,7 @@ bool CalibrationNode::onClear(ClearSamples::Request&, ClearSamples::Response& re
     requireIdle();
     response.cleared = static_cast<std::uint32_t>(samples_.size());
     samples_.clear();
+    last_.reset();
     response.success = true;
     response.message = std::to_string(response.cleared) + " samples forgotten";
   });
@@ -274,19 +288,27 @@ bool CalibrationNode::onClear(ClearSamples::Request&, ClearSamples::Response& re
 
 bool CalibrationNode::onSave(Save::Request& request, Save::Response& response) {
   return answer(names::kSave, response, [&] {
-    const std::lock_guard<std::mutex> lock(mutex_);
     requireAbsolute("path", request.path);
-    if (endsIn(request.path, ".csv")) {
-      model::require(!samples_.empty(), "nothing was recorded; call record_sample first");
-      io::writeFileAtomically(
-          request.path, io::tagCornerCsv(numbered(samples_, scene_.arm), scene_.arm.actuatorCount(),
-                                         "recorded of scene " + scene_.name + ", " + io::utcNow()));
-      response.message = std::to_string(samples_.size()) + " samples in " + request.path;
-    } else {
-      model::require(last_.has_value(), "nothing was calibrated; call calibrate first");
-      io::writeFileAtomically(request.path, last_->scene_text);
-      response.message = "the last calibration in " + request.path;
+    const bool table = endsIn(request.path, ".csv");
+    model::require(table || endsIn(request.path, ".yaml"), "path is '",
+                   control::quoted(request.path),
+                   "'; expected .yaml for the last calibration or .csv for what was recorded");
+    std::string text;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      requireIdle();
+      if (table) {
+        model::require(!samples_.empty(), "nothing was recorded; call record_sample first");
+        text = io::tagCornerCsv(numbered(samples_, scene_.arm), scene_.arm.actuatorCount(),
+                                "recorded of scene " + scene_.name + ", " + io::utcNow());
+        response.message = std::to_string(samples_.size()) + " samples in " + request.path;
+      } else {
+        model::require(last_.has_value(), "nothing was calibrated; call calibrate first");
+        text = last_->scene_text;
+        response.message = "the last calibration of " + scene_.name + " in " + request.path;
+      }
     }
+    io::writeFileAtomically(request.path, text);
     response.success = true;
   });
 }
@@ -297,6 +319,7 @@ void CalibrationNode::adopt(io::Scene next) {
   next = requirePneumatic(std::move(next));
   requireSameRig(scene_, next);
   scene_ = std::move(next);
+  last_.reset();
 }
 
 io::CalibrationData CalibrationNode::recorded() const {
@@ -319,11 +342,20 @@ io::CalibrationData CalibrationNode::load(const std::vector<std::string>& paths)
 
 io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& request,
                                                   const io::CalibrationData& data,
-                                                  const std::string& out) {
+                                                  const std::string& out,
+                                                  const std::function<bool()>& cancelled) {
   requireWritable(out);
-  io::CalibrationOutcome outcome = io::runCalibration(reload_->path(), {}, request, data);
+  const ReloadServer::File file = reload_->file();
+  model::require(io::sha256OfFile(file.path) == file.sha256, file.path,
+                 " is not what it was when it was loaded; call reload first");
+  io::CalibrationOutcome outcome = io::runCalibration(file.path, {}, request, data);
   if (!outcome.success) return outcome;
-  if (outcome.calibration) {
+  if (cancelled()) {
+    outcome.success = false;
+    outcome.message = "it was cancelled";
+    return outcome;
+  }
+  {
     const std::lock_guard<std::mutex> lock(mutex_);
     last_ = outcome;
   }
@@ -342,9 +374,9 @@ bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Respon
   response.held_out_error = std::numeric_limits<double>::quiet_NaN();
   return answer(names::kCalibrate, response, [&] {
     io::CalibrationData data;
+    const Fitting busy(*this);
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      requireIdle();
       data = request.data.empty() ? recorded() : load(request.data);
     }
     io::CalibrationRequest job;
@@ -354,7 +386,7 @@ bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Respon
     job.position_noise = request.position_noise;
     job.rotation_noise = request.rotation_noise;
     job.date = io::utcNow();
-    fill(response, calibrate(job, data, request.out), request.out);
+    fill(response, calibrate(job, data, request.out, [] { return false; }), request.out);
   });
 }
 
@@ -375,14 +407,14 @@ bool CalibrationNode::onFitContraction(FitContraction::Request& request,
     job.date = io::utcNow();
     requireAbsolute("data", request.data);
     io::CalibrationData data;
+    const Fitting busy(*this);
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      requireIdle();
       data = io::loadCalibrationData(scene_, {request.data});
     }
     model::require(!data.lengths.empty(), request.data,
                    " holds no free lengths; expected the columns pressure_kpa and length_m");
-    const io::CalibrationOutcome outcome = calibrate(job, data, request.out);
+    const io::CalibrationOutcome outcome = calibrate(job, data, request.out, [] { return false; });
     response.success = outcome.success;
     response.message = outcome.message;
     if (outcome.success) response.out = request.out;
@@ -406,11 +438,20 @@ void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
   RunCalibrationResult refused;
   refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
   answer(names::kRunCalibration, refused, [&] {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      requireIdle();
+      running_ = true;
+    }
     begin(*goal);
     refused.success = true;
     refused.message = "begins";
   });
   if (!refused.success) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      running_ = false;
+    }
     server_->setAborted(refused, refused.message);
     return;
   }
@@ -424,7 +465,7 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   // Words that nobody knows throw; that there is no data yet does not.
   io::CalibrationRequest request;
   request.fit = goal.fit;
-  io::runCalibration(reload_->path(), {}, request, {});
+  io::runCalibration(reload_->file().path, {}, request, {});
   requireWritable(goal.out);
   control::RunRules rules = options_.run;
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
@@ -433,6 +474,8 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
                  "nobody listens on pressure_target; is pressure_command up?");
   const std::lock_guard<std::mutex> lock(mutex_);
   model::require(!end_request_.made(), "the node is about to end");
+  model::require(scene_.camera && scene_.tags, "scene ", scene_.name,
+                 " has no `camera` or no `tags`: nothing could be recorded; add them to it");
   const auto plan = control::checkPlan(scene_.arm, goal.plan);
   if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
     throw std::invalid_argument(refusal->message);
@@ -442,7 +485,7 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   model::require(state.set_point.has_value(), "pressure_command has not come yet; is its node up?");
   run_.emplace(std::get<Eigen::MatrixXd>(plan), *state.set_point, scene_.arm.inputAt(0), rules);
   samples_.clear();
-  running_ = true;
+  last_.reset();
 }
 
 bool CalibrationNode::play() {
@@ -521,9 +564,12 @@ void CalibrationNode::conclude(const RunCalibrationGoal& goal) {
     io::CalibrationRequest request;
     request.fit = goal.fit;
     request.date = io::utcNow();
-    fill(result, calibrate(request, data, goal.out), goal.out);
+    const auto cancelled = [this] { return server_->isPreemptRequested(); };
+    fill(result, calibrate(request, data, goal.out, cancelled), goal.out);
   });
-  if (result.success) {
+  if (!result.success && server_->isPreemptRequested()) {
+    server_->setPreempted(result, result.message);
+  } else if (result.success) {
     server_->setSucceeded(result, result.message);
   } else {
     server_->setAborted(result, result.message);

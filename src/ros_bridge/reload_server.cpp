@@ -1,12 +1,14 @@
 #include "helix_arm/ros_bridge/reload_server.hpp"
 
 #include <exception>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include <ros/console.h>
 
 #include "helix_arm/control/quote.hpp"
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
@@ -14,23 +16,30 @@
 namespace helix_arm::ros_bridge {
 
 ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, Adopt adopt)
-    : path_(std::move(path)),
+    : file_{path, io::sha256OfFile(path)},
       adopt_(std::move(adopt)),
       server_(private_node.advertiseService(names::kReload, &ReloadServer::onReload, this)) {}
 
+ReloadServer::File ReloadServer::file() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return file_;
+}
+
 bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
   try {
-    const auto path =
-        request.scene.empty() ? path_ : filePath(request.scene, "config/scenes", ".yaml");
+    const auto path = request.scene.empty() ? std::optional(file().path)
+                                            : filePath(request.scene, "config/scenes", ".yaml");
     model::require(path.has_value(), "scene is '", control::quoted(request.scene),
                    "'; expected an absolute path, or the name of a file in config/scenes of the "
                    "package");
-    io::Scene scene = io::loadScene(*path);
+    const File next{*path, io::sha256OfFile(*path)};
+    io::Scene scene = io::loadScene(next.path);
     const std::string name = scene.name;
     adopt_(std::move(scene));
-    path_ = *path;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    file_ = next;
     response.success = true;
-    response.message = "scene " + name + " of " + path_;
+    response.message = "scene " + name + " of " + next.path;
     ROS_INFO("reload: %s", response.message.c_str());
   } catch (const std::exception& fault) {
     response.success = false;
@@ -63,6 +72,9 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
     require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
             " is driven otherwise");
   }
+  require(at_hand.camera.has_value() == next.camera.has_value() &&
+              at_hand.tags.has_value() == next.tags.has_value(),
+          "only one of the two has `camera` and `tags`");
   require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
           next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
 }

@@ -196,6 +196,27 @@ TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
   EXPECT_NE(arm.watch.at(arm.now + 1.2).reason.find("measured pressures"), std::string::npos);
 }
 
+TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {
+  Watched arm;
+  arm.pass(2);
+  EXPECT_TRUE(arm.watch.at(arm.now - 0.49).settled());
+  const Settling state = arm.watch.at(arm.now - 3600);
+  EXPECT_TRUE(state.stale());
+  EXPECT_NE(state.reason.find("3600.00 s ahead of now"), std::string::npos) << state.reason;
+}
+
+TEST(SettleWatch, ASetPointThatWasSilentHasHeldOnlySince) {
+  Watched arm;
+  arm.pass(2);
+  arm.commanded = false;
+  arm.pass(0.7);  // whatever was commanded meanwhile
+  arm.commanded = true;
+  arm.pass(0.5);
+  EXPECT_EQ(arm.state().state, SettleState::kPressure) << arm.state().reason;
+  arm.pass(0.7);
+  EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
+}
+
 TEST(SettleWatch, AGapOrAJumpBackInTimeBeginsAnew) {
   for (const double jump : {0.6, -1.0}) {
     Watched arm;

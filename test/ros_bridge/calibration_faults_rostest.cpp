@@ -114,6 +114,14 @@ TEST_F(CalibrationFaults, ASampleOfAnArmThatMovesIsRefused) {
   ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
 }
 
+TEST_F(CalibrationFaults, PicturesCountOnce) {
+  ASSERT_TRUE(recordWhenSettled().success);
+  const RecordSample::Response again = call<RecordSample>("record_sample");
+  EXPECT_FALSE(again.success);
+  EXPECT_NE(again.message.find("of these pictures"), std::string::npos) << again.message;
+  EXPECT_EQ(again.samples, 1u);
+}
+
 TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
   ASSERT_TRUE(recordWhenSettled().success);
   rig_process_->signal(SIGINT);
@@ -122,9 +130,9 @@ TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
   EXPECT_TRUE(waitFor([&] {
     response = call<RecordSample>("record_sample");
     waitFor([] { return false; }, 0.1);
-    return !response.success;
-  }));
-  EXPECT_NE(response.message.find("none has come for"), std::string::npos) << response.message;
+    return response.message.find("none has come for") != std::string::npos;
+  })) << response.message;
+  EXPECT_FALSE(response.success);
   RunCalibrationGoal goal;
   client_->sendGoal(goal);
   ASSERT_TRUE(ends());

@@ -107,8 +107,8 @@ class CalibrationRig : public ::testing::Test {
       const double change = (vectorOf(commands[k]->pressure) - vectorOf(commands[k - 1]->pressure))
                                 .cwiseAbs()
                                 .maxCoeff();
-      // A command says what came before it was sent, up to half a second of a ramp.
-      EXPECT_LE(change, kRamp * (dt + 0.5));
+      // A command says what came before it was sent, up to the longest step of a ramp and two loops.
+      EXPECT_LE(change, kRamp * (dt + 0.15));
     }
   }
 

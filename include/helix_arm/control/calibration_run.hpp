@@ -56,7 +56,7 @@ class CalibrationRun {
   /// @param settling  of the arm at `now`; stale measurements abort the run.
   Order advance(double now, const Settling& settling);
 
-  /// Ramps down and ends; of several reasons the first one stays.
+  /// Ramps down and ends; of several reasons the first one stays, but for completion.
   void end(RunEnd verdict, const std::string& reason);
   /// Ends without ramping: another one commands the arm.
   void yield(const std::string& reason);

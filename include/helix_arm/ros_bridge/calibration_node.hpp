@@ -1,6 +1,6 @@
 #pragma once
 
-#include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -86,6 +86,20 @@ class CalibrationNode {
  private:
   using Server = actionlib::SimpleActionServer<RunCalibrationAction>;
 
+  /// Keeps others from starting while a service fits.
+  struct Fitting {
+    explicit Fitting(CalibrationNode& owner) : node(owner) {
+      const std::lock_guard<std::mutex> lock(node.mutex_);
+      node.requireIdle();
+      node.fitting_ = true;
+    }
+    ~Fitting() {
+      const std::lock_guard<std::mutex> lock(node.mutex_);
+      node.fitting_ = false;
+    }
+    CalibrationNode& node;
+  };
+
   // Callbacks of the spinning thread.
   void onDetections(const TagDetectionsConstPtr& detections);
   void onMeasured(const PressureArrayConstPtr& measured);
@@ -107,16 +121,17 @@ class CalibrationNode {
   void conclude(const RunCalibrationGoal& goal);
 
   // With mutex_ locked.
-  /// @throws std::invalid_argument while run_calibration is under way.
+  /// @throws std::invalid_argument while run_calibration or a fit is under way.
   void requireIdle() const;
   control::Settling settling(double now) const;
   io::CalibrationData recorded() const;
   std::optional<Eigen::VectorXd> reading(const PressureArray& message, const char* topic);
 
   io::CalibrationData load(const std::vector<std::string>& paths) const;
-  /// Fits, and writes the scene when there is a path.
+  /// Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
   io::CalibrationOutcome calibrate(const io::CalibrationRequest& request,
-                                   const io::CalibrationData& data, const std::string& out);
+                                   const io::CalibrationData& data, const std::string& out,
+                                   const std::function<bool()>& cancelled);
 
   const CalibrationNodeOptions options_;
   EndRequest end_request_;
@@ -130,6 +145,7 @@ class CalibrationNode {
   std::vector<control::Sample> samples_;
   std::optional<io::CalibrationOutcome> last_;  ///< the last one that calibrated the scene
   bool running_ = false;                        ///< an action is under way
+  bool fitting_ = false;                        ///< a service fits
   std::optional<control::CalibrationRun> run_;  ///< while it moves the arm
 
   ros::NodeHandle node_;

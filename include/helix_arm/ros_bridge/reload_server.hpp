@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <mutex>
 #include <string>
 
 #include <ros/node_handle.h>
@@ -25,13 +26,17 @@ class ReloadServer {
   /// @param adopt         called from the callback queue.
   ReloadServer(ros::NodeHandle private_node, std::string path, Adopt adopt);
 
-  /// Of the scene that the node has now.
-  const std::string& path() const { return path_; }
+  /// The file of the scene that the node has now, and what it held then. From any thread.
+  struct File {
+    std::string path, sha256;
+  };
+  File file() const;
 
  private:
   bool onReload(Reload::Request& request, Reload::Response& response);
 
-  std::string path_;
+  mutable std::mutex mutex_;  ///< of the file
+  File file_;
   Adopt adopt_;
   ros::ServiceServer server_;
 };
