@@ -7,6 +7,7 @@
 #include "command.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/median.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -127,9 +128,7 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
 
 std::optional<double> median(std::vector<double> values) {
   if (values.empty()) return std::nullopt;
-  std::sort(values.begin(), values.end());
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+  return model::medianOf(std::move(values));
 }
 
 std::string joined(const std::vector<int>& numbers) {

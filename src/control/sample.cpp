@@ -3,18 +3,10 @@
 #include <algorithm>
 #include <map>
 
+#include "helix_arm/model/median.hpp"
 #include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::control {
-namespace {
-
-double medianOf(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
-}
-
-}  // namespace
 
 Sample medianOf(const std::vector<Sample>& samples) {
   model::require(!samples.empty(), "a median of no samples; expected at least one");
@@ -31,7 +23,7 @@ Sample medianOf(const std::vector<Sample>& samples) {
   const auto median = [&values](const auto& entries, const auto& valueOf) {
     values.clear();
     for (const auto& entry : entries) values.push_back(valueOf(entry));
-    return medianOf(values);
+    return model::medianOf(values);
   };
   for (Eigen::Index i = 0; i < out.pressure.size(); ++i) {
     out.pressure[i] = median(samples, [i](const Sample& s) { return s.pressure[i]; });

@@ -10,6 +10,7 @@
 #include "calibration_checks.hpp"
 #include "calibration_problem.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/median.hpp"
 #include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::estimation {
@@ -35,13 +36,6 @@ constexpr double kLevels[] = {0.0, 0.5, 1.0};
 // All combinations of levels of so many actuators, else one actuator at a time and pairs.
 constexpr int kMostCombined = 4;
 
-double medianOf(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
-}
-
 bool everyCapture(int) { return true; }
 
 // Effective error of one kind of reading over comparisons: RMS of curvatures, median of the rest.
@@ -55,7 +49,7 @@ double errorOf(ReadingKind kind, const std::vector<Comparison>& comparisons) {
   if (errors.empty()) return 0;
   if (kind == ReadingKind::kCurvature)
     return std::sqrt(square / static_cast<double>(errors.size()));
-  return medianOf(std::move(errors));
+  return model::medianOf(std::move(errors));
 }
 
 // What readings and priors say of the parameters but those of shapes, whatever the shapes are.
@@ -130,7 +124,7 @@ Solution solveWithNoise(CalibrationProblem& problem, double bias) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
   }
   if (errors.empty()) return solution;
-  solution.noise_scale = std::max(1.0, medianOf(std::move(errors)));
+  solution.noise_scale = std::max(1.0, model::medianOf(std::move(errors)));
   for (int round = 0; round < kMostRounds; ++round) {
     solution.converged = problem.solve(solution.noise_scale, everyCapture);
     const double before = solution.noise_scale;
@@ -222,10 +216,10 @@ class Calibrator {
       }
       if (worst < 0) break;
       const ParameterInfo& info = infos[worst];
-      const double value = initialOf(info),
+      const double value = info.initial,
                    deviation = std::sqrt(statistics_.covariance(worst, worst));
       held_.push_back({info.name, info.unit, value, value,
-                       standardErrorOf(info, info.initial, deviation), false});
+                       standardErrorOf(info, info.reference, deviation), false});
       if (infos.size() == 1) break;
       selection.stiffness.erase(selection.stiffness.begin() + worst);
     }
@@ -270,14 +264,6 @@ class Calibrator {
     statistics_.covariance += shift * prior.asDiagonal() * shift.transpose();
   }
 
-  double initialOf(const ParameterInfo& info) const {
-    const model::Stiffness& initial = arms_.front().arm.actuator(0).stiffness;
-    if (info.name == "K_tau") return initial.tau;
-    if (info.name == "K_gamma") return initial.gamma;
-    if (info.name == "K_kappa") return initial.kappa;
-    return info.initial;
-  }
-
   void report() {
     const std::vector<ParameterInfo>& infos = problem_->parameters();
     const Eigen::VectorXd values = problem_->vector();
@@ -287,8 +273,8 @@ class Calibrator {
       if (gone.count(infos[i].name) > 0) continue;
       const double variance = statistics_.covariance(i, i);
       const double value =
-          infos[i].logarithmic ? infos[i].initial * std::exp(values[i]) : values[i];
-      result_.parameters.push_back({infos[i].name, infos[i].unit, initialOf(infos[i]), value,
+          infos[i].logarithmic ? infos[i].reference * std::exp(values[i]) : values[i];
+      result_.parameters.push_back({infos[i].name, infos[i].unit, infos[i].initial, value,
                                     standardErrorOf(infos[i], value, std::sqrt(variance)),
                                     identified_[i]});
     }

@@ -99,9 +99,11 @@ struct CalibrationProblem::Workspace {
     if (!selection.free_shapes && values.stiffness.size() > 0) {
       addBlock(values.stiffness.data(),
                Eigen::VectorXd::Constant(values.stiffness.size(), options.stiffness_prior));
+      model::Stiffness initial = shared.model.initial();
       for (const StiffnessEntry entry : selection.stiffness) {
         infos.push_back({parameterName(entry), entry == StiffnessEntry::kGamma ? "" : "m^2",
-                         options.stiffness_prior, true, shared.model.referenceOf(entry), true});
+                         options.stiffness_prior, true, shared.model.referenceOf(entry),
+                         entryOf(initial, entry), true});
       }
     }
     if (!selection.free_shapes && shared.scales() > 0) {
@@ -110,13 +112,15 @@ struct CalibrationProblem::Workspace {
       for (int i = 0; i < shared.scales(); ++i) {
         const std::string suffix =
             shared.scales() == 1 ? "" : "_" + arms.front().arm.actuator(i).name;
-        infos.push_back({"length_scale" + suffix, "", options.length_scale_prior, true, 1.0, true});
+        infos.push_back(
+            {"length_scale" + suffix, "", options.length_scale_prior, true, 1.0, 1.0, true});
       }
     }
     const auto addMotion = [this](const std::string& prefix, const char* const(&names)[6],
                                   const Eigen::VectorXd& deviation) {
       for (int i = 0; i < 6; ++i) {
-        infos.push_back({prefix + names[i], i < 3 ? "m" : "rad", deviation[i], false, 0.0, false});
+        infos.push_back(
+            {prefix + names[i], i < 3 ? "m" : "rad", deviation[i], false, 0.0, 0.0, false});
       }
     };
     if (selection.base) {
@@ -128,7 +132,7 @@ struct CalibrationProblem::Workspace {
     }
     if (selection.bleed) {
       addBlock(&values.bleed, Eigen::VectorXd::Constant(1, options.bleed_prior));
-      infos.push_back({"bleed", "m", options.bleed_prior, false, 0.0, false});
+      infos.push_back({"bleed", "m", options.bleed_prior, false, 0.0, 0.0, false});
     }
     if (selection.tags) {
       Eigen::VectorXd deviation(6);

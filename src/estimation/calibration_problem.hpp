@@ -28,8 +28,9 @@ Selection selectionOf(const CalibrationOptions& options);
 struct ParameterInfo {
   std::string name, unit;
   double deviation;  ///< of its prior, in the parameter's own units; stiffness and scales: of logs
-  bool logarithmic;  ///< the value is initial * exp(parameter)
-  double initial;
+  bool logarithmic;
+  double reference;  ///< the value is reference * exp(parameter) where logarithmic
+  double initial;    ///< of the scenes; 0 where the reference stands in for none
   bool about_shape;  ///< stiffness or length scale
 };
 

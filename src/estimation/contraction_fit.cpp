@@ -7,6 +7,8 @@
 #include <utility>
 #include <variant>
 
+#include "helix_arm/model/median.hpp"
+
 namespace helix_arm::estimation {
 namespace {
 
@@ -308,12 +310,6 @@ Solution fitTable(const Knots& knots, double trend) {
   return fit;
 }
 
-double medianOf(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t n = values.size();
-  return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
-}
-
 ContractionFit failed(CurveKind kind, Failure failure) {
   ContractionFit fit;
   fit.status = failure.status;
@@ -377,7 +373,8 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
   }
   fit.rms = fit.residual.norm() /
             std::sqrt(static_cast<double>(std::count(counts.begin(), counts.end(), true)));
-  if (!rising.empty() && !falling.empty()) fit.hysteresis = medianOf(falling) - medianOf(rising);
+  if (!rising.empty() && !falling.empty())
+    fit.hysteresis = model::medianOf(falling) - model::medianOf(rising);
   return fit;
 }
 

@@ -32,6 +32,16 @@ constexpr double kNoise = 0.2;  // [px]
 constexpr int kTips = 30;
 constexpr double kOff = 0.006;  // of the tip, before [m]
 
+const RigErrors kErrors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
+
+CalibrationOptions everything() {
+  CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = estimation::LengthScaling::kCommon;
+  options.corner_floor = 0;  // these have none
+  return options;
+}
+
 // Mean square distance of the tips that two models of the arm have [m^2].
 double tipError2(const RigTruth& truth, const model::Arm& arm, const Eigen::VectorXd& scale,
                  Random& random) {
@@ -50,11 +60,7 @@ ArmCaptures photograph(const model::Arm& known, const ArmView& view, const RigTr
                        Random& random) {
   ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
   for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    estimation::Capture capture;
-    capture.number = static_cast<int>(data.captures.size()) + 1;
-    capture.pressure = pressure;
-    capture.reading = test::observe(truth, pressure, kNoise, random);
-    data.captures.push_back(std::move(capture));
+    test::addCapture(data, pressure, test::observe(truth, pressure, kNoise, random));
   }
   return data;
 }
@@ -62,11 +68,7 @@ ArmCaptures photograph(const model::Arm& known, const ArmView& view, const RigTr
 TEST(CalibrationAccuracy, EveryParameterIsWithinThreeOfItsErrorsAndTheTipThreeTimesCloser) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView(0.8, 1, 21, 3);
-  const RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
-  CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
-  options.length_scale = estimation::LengthScaling::kCommon;
-  options.corner_floor = 0;  // these have none
+  const CalibrationOptions options = everything();
 
   struct Tally {
     int misses = 0;
@@ -77,7 +79,7 @@ TEST(CalibrationAccuracy, EveryParameterIsWithinThreeOfItsErrorsAndTheTipThreeTi
   double sum_before = 0, sum_after = 0;
   for (int rig = 0; rig < kRigs; ++rig) {
     Random random(1000 + rig);
-    const RigTruth truth = test::drawRig(known, view, errors, random);
+    const RigTruth truth = test::drawRig(known, view, kErrors, random);
     const Calibration found = calibrate({photograph(known, view, truth, random)}, options);
     ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << rig << ": " << found.reason;
     for (const Parameter& one : found.parameters) {
@@ -122,16 +124,12 @@ TEST(CalibrationAccuracy, EveryParameterIsWithinThreeOfItsErrorsAndTheTipThreeTi
 TEST(CalibrationAccuracy, StiffnessOfUntiltedArmsIsFoundWithinItsErrors) {
   const model::Arm known = test::ringArm(test::straightRing());
   const ArmView view = test::sampleView(0.8, 1, 21, 3);
-  const RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
-  CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
-  options.length_scale = estimation::LengthScaling::kCommon;
-  options.corner_floor = 0;  // these have none
+  const CalibrationOptions options = everything();
   int misses = 0;
   double square = 0;
   for (int rig = 0; rig < kRigs; ++rig) {
     Random random(3000 + rig);
-    const RigTruth truth = test::drawRig(known, view, errors, random);
+    const RigTruth truth = test::drawRig(known, view, kErrors, random);
     const Calibration found = calibrate({photograph(known, view, truth, random)}, options);
     ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << rig << ": " << found.reason;
     for (const Parameter& one : found.parameters) {

@@ -26,15 +26,6 @@ constexpr double kPoseNoise = 0.01;   // [m]
 constexpr double kCornerNoise = 0.3;  // [px]
 constexpr int kPatience = 2000;
 
-template <class Seen>
-void add(ArmCaptures& data, const Eigen::VectorXd& pressure, Seen seen) {
-  Capture capture;
-  capture.number = static_cast<int>(data.captures.size()) + 1;
-  capture.pressure = pressure;
-  capture.reading = std::move(seen);
-  data.captures.push_back(std::move(capture));
-}
-
 // 21 captures of 7 tags of a helical arm, as poses.
 const ArmCaptures& stiffnessData() {
   static const ArmCaptures the_data = [] {
@@ -50,7 +41,7 @@ const ArmCaptures& stiffnessData() {
         for (double& x : X_BT.translation) x += kPoseNoise * random.normal();
         seen.push_back({static_cast<int>(seen.size()), X_BT});
       }
-      add(data, pressure, std::move(seen));
+      test::addCapture(data, pressure, std::move(seen));
     }
     return data;
   }();
@@ -69,7 +60,7 @@ const ArmCaptures& placementData() {
     while (data.captures.size() < 50) {
       const Eigen::VectorXd pressure = test::randomInput(known, random);
       const auto seen = test::observe(truth, pressure, kCornerNoise, random);
-      if (seen.size() >= 8) add(data, pressure, test::spread(seen, 8));
+      if (seen.size() >= 8) test::addCapture(data, pressure, test::spread(seen, 8));
     }
     return data;
   }();

@@ -32,21 +32,14 @@ model::Arm scaled(const model::Arm& arm, double kappa, double gamma) {
   return arm.withStiffness(stiffness);
 }
 
-void add(ArmCaptures& data, const Eigen::VectorXd& pressure, Reading reading) {
-  Capture capture;
-  capture.number = static_cast<int>(data.captures.size()) + 1;
-  capture.pressure = pressure;
-  capture.reading = std::move(reading);
-  data.captures.push_back(std::move(capture));
-}
-
 // Curvatures that an arm has at the twelve pressures, to `noise` [rad].
 ArmCaptures curvatures(const model::Arm& known, const model::Arm& truth, double noise,
                        Random& random) {
   ArmCaptures data{"arm", known, false, {}, {}, 0, {}};
   for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
     const double curvature = model::curvatureOf(truth.twists(pressure).col(0));
-    add(data, pressure, CurvatureReading{std::abs(curvature + noise * random.normal())});
+    test::addCapture(data, pressure,
+                     CurvatureReading{std::abs(curvature + noise * random.normal())});
   }
   return data;
 }
@@ -57,7 +50,7 @@ ArmCaptures twists(const model::Arm& known, const model::Arm& truth, double devi
   const Eigen::MatrixXd covariance =
       deviation * deviation * Eigen::MatrixXd::Identity(entries, entries);
   for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    add(data, pressure, TwistReading{truth.twists(pressure), covariance});
+    test::addCapture(data, pressure, TwistReading{truth.twists(pressure), covariance});
   }
   return data;
 }
@@ -66,7 +59,7 @@ ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::Ri
                     double noise, Random& random) {
   ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera.fx, {}};
   for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
-    add(data, pressure, test::observe(truth, pressure, noise, random));
+    test::addCapture(data, pressure, test::observe(truth, pressure, noise, random));
   }
   return data;
 }
@@ -80,7 +73,7 @@ ArmCaptures poses(const model::Arm& known, const TagLayout& layout, const model:
       for (int axis = 0; axis < 3; ++axis) X_BT.translation[axis] += noise * random.normal();
       seen.push_back({static_cast<int>(seen.size()), X_BT});
     }
-    add(data, pressure, seen);
+    test::addCapture(data, pressure, seen);
   }
   return data;
 }
@@ -426,7 +419,7 @@ TEST(Calibration, SaysWhichCapturesAddNothingAndWhichWouldAddMost) {
   const auto errorWith = [&](const Eigen::VectorXd& pressure) {
     ArmCaptures more = data;
     const double exact = model::curvatureOf(known.twists(pressure).col(0));
-    for (int i = 0; i < 20; ++i) add(more, pressure, CurvatureReading{exact});
+    for (int i = 0; i < 20; ++i) test::addCapture(more, pressure, CurvatureReading{exact});
     CalibrationOptions plain = options;
     plain.held_out = false;
     return parameter(calibrate({more}, plain), "K_kappa").standard_error;
@@ -467,7 +460,7 @@ TEST(Calibration, LeastTipErrorIsNothingWhereItHasNoValley) {
   const model::Arm straight = test::ringArm(test::straightRing());
   ArmCaptures data{"arm", straight, false, {}, {}, 0, {}};
   for (const double kpa : {0.0, 100.0, 200.0}) {
-    add(data, Eigen::Vector3d(1e3 * kpa, 0, 0), CurvatureReading{0.1 * kpa});
+    test::addCapture(data, Eigen::Vector3d(1e3 * kpa, 0, 0), CurvatureReading{0.1 * kpa});
   }
   EXPECT_FALSE(fitLeastTipError({data}));
 }
@@ -490,7 +483,7 @@ class Refused : public ::testing::Test {
 TEST_F(Refused, NoCaptures) {
   data_.captures.clear();
   expect(CalibrationStatus::kNoCaptures, "record some");
-  add(data_, Eigen::VectorXd::Zero(3), std::vector<PoseObservation>());
+  test::addCapture(data_, Eigen::VectorXd::Zero(3), std::vector<PoseObservation>());
   expect(CalibrationStatus::kNoCaptures, "record some");
 }
 
@@ -564,7 +557,7 @@ TEST_F(Refused, ArmsThatNeverBend) {
   const model::Arm straight = test::ringArm(test::straightRing());
   data_ = {"arm", straight, false, {}, {}, 0, {}};
   for (int i = 0; i < 5; ++i) {
-    add(data_, Eigen::VectorXd::Constant(3, 5e4 * i), CurvatureReading{0.001});
+    test::addCapture(data_, Eigen::VectorXd::Constant(3, 5e4 * i), CurvatureReading{0.001});
   }
   expect(CalibrationStatus::kNotIdentifiable, "bend the arm farther");
 }

@@ -81,6 +81,16 @@ inline std::vector<estimation::CornerObservation> observe(const RigTruth& truth,
                  random);
 }
 
+/// Adds a capture, numbered on.
+inline void addCapture(estimation::ArmCaptures& data, const Eigen::VectorXd& pressure,
+                       estimation::Reading reading) {
+  estimation::Capture capture;
+  capture.number = static_cast<int>(data.captures.size()) + 1;
+  capture.pressure = pressure;
+  capture.reading = std::move(reading);
+  data.captures.push_back(std::move(capture));
+}
+
 /// The paper's twelve levels, level j in actuator j mod n.
 inline std::vector<Eigen::VectorXd> twelvePressures(const model::Arm& arm) {
   constexpr double kLevels[] = {0, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60};
