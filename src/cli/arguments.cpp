@@ -1,6 +1,7 @@
 #include "arguments.hpp"
 
 #include <sstream>
+#include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
 
@@ -26,6 +27,39 @@ std::string actuatorNames(const model::Arm& arm) {
     names += arm.actuator(i).name;
   }
   return names;
+}
+
+model::TierRequest requestOf(const TierArguments& arguments) {
+  model::TierRequest request;
+  for (const model::Tier tier :
+       {model::Tier::kPlanar, model::Tier::kLinear, model::Tier::kLoaded, model::Tier::kExact}) {
+    if (arguments.tier == model::nameOf(tier)) request.tier = tier;
+  }
+  request.order = arguments.order;
+  if (arguments.accuracy_percent) request.tip_error = *arguments.accuracy_percent / 100;
+  if (arguments.budget_us) request.time = *arguments.budget_us * 1e-6;
+  return request;
+}
+
+void checkTier(const io::Scene& scene, const TierArguments& arguments,
+               const model::TierRequest& request) {
+  const auto refuse = [](bool wrong, const std::string& message) {
+    if (wrong) throw CallerError(message);
+  };
+  const bool loaded = request.tier == model::Tier::kLoaded;
+  refuse(request.tier == model::Tier::kPlanar && !scene.planar,
+         "--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
+             " is spatial: use --tier linear");
+  refuse((loaded || request.tier == model::Tier::kExact) && !scene.model.load(),
+         "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
+             " has none: use --tier linear");
+  refuse(request.order && !loaded, "--order goes with --tier loaded");
+  refuse(request.tip_error && request.time, "give either --accuracy or --budget");
+  const char* const goal = request.tip_error ? "--accuracy" : "--budget";
+  refuse((request.tip_error || request.time) && request.tier && (!loaded || request.order),
+         std::string(goal) +
+             " has nothing to choose; it goes with --tier auto, or with --tier loaded without "
+             "--order");
 }
 
 [[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
@@ -101,6 +135,43 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                       inputText(actuator, actuator.limits.upper));
   }
   return inputs;
+}
+
+void addTierOptions(CLI::App& command, TierArguments& arguments) {
+  command
+      .add_option("--tier", arguments.tier,
+                  "what computes it: auto (the cheapest that serves), planar (SE(2), no load), "
+                  "linear (SE(3), no load), loaded, exact; default: the scene's")
+      ->check(CLI::IsMember({"auto", "planar", "linear", "loaded", "exact"}));
+  command.add_option("--order", arguments.order, "with --tier loaded: of its polynomials")
+      ->check(CLI::Range(model::kLeastOrder, model::kMostOrder));
+  command
+      .add_option("--accuracy", arguments.accuracy_percent,
+                  "choose the cheapest tier whose tip errs no more [% of the arm's length]")
+      ->type_name("PERCENT")
+      ->check(CLI::PositiveNumber);
+  command
+      .add_option("--budget", arguments.budget_us,
+                  "choose the most accurate tier that takes no longer [us]")
+      ->type_name("US")
+      ->check(CLI::PositiveNumber);
+}
+
+model::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
+  const model::TierRequest request = requestOf(arguments);
+  if (arguments.tier.empty() && !request.order && !request.tip_error && !request.time) {
+    return scene.model;
+  }
+  checkTier(scene, arguments, request);
+  try {
+    return scene.model.withTier(request);
+  } catch (const std::invalid_argument& error) {
+    const char* const flag = request.tip_error ? "--accuracy"
+                             : request.time    ? "--budget"
+                                               : "--tier";
+    throw CallerError(std::string(flag) + " cannot be had with scene " + scene.name + ": " +
+                      error.what());
+  }
 }
 
 std::string inputText(const model::Actuator& actuator, double input) {

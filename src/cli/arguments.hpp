@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,21 @@ std::vector<double> numberList(const std::string& option, const std::string& tex
 Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& kpa_text, const std::string& si_option,
                          const std::string& si_text);
+
+/// What the command line asks of the tier, in the place of all that the scene asks.
+struct TierArguments {
+  std::string tier;                        ///< empty: the scene's
+  std::optional<int> order;                ///< of the loaded tier
+  std::optional<double> accuracy_percent;  ///< of the arm's length
+  std::optional<double> budget_us;
+};
+
+/// Adds --tier, --order, --accuracy and --budget.
+void addTierOptions(CLI::App& command, TierArguments& arguments);
+
+/// The scene's model, or where the options ask for something, the same arm and load that way.
+/// @throws CallerError naming the option, what it meets in the scene and the remedy.
+model::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments);
 
 /// An input with its unit: "413.6856 kPa" or "1.5 rad".
 std::string inputText(const model::Actuator& actuator, double input);

@@ -323,7 +323,7 @@ Subcommand addCalibrate(CLI::App& app) {
       ->required();
   command->add_option(
       "--fit", options->fit,
-      "comma list of stiffness (K_kappa and K_gamma), K_kappa, K_gamma, K_tau, "
+      "comma list of stiffness (K_kappa and K_gamma), K_kappa, K_gamma, K_tau, K_eps (under load), "
       "length_scale, length_scale_each, contraction, placement (base, tags, bleed), "
       "base, tags, bleed; default stiffness");
   command->add_option("--out", options->out, "scene file to write, whole or not at all");

@@ -42,5 +42,7 @@ Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);
+Subcommand addTrade(CLI::App& app);
+Subcommand addWorkspace(CLI::App& app);
 
 }  // namespace helix_arm::cli

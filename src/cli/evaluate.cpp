@@ -24,11 +24,30 @@ struct EvaluateOptions {
 // Length-scaled curvature of every row: |(w_y, w_z)| of the section.
 struct CurvatureComparison {
   Eigen::MatrixXd pressures;  // (rows x actuators) [Pa]
-  Eigen::VectorXd measured, model;
-  double rms() const {
-    return std::sqrt((model - measured).squaredNorm() / static_cast<double>(model.size()));
+  Eigen::VectorXd measured;
+  std::vector<std::optional<double>> model;  // none where it finds no shape
+  std::string reason;                        // why some have none
+  std::optional<double> difference(int row) const {
+    return model[row] ? std::optional(*model[row] - measured[row]) : std::nullopt;
   }
-  double max() const { return (model - measured).cwiseAbs().maxCoeff(); }
+  // Over the rows that have one; nothing where none has.
+  std::optional<double> rms() const {
+    double sum = 0;
+    int count = 0;
+    for (int row = 0; row < measured.size(); ++row) {
+      if (!model[row]) continue;
+      sum += *difference(row) * *difference(row);
+      ++count;
+    }
+    return count > 0 ? std::optional(std::sqrt(sum / count)) : std::nullopt;
+  }
+  std::optional<double> max() const {
+    std::optional<double> most;
+    for (int row = 0; row < measured.size(); ++row) {
+      if (model[row]) most = std::max(most.value_or(0), std::abs(*difference(row)));
+    }
+    return most;
+  }
 };
 
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
@@ -45,41 +64,50 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
 }
 
 CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
-  CurvatureComparison comparison{
-      io::pressuresWithinLimits(data, scene.arm), data.values.col(data.find("curvature_rad")), {}};
-  comparison.model.resize(comparison.pressures.rows());
+  CurvatureComparison comparison{io::pressuresWithinLimits(data, scene.arm),
+                                 data.values.col(data.find("curvature_rad")),
+                                 {},
+                                 {}};
   for (int row = 0; row < comparison.pressures.rows(); ++row) {
-    const model::Twists twists = modelTwists(scene, comparison.pressures.row(row));
-    comparison.model[row] = model::curvatureOf(twists.col(0));
+    const model::Solution solution = scene.model.solve(comparison.pressures.row(row));
+    std::optional<double> curvature;
+    if (solution.converged()) curvature = model::curvatureOf(solution.shape.twists().col(0));
+    if (!curvature && comparison.reason.empty()) {
+      comparison.reason =
+          "row " + std::to_string(row + 1) + ": " + reasonForNoShape(solution.status);
+    }
+    comparison.model.push_back(curvature);
   }
   return comparison;
 }
 
 void printJsonResult(const io::Scene& scene, const CurvatureComparison& c) {
   json points = json::array();
-  for (int row = 0; row < c.model.size(); ++row) {
+  for (int row = 0; row < c.measured.size(); ++row) {
     points.push_back({{"pressure_pa", toJson(Eigen::VectorXd(c.pressures.row(row)))},
                       {"measured_rad", c.measured[row]},
-                      {"model_rad", c.model[row]}});
+                      {"model_rad", toJson(c.model[row])}});
   }
   printJson({{"scene", scene.name},
              {"tier", modelTier(scene)},
-             {"rms_rad", c.rms()},
-             {"max_rad", c.max()},
+             {"rms_rad", toJson(c.rms())},
+             {"max_rad", toJson(c.max())},
+             {"reason", c.reason.empty() ? json() : json(c.reason)},
              {"points", points}});
 }
 
 void printCsvResult(const io::Scene& scene, const CurvatureComparison& c) {
   CsvTable table;
-  for (int row = 0; row < c.model.size(); ++row) {
+  for (int row = 0; row < c.measured.size(); ++row) {
     CsvTable::Row cells;
     appendInputs(scene.arm, c.pressures.row(row), cells);
     cells.emplace_back("measured_rad", exact(c.measured[row]));
     cells.emplace_back("model_rad", exact(c.model[row]));
-    cells.emplace_back("difference_rad", exact(c.model[row] - c.measured[row]));
+    cells.emplace_back("difference_rad", exact(c.difference(row)));
     table.add(cells);
   }
   std::cout << "# rms_rad " << exact(c.rms()) << "\n# max_rad " << exact(c.max()) << "\n";
+  if (!c.reason.empty()) std::cout << "# reason " << c.reason << "\n";
   table.print(std::cout);
 }
 
@@ -92,13 +120,22 @@ void printTextResult(const io::Scene& scene, const CurvatureComparison& c) {
   for (const char* title : {"measured", "model", "difference"})
     std::cout << std::setw(kWidth) << title;
   std::cout << "\n" << std::fixed << std::setprecision(5);
-  for (int row = 0; row < c.model.size(); ++row) {
+  for (int row = 0; row < c.measured.size(); ++row) {
     for (int i = 0; i < c.pressures.cols(); ++i)
       std::cout << std::setw(kWidth) << c.pressures(row, i) / 1e3;
-    std::cout << std::setw(kWidth) << c.measured[row] << std::setw(kWidth) << c.model[row]
-              << std::setw(kWidth) << c.model[row] - c.measured[row] << "\n";
+    std::cout << std::setw(kWidth) << c.measured[row];
+    for (const std::optional<double>& number : {c.model[row], c.difference(row)}) {
+      std::cout << std::setw(kWidth);
+      if (number) {
+        std::cout << *number;
+      } else {
+        std::cout << "-";
+      }
+    }
+    std::cout << "\n";
   }
-  std::cout << "RMS " << c.rms() << " rad, max " << c.max() << " rad\n";
+  if (c.rms()) std::cout << "RMS " << *c.rms() << " rad, max " << *c.max() << " rad\n";
+  if (!c.reason.empty()) std::cout << c.reason << "\n";
 }
 
 int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format format) {
@@ -107,7 +144,7 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   if (format == Format::kJson) printJsonResult(scene, comparison);
   if (format == Format::kCsv) printCsvResult(scene, comparison);
   if (format == Format::kText) printTextResult(scene, comparison);
-  return kDone;
+  return comparison.reason.empty() ? kDone : kNotPossible;
 }
 
 int run(const EvaluateOptions& options, const GlobalOptions& global) {
@@ -132,9 +169,11 @@ Subcommand addEvaluate(CLI::App& app) {
       ->required();
   command->footer(
       "Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa, "
-      "measured_rad, model_rad}], tier.\n"
+      "measured_rad, model_rad}], tier,\n"
+      "reason (where the model finds no shape under its load: model_rad null there, exit code "
+      "1).\n"
       "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged, reason, "
-      "rms_m (the model's "
+      "model_status (as that of forward), rms_m (the model's "
       "tags against those\n"
       "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted tip, "
       "of the arm's length\n"

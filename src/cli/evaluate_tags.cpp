@@ -38,7 +38,8 @@ CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured)
   CaptureComparison comparison{std::move(measured), {}, {}, {}};
   const FittedCapture& capture = comparison.measured;
   comparison.outlier_tags = capture.outlierTags(*scene.tags);
-  const std::vector<lie::SE3> model = estimation::tagPoses(*scene.tags, capture.model);
+  if (!capture.model.converged()) return comparison;
+  const std::vector<lie::SE3> model = estimation::tagPoses(*scene.tags, capture.model.shape);
   double square = 0;
   int count = 0;
   for (const estimation::PoseObservation& seen : capture.seen) {
@@ -51,7 +52,7 @@ CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured)
   if (capture.converged()) {
     if (count > 0) comparison.rms = std::sqrt(square / count);
     comparison.tip_error =
-        (model::tipPose(capture.model).translation - measuredTip(*capture.fit).translation).norm();
+        (capture.model.tip.translation - measuredTip(*capture.fit).translation).norm();
   }
   return comparison;
 }
@@ -59,13 +60,13 @@ CaptureComparison compareCapture(const io::Scene& scene, FittedCapture measured)
 TagComparison compareTags(const io::Scene& scene, const io::DataSet& data) {
   TagComparison comparison{{}, 0, {}, {}};
   for (int k = 0; k < scene.arm.sectionCount(); ++k) {
-    comparison.arm_length += scene.arm.restTwist(k).head<3>().norm();
+    comparison.arm_length += scene.arm.restLength(k);
   }
   std::vector<double> rms, tip_errors;
   for (FittedCapture& measured : fitCaptures(scene, data)) {
     comparison.captures.push_back(compareCapture(scene, std::move(measured)));
     const CaptureComparison& capture = comparison.captures.back();
-    if (!capture.measured.sound()) continue;
+    if (!capture.measured.sound() || !capture.tip_error) continue;
     rms.push_back(*capture.rms);
     tip_errors.push_back(*capture.tip_error);
   }
@@ -80,6 +81,16 @@ std::vector<FittedCapture> fittedOf(const TagComparison& c) {
   return captures;
 }
 
+// Empty where the model has a shape for some sound capture.
+std::string reasonForNoModel(const TagComparison& c) {
+  if (c.median_tip_error) return {};
+  const auto lacking = std::find_if(c.captures.begin(), c.captures.end(), [](const auto& capture) {
+    return !capture.measured.model.converged();
+  });
+  return "the model has no shape for any sound capture: " +
+         reasonForNoShape(lacking->measured.model.status);
+}
+
 void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
   json captures = json::array();
   for (const CaptureComparison& capture : c.captures) {
@@ -89,6 +100,7 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
          {"status", estimation::nameOf(capture.measured.status)},
          {"converged", capture.measured.converged()},
          {"reason", capture.measured.reason.empty() ? json() : json(capture.measured.reason)},
+         {"model_status", model::nameOf(capture.measured.model.status)},
          {"rms_m", toJson(capture.rms)},
          {"tip_error_m", toJson(capture.tip_error)},
          {"tip_error_percent", toJson(c.percent(capture.tip_error))},
@@ -105,23 +117,21 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
 }
 
 void printCsvResult(const io::Scene& scene, const TagComparison& c, const std::string& reason) {
-  const auto cell = [](const std::optional<double>& number) {
-    return number ? exact(*number) : std::string();
-  };
   CsvTable table;
   for (const CaptureComparison& capture : c.captures) {
     CsvTable::Row row{{"capture", std::to_string(capture.measured.number)},
                       {"status", estimation::nameOf(capture.measured.status)}};
     appendInputs(scene.arm, capture.measured.pressure, row);
-    row.emplace_back("rms_m", cell(capture.rms));
-    row.emplace_back("tip_error_m", cell(capture.tip_error));
-    row.emplace_back("tip_error_percent", cell(c.percent(capture.tip_error)));
+    row.emplace_back("rms_m", exact(capture.rms));
+    row.emplace_back("tip_error_m", exact(capture.tip_error));
+    row.emplace_back("tip_error_percent", exact(c.percent(capture.tip_error)));
     row.emplace_back("outlier_tags", joined(capture.outlier_tags));
     row.emplace_back("unknown_tags", joined(capture.measured.unknown_tags));
+    row.emplace_back("model_status", model::nameOf(capture.measured.model.status));
     table.add(row);
   }
-  std::cout << "# median_rms_m " << cell(c.median_rms) << "\n# median_tip_error_percent "
-            << cell(c.percent(c.median_tip_error)) << "\n";
+  std::cout << "# median_rms_m " << exact(c.median_rms) << "\n# median_tip_error_percent "
+            << exact(c.percent(c.median_tip_error)) << "\n";
   if (!reason.empty()) std::cout << "# reason " << reason << "\n";
   table.print(std::cout);
 }
@@ -149,6 +159,9 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
     if (!capture.measured.unknown_tags.empty()) {
       std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
     }
+    if (!capture.measured.model.converged()) {
+      std::cout << "; " << reasonForNoShape(capture.measured.model.status);
+    }
     if (!capture.measured.converged()) {
       std::cout << "; " << estimation::nameOf(capture.measured.status) << ": "
                 << capture.measured.reason;
@@ -167,7 +180,8 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   io::pressuresWithinLimits(data, scene.arm);
   const TagComparison comparison = compareTags(scene, data);
-  const std::string reason = reasonForNoFit(fittedOf(comparison));
+  std::string reason = reasonForNoFit(fittedOf(comparison));
+  if (reason.empty()) reason = reasonForNoModel(comparison);
   if (format == Format::kJson) printJsonResult(scene, comparison, reason);
   if (format == Format::kCsv) printCsvResult(scene, comparison, reason);
   if (format == Format::kText) printTextResult(scene, comparison, reason);

@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "measurements.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
@@ -19,7 +20,8 @@ using nlohmann::json;
 constexpr int kMostSamples = 1000000;
 
 struct ForwardOptions {
-  std::string scene, pressure_kpa, input, tier = "auto";
+  std::string scene, pressure_kpa, input;
+  TierArguments tier;
   int samples = 0;
 };
 
@@ -30,10 +32,10 @@ struct SectionResult {
 };
 
 struct ForwardResult {
-  std::string tier;
+  model::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
-  model::Twists twists;
-  lie::SE3 tip;
+  model::Solution solution;
+  model::Twists twists;  // mean, of the sections
   int full_rank;
   std::vector<SectionResult> sections;
   std::vector<model::CurvePoint<lie::SE3>> curve;
@@ -50,47 +52,47 @@ struct ForwardResult {
     };
     return std::max_element(sections.begin(), sections.end(), less)->condition;
   }
+  // Nothing where the tier does not converge at all the inputs that it was tried at.
+  std::optional<double> tipErrorPercent() const {
+    const bool known = std::isfinite(choice.tip_error);
+    return known ? std::optional(100 * choice.tip_error) : std::nullopt;
+  }
 };
 
-std::string resolveTier(const std::string& tier, const io::Scene& scene) {
-  if (tier == "auto") return scene.planar ? "planar" : "linear";
-  if (tier == "planar" && !scene.planar) {
-    throw CallerError("--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
-                      " is spatial: use --tier linear");
-  }
-  if (tier == "loaded") {
-    throw CallerError("--tier loaded needs the key load in the scene; " + scene.name +
-                      " has none: use --tier linear");
-  }
-  return tier;
-}
-
-lie::SE3 inSpace(const lie::SE3& pose) { return pose; }
-lie::SE3 inSpace(const lie::SE2& pose) { return lie::embed(pose); }
 lie::Vector6 inSpace(const lie::Vector6& twist) { return twist; }
 lie::Vector6 inSpace(const lie::SE2::Tangent& twist) { return lie::embed(twist); }
 
 template <class Group>
-ForwardResult forward(const model::ArmOf<Group>& arm, const std::string& tier,
-                      const Eigen::VectorXd& inputs, int samples) {
-  const auto twists = arm.twists(inputs);
-  ForwardResult result{tier, inputs, arm.lengths(inputs), {}, inSpace(arm.tip(inputs)), Group::kDof,
-                       {},   {}};
-  result.twists.resize(6, arm.sectionCount());
+std::vector<SectionResult> sectionsOf(const model::ArmOf<Group>& arm) {
+  std::vector<SectionResult> sections;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto& equilibrium = arm.equilibrium(k);
     Eigen::MatrixXd null_space(6, equilibrium.null_space.cols());
     for (int j = 0; j < null_space.cols(); ++j) {
       null_space.col(j) = inSpace(typename Group::Tangent(equilibrium.null_space.col(j)));
     }
-    result.twists.col(k) = inSpace(typename Group::Tangent(twists.col(k)));
-    result.sections.push_back({equilibrium.rank, equilibrium.condition, null_space});
+    sections.push_back({equilibrium.rank, equilibrium.condition, null_space});
   }
-  if (samples > 0) {
-    for (const auto& point : model::sampleCurve(twists, samples))
-      result.curve.push_back({point.s, inSpace(point.X)});
-  }
+  return sections;
+}
+
+ForwardResult forward(const model::ArmModel& model, const Eigen::VectorXd& inputs, int samples) {
+  const bool planar = model.choice().setting.tier == model::Tier::kPlanar;
+  ForwardResult result{model.choice(),
+                       inputs,
+                       model.arm().lengths(inputs),
+                       model.solve(inputs),
+                       {},
+                       planar ? lie::SE2::kDof : lie::SE3::kDof,
+                       planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
+                       {}};
+  result.twists = result.solution.shape.twists();
+  if (samples > 0) result.curve = model::sampleCurve(result.solution.shape, samples);
   return result;
+}
+
+std::string failureOf(const ForwardResult& result) {
+  return result.solution.converged() ? "" : reasonForNoShape(result.solution.status);
 }
 
 // Below this angle the winding of a section is rounding error.
@@ -128,16 +130,29 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
+  const std::string failure = failureOf(result);
+  const model::TierSetting& setting = result.choice.setting;
   json document{{"scene", scene.name},
-                {"tier", result.tier},
+                {"tier", model::nameOf(setting.tier)},
+                {"order", setting.order > 0 ? json(setting.order) : json()},
+                {"reason", result.choice.reason},
+                {"tip_error_percent", cli::toJson(result.tipErrorPercent())},
+                {"status", model::nameOf(result.solution.status)},
+                {"failure", failure.empty() ? json() : json(failure)},
+                {"residual", result.solution.residual},
+                {"iterations", result.solution.iterations},
                 {"twist", cli::toJson(result.twists)},
-                {"tip", cli::toJson(result.tip)},
+                {"tip", cli::toJson(result.solution.tip)},
                 {"lengths_m", cli::toJson(result.lengths)},
                 {"rank", result.rank()},
                 {"full_rank", result.full_rank},
                 {"condition", result.condition()},
                 {"sections", sections}};
   addInputs(scene.arm, result.inputs, document);
+  if (result.solution.shape.piecesPerSection() > 1) {
+    document["pieces"] = result.solution.shape.piecesPerSection();
+    document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
+  }
   if (!result.curve.empty()) {
     json& curve = document["curve"] = json::array();
     for (const auto& point : result.curve) {
@@ -158,21 +173,32 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
     table.add(row);
   }
   if (!result.curve.empty()) return table;
-  CsvTable::Row row{{"tier", result.tier}};
+  CsvTable::Row row{{"tier", model::nameOf(result.choice.setting.tier)},
+                    {"order", std::to_string(result.choice.setting.order)},
+                    {"status", model::nameOf(result.solution.status)}};
   appendInputs(scene.arm, result.inputs, row);
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
   }
   appendTwists(result.twists, row);
-  appendPose("tip_", result.tip, row);
+  appendPose("tip_", result.solution.tip, row);
   row.emplace_back("rank", std::to_string(result.rank()));
   row.emplace_back("condition", exact(result.condition()));
+  row.emplace_back("residual", exact(result.solution.residual));
+  row.emplace_back("iterations", std::to_string(result.solution.iterations));
+  row.emplace_back("tip_error_percent", exact(result.tipErrorPercent()));
   table.add(row);
   return table;
 }
 
 void printText(const io::Scene& scene, const ForwardResult& result) {
-  std::cout << scene.name << ", " << result.tier << " tier, seen from the arm's base\n";
+  std::cout << scene.name << ", tier " << result.choice.setting.name()
+            << ", seen from the arm's base\n"
+            << result.choice.reason << "\n";
+  const std::string failure = failureOf(result);
+  if (!failure.empty()) {
+    std::cout << model::nameOf(result.solution.status) << ": " << failure << "\n";
+  }
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     std::cout << "  " << scene.arm.actuator(i).name << ": "
               << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
@@ -191,23 +217,20 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
                 << "\n";
     }
   }
-  std::cout << "tip " << poseText(result.tip) << "\n";
+  std::cout << "tip " << poseText(result.solution.tip) << "\n";
   for (const auto& point : result.curve)
     std::cout << "s " << point.s << ": " << poseText(point.X) << "\n";
 }
 
 int run(const ForwardOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  const std::string tier = resolveTier(options.tier, scene);
   const Eigen::VectorXd inputs =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
-  const ForwardResult result = tier == "planar"
-                                   ? forward(*scene.planar, tier, inputs, options.samples)
-                                   : forward(scene.arm, tier, inputs, options.samples);
+  const ForwardResult result = forward(modelOf(scene, options.tier), inputs, options.samples);
   if (global.format == Format::kJson) printJson(toJson(scene, result));
   if (global.format == Format::kCsv) toCsv(scene, result).print(std::cout);
   if (global.format == Format::kText) printText(scene, result);
-  return kDone;
+  return result.solution.converged() ? kDone : kNotPossible;
 }
 
 }  // namespace
@@ -220,27 +243,31 @@ Subcommand addForward(CLI::App& app) {
                       "gauge pressure of every actuator [kPa]: a,b,c");
   command->add_option("--input", options->input,
                       "instead, in SI units: pressures [Pa], spool angles [rad]");
-  command
-      ->add_option("--tier", options->tier,
-                   "what computes it: auto (planar for planar scenes, else linear), planar "
-                   "(SE(2)), linear (SE(3), "
-                   "no load), loaded")
-      ->check(CLI::IsMember({"auto", "planar", "linear", "loaded"}))
-      ->capture_default_str();
+  addTierOptions(*command, options->tier);
   command
       ->add_option("--samples", options->samples,
                    "also give the curve at N >= 2 evenly spaced s; s runs over "
                    "[k, k + 1] along section k")
       ->check(CLI::Range(2, kMostSamples));
   command->footer(
-      "json: tier, twist (sections x 6), tip {position_m, quaternion_xyzw}, lengths_m (free "
-      "lengths), rank (least of\n"
-      "the sections), full_rank, condition (largest), sections [{name, rank, condition, null_space "
-      "(twists that cost\n"
-      "no energy), curvature_rad, helix {radius_m (null when straight), pitch_m, turns}}], "
-      "pressure_pa, actuators;\n"
-      "with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one row, or the rows of the "
-      "curve.");
+      "json: tier, order (of the loaded tier, else null), reason (why this tier), "
+      "tip_error_percent (largest error of the\n"
+      "tier's tip, of the arm's length; null where it does not always converge), status "
+      "(converged, not_converged, unsupported), failure "
+      "(null where converged),\n"
+      "residual (what the last iteration moved, of the arm's size), iterations, twist (sections x "
+      "6; under load their\n"
+      "means), tip {position_m, quaternion_xyzw}, lengths_m (free lengths), rank (least of the "
+      "sections), full_rank,\n"
+      "condition (largest), sections [{name, rank, condition, null_space (twists that cost no "
+      "energy), curvature_rad,\n"
+      "helix {radius_m (null when straight), pitch_m, turns}}], pressure_pa, actuators; under load "
+      "pieces (a section)\n"
+      "and piece_twist (all pieces x 6); with --samples curve [{s, position_m, "
+      "quaternion_xyzw}]. csv: one row, or the\n"
+      "rows of the curve. --tier, --order, --accuracy and --budget take the place of all that the "
+      "scene says of them.\n"
+      "Exit code 1 where no shape balances the load.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

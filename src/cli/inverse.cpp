@@ -23,6 +23,7 @@ using nlohmann::json;
 
 struct InverseArguments {
   std::string scene, tip, pose, twist, prefer = "min-pressure", start_kpa, start;
+  TierArguments tier;
   double cocontraction = 0.5;
   bool cocontraction_given = false;
 };
@@ -93,10 +94,12 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-void printJsonResult(const io::Scene& scene, const InverseResult& result,
-                     const model::Twists& twists) {
+void printJsonResult(const io::Scene& scene, const model::TierSetting& tier,
+                     const InverseResult& result, const model::Solution& reached) {
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
+                {"tier", nameOf(tier.tier)},
+                {"order", tier.tier == model::Tier::kLoaded ? json(tier.order) : json()},
                 {"status", statusName(result.status)},
                 {"reason", reason.empty() ? json() : json(reason)},
                 {"converged", result.converged()},
@@ -104,14 +107,14 @@ void printJsonResult(const io::Scene& scene, const InverseResult& result,
                 {"position_error_m", result.position_error},
                 {"active_limits", activeLimits(scene.arm, result)},
                 {"iterations", result.iterations},
-                {"tip", toJson(model::tipPose(twists))},
-                {"twist", toJson(twists)}};
+                {"tip", toJson(reached.tip)},
+                {"twist", toJson(reached.shape.twists())}};
   addInputs(scene.arm, result.input, document);
   printJson(document);
 }
 
-void printCsvResult(const io::Scene& scene, const InverseResult& result,
-                    const model::Twists& twists) {
+void printCsvResult(const io::Scene& scene, const model::TierSetting& tier,
+                    const InverseResult& result, const model::Solution& reached) {
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
   appendInputs(scene.arm, result.input, row);
@@ -123,16 +126,18 @@ void printCsvResult(const io::Scene& scene, const InverseResult& result,
               limit["limit"].get<std::string>();
   }
   row.emplace_back("active_limits", limits);
-  appendTwists(twists, row);
-  appendPose("tip_", model::tipPose(twists), row);
+  appendTwists(reached.shape.twists(), row);
+  appendPose("tip_", reached.tip, row);
+  row.emplace_back("tier", nameOf(tier.tier));
+  row.emplace_back("order", tier.tier == model::Tier::kLoaded ? std::to_string(tier.order) : "");
   CsvTable table;
   table.add(row);
   table.print(std::cout);
 }
 
-void printTextResult(const io::Scene& scene, const InverseResult& result,
-                     const model::Twists& twists) {
-  std::cout << scene.name << ": " << statusName(result.status) << "\n";
+void printTextResult(const io::Scene& scene, const model::TierSetting& tier,
+                     const InverseResult& result, const model::Solution& reached) {
+  std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
   if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = scene.arm.actuator(i);
@@ -143,7 +148,7 @@ void printTextResult(const io::Scene& scene, const InverseResult& result,
   }
   std::cout << "residual " << result.residual << " m, position error " << result.position_error
             << " m\n"
-            << "tip " << poseText(model::tipPose(twists)) << "\n";
+            << "tip " << poseText(reached.tip) << "\n";
 }
 
 int run(const InverseArguments& arguments, const GlobalOptions& global) {
@@ -151,7 +156,8 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   if (targets != 1) throw CallerError("give exactly one target: --tip, --pose or --twist");
   const io::Scene scene = loadScene(arguments.scene, global);
   const model::InverseOptions options = optionsOf(arguments);
-  model::InverseSolver solver(scene.arm, options);
+  const model::ArmModel model = modelOf(scene, arguments.tier);
+  model::InverseSolver solver(model, options);
   const Eigen::VectorXd start = startOf(arguments, scene);
 
   InverseResult result;
@@ -163,10 +169,11 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   } else {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
-  const model::Twists twists = scene.arm.twists(result.input);
-  if (global.format == Format::kJson) printJsonResult(scene, result, twists);
-  if (global.format == Format::kCsv) printCsvResult(scene, result, twists);
-  if (global.format == Format::kText) printTextResult(scene, result, twists);
+  const model::Solution reached = model.solve(result.input);
+  const model::TierSetting& tier = model.choice().setting;
+  if (global.format == Format::kJson) printJsonResult(scene, tier, result, reached);
+  if (global.format == Format::kCsv) printCsvResult(scene, tier, result, reached);
+  if (global.format == Format::kText) printTextResult(scene, tier, result, reached);
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 
@@ -194,6 +201,7 @@ Subcommand addInverse(CLI::App& app) {
                       "their lower limits; with cocontract, at its fraction)");
   command->add_option("--start", arguments->start,
                       "instead, in SI units: pressures [Pa], spool angles [rad]");
+  addTierOptions(*command, arguments->tier);
   CLI::Option* cocontraction =
       command
           ->add_option("--cocontraction", arguments->cocontraction,
@@ -201,12 +209,13 @@ Subcommand addInverse(CLI::App& app) {
           ->check(CLI::Range(0.0, 1.0))
           ->capture_default_str();
   command->footer(
-      "json: pressure_pa, actuators, status (reached, unreachable, not_converged), reason (null "
-      "when reached),\n"
-      "converged, residual (position error and, for poses and twists, 0.1 m per rad of rotation "
-      "[m]),\n"
-      "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist "
-      "reached.\n"
+      "json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status (reached, "
+      "unreachable,\n"
+      "not_converged), reason (null when reached), converged, residual (position error and, for "
+      "poses and twists,\n"
+      "0.1 m per rad of rotation [m]), position_error_m, active_limits [{actuator, limit}], "
+      "iterations, and the tip\n"
+      "and twist (mean of each section) reached.\n"
       "An unreachable target gives the closest found and exit code 1.");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

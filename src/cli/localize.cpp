@@ -74,7 +74,7 @@ std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
 // Finds tags, and the arm's shape where the scene says how its camera sees it.
 class Locator {
  public:
-  explicit Locator(const io::Scene& scene, model::Twists model)
+  explicit Locator(const io::Scene& scene, model::Shape model)
       : scene_(scene), model_(std::move(model)) {}
 
   void reset() {
@@ -164,7 +164,7 @@ class Locator {
   }
 
   const io::Scene& scene_;
-  model::Twists model_;
+  model::Shape model_;
   std::optional<vision::ArmLocalizer> localizer_;
   std::optional<vision::TagDetector> detector_;
 };
@@ -324,7 +324,7 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd inputs =
       at_rest ? scene.arm.inputAt(0)
               : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
-  Locator locator(scene, modelTwists(scene, inputs));
+  Locator locator(scene, scene.model.solve(inputs).shape);
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
   if (global.format == Format::kJson) printJsonResult(scene, frames);
   if (global.format == Format::kCsv) printCsvResult(scene, frames);

@@ -29,7 +29,7 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   std::vector<int> tags;
   for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
   // Three places determine a section's twist, in a plane two, and one place with its rotation.
-  const int places = scene.planar ? 2 : 3;
+  const int places = scene.vision.fit.planar ? 2 : 3;
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
 
@@ -42,11 +42,16 @@ void requirePressureDriven(const io::Scene& scene) {
                     "actuators are all driven by pressure");
 }
 
-model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure) {
-  return scene.planar ? model::embed(scene.planar->twists(pressure)) : scene.arm.twists(pressure);
+const char* modelTier(const io::Scene& scene) {
+  return model::nameOf(scene.model.choice().setting.tier);
 }
 
-const char* modelTier(const io::Scene& scene) { return scene.planar ? "planar" : "linear"; }
+std::string reasonForNoShape(model::SolveStatus status) {
+  return status == model::SolveStatus::kUnsupported
+             ? "the load pulls along a motion that no actuator resists"
+             : "the search for the shape that balances the load came to no end; less load, a "
+               "higher order or tier: exact may help";
+}
 
 std::vector<int> FittedCapture::outlierTags(const estimation::TagLayout& layout) const {
   std::vector<int> ids;
@@ -77,8 +82,8 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
         capture.seen.push_back({index, tag.X_BT});
       }
     }
-    capture.model = modelTwists(scene, scene.arm.clamped(measured.pressure));
-    const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model);
+    capture.model = scene.model.solve(scene.arm.clamped(measured.pressure));
+    const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model.shape);
     capture.status = fit.status;
     capture.reason = reasonOf(scene, capture);
     if (fit.status == estimation::FitStatus::kConverged ||
@@ -91,7 +96,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
 }
 
 lie::SE3 measuredTip(const estimation::TwistFit& fit) {
-  return fit.X_B0B * model::tipPose(fit.twists);
+  return fit.X_B0B * model::tipPose(fit.shape);
 }
 
 std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {

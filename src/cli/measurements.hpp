@@ -14,10 +14,10 @@ namespace helix_arm::cli {
 /// @throws CallerError where the scene has tendons: data sets give pressures.
 void requirePressureDriven(const io::Scene& scene);
 
-/// Twists (6 x sections) that the model has at pressures within the limits (n) [Pa].
-model::Twists modelTwists(const io::Scene& scene, const Eigen::VectorXd& pressure);
-/// Name of the tier that computes them.
+/// Name of the tier that computes the model's shapes.
 const char* modelTier(const io::Scene& scene);
+/// Why the model has no shape where its load finds no balance, as text of a result.
+std::string reasonForNoShape(model::SolveStatus status);
 
 /// One capture of tag poses and the shape fitted to it.
 struct FittedCapture {
@@ -25,7 +25,7 @@ struct FittedCapture {
   Eigen::VectorXd pressure;                       ///< (n) gauge [Pa]
   std::vector<estimation::PoseObservation> seen;  ///< the tags that the scene has
   std::vector<int> unknown_tags;                  ///< ids that it has not
-  model::Twists model;                            ///< at these pressures
+  model::Solution model;                          ///< at these pressures
   estimation::FitStatus status;
   std::string reason;  ///< why it did not converge; empty where it did
   /// Absent where the tags do not determine a shape, or no shape fits most of them.

@@ -79,6 +79,10 @@ std::string exact(double value) {
   return text.str();
 }
 
+std::string exact(const std::optional<double>& value) {
+  return value ? exact(*value) : std::string();
+}
+
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const std::string number = std::to_string(i + 1);

@@ -45,6 +45,8 @@ class CsvTable {
 
 /// A number for csv: reads back as the same.
 std::string exact(double value);
+/// The same; empty where there is none.
+std::string exact(const std::optional<double>& value);
 /// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.

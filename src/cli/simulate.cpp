@@ -188,7 +188,9 @@ std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
 
 std::string truthComment(const io::Scene& scene) {
   return "# Truth of the simulated arm of scene " + scene.name +
-         ": twists of its sections and its tip, seen from its base. Gauge pressure [kPa].\n";
+         ": twists of its sections (their means where it is loaded) and its tip, seen from its "
+         "base. "
+         "Gauge pressure [kPa].\n";
 }
 
 std::string poseComment(const io::Scene& scene) {
@@ -212,7 +214,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   requirePressureDriven(scene);
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
-  simulation::SimulatedRig rig(scene.arm, regulatorOf(scene), scene.simulation.arm, camera);
+  simulation::SimulatedRig rig(scene.model, regulatorOf(scene), scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);
   std::normal_distribution<double> normal;
@@ -233,13 +235,13 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   for (int capture = 1; capture <= options.count; ++capture) {
     rig.command(drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
-    const model::Twists twists = rig.twists();
+    const model::Shape shape = rig.shape();
     CsvTable::Row row;
     appendCapture(capture, rig.pressure(), row);
-    appendTwists(twists, row);
-    appendPose("tip_", model::tipPose(twists), row);
+    appendTwists(shape.twists(), row);
+    appendPose("tip_", model::tipPose(shape), row);
     if (camera) {
-      const auto visible = estimation::visibleTags(camera->view, twists);
+      const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));
       const auto jpeg = encoder.encode(rig.render());
       OutputFile(directory / pictureName(capture)).write(std::string(jpeg.begin(), jpeg.end()));
@@ -247,7 +249,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
     }
     truth.add(row);
     if (!poses) continue;
-    const auto exact_poses = estimation::tagPoses(*layout, twists);
+    const auto exact_poses = estimation::tagPoses(*layout, shape);
     for (std::size_t i = 0; i < exact_poses.size(); ++i) {
       CsvTable::Row pose_row;
       appendCapture(capture, rig.pressure(), pose_row);
@@ -320,7 +322,8 @@ Subcommand addSimulate(CLI::App& app) {
   command->add_option("--seed", options->seed, "of the pressures and of all noise")
       ->capture_default_str();
   command->footer(
-      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures; "
+      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures, "
+      "under its key load as tier exact has it; "
       "camera and tags are where\n"
       "its key simulation.mounts puts them.\n"
       "DIR gets scene.yaml (with what --set changed), truth.csv (twists and tip), tag_poses.csv "

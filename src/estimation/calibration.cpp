@@ -291,11 +291,15 @@ class Calibrator {
     }
     const Selection& selection = problem_->selection();
     if (!selection.stiffness.empty()) result_.stiffness = problem_->stiffness();
+    result_.K_eps = problem_->K_eps();
     result_.length_scale = problem_->lengthScale();
     result_.X_B0B = problem_->base();
     result_.layout = problem_->layout();
     result_.bleed = problem_->values().bleed;
-    for (int c = 0; c < problem_->captures(); ++c) result_.shapes.push_back(problem_->shape(c));
+    for (int c = 0; c < problem_->captures(); ++c) {
+      result_.curves.push_back(problem_->shape(c));
+      result_.shapes.push_back(result_.curves.back().twists());
+    }
     comparisons_ = problem_->compare(solution_.noise_scale);
     reportCaptures();
   }
@@ -372,7 +376,7 @@ class Calibrator {
       }
       refits.left_out.push_back(std::move(left_out));
       for (int c = 0; c < problem_->captures(); ++c) {
-        if (group_of[c] == g) refits.shapes[c] = problem_->shape(c);
+        if (group_of[c] == g) refits.shapes[c] = problem_->shape(c).twists();
       }
       restore();
     }
@@ -594,6 +598,11 @@ class Calibrator {
 };
 
 }  // namespace
+
+bool ArmCaptures::isLoaded() const {
+  return load && !load->empty() &&
+         (tier.tier == model::Tier::kLoaded || tier.tier == model::Tier::kExact);
+}
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {

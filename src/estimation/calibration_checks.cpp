@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "shape_model.hpp"
+
 namespace helix_arm::estimation {
 namespace {
 
@@ -141,6 +143,19 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
   if (first == nullptr) {
     return Verdict{Status::kNoCaptures, "there is no capture with a reading; record some first"};
   }
+  ShapeModel model(arms, {});
+  for (std::size_t a = 0; a < arms.size(); ++a) {
+    if (!arms[a].isLoaded()) continue;
+    for (const Capture& capture : arms[a].captures) {
+      const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
+      if (model.at(static_cast<int>(a), lengths, nullptr).found) continue;
+      return Verdict{
+          Status::kBadData,
+          text(arms[a].name, ", capture ", capture.number, ": at ", pressureText(capture.pressure),
+               " the model finds no shape that holds the load; check the scene's load "
+               "and K_eps")};
+    }
+  }
   const auto differs = [first](const Capture& capture) {
     return !same(capture.pressure, first->pressure);
   };
@@ -172,7 +187,15 @@ std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
   const bool tags = kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
   const bool placement = options.base || options.tags || options.bleed;
   const bool stiffness = options.K_kappa || options.K_gamma || options.K_tau;
-  if (!placement && !stiffness && options.length_scale == LengthScaling::kNone) {
+  const bool loaded =
+      std::all_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
+  if (options.K_eps && !loaded) {
+    return Verdict{
+        Status::kNothingToFit,
+        "K_eps shows under load alone; give the scene its `load`, with a tier that takes "
+        "it into account, or do not fit K_eps"};
+  }
+  if (!placement && !stiffness && !options.K_eps && options.length_scale == LengthScaling::kNone) {
     return Verdict{Status::kNothingToFit, "nothing to fit was named"};
   }
   if (placement && !tags) {
@@ -197,6 +220,14 @@ std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                      text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
                           arms.front().name, " ", arms.front().arm.actuatorCount(),
                           "; a scale for each needs as many on every arm, a common one does not")};
+    }
+    for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
+      const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
+      if (other == one) continue;
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
+                          " N of the first section of ", arms.front().name,
+                          "; one K_eps is fitted for all: give them the same one first")};
     }
     for (int i = 0; stiffness && i < arm.arm.actuatorCount(); ++i) {
       const model::Stiffness& other = arm.arm.actuator(i).stiffness;

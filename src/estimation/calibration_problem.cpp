@@ -19,10 +19,17 @@ const char* parameterName(StiffnessEntry entry) {
       return "K_kappa";
     case StiffnessEntry::kGamma:
       return "K_gamma";
+    case StiffnessEntry::kEps:
+      return "K_eps";
     case StiffnessEntry::kTau:
       break;
   }
   return "K_tau";
+}
+
+const char* unitOf(StiffnessEntry entry) {
+  if (entry == StiffnessEntry::kEps) return "N";
+  return entry == StiffnessEntry::kGamma ? "" : "m^2";
 }
 
 }  // namespace
@@ -32,6 +39,7 @@ Selection selectionOf(const CalibrationOptions& options) {
   if (options.K_kappa) selection.stiffness.push_back(StiffnessEntry::kKappa);
   if (options.K_gamma) selection.stiffness.push_back(StiffnessEntry::kGamma);
   if (options.K_tau) selection.stiffness.push_back(StiffnessEntry::kTau);
+  if (options.K_eps) selection.stiffness.push_back(StiffnessEntry::kEps);
   selection.length_scale = options.length_scale;
   selection.base = options.base;
   selection.tags = options.tags;
@@ -99,11 +107,10 @@ struct CalibrationProblem::Workspace {
     if (!selection.free_shapes && values.stiffness.size() > 0) {
       addBlock(values.stiffness.data(),
                Eigen::VectorXd::Constant(values.stiffness.size(), options.stiffness_prior));
-      model::Stiffness initial = shared.model.initial();
+      Elasticity initial = shared.model.initial();
       for (const StiffnessEntry entry : selection.stiffness) {
-        infos.push_back({parameterName(entry), entry == StiffnessEntry::kGamma ? "" : "m^2",
-                         options.stiffness_prior, true, shared.model.referenceOf(entry),
-                         entryOf(initial, entry), true});
+        infos.push_back({parameterName(entry), unitOf(entry), options.stiffness_prior, true,
+                         shared.model.referenceOf(entry), entryOf(initial, entry), true});
       }
     }
     if (!selection.free_shapes && shared.scales() > 0) {
@@ -150,10 +157,12 @@ struct CalibrationProblem::Workspace {
     // Ceres keeps pointers to these.
     values.shapes.reserve(places.size());
     shape_means.reserve(places.size());
+    shared.expected_shapes.reserve(places.size());
     for (std::size_t c = 0; c < places.size(); ++c) {
       const ArmCaptures& data = armOf(static_cast<int>(c));
       const std::vector<int> entries = freeEntries(data);
-      const model::Twists model = data.arm.twists(captureOf(static_cast<int>(c)).pressure);
+      shared.expected_shapes.push_back(modelShape(static_cast<int>(c)));
+      const model::Twists model = shared.expected_shapes.back().twists();
       Eigen::VectorXd mean(entries.size()), deviation(entries.size());
       for (std::size_t i = 0; i < entries.size(); ++i) {
         mean[i] = model.data()[entries[i]];
@@ -167,22 +176,22 @@ struct CalibrationProblem::Workspace {
     }
   }
 
-  model::Twists freeShape(int capture) const {
+  model::Shape freeShape(int capture) const {
     model::Twists twists(6, armOf(capture).arm.sectionCount());
     twists.setZero();
     const std::vector<int> entries = freeEntries(armOf(capture));
     for (std::size_t i = 0; i < entries.size(); ++i) {
       twists.data()[entries[i]] = values.shapes[capture][static_cast<Eigen::Index>(i)];
     }
-    return twists;
+    return shared.expected_shapes[capture].about(twists);
   }
 
-  model::Twists modelShape(int capture) {
+  model::Shape modelShape(int capture) {
     Eigen::VectorXd lengths = armOf(capture).arm.lengths(captureOf(capture).pressure);
     for (int i = 0; i < lengths.size(); ++i) {
       lengths[i] *= shared.scaleOf(values.length_scale.data(), i);
     }
-    return shared.model.twists(places[capture].first, lengths, values.stiffness.data());
+    return shared.model.at(places[capture].first, lengths, values.stiffness.data()).shape;
   }
 
   // Pointers of a cost's parameters, in its order.
@@ -451,7 +460,16 @@ Eigen::VectorXd CalibrationProblem::priorInformation() const {
 
 model::Stiffness CalibrationProblem::stiffness() const {
   const ShapeModel& model = work_->shared.model;
-  return model.stiffnessAt(work_->values.stiffness.data(), model.initial());
+  return model.elasticityAt(work_->values.stiffness.data(), model.initial()).ratios;
+}
+
+std::optional<double> CalibrationProblem::K_eps() const {
+  const std::vector<StiffnessEntry>& fitted = selection().stiffness;
+  if (std::find(fitted.begin(), fitted.end(), StiffnessEntry::kEps) == fitted.end()) {
+    return std::nullopt;
+  }
+  const ShapeModel& model = work_->shared.model;
+  return model.elasticityAt(work_->values.stiffness.data(), model.initial()).K_eps;
 }
 
 Eigen::VectorXd CalibrationProblem::lengthScale() const {
@@ -468,13 +486,13 @@ TagLayout CalibrationProblem::layout() const {
   TagLayout layout = work_->arms.front().layout;
   for (std::size_t i = 0; i < layout.tags.size(); ++i) {
     const int section = layout.tags[i].section;
-    const double length = work_->arms.front().arm.restTwist(section).head<3>().norm();
+    const double length = work_->arms.front().arm.restLength(section);
     layout.tags[i] = movedBy(layout.tags[i], work_->values.tags[i], length);
   }
   return layout;
 }
 
-model::Twists CalibrationProblem::shape(int capture) const {
+model::Shape CalibrationProblem::shape(int capture) const {
   return selection().free_shapes ? work_->freeShape(capture) : work_->modelShape(capture);
 }
 

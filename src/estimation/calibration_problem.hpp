@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,8 +12,8 @@
 /// The least squares behind calibrate(): its parameters, its readings, and what they say.
 namespace helix_arm::estimation {
 
-/// The entries of a stiffness that can be fitted.
-enum class StiffnessEntry { kKappa, kGamma, kTau };
+/// The entries of a stiffness that can be fitted; kEps is the one that the others are ratios to.
+enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
 
 /// Which parameters are free.
 struct Selection {
@@ -92,10 +93,11 @@ class CalibrationProblem {
 
   // What the values stand for.
   model::Stiffness stiffness() const;
+  std::optional<double> K_eps() const;  ///< [N], where it is fitted
   Eigen::VectorXd lengthScale() const;  ///< (actuators of the first arm)
   lie::SE3 base() const;
   TagLayout layout() const;
-  model::Twists shape(int capture) const;
+  model::Shape shape(int capture) const;
 
  private:
   struct Workspace;

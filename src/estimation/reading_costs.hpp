@@ -34,6 +34,9 @@ struct Shared {
   Selection selection;
   ShapeModel model;
   double inverse_noise = 1;  // 1 / scale of the expected noise
+  // (captures) as the model has them before the search, where shapes are free: how the pieces of a
+  // section deviate from its mean is the model's.
+  std::vector<model::Shape> expected_shapes;
   TwistFitOptions expected;  // noise of tags
 
   Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
@@ -63,12 +66,6 @@ struct Place {
 // Parameters of a cost in Ceres' order, and where each stands in it.
 struct Blocks {
   int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
-};
-
-// The twists that a cost sees, and how its blocks change them.
-struct ShapeThere {
-  model::Twists twists;
-  Eigen::MatrixXd by_stiffness, by_scale;  // (6 sections x entries)
 };
 
 class ReadingCost : public ceres::CostFunction {
@@ -101,46 +98,52 @@ class ReadingCost : public ceres::CostFunction {
 
  protected:
   ShapeThere shapeAt(const double* const* p, bool derivatives) const {
-    ShapeThere shape;
-    const ArmCaptures& data = shared_.arms[place_.arm];
-    const int sections = data.arm.sectionCount();
     if (blocks_.shape >= 0) {
-      shape.twists = model::Twists::Zero(6, sections);
+      ShapeThere shape;
+      model::Twists twists = model::Twists::Zero(6, shared_.arms[place_.arm].arm.sectionCount());
       for (std::size_t i = 0; i < entries_.size(); ++i) {
-        shape.twists.data()[entries_[i]] = p[blocks_.shape][i];
+        twists.data()[entries_[i]] = p[blocks_.shape][i];
       }
+      shape.shape = shared_.expected_shapes[place_.capture].about(twists);
       return shape;
     }
     Eigen::VectorXd lengths = place_.lengths;
     const double* scales = blocks_.scale >= 0 ? p[blocks_.scale] : nullptr;
     for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared_.scaleOf(scales, i);
-    shape.twists = shared_.model.twists(place_.arm, lengths,
-                                        blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr,
-                                        derivatives ? &shape.by_stiffness : nullptr);
-    if (derivatives && scales != nullptr) {
-      shape.by_scale.setZero(6 * sections, shared_.scales());
-      for (int k = 0; k < sections; ++k) {
-        for (int i = data.arm.firstActuator(k); i < data.arm.firstActuator(k + 1); ++i) {
-          shape.by_scale.block<6, 1>(6 * k, shared_.scales() == 1 ? 0 : i) +=
-              shared_.model.mapOf(place_.arm, k).col(i - data.arm.firstActuator(k)) * lengths[i];
-        }
-      }
-    }
-    return shape;
+    return shared_.model.at(place_.arm, lengths,
+                            blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr,
+                            scales != nullptr ? shared_.scales() : 0, derivatives);
   }
 
-  // Passes derivatives by the twists on to the blocks that make them.
-  void passOn(const Eigen::MatrixXd& by_twists, const ShapeThere& shape, double** J) const {
+  // Derivatives by the mean twists as derivatives by the pieces, of which those are the sums.
+  static Eigen::MatrixXd overPieces(const Eigen::MatrixXd& by_twists, const model::Shape& shape) {
+    Eigen::MatrixXd out(by_twists.rows(), shape.pieces().size());
+    for (int j = 0; j < shape.pieces().cols(); ++j) {
+      out.middleCols<6>(6 * j) = by_twists.middleCols<6>(6 * (j / shape.piecesPerSection()));
+    }
+    return out;
+  }
+
+  // Passes derivatives by the pieces' twists on to the blocks that make them.
+  void passOn(const Eigen::MatrixXd& by_pieces, const ShapeThere& shape, double** J) const {
     const auto block = [&](int index, const Eigen::MatrixXd& derivatives) {
       if (index < 0 || J[index] == nullptr) return;
       Eigen::Map<RowMajor>(J[index], derivatives.rows(), derivatives.cols()) = derivatives;
     };
-    if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_twists * shape.by_stiffness);
-    if (blocks_.scale >= 0) block(blocks_.scale, by_twists * shape.by_scale);
+    if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_pieces * shape.by_stiffness);
+    if (blocks_.scale >= 0) block(blocks_.scale, by_pieces * shape.by_scale);
     if (blocks_.shape < 0 || J[blocks_.shape] == nullptr) return;
-    Eigen::Map<RowMajor> out(J[blocks_.shape], by_twists.rows(),
+    // Of a mean twist each piece takes its share.
+    const int per_section = shape.shape.piecesPerSection();
+    Eigen::Map<RowMajor> out(J[blocks_.shape], by_pieces.rows(),
                              static_cast<Eigen::Index>(entries_.size()));
-    for (std::size_t i = 0; i < entries_.size(); ++i) out.col(i) = by_twists.col(entries_[i]);
+    out.setZero();
+    for (std::size_t i = 0; i < entries_.size(); ++i) {
+      const int first = entries_[i] / 6 * per_section;
+      for (int j = first; j < first + per_section; ++j) {
+        out.col(i) += by_pieces.col(6 * j + entries_[i] % 6) / per_section;
+      }
+    }
   }
 
   Shared& shared_;
@@ -158,14 +161,15 @@ class CurvatureCost final : public ReadingCost {
   bool Evaluate(const double* const* p, double* residual, double** J) const override {
     const double weight = shared_.inverse_noise / shared_.options.curvature_noise;
     const ShapeThere shape = shapeAt(p, J != nullptr);
-    const double curvature = model::curvatureOf(shape.twists.col(0));
+    if (!shape.found) return false;
+    const lie::Vector6 twist = shape.shape.twists().col(0);
+    const double curvature = model::curvatureOf(twist);
     residual[0] = weight * (curvature - measured_);
     if (J == nullptr) return true;
     Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(1, 6);
     // A straight arm bends alike to all sides: no direction is the one of change.
-    if (curvature > 0)
-      by_twists.rightCols(2) = weight / curvature * shape.twists.col(0).tail<2>().transpose();
-    passOn(by_twists, shape, J);
+    if (curvature > 0) by_twists.rightCols(2) = weight / curvature * twist.tail<2>().transpose();
+    passOn(overPieces(by_twists, shape.shape), shape, J);
     return true;
   }
 
@@ -190,18 +194,21 @@ class TwistCost final : public ReadingCost {
 
   bool Evaluate(const double* const* p, double* residual, double** J) const override {
     const ShapeThere shape = shapeAt(p, J != nullptr);
-    const model::Twists difference = shape.twists - measured_;
+    if (!shape.found) return false;
+    const model::Twists difference = shape.shape.twists() - measured_;
     Eigen::Map<Eigen::VectorXd>(residual, num_residuals()) =
         shared_.inverse_noise * whitening_ *
         Eigen::Map<const Eigen::VectorXd>(difference.data(), difference.size());
-    if (J != nullptr) passOn(shared_.inverse_noise * whitening_, shape, J);
+    if (J != nullptr) {
+      passOn(overPieces(shared_.inverse_noise * whitening_, shape.shape), shape, J);
+    }
     return true;
   }
 
   // Distance of the tips [m].
   double shown(const double* const* p, double) const override {
-    return (model::tipPose(shapeAt(p, false).twists).translation -
-            model::tipPose(measured_).translation)
+    const model::Shape shape = shapeAt(p, false).shape;
+    return (model::tipPose(shape).translation - model::tipPose(shape.about(measured_)).translation)
         .norm();
   }
 
@@ -223,14 +230,15 @@ class TagCost final : public ReadingCost {
         seen_(std::move(seen)) {
     const model::Arm& arm = shared.arms[place_.arm].arm;
     const TagPlacement& tag = placement();
-    rest_length_ = arm.restTwist(tag.section).template head<3>().norm();
+    rest_length_ = arm.restLength(tag.section);
   }
 
   int tag() const override { return seen_.tag; }
 
   bool Evaluate(const double* const* p, double* residual, double** J) const override {
     const ShapeThere shape = shapeAt(p, J != nullptr);
-    const Pose pose = poseAt(p, shape.twists);
+    if (!shape.found) return false;
+    const Pose pose = poseAt(p, shape.shape);
     typename Model::Rows rows;
     if (!model_.evaluate(seen_, pose.X_B0T, corners(p), rows)) return false;
     const int m = num_residuals();
@@ -241,13 +249,13 @@ class TagCost final : public ReadingCost {
     rows.by_w *= shared_.inverse_noise;
     if (Model::kBleeds) rows.by_bleed *= shared_.inverse_noise;
 
-    const TagPlacement& tag = placement();
-    Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(Model::Rows::kCount, shape.twists.size());
-    for (int k = 0; k <= tag.section; ++k) {
-      const double reach = k < tag.section ? 1.0 : pose.s;
-      Mover(pose.starts[k], shape.twists.col(k), reach).fill(rows, 6 * k, by_twists);
+    const model::Shape::Pieces& pieces = shape.shape.pieces();
+    Eigen::MatrixXd by_pieces = Eigen::MatrixXd::Zero(Model::Rows::kCount, pieces.size());
+    for (int j = 0; j <= pose.place.piece; ++j) {
+      const double reach = j < pose.place.piece ? 1.0 : pose.place.s;
+      Mover(pose.starts[j], pieces.col(j), reach).fill(rows, 6 * j, by_pieces);
     }
-    passOn(by_twists.topRows(m), shape, J);
+    passOn(by_pieces.topRows(m), shape, J);
     if (blocks_.base >= 0 && J[blocks_.base] != nullptr) {
       Eigen::MatrixXd moved(Model::Rows::kCount, 6);
       Mover(pose.starts[0]).fill(rows, 0, moved);
@@ -262,20 +270,20 @@ class TagCost final : public ReadingCost {
     }
     if (blocks_.tag >= 0 && J[blocks_.tag] != nullptr) {
       Eigen::Map<RowMajor>(J[blocks_.tag], m, 6) =
-          byPlacement(p, shape.twists, pose, rows).topRows(m);
+          byPlacement(p, shape.shape, pose, rows).topRows(m);
     }
     return true;
   }
 
   double shown(const double* const* p, double square) const override {
     const double expected = square / (shared_.inverse_noise * shared_.inverse_noise);
-    return model_.shown(seen_, poseAt(p, shapeAt(p, false).twists).X_B0T, expected);
+    return model_.shown(seen_, poseAt(p, shapeAt(p, false).shape).X_B0T, expected);
   }
 
   // Whether it turns its face to the camera.
   bool faces(const double* const* p) const {
     if constexpr (Model::kBleeds) {
-      const lie::SE3 X_CT = model_.X_CB0 * poseAt(p, shapeAt(p, false).twists).X_B0T;
+      const lie::SE3 X_CT = model_.X_CB0 * poseAt(p, shapeAt(p, false).shape).X_B0T;
       return X_CT.translation.z() > 0 &&
              -X_CT.rotation.col(2).dot(X_CT.translation.normalized()) > kFacing;
     }
@@ -284,8 +292,9 @@ class TagCost final : public ReadingCost {
 
  private:
   struct Pose {
-    double s;
-    std::vector<lie::SE3> starts;  // X_B0k of the sections up to the tag's
+    double s;  // along its section
+    PiecePlace place;
+    std::vector<lie::SE3> starts;  // X_B0j of the pieces up to the tag's
     lie::SE3 X_B0S, X_B0T;
   };
 
@@ -295,27 +304,28 @@ class TagCost final : public ReadingCost {
     return shared_.arms[place_.arm].layout.corners(blocks_.bleed >= 0 ? p[blocks_.bleed][0] : 0.0);
   }
 
-  Pose poseAt(const double* const* p, const model::Twists& twists) const {
+  Pose poseAt(const double* const* p, const model::Shape& shape) const {
     TagPlacement tag = placement();
     if (blocks_.tag >= 0) {
       tag = movedBy(tag, Eigen::Map<const lie::Vector6>(p[blocks_.tag]), rest_length_);
     }
     Pose pose;
     pose.s = tag.s;
-    lie::SE3 X_B0k;
+    pose.place = placeOnPieces(tag, shape.piecesPerSection());
+    lie::SE3 X_B0j;
     if (blocks_.base >= 0) {
-      X_B0k = lie::SE3::exp(Eigen::Map<const lie::Vector6>(p[blocks_.base]));
+      X_B0j = lie::SE3::exp(Eigen::Map<const lie::Vector6>(p[blocks_.base]));
     }
-    for (int k = 0; k <= tag.section; ++k) {
-      pose.starts.push_back(X_B0k);
-      if (k < tag.section) X_B0k = X_B0k * lie::SE3::exp(twists.col(k));
+    for (int j = 0; j <= pose.place.piece; ++j) {
+      pose.starts.push_back(X_B0j);
+      if (j < pose.place.piece) X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
     }
-    pose.X_B0S = X_B0k * lie::SE3::exp(pose.s * twists.col(tag.section));
+    pose.X_B0S = X_B0j * lie::SE3::exp(pose.place.s * shape.pieces().col(pose.place.piece));
     pose.X_B0T = pose.X_B0S * tag.X_ST;
     return pose;
   }
 
-  Eigen::MatrixXd byPlacement(const double* const* p, const model::Twists& twists, const Pose& pose,
+  Eigen::MatrixXd byPlacement(const double* const* p, const model::Shape& shape, const Pose& pose,
                               const typename Model::Rows& rows) const {
     const TagPlacement& tag = placement();
     const Eigen::Vector3d turned(p[blocks_.tag][3], p[blocks_.tag][4], p[blocks_.tag][5]);
@@ -324,7 +334,8 @@ class TagCost final : public ReadingCost {
     Mover(pose.X_B0S).fill(rows, 0, moved);
     const double s = tag.s + p[blocks_.tag][0] / rest_length_;
     if (s == pose.s) {
-      out.col(0) = moved * twists.col(tag.section) / rest_length_;
+      const double per_length = shape.piecesPerSection() / rest_length_;
+      out.col(0) = per_length * (moved * shape.pieces().col(pose.place.piece));
     } else {  // beyond an end, along x
       out.col(0) = moved.col(0);
     }

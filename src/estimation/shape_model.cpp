@@ -2,63 +2,134 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/loaded.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-// Of the logs: step of the central differences of the maps, with an error of its square.
-constexpr double kMapStep = 1e-4;
+// Of the logs: step of the central differences, with an error of its square.
+constexpr double kStep = 1e-4;
 // Of the bending stiffness of an arm that has none yet, in squares of its actuators' offset.
 constexpr double kLikelyBending = 0.2;
 
+int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
+
+// Change of the pieces' twists, all in one column.
+Eigen::VectorXd changeOf(const model::Solution& above, const model::Solution& below) {
+  const model::Shape::Pieces change = (above.shape.pieces() - below.shape.pieces()) / (2 * kStep);
+  return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
+}
+
 }  // namespace
 
-double& entryOf(model::Stiffness& stiffness, StiffnessEntry entry) {
+double& entryOf(Elasticity& elasticity, StiffnessEntry entry) {
   switch (entry) {
     case StiffnessEntry::kKappa:
-      return stiffness.kappa;
+      return elasticity.ratios.kappa;
     case StiffnessEntry::kGamma:
-      return stiffness.gamma;
+      return elasticity.ratios.gamma;
+    case StiffnessEntry::kEps:
+      return elasticity.K_eps;
     case StiffnessEntry::kTau:
       break;
   }
-  return stiffness.tau;
+  return elasticity.ratios.tau;
 }
 
 ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
                        const std::vector<StiffnessEntry>& fitted)
-    : arms_(arms), fitted_(fitted) {
-  initial_ = arms.front().arm.actuator(0).stiffness;
+    : arms_(arms), fitted_(fitted), loaded_(arms.size()) {
+  const ArmCaptures& first = arms.front();
+  initial_.ratios = first.arm.actuator(0).stiffness;
+  if (first.isLoaded()) initial_.K_eps = first.load->K_eps.front();
   reference_ = initial_;
+  model::Stiffness& ratios = reference_.ratios;
   double offset = 0;
-  for (int i = 0; i < arms.front().arm.actuatorCount(); ++i) {
-    offset = std::max(offset, arms.front().arm.actuator(i).X_O.translation.squaredNorm());
+  for (int i = 0; i < first.arm.actuatorCount(); ++i) {
+    offset = std::max(offset, first.arm.actuator(i).X_O.translation.squaredNorm());
   }
-  if (!(reference_.kappa > 0)) reference_.kappa = kLikelyBending * offset;
-  if (!(reference_.gamma > 0)) reference_.gamma = 1.0;
-  if (!(reference_.tau > 0)) reference_.tau = reference_.kappa;
+  if (!(ratios.kappa > 0)) ratios.kappa = kLikelyBending * offset;
+  if (!(ratios.gamma > 0)) ratios.gamma = 1.0;
+  if (!(ratios.tau > 0)) ratios.tau = ratios.kappa;
 }
 
-model::Stiffness ShapeModel::stiffnessAt(const double* logs, model::Stiffness stiffness) const {
+Elasticity ShapeModel::elasticityAt(const double* logs, Elasticity elasticity) const {
   for (std::size_t e = 0; e < fitted_.size(); ++e) {
-    entryOf(stiffness, fitted_[e]) = referenceOf(fitted_[e]) * std::exp(logs[e]);
+    entryOf(elasticity, fitted_[e]) = referenceOf(fitted_[e]) * std::exp(logs[e]);
   }
-  return stiffness;
+  return elasticity;
 }
 
-model::Twists ShapeModel::twists(int a, const Eigen::VectorXd& lengths, const double* logs,
-                                 Eigen::MatrixXd* by_stiffness) {
-  update(logs, by_stiffness != nullptr);
+ShapeThere ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales,
+                          bool derivatives) {
+  update(logs, derivatives);
+  return arms_[a].isLoaded() ? loaded(a, lengths, scales, derivatives)
+                             : unloaded(a, lengths, scales, derivatives);
+}
+
+ShapeThere ShapeModel::unloaded(int a, const Eigen::VectorXd& lengths, int scales,
+                                bool derivatives) const {
   const model::Arm& arm = arms_[a].arm;
-  model::Twists out(6, arm.sectionCount());
-  if (by_stiffness) by_stiffness->resize(6 * arm.sectionCount(), size());
+  ShapeThere out;
+  model::Twists twists(6, arm.sectionCount());
+  if (derivatives) {
+    out.by_stiffness.resize(6 * arm.sectionCount(), size());
+    out.by_scale.setZero(6 * arm.sectionCount(), scales);
+  }
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto l = lengths.segment(arm.firstActuator(k), count(arm, k));
-    out.col(k) = maps_[a][k] * l;
-    for (int e = 0; by_stiffness && e < size(); ++e) {
-      by_stiffness->block<6, 1>(6 * k, e) = changes_[a][k][e] * l;
+    twists.col(k) = maps_[a][k] * l;
+    for (int e = 0; derivatives && e < size(); ++e) {
+      out.by_stiffness.block<6, 1>(6 * k, e) = changes_[a][k][e] * l;
+    }
+    for (int j = 0; derivatives && scales > 0 && j < l.size(); ++j) {
+      out.by_scale.block<6, 1>(6 * k, scales == 1 ? 0 : arm.firstActuator(k) + j) +=
+          maps_[a][k].col(j) * l[j];
     }
   }
+  out.shape = twists;
+  return out;
+}
+
+ShapeThere ShapeModel::loaded(int a, const Eigen::VectorXd& lengths, int scales, bool derivatives) {
+  Loaded& arm = loaded_[a];
+  if (arm.lengths.size() > 0 && arm.lengths == lengths && (arm.has_changes || !derivatives)) {
+    return arm.last;
+  }
+  ShapeThere out;
+  const auto found = [&out](const Statics& statics, const Eigen::VectorXd& l) {
+    model::Solution solution = statics(l);
+    out.found &= solution.converged();
+    return solution;
+  };
+  out.shape = found(arm.there, lengths).shape;
+  if (derivatives) {
+    out.by_stiffness.resize(out.shape.pieces().size(), size());
+    out.by_scale.resize(out.shape.pieces().size(), scales);
+    for (int e = 0; e < size(); ++e) {
+      out.by_stiffness.col(e) =
+          changeOf(found(arm.above[e], lengths), found(arm.below[e], lengths));
+    }
+    for (int i = 0; i < scales; ++i) {
+      const auto scaled = [&](double log) {
+        Eigen::VectorXd l = lengths;
+        if (scales == 1) {
+          l *= std::exp(log);
+        } else {
+          l[i] *= std::exp(log);
+        }
+        return l;
+      };
+      out.by_scale.col(i) =
+          changeOf(found(arm.there, scaled(kStep)), found(arm.there, scaled(-kStep)));
+    }
+  }
+  arm.lengths = lengths;
+  arm.has_changes = derivatives;
+  arm.last = out;
   return out;
 }
 
@@ -71,7 +142,8 @@ ShapeModel::Maps ShapeModel::mapsAt(const Eigen::VectorXd& logs) const {
       for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
         const model::Actuator& actuator = arm.actuator(i);
         strands.push_back(
-            {actuator.X_O, stiffnessAt(logs.data(), actuator.stiffness).diagonal<lie::SE3>()});
+            {actuator.X_O,
+             elasticityAt(logs.data(), {actuator.stiffness, 0}).ratios.diagonal<lie::SE3>()});
       }
       maps[a].emplace_back(model::solveEquilibrium(strands).map);
     }
@@ -79,25 +151,58 @@ ShapeModel::Maps ShapeModel::mapsAt(const Eigen::VectorXd& logs) const {
   return maps;
 }
 
+ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
+                                          const Eigen::VectorXd& logs) const {
+  const bool fits_ratios = std::any_of(fitted_.begin(), fitted_.end(), [](StiffnessEntry entry) {
+    return entry != StiffnessEntry::kEps;
+  });
+  const Elasticity elasticity = elasticityAt(logs.data(), initial_);
+  // Where ratios are fitted all actuators have the same ones, else they may differ.
+  model::Arm arm = fits_ratios ? data.arm.withStiffness(elasticity.ratios) : data.arm;
+  model::Load load = *data.load;
+  if (std::find(fitted_.begin(), fitted_.end(), StiffnessEntry::kEps) != fitted_.end()) {
+    std::fill(load.K_eps.begin(), load.K_eps.end(), elasticity.K_eps);
+  }
+  const auto statics = [&arm](auto solver) -> Statics {
+    return [arm, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
+      return solver.solve(arm.twistsOfLengths(lengths));
+    };
+  };
+  return data.tier.tier == model::Tier::kExact
+             ? statics(model::ExactArm(arm, load))
+             : statics(model::LoadedArm(arm, load, data.tier.order));
+}
+
 void ShapeModel::update(const double* logs, bool derivatives) {
   const Eigen::VectorXd at = Eigen::Map<const Eigen::VectorXd>(logs, size());
   const bool known = !maps_.empty() && at_ == at;
   if (known && (has_changes_ || !derivatives)) return;
-  if (!known) maps_ = mapsAt(at);
+  if (!known) {
+    maps_ = mapsAt(at);
+    for (std::size_t a = 0; a < arms_.size(); ++a) {
+      if (arms_[a].isLoaded()) loaded_[a].there = staticsAt(arms_[a], at);
+      loaded_[a].lengths.resize(0);
+    }
+  }
   at_ = at;
   has_changes_ = derivatives;
   if (!derivatives) return;
   changes_.assign(arms_.size(), {});
   for (std::size_t a = 0; a < arms_.size(); ++a) {
     changes_[a].assign(arms_[a].arm.sectionCount(), std::vector<Eigen::MatrixXd>(fitted_.size()));
+    loaded_[a].above.clear();
+    loaded_[a].below.clear();
   }
   for (int e = 0; e < size(); ++e) {
-    const Eigen::VectorXd step = kMapStep * Eigen::VectorXd::Unit(size(), e);
+    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(size(), e);
     const Maps above = mapsAt(at + step), below = mapsAt(at - step);
     for (std::size_t a = 0; a < arms_.size(); ++a) {
       for (std::size_t k = 0; k < above[a].size(); ++k) {
-        changes_[a][k][e] = (above[a][k] - below[a][k]) / (2 * kMapStep);
+        changes_[a][k][e] = (above[a][k] - below[a][k]) / (2 * kStep);
       }
+      if (!arms_[a].isLoaded()) continue;
+      loaded_[a].above.push_back(staticsAt(arms_[a], at + step));
+      loaded_[a].below.push_back(staticsAt(arms_[a], at - step));
     }
   }
 }

@@ -69,11 +69,17 @@ TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double 
   return out;
 }
 
-std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Twists& twists) {
+PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section) {
+  const double along = pieces_per_section * tag.s;
+  const int piece = std::min(static_cast<int>(along), pieces_per_section - 1);
+  return {tag.section * pieces_per_section + piece, along - piece};
+}
+
+std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Shape& shape) {
   std::vector<lie::SE3> poses;
   poses.reserve(layout.tags.size());
   for (const TagPlacement& tag : layout.tags) {
-    poses.push_back(model::poseAt(twists, tag.section + tag.s) * tag.X_ST);
+    poses.push_back(model::poseAt(shape, tag.section + tag.s) * tag.X_ST);
   }
   return poses;
 }

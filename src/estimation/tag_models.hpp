@@ -103,7 +103,8 @@ struct PoseModel {
 struct Mover {
   Eigen::Matrix3d v_by_v, v_by_w;
 
-  // All that lies beyond s on a section that starts at X_B0k.
+  static Mover none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
+  // All that lies beyond s on a piece that starts at X_B0k.
   Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
     const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
     v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
@@ -114,12 +115,27 @@ struct Mover {
   explicit Mover(const lie::SE3& X_B0B)
       : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
 
+  // Of several pieces that change together.
+  Mover& operator+=(const Mover& other) {
+    v_by_v += other.v_by_v;
+    v_by_w += other.v_by_w;
+    return *this;
+  }
+  Mover& operator*=(double share) {
+    v_by_v *= share;
+    v_by_w *= share;
+    return *this;
+  }
+
   template <class Rows, class Jacobian>
   void fill(const Rows& rows, int column, Jacobian& J) const {
     J.template middleCols<3>(column).noalias() = rows.by_v.lazyProduct(v_by_v);
     J.template middleCols<3>(column + 3).noalias() = rows.by_v.lazyProduct(v_by_w);
     J.template middleCols<3>(column + 3).noalias() += rows.by_w.lazyProduct(v_by_v);
   }
+
+ private:
+  Mover(const Eigen::Matrix3d& by_v, const Eigen::Matrix3d& by_w) : v_by_v(by_v), v_by_w(by_w) {}
 };
 
 inline bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }

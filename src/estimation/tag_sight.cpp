@@ -7,17 +7,18 @@ void ArmView::validate() const {
   layout.validate(sections);
 }
 
-void visibleTags(const ArmView& view, const model::Twists& twists, double least_cosine,
+void visibleTags(const ArmView& view, const model::Shape& shape, double least_cosine,
                  std::vector<TagSight>& out) {
   out.clear();
   const Corners plane = view.layout.corners();
-  lie::SE3 X_CS;  // where section k begins
-  for (int k = 0; k < twists.cols(); ++k) {
-    if (k == 0) X_CS = view.X_CB;
+  const model::Shape::Pieces& pieces = shape.pieces();
+  lie::SE3 X_CS = view.X_CB;  // where piece j begins
+  for (int j = 0; j < pieces.cols(); ++j) {
     for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
       const TagPlacement& tag = view.layout.tags[i];
-      if (tag.section != k) continue;
-      const lie::SE3 X_CT = X_CS * lie::SE3::exp(tag.s * twists.col(k)) * tag.X_ST;
+      const PiecePlace place = placeOnPieces(tag, shape.piecesPerSection());
+      if (place.piece != j) continue;
+      const lie::SE3 X_CT = X_CS * lie::SE3::exp(place.s * pieces.col(j)) * tag.X_ST;
       const double distance = X_CT.translation.norm();
       const double facing = -X_CT.rotation.col(2).dot(X_CT.translation);
       if (!(facing >= least_cosine * distance)) continue;
@@ -31,14 +32,14 @@ void visibleTags(const ArmView& view, const model::Twists& twists, double least_
       }
       if (visible) out.push_back(sight);
     }
-    X_CS = X_CS * lie::SE3::exp(twists.col(k));
+    X_CS = X_CS * lie::SE3::exp(pieces.col(j));
   }
 }
 
-std::vector<TagSight> visibleTags(const ArmView& view, const model::Twists& twists,
+std::vector<TagSight> visibleTags(const ArmView& view, const model::Shape& shape,
                                   double least_cosine) {
   std::vector<TagSight> out;
-  visibleTags(view, twists, least_cosine, out);
+  visibleTags(view, shape, least_cosine, out);
   return out;
 }
 

@@ -50,6 +50,7 @@ void require(bool holds, const char* what, double value, const char* rule) {
 // Where a search stands.
 struct Point {
   model::Twists twists;
+  model::Shape shape;  // with these mean twists
   lie::SE3 X_B0B;
   lie::Vector6 base_offset = lie::Vector6::Zero();  // log of X_B0B, for the prior
   double bleed = 0;
@@ -72,19 +73,24 @@ struct System {
 // Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
 // base.
 template <class Matrix>
-Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Twists& twists, bool free_base,
+Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
                                 const Matrix& covariance) {
-  const int sections = static_cast<int>(twists.cols());
+  const int sections = shape.sectionCount(), per_section = shape.piecesPerSection();
   TagRows<3> rows;
   rows.by_v.setIdentity();
-  rows.by_w = -lie::skew((X_B0B * model::tipPose(twists)).translation);
+  rows.by_w = -lie::skew((X_B0B * model::tipPose(shape)).translation);
   const int size = static_cast<int>(covariance.rows());
   Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxParameters> J(3, size);
   J.setZero();
-  lie::SE3 X_B0k = X_B0B;
+  lie::SE3 X_B0j = X_B0B;
   for (int k = 0; k < sections; ++k) {
-    Mover(X_B0k, twists.col(k), 1.0).fill(rows, 6 * k, J);
-    X_B0k = X_B0k * lie::SE3::exp(twists.col(k));
+    Mover mover = Mover::none();
+    for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
+      mover += Mover(X_B0j, shape.pieces().col(j), 1.0);
+      X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
+    }
+    mover *= 1.0 / per_section;
+    mover.fill(rows, 6 * k, J);
   }
   if (free_base) Mover(X_B0B).fill(rows, 6 * sections, J);
   Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
@@ -102,9 +108,13 @@ struct TwistFitter::Workspace {
   int sections;
   TwistFitOptions options;
   Point at, next;
-  std::vector<lie::SE3> starts;  // X_B0k of each section's start
-  std::vector<Mover> movers;     // of what lies beyond each section
+  std::vector<lie::SE3> starts;  // X_B0j of each piece's start
+  // Where sections are several pieces: of what lies beyond a piece, by those of its section up to
+  // it, as if each changed by the whole change of the twist.
+  std::vector<Mover> partial_movers;
+  std::vector<Mover> movers;     // of what lies beyond each section but the last
   Mover base_mover{lie::SE3()};  // of everything
+  model::Shape expected;         // the model's
   model::Twists prior;           // of the twists
   double noise_scale = 1;        // of the tags' expected errors
   std::vector<double> errors;    // of the tags, in expected ones
@@ -117,7 +127,8 @@ struct TwistFitter::Workspace {
             "1 to 16");
     layout.validate(sections);
     options.validate();
-    starts.resize(sections);
+    starts.resize(model::kMaxPieces);
+    partial_movers.resize(model::kMaxPieces, Mover::none());
     movers.reserve(sections);
     errors.reserve(layout.tags.size());
     for (Point* point : {&at, &next}) {
@@ -168,18 +179,27 @@ struct TwistFitter::Workspace {
     point.cost = std::numeric_limits<double>::infinity();
     starts[0] = point.X_B0B;
     base_mover = Mover(point.X_B0B);
+    const model::Shape::Pieces& pieces = point.shape.pieces();
+    const int per_section = point.shape.piecesPerSection();
     movers.clear();
-    for (int k = 0; k + 1 < sections; ++k) {
-      starts[k + 1] = starts[k] * lie::SE3::exp(point.twists.col(k));
-      movers.emplace_back(starts[k], point.twists.col(k), 1.0);
+    for (int j = 0; j + 1 < pieces.cols(); ++j) {
+      starts[j + 1] = starts[j] * lie::SE3::exp(pieces.col(j));
+      Mover mover(starts[j], pieces.col(j), 1.0);
+      if (per_section > 1) {
+        if (j % per_section > 0) mover += partial_movers[j - 1];
+        partial_movers[j] = mover;
+        mover *= 1.0 / per_section;
+      }
+      if ((j + 1) % per_section == 0) movers.push_back(mover);
     }
     const Corners plane = layout.corners(point.bleed);
     const double limit = threshold(model);
     double cost = 0;
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const TagPlacement& tag = layout.tags[seen[i].tag];
+      const PiecePlace place = placeOnPieces(tag, per_section);
       const lie::SE3 X_B0T =
-          starts[tag.section] * lie::SE3::exp(tag.s * point.twists.col(tag.section)) * tag.X_ST;
+          starts[place.piece] * lie::SE3::exp(place.s * pieces.col(place.piece)) * tag.X_ST;
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
       const double square = rows.residual.squaredNorm();
@@ -188,7 +208,7 @@ struct TwistFitter::Workspace {
       point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
       if (static_cast<int>(i) == skipped) continue;
       cost += limit * std::log1p(square / limit);
-      accumulate<Model>(tag, weight, rows, point, system);
+      accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
     }
     point.prior_cost = addPriors<Model>(point, 1.0, system);
     point.cost = cost + point.prior_cost;
@@ -196,16 +216,20 @@ struct TwistFitter::Workspace {
 
   // Adds one tag's equations.
   template <class Model, int kSize>
-  void accumulate(const TagPlacement& tag, double weight, const typename Model::Rows& rows,
-                  const Point& point, System<kSize>& system) const {
+  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
+                  const model::Shape& shape, System<kSize>& system) const {
     constexpr int kRows = Model::Rows::kCount;
     using Jacobian =
         Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, System<kSize>::kMax>;
-    const int k = tag.section;
     const int size = static_cast<int>(system.gradient.size());
     Jacobian J = Jacobian::Zero(kRows, size);
     for (int j = 0; j < k; ++j) movers[j].fill(rows, 6 * j, J);
-    Mover(starts[k], point.twists.col(k), tag.s).fill(rows, 6 * k, J);
+    Mover mover(starts[place.piece], shape.pieces().col(place.piece), place.s);
+    if (shape.piecesPerSection() > 1) {
+      if (place.piece % shape.piecesPerSection() > 0) mover += partial_movers[place.piece - 1];
+      mover *= 1.0 / shape.piecesPerSection();
+    }
+    mover.fill(rows, 6 * k, J);
     if (options.free_base) base_mover.fill(rows, baseColumn(), J);
     if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
     if (options.planar) {
@@ -261,6 +285,7 @@ struct TwistFitter::Workspace {
   void move(const Point& from, const Step& step, Point& to) const {
     to.twists = from.twists;
     for (int k = 0; k < sections; ++k) to.twists.col(k) += step.template segment<6>(6 * k);
+    to.shape = expected.about(to.twists);
     to.X_B0B = from.X_B0B;
     to.base_offset = from.base_offset;
     if (options.free_base) {
@@ -314,6 +339,7 @@ struct TwistFitter::Workspace {
 
   void report() {
     result.twists = at.twists;
+    result.shape = at.shape;
     result.X_B0B = at.X_B0B;
     result.bleed = at.bleed;
     result.cost = at.cost;
@@ -352,7 +378,7 @@ struct TwistFitter::Workspace {
       inverse.col(entry).setZero();
     }
     result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
-    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.twists, options.free_base, inverse);
+    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.shape, options.free_base, inverse);
     if (2 * fitting <= static_cast<int>(result.tags.size())) {
       result.status = FitStatus::kUnexplained;
     } else if (result.status == FitStatus::kConverged && !determined()) {
@@ -398,15 +424,23 @@ struct TwistFitter::Workspace {
     for (int entry = 0; entry < 6 * sections; ++entry) {
       if (held(entry)) at.twists.data()[entry] = 0;
     }
+    at.shape = expected.about(at.twists);
     at.X_B0B = {};
     at.base_offset.setZero();
     at.bleed = 0;
   }
 
-  void checkTwists(const model::Twists& twists, const char* what) const {
-    require(twists.cols() == sections, what, static_cast<double>(twists.cols()),
+  void checkShape(const model::Shape& shape, const char* what) const {
+    require(shape.sectionCount() == sections, what, static_cast<double>(shape.sectionCount()),
             "as many as there are sections");
-    require(twists.allFinite(), what, std::nan(""), "finite ones");
+    require(shape.pieces().allFinite(), what, std::nan(""), "finite ones");
+  }
+
+  void expect(const model::Shape& model) {
+    checkShape(model, "the number of the model's twists");
+    expected = model;
+    prior = model.twists();
+    noise_scale = 1;
   }
 
   template <class Observation>
@@ -440,13 +474,11 @@ struct TwistFitter::Workspace {
 
   template <class Model>
   const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
-                      const model::Twists& start, const model::Twists& expected) {
+                      const model::Shape& start, const model::Shape& of_model) {
     checkSeen(seen);
-    checkTwists(start, "the number of twists to start from");
-    checkTwists(expected, "the number of the model's twists");
-    prior = expected;
-    noise_scale = 1;
-    startFrom(start);
+    checkShape(start, "the number of twists to start from");
+    expect(of_model);
+    startFrom(start.twists());
     run(model, seen, -1);
     adaptToNoise(model, seen);
     return result;
@@ -461,12 +493,10 @@ struct TwistFitter::Workspace {
 
   template <class Model>
   const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
-                          const model::Twists& expected) {
+                          const model::Shape& of_model) {
     checkSeen(seen);
-    checkTwists(expected, "the number of the model's twists");
-    prior = expected;
-    noise_scale = 1;
-    startFrom(expected);
+    expect(of_model);
+    startFrom(prior);
     run(model, seen, -1);
     best = result;
     int starts_left = kMostColdStarts;
@@ -484,13 +514,13 @@ struct TwistFitter::Workspace {
     for (int k = 0; k < sections; ++k) {
       for (int axis = 3; axis < 6; ++axis) {
         for (const double turn : {-kColdTurn, kColdTurn}) {
-          model::Twists from = expected;
+          model::Twists from = prior;
           from(axis, k) += turn;
           if (!held(axis)) refine(from, -1);
         }
       }
     }
-    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(expected, i);
+    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(prior, i);
     // The best once more, so that the work space is where it ended.
     if (!best.tags.empty()) {
       startFrom(best.twists);
@@ -514,28 +544,28 @@ const TagLayout& TwistFitter::layout() const { return work_->layout; }
 const TwistFitOptions& TwistFitter::options() const { return work_->options; }
 
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                                 double focal, const model::Twists& start,
-                                 const model::Twists& model) {
+                                 double focal, const model::Shape& start,
+                                 const model::Shape& model) {
   require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
   return work_->fit(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options}, seen,
                     start, model);
 }
 
 const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
-                                 const model::Twists& start) {
-  return work_->fit(PoseModel{work_->options}, seen, start, start);
+                                 const model::Shape& start, const model::Shape& model) {
+  return work_->fit(PoseModel{work_->options}, seen, start, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
-                                     const model::Twists& model) {
+                                     const model::Shape& model) {
   require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
   return work_->fitCold(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options},
                         seen, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
-                                     const model::Twists& model) {
+                                     const model::Shape& model) {
   return work_->fitCold(PoseModel{work_->options}, seen, model);
 }
 
@@ -575,8 +605,8 @@ int TwistFit::outliers() const {
       std::count_if(tags.begin(), tags.end(), [](const TagResidual& tag) { return tag.outlier; }));
 }
 
-Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance) {
-  return tipCovarianceOf({}, twists, false, covariance);
+Eigen::Matrix3d tipCovariance(const model::Shape& shape, const Eigen::MatrixXd& covariance) {
+  return tipCovarianceOf({}, shape, false, covariance);
 }
 
 }  // namespace helix_arm::estimation

@@ -25,6 +25,29 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
   return model::PlanarArm(std::move(planar));
 }
 
+// Of each section [N]; none under load is a fault.
+std::vector<double> extensionalStiffness(const MapReader& scene, const Value& arm,
+                                         const std::vector<SectionParts>& sections,
+                                         FaultList& faults) {
+  std::vector<double> values;
+  std::string lacking;
+  for (const SectionParts& parts : sections) {
+    if (parts.K_eps) values.push_back(*parts.K_eps);
+    if (!parts.K_eps_given) lacking += (lacking.empty() ? "" : ", ") + parts.look.name;
+  }
+  if (!lacking.empty() && scene.has("load")) {
+    const Value* stiffness = arm.find("stiffness");
+    report(faults, (stiffness == nullptr ? arm : *stiffness).place,
+           joinPath(scene.path("arm"), "stiffness.K_eps_n") +
+               " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
+               "actuator, for the key load needs it; without it there or in a stiffness of their "
+               "own: sections " +
+               lacking);
+  }
+  if (values.size() != sections.size()) values.clear();
+  return values;
+}
+
 }  // namespace
 
 std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
@@ -39,31 +62,32 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   ArmContext context{
       geometry == "planar", readStiffness(arm, *value, {}, faults), contractions, faults, {}, {}};
 
-  std::vector<model::Section> sections;
-  std::vector<SectionLook> looks;
+  std::vector<SectionParts> parts;
   const std::vector<Value::Entry>* entries = arm.list("sections");
   if (entries == nullptr) return std::nullopt;
   for (std::size_t k = 0; k < entries->size(); ++k) {
-    SectionParts parts =
-        readSection((*entries)[k].value, indexPath(arm.path("sections"), k), context);
-    sections.push_back(std::move(parts.section));
-    looks.push_back(parts.look);
+    parts.push_back(readSection((*entries)[k].value, indexPath(arm.path("sections"), k), context));
   }
-  if (sections.size() > model::kMaxSections) {
-    arm.complain("sections", "has " + std::to_string(sections.size()) +
-                                 " entries; expected at most " +
+  if (parts.size() > model::kMaxSections) {
+    arm.complain("sections", "has " + std::to_string(parts.size()) + " entries; expected at most " +
                                  std::to_string(model::kMaxSections));
   }
+  std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
   // An unknown contraction leaves actuators out without a fault of their own.
   if (faults.faults().size() != faults_before) return std::nullopt;
-  for (const model::Section& section : sections) {
-    if (section.actuators.empty()) return std::nullopt;
+  std::vector<model::Section> sections;
+  std::vector<SectionLook> looks;
+  for (SectionParts& one : parts) {
+    if (one.section.actuators.empty()) return std::nullopt;
+    sections.push_back(std::move(one.section));
+    looks.push_back(std::move(one.look));
   }
   try {
     std::optional<model::PlanarArm> planar;
     if (context.planar) planar = planarArm(sections);
     model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections));
-    return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks)};
+    return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
+                    std::move(K_eps)};
   } catch (const std::invalid_argument& error) {
     arm.complain("sections", std::string("make no arm: ") + error.what());
     return std::nullopt;

@@ -15,6 +15,8 @@ struct ArmParts {
   model::Arm arm;
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;
+  std::vector<double>
+      K_eps;  ///< of each section [N]; empty where one has none and no load needs it
 };
 
 /// Reads `arm`; nothing where the faults leave no arm.

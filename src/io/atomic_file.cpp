@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 #include <random>
 #include <utility>
 #include <vector>
@@ -115,13 +116,22 @@ class TemporaryFile {
     if (::fchmod(*file_, mode) != 0) refuse(path_, errno);
   }
 
-  void write(const std::string& text) const {
-    for (std::size_t done = 0; done < text.size();) {
-      const ssize_t count = ::write(*file_, text.data() + done, text.size() - done);
+  void write(std::string_view bytes) {
+    writeAt(end_, bytes);
+    end_ += bytes.size();
+  }
+
+  void writeAt(std::size_t place, std::string_view bytes) const {
+    for (std::size_t done = 0; done < bytes.size();) {
+      const ssize_t count = ::pwrite(*file_, bytes.data() + done, bytes.size() - done,
+                                     static_cast<off_t>(place + done));
       if (count < 0 && errno == EINTR) continue;
       if (count < 0) refuse(path_, errno);
       done += static_cast<std::size_t>(count);
     }
+  }
+
+  void sync() const {
     if (::fsync(*file_) != 0) refuse(path_, errno);
   }
 
@@ -149,14 +159,18 @@ class TemporaryFile {
   }
 
   int folder_;
-  const std::string& path_;
+  const std::string path_;
   std::string name_;
+  std::size_t end_ = 0;
   Descriptor file_;
 };
 
-}  // namespace
+struct Target {
+  std::string directory, name;
+  std::optional<mode_t> permissions;  // of the file that is there
+};
 
-void writeFileAtomically(const std::string& path, const std::string& text) {
+Target targetOf(const std::string& path) {
   struct stat present {};
   const bool exists = ::stat(path.c_str(), &present) == 0;
   if (!exists && errno != ENOENT) refuse(path, errno);
@@ -179,21 +193,67 @@ void writeFileAtomically(const std::string& path, const std::string& text) {
   const std::string name = target.filename().string();
   if (name.empty()) refuse(path, "it names no file", "expected the path of a file");
   const std::string directory = target.has_parent_path() ? target.parent_path().string() : ".";
+  Target out{directory, name, {}};
+  if (exists) out.permissions = present.st_mode & kPermissions;
+  return out;
+}
 
-  const Descriptor folder(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+Descriptor openFolder(const std::string& directory, const std::string& path) {
+  Descriptor folder(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!folder.isOpen()) refuse(path, errno);
-  removeAbandoned(*folder, name);
-  TemporaryFile file(folder, name, path);
-  if (exists) file.setPermissions(present.st_mode & kPermissions);
-  file.write(text);
-  file.renameTo(name);
-  // Not every file system can sync a folder; those that cannot say EINVAL.
-  if (::fsync(*folder) != 0 && errno != EINVAL) {
-    throw FileError(path +
-                    " is written, but a loss of power may undo it: its folder cannot be "
-                    "synced: " +
-                    std::strerror(errno) + "; check the disk");
+  return folder;
+}
+
+}  // namespace
+
+class AtomicFile::Place {
+ public:
+  explicit Place(const std::string& path)
+      : path_(path),
+        target_(targetOf(path)),
+        folder_(openFolder(target_.directory, path)),
+        file_(clearedFolder(), target_.name, path) {
+    if (target_.permissions) file_.setPermissions(*target_.permissions);
   }
+
+  TemporaryFile& file() { return file_; }
+
+  void commit() {
+    file_.sync();
+    file_.renameTo(target_.name);
+    // Not every file system can sync a folder; those that cannot say EINVAL.
+    if (::fsync(*folder_) != 0 && errno != EINVAL) {
+      throw FileError(path_ +
+                      " is written, but a loss of power may undo it: its folder cannot be "
+                      "synced: " +
+                      std::strerror(errno) + "; check the disk");
+    }
+  }
+
+ private:
+  const Descriptor& clearedFolder() const {
+    removeAbandoned(*folder_, target_.name);
+    return folder_;
+  }
+
+  const std::string path_;
+  const Target target_;
+  const Descriptor folder_;
+  TemporaryFile file_;
+};
+
+AtomicFile::AtomicFile(const std::string& path) : place_(std::make_unique<Place>(path)) {}
+AtomicFile::~AtomicFile() = default;
+void AtomicFile::write(std::string_view bytes) { place_->file().write(bytes); }
+void AtomicFile::writeOver(std::size_t place, std::string_view bytes) {
+  place_->file().writeAt(place, bytes);
+}
+void AtomicFile::commit() { place_->commit(); }
+
+void writeFileAtomically(const std::string& path, const std::string& text) {
+  AtomicFile file(path);
+  file.write(text);
+  file.commit();
 }
 
 }  // namespace helix_arm::io

@@ -52,17 +52,30 @@ std::vector<ActuatorEntry> actuatorEntries(Value& document) {
   return entries;
 }
 
-// Of all that it may be given to, so that none keeps an old one.
-void putStiffness(const model::Stiffness& stiffness, Value& document) {
-  MapWriter value;
-  value.number("K_gamma", stiffness.gamma);
-  value.number("K_tau_m2", stiffness.tau);
-  value.number("K_kappa_m2", stiffness.kappa);
-  std::vector<Value*> owners{findValue(document, "arm")};
+// All stiffnesses that are given, so that none keeps an old one.
+std::vector<Value*> stiffnessesOf(Value& document) {
+  std::vector<Value*> owners{findValue(document, "arm")}, given;
   for (Value::Entry& section : sectionsOf(document)) owners.push_back(&section.value);
   for (const ActuatorEntry& entry : actuatorEntries(document)) owners.push_back(entry.keys);
   for (Value* owner : owners) {
-    if (findValue(*owner, "stiffness")) setValue(*owner, "stiffness", value.value());
+    if (Value* const own = findValue(*owner, "stiffness")) given.push_back(own);
+  }
+  return given;
+}
+
+void putStiffness(const model::Stiffness& stiffness, Value& document) {
+  for (Value* const one : stiffnessesOf(document)) {
+    setValue(*one, "K_gamma", numberValue(stiffness.gamma));
+    setValue(*one, "K_tau_m2", numberValue(stiffness.tau));
+    setValue(*one, "K_kappa_m2", numberValue(stiffness.kappa));
+  }
+}
+
+void putK_eps(const Scene& scene, double K_eps, Value& document) {
+  model::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
+                 "nothing loads scene ", scene.name, "; expected one with a load");
+  for (Value* const one : stiffnessesOf(document)) {
+    if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
   }
 }
 
@@ -220,6 +233,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& calibration, Val
     putContraction(scene, name, fit, document, faults);
   }
   if (calibration.stiffness) putStiffness(*calibration.stiffness, document);
+  if (calibration.K_eps) putK_eps(scene, *calibration.K_eps, document);
   if (calibration.length_scale) putLengthScale(scene, *calibration.length_scale, document);
   if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
   const bool of_tags = calibration.tags || calibration.X_BF || calibration.bleed != 0;

@@ -25,8 +25,8 @@ using estimation::CalibrationStatus;
 using estimation::LengthScaling;
 
 const char* const kWords[] = {
-    "stiffness",   "K_kappa",   "K_gamma", "K_tau", "length_scale", "length_scale_each",
-    "contraction", "placement", "base",    "tags",  "bleed"};
+    "stiffness",         "K_kappa",     "K_gamma",   "K_tau", "K_eps", "length_scale",
+    "length_scale_each", "contraction", "placement", "base",  "tags",  "bleed"};
 
 // The words of a request.
 class FitWords {
@@ -61,6 +61,7 @@ CalibrationOptions optionsOf(const Scene& scene, const CalibrationRequest& reque
   options.K_kappa = words.any({"stiffness", "K_kappa"});
   options.K_gamma = words.any({"stiffness", "K_gamma"});
   options.K_tau = words.has("K_tau");
+  options.K_eps = words.has("K_eps");
   const bool scaled =
       words.has("length_scale") || (words.has("contraction") && data.lengths.empty());
   if (scaled) options.length_scale = LengthScaling::kCommon;
@@ -70,7 +71,7 @@ CalibrationOptions optionsOf(const Scene& scene, const CalibrationRequest& reque
   // It is there whether one asks for it or not, and what ignores it is wrong by many of its errors.
   options.bleed = words.has("bleed") || areCorners(data.captures);
   // Placements alone are not to depend on how good the model is.
-  options.free_shapes = !options.K_kappa && !options.K_gamma && !options.K_tau &&
+  options.free_shapes = !options.K_kappa && !options.K_gamma && !options.K_tau && !options.K_eps &&
                         options.length_scale == LengthScaling::kNone;
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
@@ -142,6 +143,7 @@ SceneCalibration changesOf(const Scene& scene, const Calibration& calibration,
                            const CalibrationOptions& options, const FitWords& words, bool corners) {
   SceneCalibration changes;
   changes.stiffness = calibration.stiffness;
+  changes.K_eps = calibration.K_eps;
   if (options.length_scale != LengthScaling::kNone) changes.length_scale = calibration.length_scale;
   if (options.base && corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
   if (options.base && !corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
@@ -166,12 +168,14 @@ ArmCaptures asTwists(const Scene& scene, const ArmCaptures& data, const Calibrat
   model::Stiffness stiffness = calibration.stiffness.value();
   stiffness.kappa = data.arm.actuator(0).stiffness.kappa;
   out.arm = data.arm.withStiffness(stiffness);
+  if (calibration.K_eps)
+    std::fill(out.load->K_eps.begin(), out.load->K_eps.end(), *calibration.K_eps);
   estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
   const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
   for (std::size_t i = 0; i < data.captures.size(); ++i) {
     if (calibration.captures[i].outlier) continue;
     const estimation::Capture& capture = data.captures[i];
-    const model::Twists model = calibration.shapes[i];
+    const model::Shape& model = calibration.curves[i];
     estimation::Capture twists = capture;
     const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
     auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
@@ -304,9 +308,10 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
   if (const auto twice = repeated(sources)) return refused(outcome, *twice);
   Scene scene = loadScene(path, overrides);
   SceneCalibration curves;
-  const bool fits_arm = words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "length_scale",
-                                   "length_scale_each", "placement", "base", "tags", "bleed"}) ||
-                        (words.has("contraction") && data.lengths.empty());
+  const bool fits_arm =
+      words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "K_eps", "length_scale",
+                 "length_scale_each", "placement", "base", "tags", "bleed"}) ||
+      (words.has("contraction") && data.lengths.empty());
   if (!words.has("contraction") && !data.lengths.empty()) {
     return refused(outcome,
                    "the data holds free lengths, but no contraction is to be fitted; leave it out, "

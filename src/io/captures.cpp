@@ -246,7 +246,9 @@ std::vector<estimation::LengthSample> loadLengths(const DataSet& data) {
 
 estimation::ArmCaptures makeArmCaptures(const Scene& scene,
                                         std::vector<estimation::Capture> captures) {
-  estimation::ArmCaptures arm{scene.name, scene.arm, scene.planar.has_value(), {}, {}, 0, {}};
+  estimation::ArmCaptures arm{scene.name, scene.arm, scene.vision.fit.planar, {}, {}, 0, {}};
+  arm.load = scene.model.load();
+  arm.tier = scene.model.choice().setting;
   if (scene.tags) arm.layout = *scene.tags;
   if (scene.camera) {
     arm.X_CB = scene.X_CB();

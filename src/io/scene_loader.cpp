@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 
 #include "arm_reader.hpp"
 #include "camera_reader.hpp"
@@ -7,12 +8,15 @@
 #include "document.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/loaded.hpp"
+#include "load_reader.hpp"
 #include "map_reader.hpp"
 #include "provenance_section.hpp"
 #include "scene_document.hpp"
 #include "simulation_reader.hpp"
 #include "tag_reader.hpp"
 #include "text_file.hpp"
+#include "tier_reader.hpp"
 #include "vision_reader.hpp"
 
 namespace helix_arm::io {
@@ -52,6 +56,24 @@ SafetyConfig readSafety(const MapReader& scene, const Value& document, FaultList
   config.commander_timeout =
       safety.number("commander_timeout_s", kPositive, config.commander_timeout);
   return config;
+}
+
+// Nothing where there are faults that concern it.
+std::optional<model::ArmModel> readModel(const MapReader& scene, const Value& document,
+                                         const ArmParts* arm, FaultList& faults) {
+  const std::size_t faults_before = faults.faults().size();
+  std::optional<model::Load> load = readLoad(scene, document, arm, faults);
+  const model::TierRequest request = readTierRequest(scene, document, arm, faults);
+  if (arm == nullptr || faults.faults().size() != faults_before) return std::nullopt;
+  try {
+    return model::ArmModel(arm->arm, arm->planar, std::move(load), request);
+  } catch (const std::invalid_argument& error) {
+    // It begins with its key.
+    const std::string fault = error.what();
+    const Value* key = document.find(fault.substr(0, fault.find_first_of(".:")));
+    report(faults, (key == nullptr ? document : *key).place, fault);
+    return std::nullopt;
+  }
 }
 
 std::string readText(const std::string& path, FaultList& faults) {
@@ -96,19 +118,22 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
 }
 
 Scene makeScene(const Value& document, FaultList& faults) {
-  const MapReader scene(document, "",
-                        {"name", "contractions", "arm", "tags", "camera", "vision", "simulation",
-                         "regulator", "safety", "calibration"},
-                        faults);
+  const MapReader scene(
+      document, "",
+      {"name", "contractions", "arm", "load", "tier", "order", "accuracy", "budget", "tags",
+       "camera", "vision", "simulation", "regulator", "safety", "calibration"},
+      faults);
   const auto name = scene.word("name");
   const Contractions contractions = readContractions(scene, faults);
   std::optional<ArmParts> arm = readArm(scene, contractions, faults);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
+  std::optional<model::ArmModel> model = readModel(scene, document, known_arm, faults);
   std::optional<TagParts> tags = readTags(scene, document, known_arm, faults);
   const auto camera = readCamera(scene, document, faults);
   vision::LocalizerConfig vision =
       readVision(scene, document, tags ? tags->family : std::string(), faults);
-  vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value();
+  const bool pulled_out = model && model->load() && !model::inPlane(*model->load());
+  vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
   const SimulationConfig simulation = readSimulation(scene, document, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, document, faults);
@@ -123,6 +148,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
           arm->X_WB,
           std::move(arm->arm),
           std::move(arm->planar),
+          std::move(*model),
           std::move(arm->looks),
           regulator,
           tags ? std::optional(std::move(tags->layout)) : std::nullopt,

@@ -22,6 +22,7 @@ Eigen::Matrix3d muscleRotation(double th, double tilt) {
 }
 
 const NumberRule kLengthScale = within(kPositive, 0.5, 2);
+const NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 
 const NumberRule kTilt{"an angle above -90 and below 90",
                        [](double x) { return std::abs(x) < 90; }};
@@ -176,6 +177,13 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   claimName(keys, name, arm);
   const auto X_O = readActuatorPose(keys, arm.planar);
   const InheritedStiffness stiffness = readStiffness(keys, value, inherited, arm.faults);
+  const Value* own = value.find("stiffness");
+  if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
+    report(arm.faults, K_eps->place,
+           keys.path("stiffness.K_eps_n") +
+               " is one actuator's; expected it in the stiffness of the section or of arm: K of a "
+               "section is relative to one K_eps");
+  }
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
   const double length_scale = keys.number("length_scale", kLengthScale, 1.0);
@@ -188,13 +196,18 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
                                  const InheritedStiffness& inherited, FaultList& faults) {
   const Value* own = value.find("stiffness");
   if (own == nullptr) return inherited;
-  const MapReader keys(*own, owner.path("stiffness"), {"K_gamma", "K_tau_m2", "K_kappa_m2"},
-                       faults);
+  const MapReader keys(*own, owner.path("stiffness"),
+                       {"K_gamma", "K_tau_m2", "K_kappa_m2", "K_eps_n"}, faults);
   const auto gamma = keys.number("K_gamma", kStiffness);
   const auto tau = keys.number("K_tau_m2", kStiffness);
   const auto kappa = keys.number("K_kappa_m2", kStiffness);
-  if (!gamma || !tau || !kappa) return {true, std::nullopt};
-  return {true, model::Stiffness{*gamma, *tau, *kappa}};
+  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps};
+  if (gamma && tau && kappa) stiffness.value = model::Stiffness{*gamma, *tau, *kappa};
+  if (keys.has("K_eps_n")) {
+    stiffness.K_eps_given = true;
+    stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
+  }
+  return stiffness;
 }
 
 SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {
@@ -214,6 +227,8 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
   look.muscle_radius = keys.number("muscle_radius_m", kLength, look.muscle_radius);
 
   const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
+  parts.K_eps_given = stiffness.K_eps_given;
+  parts.K_eps = stiffness.K_eps;
   const auto layout = keys.exactlyOne({"ring", "actuators"});
   if (layout == "ring") {
     if (!stiffness.given) keys.fault("stiffness", "it here or in arm");

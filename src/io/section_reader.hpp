@@ -15,9 +15,11 @@ namespace helix_arm::io {
 struct InheritedStiffness {
   bool given = false;
   std::optional<model::Stiffness> value;
+  bool K_eps_given = false;
+  std::optional<double> K_eps;  ///< [N]
 };
 
-/// The map's own `stiffness`, or else what it inherits.
+/// The map's own `stiffness`, or else what it inherits, K_eps for itself.
 InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
                                  const InheritedStiffness& inherited, FaultList& faults);
 
@@ -35,6 +37,8 @@ struct ArmContext {
 struct SectionParts {
   model::Section section;
   SectionLook look;
+  bool K_eps_given = false;     ///< maybe broken, which is reported
+  std::optional<double> K_eps;  ///< [N]
 };
 
 /// Reads one entry of `arm.sections`. Where it has faults its parts are incomplete. The actuators

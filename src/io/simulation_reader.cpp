@@ -21,6 +21,7 @@ simulation::ArmDeviation readDeviation(const MapReader& keys) {
   arm.K_gamma_scale = keys.number("K_gamma_scale", kStiffnessScale, arm.K_gamma_scale);
   arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
   arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
+  arm.K_eps_scale = keys.number("K_eps_scale", kStiffnessScale, arm.K_eps_scale);
   return arm;
 }
 
@@ -63,8 +64,9 @@ SimulationConfig readSimulation(const MapReader& scene, const Value& document, F
   if (value == nullptr) return config;
   const MapReader simulation(*value, scene.path("simulation"), {"arm", "mounts", "camera"}, faults);
   if (const Value* arm = value->find("arm")) {
-    config.arm = readDeviation(MapReader(
-        *arm, simulation.path("arm"), {"K_gamma_scale", "K_kappa_scale", "length_scale"}, faults));
+    config.arm = readDeviation(
+        MapReader(*arm, simulation.path("arm"),
+                  {"K_gamma_scale", "K_kappa_scale", "length_scale", "K_eps_scale"}, faults));
   }
   if (const Value* mounts = value->find("mounts")) {
     config.mounts = readMounts(MapReader(*mounts, simulation.path("mounts"),

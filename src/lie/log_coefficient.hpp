@@ -10,4 +10,11 @@ inline constexpr double kLogSeriesLimit = 2.0;
 /// Infinite where theta = 2 pi k, k > 0.
 double logCoefficient(double x);
 
+/// The same with its change by x.
+struct LogCoefficient {
+  double value;
+  double slope;  ///< [1/rad^2]
+};
+LogCoefficient logCoefficientAndSlope(double x);
+
 }  // namespace helix_arm::lie

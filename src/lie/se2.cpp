@@ -63,6 +63,14 @@ SE2::Matrix SE2::leftJacobianInverse(const Tangent& xi) {
   return J;
 }
 
+SE2::Tangent SE2::solveRightJacobian(const Tangent& xi, const Tangent& eta) {
+  const double w = xi[2];
+  const Eigen::Vector2d once = quarterTurn(w * eta.head<2>() - eta[2] * xi.head<2>());
+  Tangent out = eta;
+  out.head<2>() += 0.5 * once + logCoefficient(w * w) * w * quarterTurn(once);
+  return out;
+}
+
 SE3 embed(const SE2& X) {
   SE3 out;
   out.rotation.topLeftCorner<2, 2>() = X.rotation;

@@ -116,6 +116,21 @@ Matrix6 SE3::leftJacobianInverse(const Tangent& xi) {
   return J;
 }
 
+SE3::Tangent SE3::solveRightJacobian(const Tangent& xi, const Tangent& eta) {
+  // A twist is the dual vector w + e v, e^2 = 0, and Jr^-1 = 1 + [xi] / 2 + g(|xi|^2) [xi]^2 as for
+  // rotations.
+  const Eigen::Vector3d v = xi.head<3>(), w = xi.tail<3>();
+  const auto [g, slope] = logCoefficientAndSlope(w.squaredNorm());
+  const Eigen::Vector3d w1 = w.cross(eta.tail<3>());
+  const Eigen::Vector3d v1 = w.cross(eta.head<3>()) + v.cross(eta.tail<3>());
+  const Eigen::Vector3d w2 = w.cross(w1);
+  const Eigen::Vector3d v2 = w.cross(v1) + v.cross(w1);
+  Tangent out = eta;
+  out.head<3>() += 0.5 * v1 + g * v2 + 2.0 * slope * w.dot(v) * w2;
+  out.tail<3>() += 0.5 * w1 + g * w2;
+  return out;
+}
+
 Eigen::Matrix<double, 3, 6> SE3::translationJacobian(const Tangent& xi) {
   const Eigen::Vector3d v = xi.head<3>();
   const Eigen::Vector3d w = xi.tail<3>();

@@ -112,6 +112,20 @@ void ArmOf<Group>::refuse(const InputRef& q) const {
 }
 
 template <class Group>
+double ArmOf<Group>::restLength() const {
+  double length = 0.0;
+  for (int k = 0; k < sectionCount(); ++k) length += restLength(k);
+  return length;
+}
+
+template <class Group>
+double ArmOf<Group>::freeLength(int k) const {
+  double sum = 0.0;
+  for (int i = first_[k]; i < first_[k + 1]; ++i) sum += actuators_[i].contraction.restLength();
+  return sum / (first_[k + 1] - first_[k]);
+}
+
+template <class Group>
 Eigen::VectorXd ArmOf<Group>::inputAt(double fraction) const {
   Eigen::VectorXd q(actuatorCount());
   for (int i = 0; i < q.size(); ++i) {

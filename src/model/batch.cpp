@@ -17,9 +17,8 @@
 namespace helix_arm::model {
 namespace {
 
-// Samples that go through all stages together: their twists (6 x 8 B each) stay in the first-level
-// cache.
-constexpr std::size_t kBlock = 256;
+// Twists of a block (6 x 8 B each) stay in the first-level cache.
+constexpr std::size_t kBlock = kBatchBlock;
 
 struct alignas(64) Block {
   double twist[6][kBlock];

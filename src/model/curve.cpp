@@ -12,60 +12,69 @@ namespace {
 
 constexpr double kTurn = 6.283185307179586;  // 2 pi
 
-// X_1 .. X_k, the pose where section k begins.
-template <class Group>
-Group sectionStart(const TwistsOf<Group>& twists, int k) {
+// X_1 .. X_j, the pose where piece j begins.
+template <class Group, class Pieces>
+Group pieceStart(const Pieces& pieces, int j) {
   Group X;
-  for (int j = 0; j < k; ++j) X = X * Group::exp(twists.col(j));
+  for (int i = 0; i < j; ++i) X = X * Group::exp(pieces.col(i));
   return X;
 }
 
-template <class Group>
-Group poseOnCurve(const TwistsOf<Group>& twists, double s) {
-  const auto sections = static_cast<double>(twists.cols());
-  if (!(s >= 0 && s <= sections)) {
-    throw std::invalid_argument("s is " + std::to_string(s) + "; expected 0 to " +
-                                std::to_string(twists.cols()));
-  }
-  const int k = static_cast<int>(std::min(std::floor(s), sections - 1));
-  return sectionStart<Group>(twists, k) * Group::exp((s - k) * twists.col(k));
+void requireOnArm(double s, int sections) {
+  if (s >= 0 && s <= sections) return;
+  throw std::invalid_argument("s is " + std::to_string(s) + "; expected 0 to " +
+                              std::to_string(sections));
 }
 
-template <class Group>
-std::vector<CurvePoint<Group>> sample(const TwistsOf<Group>& twists, int count) {
+template <class Group, class Pieces>
+Group poseOnCurve(const Pieces& pieces, double along) {
+  const int j =
+      static_cast<int>(std::min(std::floor(along), static_cast<double>(pieces.cols() - 1)));
+  return pieceStart<Group>(pieces, j) * Group::exp((along - j) * pieces.col(j));
+}
+
+template <class Group, class Pieces>
+std::vector<CurvePoint<Group>> sample(const Pieces& pieces, int sections, int count) {
   if (count < 2)
     throw std::invalid_argument("a curve of " + std::to_string(count) +
                                 " points; expected at least 2");
-  const auto sections = static_cast<double>(twists.cols());
+  const auto per_section = static_cast<double>(pieces.cols() / sections);
   std::vector<CurvePoint<Group>> curve;
   curve.reserve(count);
-  int k = 0;
-  Group X_k;
+  int j = 0;
+  Group X_j;
   for (int i = 0; i < count; ++i) {
-    const double s = sections * i / (count - 1);
-    for (; k + 1 < twists.cols() && s >= k + 1; ++k) X_k = X_k * Group::exp(twists.col(k));
-    curve.push_back({s, X_k * Group::exp((s - k) * twists.col(k))});
+    const double s = static_cast<double>(sections) * i / (count - 1);
+    const double along = per_section * s;
+    for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = X_j * Group::exp(pieces.col(j));
+    curve.push_back({s, X_j * Group::exp((along - j) * pieces.col(j))});
   }
   return curve;
 }
 
 }  // namespace
 
-lie::SE3 poseAt(const Twists& twists, double s) { return poseOnCurve<lie::SE3>(twists, s); }
-lie::SE2 poseAt(const PlanarTwists& twists, double s) { return poseOnCurve<lie::SE2>(twists, s); }
+lie::SE3 poseAt(const Shape& shape, double s) {
+  requireOnArm(s, shape.sectionCount());
+  return poseOnCurve<lie::SE3>(shape.pieces(), shape.piecesPerSection() * s);
+}
+lie::SE2 poseAt(const PlanarTwists& twists, double s) {
+  requireOnArm(s, static_cast<int>(twists.cols()));
+  return poseOnCurve<lie::SE2>(twists, s);
+}
 
-std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count) {
-  return sample<lie::SE3>(twists, count);
+std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count) {
+  return sample<lie::SE3>(shape.pieces(), shape.sectionCount(), count);
 }
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count) {
-  return sample<lie::SE2>(twists, count);
+  return sample<lie::SE2>(twists, static_cast<int>(twists.cols()), count);
 }
 
-lie::SE3 tipPose(const Twists& twists) {
-  return sectionStart<lie::SE3>(twists, static_cast<int>(twists.cols()));
+lie::SE3 tipPose(const Shape& shape) {
+  return pieceStart<lie::SE3>(shape.pieces(), static_cast<int>(shape.pieces().cols()));
 }
 lie::SE2 tipPose(const PlanarTwists& twists) {
-  return sectionStart<lie::SE2>(twists, static_cast<int>(twists.cols()));
+  return pieceStart<lie::SE2>(twists, static_cast<int>(twists.cols()));
 }
 
 Helix helixOf(const lie::Vector6& twist) {

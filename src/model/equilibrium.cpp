@@ -86,6 +86,10 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   Equilibrium<Group> result;
   result.rank = rank;
   result.map = S_inverse.asDiagonal() * (qr.colsPermutation() * permuted);
+  Eigen::MatrixXd R11_inverse = Eigen::MatrixXd::Zero(dof, rank);
+  R11_inverse.topRows(rank) = R11.solve(Eigen::MatrixXd::Identity(rank, rank));
+  const Eigen::MatrixXd factor = S_inverse.asDiagonal() * (qr.colsPermutation() * R11_inverse);
+  result.compliance = factor * factor.transpose();
   const Eigen::VectorXd sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(R.topRows(rank)).singularValues();
   result.condition = std::pow(sigma[0] / sigma[rank - 1], 2);
   result.null_space.resize(dof, dof - rank);
@@ -97,7 +101,10 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
     const Eigen::HouseholderQR<Eigen::MatrixXd> orthonormal(basis);
     result.null_space = orthonormal.householderQ() * Eigen::MatrixXd::Identity(dof, dof - rank);
     // Least norm in the units of g, as the pseudo-inverse of eq. 17 means it.
-    result.map -= (result.null_space * (result.null_space.transpose() * result.map)).eval();
+    const typename Group::Matrix range =
+        Group::Matrix::Identity() - result.null_space * result.null_space.transpose();
+    result.map = (range * result.map).eval();
+    result.compliance = (range * result.compliance * range).eval();
   }
   return result;
 }

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "box_quadratic.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "inverse_task.hpp"
 
 namespace helix_arm::model {
@@ -46,11 +47,16 @@ void requireNear(const char* what, const Target& target) {
                               std::to_string(kFarthestTarget) + " m or rad");
 }
 
+bool bends(const ArmModel& model) {
+  const Tier tier = model.choice().setting.tier;
+  return tier == Tier::kLoaded || tier == Tier::kExact;
+}
+
 }  // namespace
 
 class InverseSolver::Workspace {
  public:
-  Workspace(const Arm& arm, const InverseOptions& options);
+  Workspace(const Arm& arm, const ArmModel* loaded, const InverseOptions& options);
 
   void aimAt(const Eigen::Vector3d& position) noexcept;
   void aimAt(const lie::SE3& pose) noexcept;
@@ -87,6 +93,7 @@ class InverseSolver::Workspace {
   void report(Descent outcome) noexcept;
 
   const Arm& arm_;
+  const ArmModel* loaded_;  // where a load bends it, else null
   InverseOptions options_;
   InverseTask task_;
   int n_;
@@ -108,10 +115,12 @@ class InverseSolver::Workspace {
   InverseResult result_;
 };
 
-InverseSolver::Workspace::Workspace(const Arm& arm, const InverseOptions& options)
+InverseSolver::Workspace::Workspace(const Arm& arm, const ArmModel* loaded,
+                                    const InverseOptions& options)
     : arm_(arm),
+      loaded_(loaded),
       options_(options),
-      task_(arm, options.rotation_weight),
+      task_(arm, loaded, options.rotation_weight),
       n_(arm.actuatorCount()),
       at_lower_limit_(n_),
       at_upper_limit_(n_),
@@ -168,10 +177,10 @@ void InverseSolver::Workspace::sampleSeeds() {
           corner ? (s >> i) & 1 : static_cast<double>(generator() >> 11) * 0x1p-53;
       seeds_(i, s) = lower_[i] + fraction * (upper_[i] - lower_[i]);
     }
-    lie::SE3 tip;
-    const Twists twists = arm_.twistsOfLengths(seeds_.col(s));
-    for (int k = 0; k < twists.cols(); ++k) tip = tip * lie::SE3::exp(twists.col(k));
-    seed_tips_.push_back(tip);
+    // Starts are ranked by these: for that the loaded tier serves, and the exact one is not needed.
+    const bool loaded = loaded_ != nullptr && loaded_->choice().setting.tier == Tier::kLoaded;
+    seed_tips_.push_back(loaded ? loaded_->tipOfLengths(seeds_.col(s)).tip
+                                : tipPose(arm_.twistsOfLengths(seeds_.col(s))));
   }
   seed_used_.resize(seeds_.cols());
 }
@@ -482,6 +491,7 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
   result_.input = input_;
   result_.residual = std::sqrt(current_.cost);
   if (result_.residual <= options_.position_tolerance) result_.status = InverseStatus::kReached;
+  if (result_.residual >= kNoBalance) result_.status = InverseStatus::kNotConverged;
   result_.position_error = task_.kind() == InverseTask::Kind::kPosition ? result_.residual
                            : task_.kind() == InverseTask::Kind::kPose
                                ? current_.residual.head<3>().norm()
@@ -496,7 +506,10 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
 }
 
 InverseSolver::InverseSolver(const Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(arm, options)) {}
+    : workspace_(std::make_unique<Workspace>(arm, nullptr, options)) {}
+InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
+    : workspace_(
+          std::make_unique<Workspace>(model.arm(), bends(model) ? &model : nullptr, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;

@@ -9,8 +9,8 @@ namespace helix_arm::model {
 using lie::SE3;
 using lie::Vector6;
 
-InverseTask::InverseTask(const Arm& arm, double rotation_weight)
-    : arm_(&arm), rotation_weight_(rotation_weight) {}
+InverseTask::InverseTask(const Arm& arm, const ArmModel* loaded, double rotation_weight)
+    : arm_(&arm), loaded_(loaded), rotation_weight_(rotation_weight) {}
 
 void InverseTask::setPosition(const Eigen::Vector3d& position) {
   kind_ = Kind::kPosition;
@@ -33,6 +33,10 @@ void InverseTask::setTwists(const Twists& twists) {
 
 void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                            Eigen::MatrixXd& jacobian) const noexcept {
+  if (loaded_ != nullptr) {
+    return kind_ == Kind::kTwists ? evaluateLoadedTwists(lengths, residual, jacobian)
+                                  : evaluateLoadedTip(lengths, residual, jacobian);
+  }
   if (kind_ == Kind::kTwists) return evaluateTwists(lengths, residual, jacobian);
   if (kind_ == Kind::kPosition && arm_->sectionCount() == 1)
     return evaluateSingleSection(lengths, residual, jacobian);
@@ -52,31 +56,76 @@ void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::V
   for (int i = 0; i < n; ++i) jacobian.col(i).head<3>() = J.lazyProduct(map.col(i));
 }
 
+Eigen::Matrix3d InverseTask::compareTip(const SE3& tip, Eigen::VectorXd& residual) const noexcept {
+  residual.head<3>() = tip.translation - pose_.translation;
+  if (kind_ != Kind::kPose) return Eigen::Matrix3d::Zero();
+  // phi = log(R*' R); a body rotation d changes it by Jr(phi)^-1 d.
+  Vector6 phi = SE3{pose_.rotation.transpose() * tip.rotation, Eigen::Vector3d::Zero()}.log();
+  residual.segment<3>(3) = rotation_weight_ * phi.tail<3>();
+  return rotation_weight_ * SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>();
+}
+
+void InverseTask::setColumn(const SE3& tip, const Vector6& motion, const Eigen::Matrix3d& by_turn,
+                            int column, Eigen::MatrixXd& jacobian) const noexcept {
+  jacobian.col(column).head<3>() = tip.rotation * motion.head<3>();
+  if (kind_ == Kind::kPose) jacobian.col(column).segment<3>(3) = by_turn * motion.tail<3>();
+}
+
 void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                               Eigen::MatrixXd& jacobian) const noexcept {
   const Twists g = arm_->twistsOfLengths(lengths);
   const SE3 tip = tipPose(g);
-  residual.head<3>() = tip.translation - pose_.translation;
-  Eigen::Matrix3d of_rotation = Eigen::Matrix3d::Zero();
-  if (kind_ == Kind::kPose) {
-    // phi = log(R*' R); a body rotation d changes it by Jr(phi)^-1 d.
-    Vector6 phi = SE3{pose_.rotation.transpose() * tip.rotation, Eigen::Vector3d::Zero()}.log();
-    residual.segment<3>(3) = rotation_weight_ * phi.tail<3>();
-    of_rotation = rotation_weight_ * SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>();
-  }
+  const Eigen::Matrix3d by_turn = compareTip(tip, residual);
   // Body motion of the tip when section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
   SE3 after;
   for (int k = arm_->sectionCount() - 1; k >= 0; --k) {
     const lie::Matrix6 body = after.inverse().adjoint() * SE3::rightJacobian(g.col(k));
     const auto& map = arm_->equilibrium(k).map;
     for (int i = 0; i < map.cols(); ++i) {
-      const Vector6 motion = body * map.col(i);
-      auto column = jacobian.col(arm_->firstActuator(k) + i);
-      column.head<3>() = tip.rotation * motion.head<3>();
-      if (kind_ == Kind::kPose) column.segment<3>(3) = of_rotation * motion.tail<3>();
+      setColumn(tip, body * map.col(i), by_turn, arm_->firstActuator(k) + i, jacobian);
     }
     after = SE3::exp(g.col(k)) * after;
   }
+}
+
+void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                    Eigen::MatrixXd& jacobian) const {
+  const TipResponse response = loaded_->tipResponse(lengths);
+  if (response.status != SolveStatus::kConverged) {
+    residual.setConstant(kNoBalance);
+    jacobian.setZero();
+    return;
+  }
+  const Eigen::Matrix3d by_turn = compareTip(response.tip, residual);
+  for (int i = 0; i < response.by_lengths.cols(); ++i) {
+    setColumn(response.tip, response.by_lengths.col(i), by_turn, i, jacobian);
+  }
+}
+
+// Differences: of the mean twists there is no shorter way.
+void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                       Eigen::MatrixXd& jacobian) const {
+  constexpr double kStep = 1e-5;  // [m]
+  const Solution here = loaded_->solveLengths(lengths);
+  if (!here.converged()) {
+    residual.setConstant(kNoBalance);
+    jacobian.setZero();
+    return;
+  }
+  const auto weigh = [this](auto&& rows) {
+    for (int k = 0; k < arm_->sectionCount(); ++k)
+      rows.template middleRows<3>(6 * k + 3) *= rotation_weight_;
+  };
+  residual.head(rows_) = (here.shape.twists() - twists_).reshaped();
+  weigh(residual);
+  for (int i = 0; i < lengths.size(); ++i) {
+    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(lengths.size(), i);
+    jacobian.col(i).head(rows_) = (loaded_->solveLengths(lengths + step).shape.twists() -
+                                   loaded_->solveLengths(lengths - step).shape.twists())
+                                      .reshaped() /
+                                  (2.0 * kStep);
+  }
+  weigh(jacobian);
 }
 
 void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
@@ -94,7 +143,9 @@ void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd
 }
 
 double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept {
-  return (tipPose(arm_->twistsOfLengths(lengths)).translation - pose_.translation).norm();
+  const SE3 tip = loaded_ != nullptr ? loaded_->tipOfLengths(lengths).tip
+                                     : tipPose(arm_->twistsOfLengths(lengths));
+  return (tip.translation - pose_.translation).norm();
 }
 
 double InverseTask::squaredErrorOfTip(const SE3& tip) const noexcept {

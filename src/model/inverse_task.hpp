@@ -4,9 +4,12 @@
 #include <algorithm>
 
 #include "helix_arm/lie/se3.hpp"
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/arm_model.hpp"
 
 namespace helix_arm::model {
+
+/// Residual where a load has no balance: farther than any target [m].
+inline constexpr double kNoBalance = 1e9;
 
 /// What the inverse is to bring to zero: the weighted error of a target as a function of the
 /// actuators' lengths.
@@ -14,7 +17,8 @@ class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
 
-  InverseTask(const Arm& arm, double rotation_weight);
+  /// @param loaded  the arm's model where a load bends it, else null.
+  InverseTask(const Arm& arm, const ArmModel* loaded, double rotation_weight);
 
   void setPosition(const Eigen::Vector3d& position);
   void setPose(const lie::SE3& pose);
@@ -27,7 +31,8 @@ class InverseTask {
   int rows() const { return rows_; }
   int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
 
-  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless.
+  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. kNoBalance in
+  /// every row where the load finds no balance.
   void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                 Eigen::MatrixXd& jacobian) const noexcept;
 
@@ -44,8 +49,18 @@ class InverseTask {
                    Eigen::MatrixXd& jacobian) const noexcept;
   void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                       Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                         Eigen::MatrixXd& jacobian) const;
+  void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                            Eigen::MatrixXd& jacobian) const;
+  // Residual of a tip; returns the change of its last rows by a turn of the tip about its own axes.
+  Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
+  // Column of the Jacobian for a body motion of the tip.
+  void setColumn(const lie::SE3& tip, const lie::Vector6& motion, const Eigen::Matrix3d& by_turn,
+                 int column, Eigen::MatrixXd& jacobian) const noexcept;
 
   const Arm* arm_;
+  const ArmModel* loaded_;
   double rotation_weight_;
   Kind kind_ = Kind::kPosition;
   int rows_ = 3;

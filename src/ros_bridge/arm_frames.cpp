@@ -31,16 +31,16 @@ geometry_msgs::TransformStamped worldTransform(const std::string& world, const s
 }
 
 std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
-                                                             const model::Twists& twists,
+                                                             const model::Shape& shape,
                                                              const ros::Time& stamp,
                                                              const lie::SE3& X_BS) {
-  const auto curve = model::sampleCurve(twists, static_cast<int>(names.curve.size()));
+  const auto curve = model::sampleCurve(shape, static_cast<int>(names.curve.size()));
   std::vector<geometry_msgs::TransformStamped> out;
   out.reserve(curve.size() + 1);
   for (std::size_t k = 0; k < curve.size(); ++k) {
     out.push_back(transform(names.base, names.curve[k], X_BS * curve[k].X, stamp));
   }
-  out.push_back(transform(names.base, names.tip, X_BS * model::tipPose(twists), stamp));
+  out.push_back(transform(names.base, names.tip, X_BS * model::tipPose(shape), stamp));
   return out;
 }
 

@@ -103,13 +103,13 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (trace_.size() > kTraceLength) trace_.pop_front();
 }
 
-visualization_msgs::MarkerArray ArmMarkers::draw(const model::Twists& twists,
+visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
                                                  const model::InputRef& pressure,
                                                  const ros::Time& stamp) {
   if (stamp < stamp_) trace_.clear();
   stamp_ = stamp;
   const model::Arm& arm = scene_.arm;
-  const Curve curve = model::sampleCurve(twists, arm.sectionCount() * kRings + 1);
+  const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
   extendTrace(curve.back().X.translation);
 
   visualization_msgs::MarkerArray out;
@@ -135,7 +135,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Twists& twists,
     for (int j = 0; j < look.separators; ++j) {
       const double s = k + static_cast<double>(j) / (look.separators - 1);
       Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
-      plate.pose = toPoseMsg(standAlongX(model::poseAt(twists, s)));
+      plate.pose = toPoseMsg(standAlongX(model::poseAt(shape, s)));
       plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
       plate.scale.z = kDisc;
       plate.color = color(0.75, 0.75, 0.8, 0.55);

@@ -11,13 +11,13 @@ double secondsBetween(const ros::Time& from, const ros::Time& to) {
                                     static_cast<std::int64_t>(from.toNSec()));
 }
 
-void ModelHistory::add(const ros::Time& stamp, const model::Twists& twists) {
+void ModelHistory::add(const ros::Time& stamp, const model::Shape& shape) {
   if (!entries_.empty() && stamp < entries_.back().stamp) entries_.clear();
   if (!entries_.empty() && stamp == entries_.back().stamp) {
-    entries_.back().twists = twists;
+    entries_.back().shape = shape;
     return;
   }
-  entries_.push_back({stamp, twists});
+  entries_.push_back({stamp, shape});
   if (entries_.size() > kMost) entries_.pop_front();
   while (secondsBetween(entries_.front().stamp, stamp) > kMemory) entries_.pop_front();
 }

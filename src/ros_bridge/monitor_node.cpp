@@ -111,11 +111,12 @@ void MonitorNode::onModel(const ArmShapeConstPtr& model) {
   const auto& p = model->tip.position;
   tip_ = {p.x, p.y, p.z};
   reach_.extend(tip_);
-  model_.arrived(allFinite(model->twist) && tip_.allFinite());
+  model_.arrived(allFinite(model->twist) && allFinite(model->piece_twist) && tip_.allFinite());
 }
 
 void MonitorNode::onShape(const ArmShapeConstPtr& shape) {
-  shape_.arrived(allFinite(shape->twist) && allFinite(shape->twist_covariance));
+  shape_.arrived(allFinite(shape->twist) && allFinite(shape->piece_twist) &&
+                 allFinite(shape->twist_covariance));
 }
 
 void MonitorNode::onModelError(const ModelErrorConstPtr& error) {

@@ -47,10 +47,10 @@ struct Pen {
 };
 
 void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3& X_CB,
-               const model::Twists& twists, const cv::Scalar& color, bool dashed) {
+               const model::Shape& shape, const cv::Scalar& color, bool dashed) {
   std::optional<Eigen::Vector2d> last;
   int k = 0;
-  for (const auto& point : model::sampleCurve(twists, static_cast<int>(twists.cols()) * kPoints)) {
+  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
     const auto pixel = camera.project(X_CB * point.X.translation);
     if (pixel && last && (!dashed || k % 2 == 1)) pen.line(*last, *pixel, color);
     last = pixel;
@@ -68,14 +68,14 @@ cv::Scalar colorOf(const vision::TagDetection& tag, const vision::Sight& sight,
 }  // namespace
 
 cv::Mat drawOverlay(const cv::Mat& gray, const estimation::ArmView& view,
-                    const vision::Sight& sight, const model::Twists* model,
+                    const vision::Sight& sight, const model::Shape* model,
                     const std::vector<std::string>& lines) {
   cv::Mat picture;
   cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
   const Pen pen(picture);
   if (model != nullptr) drawCurve(pen, view.camera, view.X_CB, *model, kModel, true);
   if (sight.state == vision::SightState::kMeasured) {
-    drawCurve(pen, view.camera, view.X_CB * sight.fit.X_B0B, sight.fit.twists, kMeasured, false);
+    drawCurve(pen, view.camera, view.X_CB * sight.fit.X_B0B, sight.fit.shape, kMeasured, false);
   }
   for (const vision::TagDetection& tag : sight.detections) {
     const cv::Scalar color = colorOf(tag, sight, view.layout);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -47,12 +48,12 @@ PressureCommandNode::PressureCommandNode()
     : options_(PressureCommandOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
       frames_(options_.world_frame, options_.frame_prefix, names::kModelFrames, options_.frames),
-      solver_(scene_.arm),
+      solver_(scene_.model),
       lease_(scene_.safety.commander_timeout),
       markers_(scene_, frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
       command_(scene_.arm.inputAt(0)),
       measured_(command_),
-      twists_(twistsAt(command_)),
+      solution_(scene_.model.solve(command_)),
       last_step_(ros::SteadyTime::now()),
       last_diagnosis_(last_step_) {
   command_publisher_ = node_.advertise<PressureArray>(names::kPressureCommand, 10);
@@ -96,6 +97,27 @@ PressureCommandNode::PressureCommandNode()
   diagnose_timer_ = every(1.0, &Node::onDiagnose);
   ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
            scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
+  tellTier();
+}
+
+void PressureCommandNode::tellTier() const {
+  const model::TierChoice& choice = scene_.model.choice();
+  ROS_INFO("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
+           choice.reason.c_str());
+}
+
+void PressureCommandNode::solve() {
+  const Eigen::VectorXd pressure = scene_.arm.clamped(measured_);
+  solution_ = scene_.model.solve(pressure);
+  if (solution_.converged() || !unsolved_.add()) return;
+  std::ostringstream at;
+  at << (1e-3 * pressure).transpose();
+  ROS_WARN(
+      "%s: the %s model finds no shape that holds the load at %s kPa (%s, residual %.2g; %lu times "
+      "so far): no model is published there; check the scene's load and K_eps",
+      scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
+      model::nameOf(solution_.status), solution_.residual,
+      static_cast<unsigned long>(unsolved_.total()));
 }
 
 void PressureCommandNode::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
@@ -230,9 +252,10 @@ void PressureCommandNode::adopt(io::Scene next) {
     if (!holder.empty()) lease_.claim(holder, steadyNow());
   }
   scene_ = std::move(next);
-  solver_ = model::InverseSolver(scene_.arm);
+  solver_ = model::InverseSolver(scene_.model);
   static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
-  twists_ = twistsAt(scene_.arm.clamped(measured_));
+  tellTier();
+  solve();
 }
 
 void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
@@ -247,13 +270,14 @@ void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
 
 void PressureCommandNode::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
   measured_ = measured;
-  twists_ = twistsAt(scene_.arm.clamped(measured_));
+  solve();
   last_reading_ = ros::SteadyTime::now();
   ++readings_;
+  if (!solution_.converged()) return;
   std_msgs::Header header;
   header.stamp = stamp;
   header.frame_id = frames_.base;
-  model_publisher_.publish(toShapeMsg(header, scene_.planar ? "planar" : "linear", twists_));
+  model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
   const auto every = static_cast<std::uint64_t>(std::lround(options_.rate / options_.tf_rate));
   if (readings_ % every == 0) sendFrames(stamp);
 }
@@ -266,15 +290,18 @@ bool PressureCommandNode::measures() const {
 void PressureCommandNode::sendFrames(const ros::Time& stamp) {
   if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
   last_tf_stamp_ = stamp;
-  tf_.sendTransform(curveTransforms(frames_, twists_, stamp));
+  tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
 }
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
-  if (handle_) handle_->follow(model::tipPose(twistsAt(command_)));
-  if (!measures()) {
+  if (handle_) {
+    const model::Tip commanded = scene_.model.tip(command_);
+    if (commanded.converged()) handle_->follow(commanded.tip);
+  }
+  if (!measures() || !solution_.converged()) {
     if (drawn_) {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
-      if (losses_.add()) {
+      if (!measures() && losses_.add()) {
         ROS_WARN(
             "pressure_measured has not come for %g s (%lu times so far): is the regulator's "
             "node up? The arm is drawn again when it comes",
@@ -285,7 +312,7 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
     return;
   }
   drawn_ = true;
-  marker_publisher_.publish(markers_.draw(twists_, measured_, ros::Time::now()));
+  marker_publisher_.publish(markers_.draw(solution_.shape, measured_, ros::Time::now()));
 }
 
 void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
@@ -298,7 +325,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
 
   diagnostic_msgs::DiagnosticArray msg;
   msg.header.stamp = ros::Time::now();
-  msg.status.resize(2);
+  msg.status.resize(3);
   DiagnosticStatus& targets = msg.status[0];
   const std::string& node = ros::this_node::getName();
   targets.name = statusName(node, names::kTargetsStatus);
@@ -318,13 +345,21 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   addValue(loop, names::kRateKey, fixed(rate));
   addValue(loop, names::kWantedRateKey, fixed(options_.rate));
   addValue(loop, names::kBadReadingsKey, std::to_string(bad_readings_.total()));
+  DiagnosticStatus& model = msg.status[2];
+  model.name = statusName(node, names::kModelStatus);
+  const model::TierChoice& choice = scene_.model.choice();
+  const bool solved = solution_.converged();
+  model.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
+  model.message = solved ? "the model finds the arm's shape"
+                         : "the model finds no shape that holds the load: none is published; check "
+                           "the scene's load and K_eps";
+  addValue(model, names::kTierKey, model::nameOf(choice.setting.tier));
+  addValue(model, names::kOrderKey, std::to_string(choice.setting.order));
+  addValue(model, names::kTierReasonKey, choice.reason);
+  addValue(model, names::kSolveStatusKey, model::nameOf(solution_.status));
+  addValue(model, names::kUnsolvedKey, std::to_string(unsolved_.total()));
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
-}
-
-model::Twists PressureCommandNode::twistsAt(const Eigen::VectorXd& pressure) const {
-  return scene_.planar ? model::embed(scene_.planar->twists(pressure))
-                       : scene_.arm.twists(pressure);
 }
 
 TargetStatus PressureCommandNode::answerTo(const Sender& sender) const {

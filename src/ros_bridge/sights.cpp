@@ -86,16 +86,17 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   msg.header = header;
   msg.model_stamp = model.stamp;
   msg.sections = static_cast<std::uint32_t>(fit.twists.cols());
-  const model::Twists difference = fit.twists - model.twists;
+  const model::Twists expected = model.shape.twists(), difference = fit.twists - expected;
   msg.twist.assign(difference.data(), difference.data() + difference.size());
   const Eigen::Vector3d error =
-      model::tipPose(fit.twists).translation - model::tipPose(model.twists).translation;
+      model::tipPose(fit.shape).translation - model::tipPose(model.shape).translation;
   msg.tip.x = error.x();
   msg.tip.y = error.y();
   msg.tip.z = error.z();
   msg.tip_error = error.norm();
-  // A curve of constant twist runs at the constant speed |v|.
-  msg.tip_percent = 100.0 * msg.tip_error / model.twists.topRows<3>().colwise().norm().sum();
+  // A piece of constant twist runs at the constant speed |v|.
+  msg.tip_percent =
+      100.0 * msg.tip_error / model.shape.pieces().topRows<3>().colwise().norm().sum();
   // The covariance is seen from the nominal base.
   const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
   msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(fit.tip_covariance * direction)));

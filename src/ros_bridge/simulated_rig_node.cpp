@@ -49,7 +49,7 @@ SimulatedRigNode::SimulatedRigNode()
     : options_(SimulatedRigOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
       regulator_(makeRegulator(scene_)),
-      true_arm_(scene_.arm, scene_.simulation.arm),
+      true_arm_(scene_.model, scene_.simulation.arm),
       command_(scene_.arm.inputAt(0)),
       last_step_(ros::SteadyTime::now()) {
   if (options_.time_factor > 0) {
@@ -109,13 +109,22 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     publishClock();
   }
   regulator_.step(dt);
-  const Moment moment{options_.time_factor > 0 ? clock_ : ros::Time::now(),
-                      true_arm_.twists(regulator_.pressure())};
   std_msgs::Header header;
-  header.stamp = moment.stamp;
+  header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
   measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
-  header.frame_id = options_.frame_prefix + names::kBaseFrame;
-  truth_publisher_.publish(toShapeMsg(header, "truth", moment.twists));
+  std::optional<Moment> moment;
+  try {
+    moment = Moment{header.stamp, true_arm_.shape(regulator_.pressure())};
+  } catch (const std::runtime_error& fault) {
+    if (no_truths_.add()) {
+      ROS_WARN("%s (%lu times so far): neither truth nor picture until another command",
+               fault.what(), static_cast<unsigned long>(no_truths_.total()));
+    }
+  }
+  if (moment) {
+    header.frame_id = options_.frame_prefix + names::kBaseFrame;
+    truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
+  }
   const std::lock_guard<std::mutex> lock(mutex_);
   now_ = moment;
 }
@@ -160,7 +169,7 @@ void SimulatedRigNode::publishPicture(simulation::SimulatedCamera& camera,
   std_msgs::Header header;
   header.stamp = moment->stamp;
   header.frame_id = options_.frame_prefix + names::kCameraFrame;
-  const cv::Mat& picture = camera.render(moment->twists);
+  const cv::Mat& picture = camera.render(moment->shape);
   info_publisher_.publish(toCameraInfoMsg(header, scene_.camera->model));
   if (compressed) {
     const auto message = boost::make_shared<sensor_msgs::CompressedImage>();

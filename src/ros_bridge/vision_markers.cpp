@@ -26,9 +26,9 @@ constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
 constexpr double kSigmas = 2.0;
 constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
 
-std::vector<geometry_msgs::Point> pointsOf(const model::Twists& twists) {
+std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   std::vector<geometry_msgs::Point> points;
-  for (const auto& point : model::sampleCurve(twists, static_cast<int>(twists.cols()) * kPoints)) {
+  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
     points.push_back(toPointMsg(point.X.translation));
   }
   return points;
@@ -64,7 +64,7 @@ Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) c
 visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
                                                     const estimation::TagLayout& layout,
                                                     const estimation::TwistFit& fit,
-                                                    const model::Twists* model,
+                                                    const model::Shape* model,
                                                     const std::string& text) const {
   visualization_msgs::MarkerArray out;
   const std_msgs::ColorRGBA measured_color = color(1.0, 0.55, 0.1);
@@ -73,7 +73,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
   measured.pose = toPoseMsg(fit.X_B0B);
   measured.scale.x = kLine;
   measured.color = measured_color;
-  measured.points = pointsOf(fit.twists);
+  measured.points = pointsOf(fit.shape);
   out.markers.push_back(std::move(measured));
 
   Marker dashed = marker(stamp, names::kModelCurveNs, Marker::LINE_LIST);
@@ -90,7 +90,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
   tags.pose = toPoseMsg(fit.X_B0B);
   tags.scale.x = 0.2 * kLine;
   tags.color = color(1.0, 1.0, 1.0);
-  const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.twists);
+  const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.shape);
   const estimation::Corners corners = layout.corners();
   for (const estimation::TagResidual& tag : fit.tags) {
     for (int k = 0; k < 8; ++k) {  // each edge from corner to corner
@@ -102,7 +102,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
   if (tags.points.empty()) tags.action = Marker::DELETE;
   out.markers.push_back(std::move(tags));
 
-  const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.twists);
+  const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
   Marker words = marker(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
   words.pose.position = toPointMsg(tip * Eigen::Vector3d(kTextOffset, 0, 0));
   words.scale.z = kTextHeight;

@@ -58,6 +58,19 @@ std::unique_ptr<vision::FrameSource> makeSource(const VisionOptions& options,
   return nullptr;
 }
 
+// What to expect before a model comes. A guess: where the model finds no shape that holds the load,
+// the one without load is as good.
+model::Shape restingShape(const io::Scene& scene) {
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+  const model::Solution solution = scene.model.solve(rest);
+  if (solution.converged()) return solution.shape;
+  ROS_WARN(
+      "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
+      "where they are without load until a model comes",
+      scene.name.c_str(), model::nameOf(solution.status), solution.residual);
+  return scene.arm.twists(rest);
+}
+
 std::uint8_t stateOf(vision::SightState state) {
   switch (state) {
     case vision::SightState::kMeasured:
@@ -111,7 +124,7 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
       markers_(frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
       rig_(requireSight(io::loadScene(options_.scene), options_)),
       eyes_{rig_, std::make_unique<vision::ArmLocalizer>(rig_.view(), rig_.vision)},
-      prior_(rig_.arm.twists(rig_.arm.inputAt(0))),
+      prior_(restingShape(rig_)),
       whose_calibration_("the scene's camera"),
       patience_(kModelPatience),
       source_(makeSource(options_, rig_)),
@@ -241,8 +254,8 @@ void VisionNode::onModel(const ArmShapeConstPtr& model) {
   const auto checked = fromMsg(*model, rig_.arm.sectionCount(), frames_.base);
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto* twists = std::get_if<model::Twists>(&checked)) {
-      models_.add(model->header.stamp, *twists);
+    if (const auto* shape = std::get_if<model::Shape>(&checked)) {
+      models_.add(model->header.stamp, *shape);
     } else {
       // Measured without it, all the same.
       ledger_.refused({PictureFault::kBadModel, "a model is not taken for scene " + rig_.name +
@@ -472,12 +485,12 @@ void VisionNode::measure(const Picture& picture) {
                -elapsed, static_cast<unsigned long>(jumps_.total()),
                publishers() > 1 ? "; more than one node publishes pictures: stop all but one" : "");
     }
-    prior_ = eyes_.scene.arm.twists(eyes_.scene.arm.inputAt(0));
+    prior_ = restingShape(eyes_.scene);
     last_tf_stamp_ = ros::Time();
   }
   last_stamp_ = picture.stamp;
   const std::optional<ModelHistory::Entry> model = modelAt(picture.stamp);
-  if (model) prior_ = model->twists;
+  if (model) prior_ = model->shape;
   publish(picture.stamp, *gray, eyes_.localizer->locate(*gray, prior_), model);
 }
 
@@ -501,11 +514,11 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
   std::optional<ModelError> error;
   if (measured) {
     measured_publisher_.publish(
-        toShapeMsg(header, "measured", sight.fit.twists, sight.fit.covariance));
+        toShapeMsg(header, "measured", sight.fit.shape, sight.fit.covariance));
     if (model) error_publisher_.publish(error.emplace(toMsg(header, sight.fit, *model)));
     // tf warns of repeated stamps.
     if (stamp > last_tf_stamp_) {
-      tf_.sendTransform(curveTransforms(frames_, sight.fit.twists, stamp, sight.fit.X_B0B));
+      tf_.sendTransform(curveTransforms(frames_, sight.fit.shape, stamp, sight.fit.X_B0B));
       last_tf_stamp_ = stamp;
     }
   }
@@ -515,18 +528,18 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
   if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
   last_drawing_ = now;
   const std::string tip = measured ? tipText(sight.fit, error ? &*error : nullptr) : "";
-  const model::Twists* twists = model ? &model->twists : nullptr;
+  const model::Shape* shape = model ? &model->shape : nullptr;
   if (overlay_publisher_.getNumSubscribers() > 0) {
     const std::vector<std::string> lines = measured
                                                ? std::vector<std::string>{tip, summarise(sight)}
                                                : std::vector<std::string>{account};
     overlay_publisher_.publish(boost::make_shared<const sensor_msgs::Image>(toImageMsg(
-        camera_header, drawOverlay(gray, eyes_.localizer->view(), sight, twists, lines))));
+        camera_header, drawOverlay(gray, eyes_.localizer->view(), sight, shape, lines))));
   }
   // What has become stale meanwhile was taken off the screen, and stays off.
   const std::lock_guard<std::mutex> lock(mutex_);
   if (measured && ledger_.measured()) {
-    marker_publisher_.publish(markers_.draw(stamp, layout, sight.fit, twists, tip));
+    marker_publisher_.publish(markers_.draw(stamp, layout, sight.fit, shape, tip));
   }
 }
 

@@ -97,9 +97,9 @@ struct SimulatedCamera::Workspace {
   Workspace(const ArmView& view_in, const vision::TagFamily& family, const ArmBody& body_in,
             const SimulatedCameraConfig& config_in);
 
-  const cv::Mat& render(const model::Twists& twists);
+  const cv::Mat& render(const model::Shape& shape);
 
-  void collectLayers(const model::Twists& twists);
+  void collectLayers(const model::Shape& shape);
   void drawPiece(int piece);
   void drawTag(int tag);
   cv::Rect boxOf(const lie::SE3& X_CT) const;
@@ -215,12 +215,13 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
   picture.create(camera.height, camera.width, CV_8UC1);
 }
 
-const cv::Mat& SimulatedCamera::Workspace::render(const model::Twists& twists) {
-  model::requireValue(twists.cols() == view.sections, kCulprit, "the number of sections",
-                      twists.cols(), "one a section of the arm in view");
-  model::requireValue(twists.allFinite(), kCulprit, "a twist", "not finite", "finite twists");
+const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
+  model::requireValue(shape.sectionCount() == view.sections, kCulprit, "the number of sections",
+                      shape.sectionCount(), "one a section of the arm in view");
+  model::requireValue(shape.pieces().allFinite(), kCulprit, "a twist", "not finite",
+                      "finite twists");
   backdrop.copyTo(sharp);
-  collectLayers(twists);
+  collectLayers(shape);
   for (const Layer& layer : layers) {
     if (layer.tag < 0) {
       drawPiece(layer.piece);
@@ -239,9 +240,9 @@ const cv::Mat& SimulatedCamera::Workspace::render(const model::Twists& twists) {
   return picture;
 }
 
-void SimulatedCamera::Workspace::collectLayers(const model::Twists& twists) {
+void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
   layers.clear();
-  tag_poses = estimation::tagPoses(view.layout, twists);
+  tag_poses = estimation::tagPoses(view.layout, shape);
   for (std::size_t i = 0; i < tag_poses.size(); ++i) {
     lie::SE3& X_CT = tag_poses[i];
     X_CT = view.X_CB * X_CT;
@@ -250,7 +251,7 @@ void SimulatedCamera::Workspace::collectLayers(const model::Twists& twists) {
     layers.push_back({depth, static_cast<int>(i), -1});
   }
 
-  const auto curve = model::sampleCurve(twists, kPiecesPerSection * view.sections + 1);
+  const auto curve = model::sampleCurve(shape, kPiecesPerSection * view.sections + 1);
   nodes.assign(curve.size(), {});
   for (std::size_t i = 0; i < curve.size(); ++i) {
     const Eigen::Vector3d p_C = view.X_CB * curve[i].X.translation;
@@ -419,8 +420,6 @@ SimulatedCamera::~SimulatedCamera() = default;
 SimulatedCamera::SimulatedCamera(SimulatedCamera&&) noexcept = default;
 SimulatedCamera& SimulatedCamera::operator=(SimulatedCamera&&) noexcept = default;
 
-const cv::Mat& SimulatedCamera::render(const model::Twists& twists) {
-  return work_->render(twists);
-}
+const cv::Mat& SimulatedCamera::render(const model::Shape& shape) { return work_->render(shape); }
 
 }  // namespace helix_arm::simulation

@@ -53,7 +53,7 @@ estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::
   for (int i = 0; i < static_cast<int>(out.tags.size()); ++i) {
     const lie::Vector6 moved = noise.draw(deviation.tag_translation, deviation.tag_rotation);
     if (i == base_tag) continue;
-    const double rest_length = arm.restTwist(out.tags[i].section).head<3>().norm();
+    const double rest_length = arm.restLength(out.tags[i].section);
     out.tags[i] = estimation::movedBy(out.tags[i], moved, rest_length);
   }
   return out;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -10,8 +11,9 @@
 namespace helix_arm::simulation {
 namespace {
 
-model::Arm deviate(const model::Arm& arm, const ArmDeviation& deviation) {
+model::ArmModel deviate(const model::ArmModel& model, const ArmDeviation& deviation) {
   deviation.validate();
+  const model::Arm& arm = model.arm();
   std::vector<model::Section> sections(arm.sectionCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
@@ -21,7 +23,23 @@ model::Arm deviate(const model::Arm& arm, const ArmDeviation& deviation) {
       sections[k].actuators.push_back(std::move(actuator));
     }
   }
-  return model::Arm(std::move(sections));
+  model::Arm deviating(std::move(sections));
+  if (!model.load() || model.load()->empty()) return model::ArmModel(std::move(deviating));
+  model::Load load = *model.load();
+  for (double& K_eps : load.K_eps) K_eps *= deviation.K_eps_scale;
+  model::TierRequest exact;
+  exact.tier = model::Tier::kExact;
+  return model::ArmModel(std::move(deviating), std::nullopt, std::move(load), exact);
+}
+
+std::string describe(const model::Load& load) {
+  double mass = 0.0;
+  for (const double m : load.mass) mass += m;
+  std::ostringstream out;
+  out << "the load of " << mass << " kg along the arm at gravity (" << load.gravity.x() << ", "
+      << load.gravity.y() << ", " << load.gravity.z() << ") m/s^2 and " << load.points.size()
+      << (load.points.size() == 1 ? " point" : " points");
+  return out.str();
 }
 
 }  // namespace
@@ -34,21 +52,31 @@ void ArmDeviation::validate() const {
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
   check("the factor on the lengths", length_scale);
+  check("the factor on K_eps", K_eps_scale);
 }
 
-TrueArm::TrueArm(const model::Arm& arm, const ArmDeviation& deviation)
-    : arm_(deviate(arm, deviation)), length_scale_(deviation.length_scale) {}
+TrueArm::TrueArm(const model::ArmModel& model, const ArmDeviation& deviation)
+    : model_(deviate(model, deviation)), length_scale_(deviation.length_scale) {}
 
-model::Twists TrueArm::twists(const model::InputRef& pressure) const {
-  return arm_.twistsOfLengths(length_scale_ * arm_.lengths(arm_.clamped(pressure)));
+model::Shape TrueArm::shape(const model::InputRef& pressure) const {
+  const Eigen::VectorXd clamped = arm().clamped(pressure);
+  const model::Solution solution = model_.solveLengths(length_scale_ * arm().lengths(clamped));
+  if (!solution.converged()) {
+    std::ostringstream message;
+    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "
+            << describe(*model_.load()) << " (" << model::nameOf(solution.status) << ", residual "
+            << solution.residual << "); lighten the load or raise K_eps";
+    throw std::runtime_error(message.str());
+  }
+  return solution.shape;
 }
 
-SimulatedRig::SimulatedRig(const model::Arm& arm,
+SimulatedRig::SimulatedRig(const model::ArmModel& model,
                            const regulator::SimulatedRegulatorConfig& regulator_config,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
-    : arm_(arm, deviation), regulator_(arm.actuatorCount(), regulator_config) {
+    : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
   if (!camera) return;
-  model::requireValue(camera->view.sections == arm.sectionCount(), "simulated rig",
+  model::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                       "the number of sections in the camera's view", camera->view.sections,
                       "as many as the arm has");
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);
@@ -56,7 +84,7 @@ SimulatedRig::SimulatedRig(const model::Arm& arm,
 
 const cv::Mat& SimulatedRig::render() {
   if (!camera_) throw std::logic_error("simulated rig: there is no camera to render with");
-  return camera_->render(twists());
+  return camera_->render(shape());
 }
 
 }  // namespace helix_arm::simulation

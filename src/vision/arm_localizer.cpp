@@ -24,8 +24,8 @@ struct ArmLocalizer::Workspace {
   estimation::TwistFitter fitter;
   Sight sight;
 
-  bool warm = false;  // the last picture was measured
-  model::Twists last_twists, last_model;
+  bool warm = false;                      // the last picture was measured
+  model::Twists last_twists, last_model;  // mean
   lie::SE3 last_X_B0B;
   std::vector<int> last_ids, last_outliers;
   std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
@@ -43,17 +43,18 @@ struct ArmLocalizer::Workspace {
         expected_view(view) {}
 
   // Where the tags of the last shape, moved on as the model did, appear.
-  model::Twists expectTags(const model::Twists& model) {
+  model::Shape expectTags(const model::Shape& model) {
     expected.clear();
-    if (!warm) return model;
-    const model::Twists twists = last_twists + (model - last_model);
+    const model::Shape shape =
+        warm ? model.about(last_twists + (model.twists() - last_model)) : model;
+    if (!warm) return shape;
     expected_view.X_CB = view.X_CB * last_X_B0B;
-    estimation::visibleTags(expected_view, twists, kLeastCosine, sights);
+    estimation::visibleTags(expected_view, shape, kLeastCosine, sights);
     for (const estimation::TagSight& tag : sights) {
       const int id = view.layout.tags[tag.tag].id;
       expected.push_back({id, tag.corners, contains(last_ids, id)});
     }
-    return twists;
+    return shape;
   }
 
   void take(const TrackResult& found) {
@@ -98,7 +99,7 @@ struct ArmLocalizer::Workspace {
   }
 
   // Fits from near by, and, where that does not explain the tags, from everywhere.
-  void fit(const model::Twists& start, const model::Twists& model) {
+  void fit(const model::Shape& start, const model::Shape& model) {
     sight.fit.status = estimation::FitStatus::kUnderdetermined;
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
@@ -131,21 +132,21 @@ struct ArmLocalizer::Workspace {
     });
   }
 
-  void remember(const model::Twists& model) {
+  void remember(const model::Shape& model) {
     warm = sight.state == SightState::kMeasured;
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
     last_twists = sight.fit.twists;
     last_X_B0B = sight.fit.X_B0B;
-    last_model = model;
+    last_model = model.twists();
     for (const TagDetection& tag : sight.detections) last_ids.push_back(tag.id);
     for (const estimation::TagResidual& tag : sight.fit.tags) {
       if (tag.outlier) last_outliers.push_back(view.layout.tags[tag.tag].id);
     }
   }
 
-  const Sight& locate(const cv::Mat& gray, const model::Twists& model) {
+  const Sight& locate(const cv::Mat& gray, const model::Shape& model) {
     const estimation::Camera& camera = view.camera;
     if (gray.cols != camera.width || gray.rows != camera.height) {
       throw std::invalid_argument("a picture of " + std::to_string(gray.cols) + " x " +
@@ -153,7 +154,7 @@ struct ArmLocalizer::Workspace {
                                   std::to_string(camera.width) + " x " +
                                   std::to_string(camera.height));
     }
-    const model::Twists start = expectTags(model);
+    const model::Shape start = expectTags(model);
     take(tracker.track(gray, expected));
     fit(start, model);
     const bool doubtful = sight.state != SightState::kMeasured || unexpectedOutliers(sight.fit);
@@ -175,7 +176,7 @@ ArmLocalizer::~ArmLocalizer() = default;
 ArmLocalizer::ArmLocalizer(ArmLocalizer&&) noexcept = default;
 ArmLocalizer& ArmLocalizer::operator=(ArmLocalizer&&) noexcept = default;
 
-const Sight& ArmLocalizer::locate(const cv::Mat& gray, const model::Twists& model) {
+const Sight& ArmLocalizer::locate(const cv::Mat& gray, const model::Shape& model) {
   return work_->locate(gray, model);
 }
 

@@ -105,7 +105,7 @@ std::map<std::string, double> truthOf(const io::Scene& scene, const Rig& rig) {
     const estimation::TagPlacement &from = known.layout.tags[t], &to = real.layout.tags[t];
     const std::string tag = "tag_" + std::to_string(from.id) + "_";
     const Eigen::Vector3d moved = to.X_ST.translation - from.X_ST.translation;
-    const double length = scene.arm.restTwist(from.section).head<3>().norm();
+    const double length = scene.arm.restLength(from.section);
     truth[tag + "along"] = (to.s - from.s) * length + moved.x();
     truth[tag + "y"] = moved.y();
     truth[tag + "z"] = moved.z();

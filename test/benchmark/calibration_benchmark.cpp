@@ -152,7 +152,7 @@ struct TagResidual {
                   double* residual) const {
     const Eigen::Map<const lie::Vector6> g(twist), b(base), m(moved);
     const estimation::TagPlacement tag =
-        estimation::movedBy(data.layout.tags[seen.tag], m, data.arm.restTwist(0).head<3>().norm());
+        estimation::movedBy(data.layout.tags[seen.tag], m, data.arm.restLength(0));
     const lie::SE3 X_CT = data.X_CB * lie::SE3::exp(b) * lie::SE3::exp(tag.s * g) * tag.X_ST;
     const estimation::Corners plane = data.layout.corners(*bleed);
     for (int c = 0; c < 4; ++c) {

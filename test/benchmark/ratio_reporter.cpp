@@ -14,11 +14,13 @@ class MedianReporter : public benchmark::ConsoleReporter {
   void ReportRuns(const std::vector<Run>& runs) override {
     ConsoleReporter::ReportRuns(runs);
     for (const Run& run : runs) {
-      if (run.aggregate_name == "median") {
-        medians_[run.run_name.function_name +
-                 (run.run_name.args.empty() ? "" : "/" + run.run_name.args)] =
-            run.GetAdjustedCPUTime() / benchmark::GetTimeUnitMultiplier(run.time_unit) * 1e9;
-      }
+      if (run.aggregate_name != "median") continue;
+      const std::string name =
+          run.run_name.function_name + (run.run_name.args.empty() ? "" : "/" + run.run_name.args);
+      medians_[name] =
+          run.GetAdjustedCPUTime() / benchmark::GetTimeUnitMultiplier(run.time_unit) * 1e9;
+      const auto error = run.counters.find("error");
+      if (error != run.counters.end()) errors_[name] = error->second;
     }
   }
 
@@ -27,12 +29,31 @@ class MedianReporter : public benchmark::ConsoleReporter {
                   const std::string& peer) const {
     const auto a = medians_.find(ours), b = medians_.find(peer);
     if (a == medians_.end() || b == medians_.end()) return;
-    std::printf("%-48s %12.1f ns   beside %12.1f ns: %7.2f\n", claim.c_str(), a->second, b->second,
+    std::printf("%-48s %12.1f ns   beside %12.1f ns: %7.2f", claim.c_str(), a->second, b->second,
                 b->second / a->second);
+    const auto error = errors_.find(ours), error_of_peer = errors_.find(peer);
+    if (error != errors_.end() && error_of_peer != errors_.end()) {
+      std::printf("   errors %.1e %% beside %.1e %%", error->second, error_of_peer->second);
+    }
+    std::printf("\n");
   }
+
+  // How the error falls from one order of the loaded tier to the next.
+  void printConvergence(const std::string& name) const {
+    const auto linear = errors_.find("linear/" + name);
+    if (linear == errors_.end()) return;
+    std::printf("%-20s%10.1e", name.c_str(), linear->second);
+    for (int order = 2; order <= 8; ++order) {
+      const auto error = errors_.find("loaded/" + name + "/" + std::to_string(order));
+      if (error != errors_.end()) std::printf("%10.1e", error->second);
+    }
+    std::printf("\n");
+  }
+  bool hasErrors() const { return !errors_.empty(); }
 
  private:
   std::map<std::string, double> medians_;  // [ns]
+  std::map<std::string, double> errors_;   // of the tip, % of the arm's length
 };
 
 }  // namespace
@@ -73,5 +94,29 @@ int main(int argc, char** argv) {
                       "stiffnessFitOfPeer");
   reporter.printRatio("placement of 50 x 8 tags, against differences", "placementFit",
                       "placementFitOfPeer");
+  for (const std::string arm : {"soft", "scene"}) {
+    for (const std::string posture : {"hanging", "horizontal"}) {
+      const std::string name = arm + "_" + posture, where = " (" + arm + ", " + posture + ")";
+      for (int order = 2; order <= 8; ++order) {
+        reporter.printRatio("linear tips in one of order " + std::to_string(order) + where,
+                            "linear/" + name, "loaded/" + name + "/" + std::to_string(order));
+      }
+      reporter.printRatio("linear tips in one exact" + where, "linear/" + name, "exact/" + name);
+      for (const std::string steps : {"20", "50", "100"}) {
+        reporter.printRatio("order 5, against RK4 in " + steps + " steps" + where,
+                            "loaded/" + name + "/5", "loadedOfPeer/" + name + "/" + steps);
+      }
+    }
+  }
+  if (!reporter.hasErrors()) return 0;
+  std::printf("\nlargest error of the tip, %% of the arm's length, 45 cases each\n%-20s%10s", "",
+              "linear");
+  for (int order = 2; order <= 8; ++order) std::printf("   order %d", order);
+  std::printf("\n");
+  for (const std::string arm : {"soft", "scene"}) {
+    for (const std::string posture : {"hanging", "horizontal"}) {
+      reporter.printConvergence(arm + "_" + posture);
+    }
+  }
   return 0;
 }

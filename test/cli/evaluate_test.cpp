@@ -108,7 +108,8 @@ TEST(Evaluate, TagPosesAreComparedWithTheModelsTagsAndTip) {
   EXPECT_EQ(rows[0],
             (std::vector<std::string>{"capture", "status", "pressure_1_pa", "pressure_2_pa",
                                       "pressure_3_pa", "rms_m", "tip_error_m", "tip_error_percent",
-                                      "outlier_tags", "unknown_tags"}));
+                                      "outlier_tags", "unknown_tags", "model_status"}));
+  EXPECT_EQ(rows[1].back(), "converged");
   EXPECT_EQ(std::stod(rows[1][5]), capture["rms_m"].get<double>());
   const Outcome text = runCommand({"evaluate", scene.path(), data.path()});
   EXPECT_NE(text.out.find("6.7 % of the arm"), std::string::npos) << text.out;

@@ -70,6 +70,20 @@ TEST(Forward, PlanarArcHasItsClosedForm) {
   }
 }
 
+TEST(Forward, AnArmThatNothingLoadsIsInClosedForm) {
+  const nlohmann::json spatial = forward("spatial_50", "100,0,0").json();
+  EXPECT_EQ(spatial["tier"], "linear");
+  EXPECT_TRUE(spatial["order"].is_null());
+  EXPECT_NE(spatial["reason"].get<std::string>().find("nothing loads the arm"), std::string::npos);
+  EXPECT_EQ(spatial["status"], "converged");
+  EXPECT_TRUE(spatial["failure"].is_null());
+  EXPECT_EQ(spatial["iterations"], 0);
+  EXPECT_EQ(spatial["residual"], 0.0);
+  EXPECT_EQ(spatial["tip_error_percent"], 0.0);
+  EXPECT_FALSE(spatial.contains("pieces"));
+  EXPECT_FALSE(spatial.contains("piece_twist"));
+}
+
 TEST(Forward, AStraightArmHasNoRadius) {
   const nlohmann::json helix = forward("spatial_50", "0,0,0").json()["sections"][0]["helix"];
   EXPECT_TRUE(helix["radius_m"].is_null());
@@ -203,7 +217,13 @@ TEST(Forward, TiersThatTheSceneCannotHaveAreRefused) {
   expectCallerError(
       forward("spatial_50", "0,0,0", {"--tier", "planar"}),
       "needs a scene with arm.geometry: planar; scene spatial_50 is spatial: use --tier linear");
-  expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "loaded"}), "needs the key load");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "loaded"}),
+                    "--tier loaded needs the key load in the scene; spatial_50 has none: use "
+                    "--tier linear");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "exact"}),
+                    "--tier exact needs the key load");
+  expectCallerError(forward("spatial_50", "0,0,0", {"--set", "tier=exact"}),
+                    "--set tier: tier is exact; expected auto or linear");
   expectCallerError(forward("spatial_50", "0,0,0", {"--tier", "best"}), "--tier");
   expectCallerError(forward("spatial_50", "0,0,0", {"--samples", "1"}), "--samples");
 }

@@ -152,6 +152,52 @@ TEST_F(PlotReport, ManyCapturesAndGroupsAndParametersHaveTheirPlace) {
   EXPECT_LT(picture().rows, 2400);
 }
 
+json map(const std::string& quantity, const std::string& unit, const std::string& up) {
+  json out{{"quantity", quantity}, {"title", "Map of " + quantity}, {"unit", unit}, {"up", up}};
+  out["across"] = "x";
+  out["extent"] = {0.1, 0.4, -0.1, 0.1};
+  for (int row = 0; row < 20; ++row) {
+    for (int column = 0; column < 30; ++column) {
+      out["cells"][row].push_back(column < row ? json() : json(1 + row * column));
+    }
+  }
+  return out;
+}
+
+TEST_F(PlotReport, MapsStandInARowAQuantity) {
+  json maps{{"scene", "helical $50"}, {"tier", "linear"}, {"points", 5000}, {"reach_m", 0.41}};
+  for (const char* quantity : {"points", "per_kpa_m"}) {
+    for (const char* up : {"y", "z", "w"}) maps["maps"].push_back(map(quantity, "m", up));
+  }
+  ASSERT_EQ(draw(maps), 0) << errors();
+  EXPECT_EQ(errors(), "");
+  const cv::Mat all = picture();
+  ASSERT_EQ(all.cols, kWidth);
+  for (int row = 0; row < 2; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      const cv::Rect panel(column * kWidth / 3, 50 + row * (all.rows - 50) / 2, kWidth / 3,
+                           (all.rows - 50) / 2);
+      EXPECT_GT(inked(all(panel)), 0.1) << row << " " << column;
+    }
+  }
+  const int two_rows = all.rows;
+  json one = maps;
+  one["maps"] = {map("points", "points a cell", "y"), map("per_kpa_m", "m", "y")};
+  ASSERT_EQ(draw(one), 0) << errors();
+  EXPECT_LT(picture().rows, two_rows) << "of one plane, side by side";
+
+  std::filesystem::remove(target_);
+  json wrong = maps;
+  wrong["maps"][1]["extent"] = {0.4, 0.1, 0, 1};
+  expectRefused(wrong, "maps[1].extent is [0.4, 0.1, 0, 1]; expected left < right, bottom < top");
+  wrong = maps;
+  wrong["maps"][2]["cells"][3].push_back(1);
+  expectRefused(wrong, "maps[2].cells are no rows of one length");
+  wrong = maps;
+  wrong["maps"][0].erase("unit");
+  expectRefused(wrong, "maps[0] has no unit");
+}
+
 TEST_F(PlotReport, AMissingReportIsNamed) {
   EXPECT_EQ(run(folder_ / "none.json", target_), 2);
   EXPECT_NE(errors().find("none.json cannot be read: No such file"), std::string::npos) << errors();
@@ -163,7 +209,7 @@ TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {
   EXPECT_EQ(draw(std::string("{\"arms\": [")), 2);
   EXPECT_NE(errors().find("report.json is no JSON: "), std::string::npos) << errors();
   expectRefused(json::array({1}), "holds no object");
-  expectRefused(json::object(), "has nothing to draw; expected arms, contractions");
+  expectRefused(json::object(), "has nothing to draw; expected rows, maps, arms, contractions");
   json wrong = report();
   wrong["arms"][1]["captures"][2]["rms"] = "small";
   expectRefused(wrong, R"(arms[1].captures[2].rms is "small"; expected a finite number)");

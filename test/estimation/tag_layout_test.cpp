@@ -1,5 +1,6 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -26,6 +27,36 @@ TEST(TagLayout, TagsRideOnTheCurve) {
     EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
     EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
   }
+}
+
+// A tag rides on the piece that it sits on: its section's pieces before it, and its share of that.
+TEST(TagLayout, TagsRideOnThePiecesOfALoadedArm) {
+  const int per_section = 3;
+  const TagLayout layout = test::sampleLayout(2);
+  model::Shape::Pieces pieces(6, 2 * per_section);
+  for (int j = 0; j < pieces.cols(); ++j) {
+    for (int i = 0; i < 6; ++i) pieces(i, j) = i == 0 ? 0.14 : 0.1 * i - 0.07 * j;
+  }
+  const std::vector<lie::SE3> poses = tagPoses(layout, model::Shape(pieces, per_section));
+  bool last_of_section = false;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const TagPlacement& tag = layout.tags[i];
+    double along = per_section * (tag.section + tag.s);
+    lie::SE3 X;
+    for (int j = 0; along > 0; ++j, along -= 1) {
+      X = X * lie::SE3::exp(std::min(along, 1.0) * pieces.col(j));
+    }
+    X = X * tag.X_ST;
+    EXPECT_LT((poses[i].translation - X.translation).norm(), 1e-14);
+    EXPECT_LT((poses[i].rotation - X.rotation).norm(), 1e-14);
+    const PiecePlace place = placeOnPieces(tag, per_section);
+    EXPECT_GE(place.piece, tag.section * per_section);
+    EXPECT_LT(place.piece, (tag.section + 1) * per_section);
+    EXPECT_NEAR(place.piece + place.s, per_section * (tag.section + tag.s), 1e-14);
+    EXPECT_TRUE(place.s >= 0 && place.s <= 1);
+    last_of_section |= tag.s == 1;
+  }
+  EXPECT_TRUE(last_of_section);
 }
 
 TEST(TagLayout, BleedShrinksTheBorder) {
@@ -125,6 +156,26 @@ TEST(TagSight, VisibleTagsFaceTheCameraAndLieInThePicture) {
     const Eigen::Vector2d a = sight.corners.col(1) - sight.corners.col(0);
     const Eigen::Vector2d b = sight.corners.col(2) - sight.corners.col(1);
     EXPECT_LT(a.x() * b.y() - a.y() * b.x(), 0);
+  }
+}
+
+TEST(TagSight, TagsOfALoadedArmAreSeenWhereTheyRide) {
+  const ArmView view = test::sampleView();
+  model::Shape::Pieces pieces = model::Shape::Pieces::Zero(6, 4);
+  pieces.row(0).setConstant(0.1);
+  pieces.row(5) << 0.1, 0.2, 0.3, 0.4;
+  const model::Shape shape(pieces, 4);
+  const std::vector<lie::SE3> poses = tagPoses(view.layout, shape);
+  const std::vector<TagSight> sights = visibleTags(view, shape, 0.2);
+  ASSERT_GT(sights.size(), 5u);
+  const Corners plane = view.layout.corners();
+  for (const TagSight& sight : sights) {
+    for (int c = 0; c < 4; ++c) {
+      const Eigen::Vector3d corner(plane(0, c), plane(1, c), 0);
+      const auto pixel = view.camera.project(view.X_CB * (poses[sight.tag] * corner));
+      ASSERT_TRUE(pixel.has_value());
+      EXPECT_LT((*pixel - sight.corners.col(c)).norm(), 1e-9);
+    }
   }
 }
 

@@ -7,13 +7,24 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/loaded.hpp"
 #include "support/allocation_counter.hpp"
+#include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
 using test::Random;
+
+// Under its own weight and one at its tip.
+model::Shape sagging(const model::Arm& arm, const Eigen::VectorXd& pressure,
+                     double K_eps = 1000.0) {
+  const model::LoadedArm loaded(arm, test::horizontalLoad(arm.sectionCount(), 0.25, K_eps), 5);
+  const model::Solution solution = loaded.solve(arm.twists(pressure));
+  if (!solution.converged()) throw std::runtime_error("the sample load is too heavy");
+  return solution.shape;
+}
 
 model::Twists nearby(const model::Twists& twists, double length, double angle, Random& random) {
   model::Twists out = twists;
@@ -26,16 +37,16 @@ model::Twists nearby(const model::Twists& twists, double length, double angle, R
   return out;
 }
 
-std::vector<CornerObservation> exactly(const ArmView& view, const model::Twists& twists) {
+std::vector<CornerObservation> exactly(const ArmView& view, const model::Shape& shape) {
   Random unused(0);
-  return test::observe(view, visibleTags(view, twists, 0.3), 0.0, unused);
+  return test::observe(view, visibleTags(view, shape, 0.3), 0.0, unused);
 }
 
 // The objective by its definition: Cauchy's loss of each tag's squared distances in pixels.
 double costByDefinition(const ArmView& view, const TwistFitOptions& options,
-                        const std::vector<CornerObservation>& seen, const model::Twists& twists) {
+                        const std::vector<CornerObservation>& seen, const model::Shape& shape) {
   const double threshold = 8 * options.robust_scale * options.robust_scale;
-  const std::vector<lie::SE3> poses = tagPoses(view.layout, twists);
+  const std::vector<lie::SE3> poses = tagPoses(view.layout, shape);
   const Corners plane = view.layout.corners();
   double cost = 0;
   for (const CornerObservation& tag : seen) {
@@ -69,6 +80,62 @@ TEST_P(TwistFitOfSections, ExactCornersGiveTheExactTwists) {
     EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-6);
     EXPECT_LT(fit.rms, 1e-3);
     EXPECT_EQ(fit.outliers(), 0);
+  }
+}
+
+TEST_P(TwistFitOfSections, ExactCornersOfALoadedArmGiveTheExactMeanTwists) {
+  // The load bends the arm as the model says, but its twists are others.
+  const int sections = GetParam();
+  const model::Arm arm = test::ringArm(test::helicalRing(), sections);
+  const ArmView view = test::sampleView(0.8 * sections, sections, 64 / sections);
+  TwistFitOptions options;
+  options.corner_noise = 0.01;  // converged is what this noise would hide
+  options.model_prior = {1e6, 1e6};
+  TwistFitter fitter(view.layout, sections, options);
+  Random random(24);
+  for (int i = 0; i < 20; ++i) {
+    const model::Shape model = sagging(arm, test::randomInput(arm, random));
+    ASSERT_GT(model.piecesPerSection(), 1);
+    const model::Twists twists = nearby(model.twists(), 0.005, 0.05, random);
+    const model::Shape shape = model.about(twists);
+    const TwistFit& fit = fitter.fit(exactly(view, shape), view.X_CB, view.camera.fx, model);
+    ASSERT_EQ(fit.status, FitStatus::kConverged);
+    EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_LT((fit.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_LT((fit.shape.twists() - fit.twists).cwiseAbs().maxCoeff(), 1e-12);
+    EXPECT_LT(fit.rms, 1e-3);
+    // Where start and model deviate otherwise, it is the model that counts.
+    const TwistFit& other = fitter.fit(exactly(view, shape), view.X_CB, view.camera.fx,
+                                       model::Shape(model.twists()), model);
+    EXPECT_LT((other.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-6);
+  }
+}
+
+TEST_P(TwistFitOfSections, NoNeighbourOfTheAnswerIsBetterUnderLoad) {
+  const int sections = GetParam();
+  const model::Arm arm = test::ringArm(test::helicalRing(), sections);
+  const ArmView view = test::sampleView(0.8 * sections, sections, 64 / sections);
+  TwistFitOptions options;
+  options.corner_noise = 0.5;
+  options.model_prior = {1e6, 1e6};  // tags alone
+  TwistFitter fitter(view.layout, sections, options);
+  Random random(25);
+  for (int i = 0; i < 10; ++i) {
+    const model::Shape model = sagging(arm, test::randomInput(arm, random));
+    const auto seen = test::observe(view, visibleTags(view, model, 0.3), 0.5, random);
+    const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, model);
+    ASSERT_EQ(fit.status, FitStatus::kConverged);
+    const double least = costByDefinition(view, options, seen, model.about(fit.twists));
+    EXPECT_NEAR(fit.cost, least, 1e-9 * least);
+    for (int k = 0; k < 6 * sections; ++k) {
+      const double deviation = std::sqrt(fit.covariance(k, k));
+      for (const double step : {-0.1 * deviation, 0.1 * deviation}) {
+        model::Twists neighbour = fit.twists;
+        neighbour.data()[k] += step;
+        EXPECT_GT(costByDefinition(view, options, seen, model.about(neighbour)), least)
+            << "entry " << k;
+      }
+    }
   }
 }
 
@@ -159,6 +226,95 @@ INSTANTIATE_TEST_SUITE_P(Cases, TwistFitHonesty,
                                            Honesty{2, 0.3, false}, Honesty{8, 0.3, true},
                                            Honesty{8, 1.0, true}, Honesty{4, 0.3, true},
                                            Honesty{2, 0.3, true}));
+
+// In units of their covariance the errors are chi-squared with a mean of 6 and 3: no unbiased fit
+// can do better (Cramer and Rao). What takes the arm for unloaded is wrong by far more than it
+// says.
+TEST(TwistFit, UnderLoadErrorsAreAsLargeAsTheyAreSaidToBeAndWithoutItInTheModelTheyAreNot) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  TwistFitOptions options;
+  options.model_prior = {1e6, 1e6};
+  TwistFitter fitter(view.layout, 1, options);
+  Random random(26);
+  double twist_sum = 0, tip_sum = 0, ignorant_sum = 0, rms = 0, ignorant_rms = 0, curve = 0,
+         ignorant_curve = 0;
+  const int scenes = 300;
+  for (int i = 0; i < scenes; ++i) {
+    const model::Shape model = sagging(arm, test::randomInput(arm, random), 400.0);
+    const model::Shape shape = model.about(nearby(model.twists(), 0.003, 0.03, random));
+    const auto seen =
+        test::observe(view, test::spread(visibleTags(view, shape, 0.3), 10), 0.3, random);
+    const auto errorsOf = [&](const TwistFit& fit, double& twist, double& at_tip, double& worst) {
+      const lie::Vector6 error = fit.twists.col(0) - shape.twists().col(0);
+      twist += error.dot(fit.covariance.ldlt().solve(error));
+      const Eigen::Vector3d off =
+          model::tipPose(fit.shape).translation - model::tipPose(shape).translation;
+      at_tip += off.dot(fit.tip_covariance.ldlt().solve(off));
+      const auto fitted = model::sampleCurve(fit.shape, 17), real = model::sampleCurve(shape, 17);
+      for (int k = 0; k < 17; ++k) {
+        worst = std::max(worst, (fitted[k].X.translation - real[k].X.translation).norm());
+      }
+    };
+    const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, model);
+    ASSERT_EQ(fit.status, FitStatus::kConverged);
+    errorsOf(fit, twist_sum, tip_sum, curve);
+    rms += fit.rms / scenes;
+    double unused = 0;
+    const TwistFit& ignorant = fitter.fit(seen, view.X_CB, view.camera.fx, model.twists());
+    errorsOf(ignorant, ignorant_sum, unused, ignorant_curve);
+    ignorant_rms += ignorant.rms / scenes;
+  }
+  EXPECT_GT(twist_sum / scenes, 4.0);
+  EXPECT_LT(twist_sum / scenes, 9.0);
+  EXPECT_GT(tip_sum / scenes, 2.0);
+  EXPECT_LT(tip_sum / scenes, 4.5);
+  EXPECT_GT(ignorant_sum, 3 * twist_sum);
+  EXPECT_GT(ignorant_rms, 1.5 * rms);
+  EXPECT_GT(ignorant_curve, 3 * curve);
+}
+
+TEST(TwistFit, TipCovarianceIsThatOfTheTipsOfDrawnTwistsUnderLoad) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  const model::Shape shape = sagging(arm, arm.inputAt(0.4));
+  Random random(27);
+  Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(12, 12, [&] { return random.normal(); });
+  const Eigen::MatrixXd covariance = 1e-8 * root * root.transpose();
+  root = covariance.llt().matrixL();
+  const Eigen::Vector3d tip = model::tipPose(shape).translation;
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  const int draws = 40000;
+  for (int i = 0; i < draws; ++i) {
+    const Eigen::VectorXd step =
+        root * Eigen::VectorXd::NullaryExpr(12, [&] { return random.normal(); });
+    model::Twists moved = shape.twists();
+    for (int k = 0; k < 12; ++k) moved.data()[k] += step[k];
+    const Eigen::Vector3d d = model::tipPose(shape.about(moved)).translation - tip;
+    sum += d * d.transpose();
+  }
+  const Eigen::Matrix3d drawn = sum / draws, linear = tipCovariance(shape, covariance);
+  EXPECT_LT((drawn - linear).norm(), 0.04 * linear.norm());
+}
+
+TEST(TwistFit, ALoadedArmIsFoundFromTheModelAlone) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  const TagLayout layout = test::sampleLayout(2, 8);
+  TwistFitOptions options;
+  options.position_noise = 1e-4;
+  options.model_prior = {1e6, 1e6};
+  TwistFitter fitter(layout, 2, options);
+  Random random(28);
+  for (int i = 0; i < 5; ++i) {
+    const model::Shape model = sagging(arm, test::randomInput(arm, random));
+    const model::Shape shape = model.about(nearby(model.twists(), 0.01, 0.3, random));
+    const std::vector<lie::SE3> poses = tagPoses(layout, shape);
+    std::vector<PoseObservation> seen;
+    for (int tag = 0; tag < 16; ++tag) seen.push_back({tag, poses[tag]});
+    const TwistFit& fit = fitter.fitCold(seen, model);
+    ASSERT_EQ(fit.status, FitStatus::kConverged);
+    EXPECT_LT((fit.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-4);
+  }
+}
 
 TEST(TwistFit, TipCovarianceIsThatOfTheTipsOfDrawnTwists) {
   const model::Arm arm = test::ringArm(test::helicalRing(), 2);
@@ -395,7 +551,8 @@ TEST(TwistFit, CallsThatMakeNoSenseAreRefused) {
   model::Twists twists(6, 1);
   twists << 0.4, 0, 0, 0, 0, 0;
   std::vector<CornerObservation> seen = exactly(view, twists);
-  EXPECT_THROW(fitter.fit(seen, view.X_CB, 930, model::Twists::Zero(6, 2)), std::invalid_argument);
+  EXPECT_THROW(fitter.fit(seen, view.X_CB, 930, model::Twists(model::Twists::Zero(6, 2))),
+               std::invalid_argument);
   EXPECT_THROW(fitter.fit(seen, view.X_CB, -1, twists), std::invalid_argument);
   std::vector<CornerObservation> wrong = seen;
   wrong[0].tag = 64;
@@ -417,16 +574,18 @@ TEST(TwistFit, WarmFitsDoNotAllocate) {
   const ArmView view = test::sampleView(1.6, 2);
   const model::Twists twists = arm.twists(arm.inputAt(0.2));
   Random random(11);
-  const auto seen = test::observe(view, visibleTags(view, twists, 0.3), 0.3, random);
-  for (const bool free : {false, true}) {
-    TwistFitOptions options;
-    options.free_base = options.free_bleed = free;
-    TwistFitter fitter(view.layout, 2, options);
-    fitter.fit(seen, view.X_CB, view.camera.fx, twists);
-    const test::AllocationCounter allocations;
-    const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, twists);
-    EXPECT_EQ(allocations.count(), 0u);
-    EXPECT_EQ(fit.status, FitStatus::kConverged);
+  for (const model::Shape& shape : {model::Shape(twists), sagging(arm, arm.inputAt(0.2))}) {
+    const auto seen = test::observe(view, visibleTags(view, shape, 0.3), 0.3, random);
+    for (const bool free : {false, true}) {
+      TwistFitOptions options;
+      options.free_base = options.free_bleed = free;
+      TwistFitter fitter(view.layout, 2, options);
+      fitter.fit(seen, view.X_CB, view.camera.fx, shape);
+      const test::AllocationCounter allocations;
+      const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, shape);
+      EXPECT_EQ(allocations.count(), 0u);
+      EXPECT_EQ(fit.status, FitStatus::kConverged);
+    }
   }
 }
 

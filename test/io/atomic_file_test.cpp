@@ -94,6 +94,30 @@ TEST(AtomicFile, HoldsWhatWasWrittenLast) {
   }
 }
 
+TEST(AtomicFile, TakesItsPlaceWhenItIsWholeAndNotBefore) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "cloud.ply";
+  std::ofstream(path) << "old";
+  {
+    AtomicFile file(path);
+    file.write("head 00 ");
+    for (int i = 0; i < 3; ++i) file.write("body ");
+    file.writeOver(5, "12");
+    file.write("end");
+    EXPECT_EQ(contentOf(path), "old");
+    EXPECT_EQ(namesIn(folder.path()).size(), 2u);
+    file.commit();
+    EXPECT_EQ(contentOf(path), "head 12 body body body end");
+  }
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.ply"});
+  {
+    AtomicFile file(path);
+    file.write("given up");
+  }
+  EXPECT_EQ(contentOf(path), "head 12 body body body end");
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.ply"});
+}
+
 TEST(AtomicFile, MayBeNamedWithoutItsFolder) {
   const TemporaryFolder folder;
   const fs::path before = fs::current_path();

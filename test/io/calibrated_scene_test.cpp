@@ -15,6 +15,7 @@
 namespace helix_arm::io {
 namespace {
 
+using test::kLoadedScene;
 using test::kPlanarScene;
 using test::kSpatialScene;
 
@@ -101,6 +102,25 @@ void expectSameTags(const estimation::TagLayout& a, const estimation::TagLayout&
   }
 }
 
+void expectSameLoad(const Scene& a, const Scene& b) {
+  EXPECT_EQ(a.model.choice().setting.name(), b.model.choice().setting.name());
+  ASSERT_EQ(a.model.load().has_value(), b.model.load().has_value());
+  if (!a.model.load()) return;
+  const model::Load &one = *a.model.load(), &other = *b.model.load();
+  EXPECT_EQ(one.gravity, other.gravity);
+  EXPECT_EQ(one.mass, other.mass);
+  EXPECT_EQ(one.K_eps, other.K_eps);
+  ASSERT_EQ(one.points.size(), other.points.size());
+  for (std::size_t i = 0; i < one.points.size(); ++i) {
+    EXPECT_EQ(one.points[i].section, other.points[i].section);
+    EXPECT_EQ(one.points[i].s, other.points[i].s);
+    EXPECT_EQ(one.points[i].mass, other.points[i].mass);
+    EXPECT_EQ(one.points[i].force, other.points[i].force);
+    EXPECT_EQ(one.points[i].moment, other.points[i].moment);
+    EXPECT_EQ(one.points[i].offset, other.points[i].offset);
+  }
+}
+
 void expectSameScene(const Scene& a, const Scene& b) {
   EXPECT_EQ(a.name, b.name);
   EXPECT_EQ(difference(a.X_WB, b.X_WB), 0);
@@ -128,6 +148,7 @@ void expectSameScene(const Scene& a, const Scene& b) {
   EXPECT_EQ(a.vision.fit.free_base, b.vision.fit.free_base);
   EXPECT_EQ(a.vision.detector.family, b.vision.detector.family);
   EXPECT_EQ(a.simulation.arm.K_kappa_scale, b.simulation.arm.K_kappa_scale);
+  expectSameLoad(a, b);
   EXPECT_EQ(a.simulation.mounts.seed, b.simulation.mounts.seed);
   EXPECT_EQ(a.safety.commander_timeout, b.safety.commander_timeout);
 }
@@ -139,7 +160,7 @@ class ShippedScene : public testing::TestWithParam<const char*> {
   }
 };
 INSTANTIATE_TEST_SUITE_P(Scenes, ShippedScene,
-                         testing::Values("annotated", "demo", "helical_50", "planar_101",
+                         testing::Values("annotated", "demo", "helical_50", "loaded", "planar_101",
                                          "planar_50", "planar_76", "spatial_101", "spatial_50"));
 
 TEST_P(ShippedScene, WithoutAChangeIsTheSame) {
@@ -234,6 +255,34 @@ TEST(CalibratedScene, EveryStiffnessIsReplaced) {
     EXPECT_EQ(scene.arm.actuator(i).stiffness.gamma, 7) << i;
     EXPECT_EQ(scene.arm.actuator(i).stiffness.kappa, 3e-4) << i;
   }
+}
+
+TEST(CalibratedScene, WhatLoadsTheArmAndItsTierStay) {
+  SceneCalibration change = calibration();
+  change.stiffness = model::Stiffness{7, 0, 3e-4};
+  // Each section's own: the mass of the whole arm is spread by lengths that stiffness changes.
+  const std::string scene = test::replaced(kLoadedScene, "mass_kg: 0.3", "mass_kg: [0.2, 0.1]");
+  const Scene before = sceneOf(scene);
+  const Scene after = calibrated(scene, change);
+  EXPECT_EQ(after.arm.actuator(0).stiffness.kappa, 3e-4);
+  EXPECT_EQ(after.model.load()->K_eps, (std::vector<double>{900, 900}));
+  EXPECT_EQ(after.model.choice().setting.name(), "loaded, order 3");
+  expectSameLoad(before, after);
+  const std::string text = calibratedSceneText(test::TemporaryFile(scene).path(), {}, change);
+  EXPECT_EQ(text.find("K_eps_n"), text.rfind("K_eps_n")) << "where it was given, and only there";
+}
+
+TEST(CalibratedScene, K_epsIsReplacedWhereItIsGiven) {
+  SceneCalibration change = calibration();
+  change.K_eps = 1100;
+  const Scene arms = calibrated(kLoadedScene, change);
+  EXPECT_EQ(arms.model.load()->K_eps, (std::vector<double>{1100, 1100}));
+  EXPECT_EQ(arms.arm.actuator(5).stiffness.kappa, 3e-4) << "the others stay";
+  const Scene own = calibrated(kLoadedScene, change, {{"arm.sections.1.stiffness.K_eps_n", "700"}});
+  EXPECT_EQ(own.model.load()->K_eps, (std::vector<double>{1100, 1100}));
+  EXPECT_EQ(refusal(kSpatialScene, change),
+            "calibratedSceneText: K_eps is calibrated, but nothing loads scene rig; expected one "
+            "with a load");
 }
 
 TEST(CalibratedScene, TheCameraMayLookAnyWay) {

@@ -266,6 +266,7 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
   EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
   EXPECT_EQ(config.arm.length_scale, 1.02);
+  EXPECT_EQ(config.arm.K_eps_scale, 0.9);
   EXPECT_EQ(config.mounts.camera_translation, 0.02);
   EXPECT_NEAR(config.mounts.camera_rotation, 2 * kPi / 180, kTolerance);
   EXPECT_EQ(config.mounts.tag_translation, 0.003);

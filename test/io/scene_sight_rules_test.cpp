@@ -256,7 +256,7 @@ const BrokenRule kSimulation[] = {
      "turn_deg: 4",
      {":71 simulation.mounts.turn_deg is not a known key; expected camera_translation_m, "
       "camera_rotation_deg, tag_translation_m, tag_rotation_deg or seed"}},
-    {"  arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02}",
+    {"  arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02, K_eps_scale: 0.9}",
      "  rig: {}",
      {":69 simulation.rig is not a known key; expected arm, mounts or camera"}},
 };

@@ -74,10 +74,27 @@ vision:
   base_prior: {translation_m: 0.003, rotation_deg: 0.9}
   bleed_prior_m: 0.0004
 simulation:
-  arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02}
+  arm: {K_gamma_scale: 0.8, K_kappa_scale: 1.2, length_scale: 1.02, K_eps_scale: 0.9}
   camera: {blur_px: 0.5, noise_gray_levels: 3, exposure: 1.1, bleed_m: 0.0003, jpeg_quality: 80, clutter: 4, occluders: 2, seed: 9}
   mounts: {camera_translation_m: 0.02, camera_rotation_deg: 2, tag_translation_m: 0.003, tag_rotation_deg: 4, seed: 5}
 )";
+
+/// The same under a load; load begins at line 72.
+inline const std::string kLoadedScene = [] {
+  std::string text = kSpatialScene;
+  const std::string stiffness = "K_kappa_m2: 1.0e-4}";
+  text.replace(text.find(stiffness), stiffness.size(), "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
+  return text + R"(load:
+  gravity_m_s2: [0.1, 0.2, -9.7]
+  mass_kg: 0.3
+  tip: {mass_kg: 0.05, position_m: [0.02, 0, 0.01], force_n: [0.1, 0.2, 0.3], moment_nm: [0.01, 0, -0.02]}
+  points:
+    - {section: upper, s: 0.5, mass_kg: 0.02, position_m: [0, 0.03, 0], force_n: [0.4, 0, 0], moment_nm: [0, 0.03, 0]}
+    - {s: 0.25, force_n: [0, 0.5, 0]}
+tier: loaded
+order: 3
+)";
+}();
 
 /// The least a planar scene can say.
 inline const std::string kPlanarScene = R"(name: flat

@@ -56,6 +56,7 @@ const PublishedArm kArms[] = {
     {"spatial_101", false, 3, 0.1016 / 2, 0, kFig3Quintic, 10, 1.38e-4},
     {"helical_50", false, 3, 0.0508 / 2, 15 * kPi / 180, kFig3Quintic, 100, 9.8e-5},
     {"demo", false, 3, 0.0508 / 2, 15 * kPi / 180, kFig3Quintic, 100, 9.8e-5},
+    {"loaded", false, 3, 0.0508 / 2, 15 * kPi / 180, kFig3Quintic, 100, 9.8e-5},
 };
 
 class ShippedArm : public testing::TestWithParam<PublishedArm> {};
@@ -114,8 +115,26 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
     EXPECT_TRUE(scene.arm.tip(vented).translation.allFinite())
         << "a vented arm must be within the limits";
   }
-  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "helical_50", "planar_101",
+  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "helical_50", "loaded", "planar_101",
                                           "planar_50", "planar_76", "spatial_101", "spatial_50"}));
+}
+
+TEST(ShippedScenes, OnlyTwoAreLoaded) {
+  for (const char* name : {"demo", "helical_50", "planar_101", "planar_50", "planar_76",
+                           "spatial_101", "spatial_50"}) {
+    EXPECT_FALSE(loadScene(scenePath(name)).model.load()) << name;
+  }
+  const Scene scene = loadScene(scenePath("loaded"));
+  ASSERT_TRUE(scene.model.load());
+  EXPECT_EQ(scene.model.load()->mass, std::vector<double>{0.2});
+  EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
+  EXPECT_EQ(scene.model.load()->points.at(0).mass, 0.05);
+  EXPECT_EQ(scene.model.choice().setting.tier, model::Tier::kLoaded);
+  EXPECT_LE(scene.model.choice().tip_error, model::kUsualTipError);
+  const Scene annotated = loadScene(scenePath("annotated"));
+  ASSERT_TRUE(annotated.model.load());
+  EXPECT_EQ(annotated.model.load()->K_eps, (std::vector<double>{900, 1200}));
+  EXPECT_NEAR(annotated.model.load()->mass[0] + annotated.model.load()->mass[1], 0.25, 1e-15);
 }
 
 TEST(ShippedScenes, TheDemoArmHangs) {
@@ -166,15 +185,20 @@ TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {
   EXPECT_LT(q.angularDistance(measured), 1e-5);
 }
 
-TEST(ShippedScenes, TheDemoCameraSeesSixTagsInEveryPose) {
-  const Scene scene = loadScene(scenePath("demo"));
+class ShippedCamera : public testing::TestWithParam<std::pair<const char*, int>> {};
+INSTANTIATE_TEST_SUITE_P(Scenes, ShippedCamera,
+                         testing::Values(std::pair("demo", 2000), std::pair("loaded", 300)),
+                         [](const auto& scene) { return std::string(scene.param.first); });
+
+TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
+  const Scene scene = loadScene(scenePath(GetParam().first));
   ASSERT_TRUE(scene.tags && scene.camera);
-  const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
+  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
   test::Random random(11);
-  for (int i = 0; i < 2000; ++i) {
+  for (int i = 0; i < GetParam().second; ++i) {
     Eigen::Vector3d pressure;
     for (int j = 0; j < 3; ++j) pressure[j] = i == 0 ? 0.0 : random.uniform(0, kMaxPressure);
-    const auto seen = estimation::visibleTags(scene.view(), truth.twists(pressure), 0.35);
+    const auto seen = estimation::visibleTags(scene.view(), truth.shape(pressure), 0.35);
     EXPECT_GE(seen.size(), 6u) << pressure.transpose();
     EXPECT_TRUE(std::any_of(
         seen.begin(), seen.end(),

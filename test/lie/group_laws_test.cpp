@@ -124,6 +124,19 @@ TYPED_TEST(LieGroup, JacobianInversesInvert) {
   });
 }
 
+TYPED_TEST(LieGroup, SolvingWithTheRightJacobianIsTimesItsInverse) {
+  const auto expect = [this](const auto& xi) {
+    const auto eta = this->twist(1.0);
+    const typename TypeParam::Tangent back =
+        TypeParam::rightJacobian(xi) * TypeParam::solveRightJacobian(xi, eta);
+    EXPECT_LT((back - eta).norm(), 1e-13) << xi.transpose();
+  };
+  this->forRandomTwists(expect);
+  // Both sides of the switch from the series to the quotient, and beyond a half turn.
+  for (int i = 0; i < 500; ++i) expect(this->twist(std::sqrt(2.0) + (i % 2 ? 1e-9 : -1e-9)));
+  for (int i = 0; i < 500; ++i) expect(this->twist(3.0 + 0.005 * i));
+}
+
 TYPED_TEST(LieGroup, LeftJacobianMovesATwistToTheFrontOfExp) {
   // First order only: what is left must fall with the square of the step.
   this->forRandomTwists([this](const auto& xi) {

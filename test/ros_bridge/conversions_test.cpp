@@ -1,6 +1,8 @@
 #include "helix_arm/ros_bridge/conversions.hpp"
 
 #include <cmath>
+#include <cstdint>
+#include <string>
 
 #include <gtest/gtest.h>
 
@@ -45,6 +47,101 @@ TEST(Conversions, AShapeIsWrittenSectionBySection) {
   ShapeTarget same;
   same.twist = msg.twist;
   EXPECT_EQ(std::get<model::Twists>(fromMsg(same, 2)), twists);
+}
+
+// Two sections of three pieces, none like another.
+model::Shape unevenShape() {
+  model::Shape::Pieces pieces(6, 6);
+  for (int j = 0; j < 6; ++j) {
+    for (int i = 0; i < 6; ++i) pieces(i, j) = i == 0 ? 0.14 + 0.01 * j : 0.03 * i - 0.02 * j;
+  }
+  return {pieces, 3};
+}
+
+void expectRefusal(const ArmShape& msg, control::Fault fault, const std::string& part) {
+  const auto checked = fromMsg(msg, 2, "arm_base");
+  const auto* refusal = std::get_if<control::Refusal>(&checked);
+  ASSERT_NE(refusal, nullptr) << part;
+  EXPECT_EQ(refusal->fault, fault) << refusal->message;
+  EXPECT_NE(refusal->message.find(part), std::string::npos) << refusal->message;
+}
+
+TEST(Conversions, ALoadedShapeSurvivesTheRoundTrip) {
+  const model::Shape shape = unevenShape();
+  const model::TierChoice choice{{model::Tier::kLoaded, 5}, 1e-4, "the arm's weight bends it"};
+  const ArmShape msg = toShapeMsg({}, choice, shape);
+  EXPECT_EQ(msg.tier, "loaded");
+  EXPECT_EQ(msg.order, 5U);
+  EXPECT_EQ(msg.tier_reason, choice.reason);
+  EXPECT_EQ(msg.sections, 2U);
+  EXPECT_EQ(msg.pieces, 3U);
+  ASSERT_EQ(msg.twist.size(), 12U);
+  ASSERT_EQ(msg.piece_twist.size(), 36U);
+  for (int k = 0; k < 2; ++k) {
+    for (int i = 0; i < 6; ++i) {
+      double sum = 0;
+      for (int j = 3 * k; j < 3 * k + 3; ++j) {
+        EXPECT_EQ(msg.piece_twist[6 * j + i], shape.pieces()(i, j));
+        sum += shape.pieces()(i, j);
+      }
+      EXPECT_NEAR(msg.twist[6 * k + i], sum, 1e-15);
+    }
+  }
+  lie::SE3 X;
+  for (int j = 0; j < 6; ++j) X = X * lie::SE3::exp(shape.pieces().col(j));
+  EXPECT_LT((fromMsg(msg.tip).translation - X.translation).norm(), 1e-15);
+
+  const auto checked = fromMsg(msg, 2, "arm_base");
+  ASSERT_TRUE(std::holds_alternative<model::Shape>(checked));
+  EXPECT_EQ(std::get<model::Shape>(checked).pieces(), shape.pieces());
+  EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 3);
+}
+
+TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
+  const model::Twists twists = unevenShape().twists();
+  ArmShape msg = toShapeMsg({}, "linear", twists);
+  EXPECT_EQ(msg.pieces, 1U);
+  EXPECT_TRUE(msg.piece_twist.empty());
+  EXPECT_TRUE(msg.tier_reason.empty());
+  for (const std::uint32_t pieces : {1U, 0U}) {
+    msg.pieces = pieces;
+    const auto checked = fromMsg(msg, 2, "arm_base");
+    ASSERT_TRUE(std::holds_alternative<model::Shape>(checked)) << pieces;
+    EXPECT_EQ(std::get<model::Shape>(checked).pieces(), twists);
+    EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 1);
+  }
+}
+
+TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
+  using control::Fault;
+  const ArmShape sound = toShapeMsg({}, "loaded", unevenShape());
+  ArmShape msg = sound;
+  msg.pieces = 65;
+  expectRefusal(msg, Fault::kOutOfRange, "send at most 64");
+  msg.pieces = 4000000000U;
+  expectRefusal(msg, Fault::kOutOfRange, "4000000000 pieces");
+  msg = sound;
+  msg.piece_twist.pop_back();
+  expectRefusal(msg, Fault::kWrongSize, "35 numbers in piece_twist");
+  for (const std::uint32_t pieces : {0U, 1U, 2U}) {
+    msg = sound;
+    msg.pieces = pieces;
+    expectRefusal(msg, Fault::kWrongSize, "36 numbers in piece_twist");
+  }
+  msg = sound;
+  msg.piece_twist.clear();
+  expectRefusal(msg, Fault::kWrongSize, "0 numbers in piece_twist");
+  msg = sound;
+  msg.piece_twist[7] = std::nan("");
+  expectRefusal(msg, Fault::kNotFinite, "piece_twist[7] is nan");
+  msg.piece_twist[7] = 1e9;
+  expectRefusal(msg, Fault::kOutOfRange, "piece_twist[7]");
+  msg = sound;
+  msg.twist[3] += 0.01;
+  expectRefusal(msg, Fault::kOutOfRange, "add up to another twist");
+  msg = sound;
+  msg.twist[3] = std::nan("");
+  expectRefusal(msg, Fault::kNotFinite, "twist[3]");
 }
 
 TEST(Conversions, PressuresAreNamed) {

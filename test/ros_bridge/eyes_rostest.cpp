@@ -138,7 +138,7 @@ TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
         Eigen::Map<const Eigen::MatrixXd>(measured->twist_covariance.data(), 6, 6);
     EXPECT_TRUE(covariance.isApprox(covariance.transpose(), 1e-9));
     const Eigen::Matrix3d of_tip = estimation::tipCovariance(
-        Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1), covariance);
+        model::Twists(Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1)), covariance);
     const Eigen::Vector3d variances = of_tip.selfadjointView<Eigen::Lower>().eigenvalues();
     EXPECT_GT(variances.minCoeff(), 0);
     EXPECT_LT(variances.maxCoeff(), 0.005 * 0.005);
@@ -339,7 +339,7 @@ TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {
   const auto before = lastStatus();
   std_msgs::Header header;
   header.stamp = eye_.stamp();
-  eye_.publish(ros_bridge::toShapeMsg(header, "linear", model::Twists::Zero(6, 3)));
+  eye_.publish(ros_bridge::toShapeMsg(header, "linear", model::Twists(model::Twists::Zero(6, 3))));
   EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
 }
 

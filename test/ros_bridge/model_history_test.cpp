@@ -9,11 +9,11 @@ class History : public ::testing::Test {
  protected:
   // A model whose first number tells which one it is.
   void add(double seconds, double mark) {
-    history_.add(ros::Time(seconds), model::Twists::Constant(6, 1, mark));
+    history_.add(ros::Time(seconds), model::Twists(model::Twists::Constant(6, 1, mark)));
   }
   double markAt(double seconds) const {
     const auto entry = history_.nearest(ros::Time(seconds));
-    return entry ? entry->twists(0, 0) : -1.0;
+    return entry ? entry->shape.pieces()(0, 0) : -1.0;
   }
 
   ModelHistory history_;
@@ -72,10 +72,10 @@ TEST_F(History, MemoryIsBoundedWhateverTheStamps) {
   EXPECT_EQ(history_.size(), 1U);
   EXPECT_EQ(markAt(10.0), 99999);
   for (int k = 0; k < 100000; ++k) {
-    history_.add(ros::Time(20, k), model::Twists::Constant(6, 1, k));
+    history_.add(ros::Time(20, k), model::Twists(model::Twists::Constant(6, 1, k)));
   }
   EXPECT_EQ(history_.size(), ModelHistory::kMost);
-  EXPECT_EQ(history_.nearest(ros::Time(20, 99999))->twists(0, 0), 99999);
+  EXPECT_EQ(history_.nearest(ros::Time(20, 99999))->shape.pieces()(0, 0), 99999);
 }
 
 TEST_F(History, TheLagIsOfTheLatestModel) {
@@ -88,7 +88,7 @@ TEST_F(History, TheLagIsOfTheLatestModel) {
 
 TEST_F(History, StampsOfAnyKindArePutUpWith) {
   add(0.0, 1);
-  history_.add(ros::TIME_MAX, model::Twists::Constant(6, 1, 2));
+  history_.add(ros::TIME_MAX, model::Twists(model::Twists::Constant(6, 1, 2)));
   EXPECT_EQ(markAt(0.0), -1);  // forgotten long since
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(0.0)));
   history_.forgetFuture(ros::Time(10.0));

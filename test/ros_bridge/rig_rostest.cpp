@@ -60,7 +60,7 @@ TEST_F(Loop, MeasuredIsTheTrueShapeAtTheTimeOfThePicture) {
       const Eigen::Vector3d error = tipOf(*measured) - tipOf(*truth);
       EXPECT_LT(error.norm(), 0.005);
       const Eigen::Matrix3d covariance = estimation::tipCovariance(
-          Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1),
+          model::Twists(Eigen::Map<const model::Twists>(measured->twist.data(), 6, 1)),
           Eigen::Map<const Eigen::MatrixXd>(measured->twist_covariance.data(), 6, 6));
       errors.push_back(error.norm());
       shares.push_back(error.dot(covariance.ldlt().solve(error)) / 3);

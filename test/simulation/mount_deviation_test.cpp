@@ -64,7 +64,7 @@ TEST_F(Mounts, TheNoiseIsNormalOfTheDeviationsAskedFor) {
     for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
       if (static_cast<int>(i) == view_.layout.baseTag()) continue;
       const auto &before = view_.layout.tags[i], &after = view.layout.tags[i];
-      const double length = arm_.restTwist(before.section).head<3>().norm();
+      const double length = arm_.restLength(before.section);
       lie::SE3 turn;
       turn.rotation = before.X_ST.rotation.transpose() * after.X_ST.rotation;
       lie::Vector6 moved = turn.log();

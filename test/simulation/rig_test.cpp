@@ -6,7 +6,11 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/exact.hpp"
 #include "support/paper_arm.hpp"
+#include "support/sample_load.hpp"
+#include "support/sample_view.hpp"
 #include "tag_studio.hpp"
 
 namespace helix_arm::test {
@@ -61,7 +65,8 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
   EXPECT_THROW(truth.twists(Eigen::Vector3d(0, std::nan(""), 0)), std::out_of_range);
   for (const double wrong : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
     for (const ArmDeviation& deviation :
-         {ArmDeviation{wrong, 1, 1}, ArmDeviation{1, wrong, 1}, ArmDeviation{1, 1, wrong}}) {
+         {ArmDeviation{wrong, 1, 1}, ArmDeviation{1, wrong, 1}, ArmDeviation{1, 1, wrong},
+          ArmDeviation{1, 1, 1, wrong}}) {
       EXPECT_THROW(deviation.validate(), std::invalid_argument);
       EXPECT_THROW(TrueArm(arm, deviation), std::invalid_argument);
     }
@@ -72,6 +77,46 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
     EXPECT_STREQ(error.what(),
                  "true arm: the factor on K_kappa is -2; expected a finite value > 0");
   }
+}
+
+TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
+  Ring ring = helicalRing();
+  const model::Arm arm = ringArm(ring, 2);
+  model::Load load = horizontalLoad(2);
+  model::TierRequest request;
+  request.tier = model::Tier::kLoaded;
+  request.order = 2;
+  const TrueArm truth(model::ArmModel(arm, std::nullopt, load, request), {0.7, 1.4, 1.02, 0.8});
+  EXPECT_EQ(truth.model().choice().setting.tier, model::Tier::kExact);
+  ring.stiffness.gamma *= 0.7;
+  ring.stiffness.kappa *= 1.4;
+  for (double& K_eps : load.K_eps) K_eps *= 0.8;
+  const model::Arm stiffer = ringArm(ring, 2);
+  const model::ExactArm exact(stiffer, load);
+  Random random(4);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::VectorXd q = randomInput(arm, random);
+    const model::Twists unloaded = stiffer.twistsOfLengths(1.02 * stiffer.lengths(q));
+    const model::Solution expected = exact.solve(unloaded);
+    ASSERT_TRUE(expected.converged());
+    const model::Shape shape = truth.shape(q);
+    EXPECT_GT(shape.piecesPerSection(), 1);
+    EXPECT_LT((shape.pieces() - expected.shape.pieces()).cwiseAbs().maxCoeff(), 1e-8);
+    EXPECT_LT((model::tipPose(shape).translation - expected.tip.translation).norm(), 1e-8);
+    // And the load is no trifle.
+    EXPECT_GT((model::tipPose(shape).translation - model::tipPose(unloaded).translation).norm(),
+              0.01);
+  }
+}
+
+TEST(TrueArm, ALoadThatPullsNothingIsNone) {
+  const model::Arm arm = ringArm(helicalRing());
+  model::Load load = horizontalLoad();
+  load.gravity.setZero();
+  const ArmDeviation deviation{1.1, 0.9, 1.01, 0.5};
+  const TrueArm with(model::ArmModel(arm, std::nullopt, load), deviation), without(arm, deviation);
+  const Eigen::VectorXd q = arm.inputAt(0.3);
+  EXPECT_EQ(with.shape(q).pieces(), without.shape(q).pieces());
 }
 
 TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
@@ -110,6 +155,18 @@ TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {
     rig.step(0.1);
     EXPECT_EQ(cv::norm(rig.render(), camera.render(rig.twists()), cv::NORM_INF), 0);
   }
+}
+
+TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {
+  const model::Arm arm = ringArm(helicalRing());
+  const model::ArmModel loaded(arm, std::nullopt, horizontalLoad());
+  const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
+  SimulatedRig rig(loaded, kRegulator, {}, setup);
+  simulation::SimulatedCamera same(setup.view, setup.family, setup.body, setup.config);
+  simulation::SimulatedCamera other(setup.view, setup.family, setup.body, setup.config);
+  const cv::Mat picture = rig.render().clone();
+  EXPECT_EQ(cv::norm(picture, same.render(rig.trueArm().shape(rig.pressure())), cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(picture, other.render(rig.twists()), cv::NORM_INF), 0);
 }
 
 TEST(SimulatedRig, WithoutACameraThereIsNoPicture) {

@@ -334,8 +334,10 @@ TEST(SimulatedCamera, WhatCannotBeDrawnIsRefused) {
   config.bleed = kTagSize / 6 / 2;  // half a cell of this family
   expectRefusal("less than half a cell", [&] { SimulatedCamera(view, family, {}, config); });
   SimulatedCamera camera(view, family, {}, {});
-  expectRefusal("the number of sections is 2", [&] { camera.render(model::Twists::Zero(6, 2)); });
-  expectRefusal("not finite", [&] { camera.render(model::Twists::Constant(6, 1, std::nan(""))); });
+  expectRefusal("the number of sections is 2",
+                [&] { camera.render(model::Twists(model::Twists::Zero(6, 2))); });
+  expectRefusal("not finite",
+                [&] { camera.render(model::Twists(model::Twists::Constant(6, 1, std::nan("")))); });
 }
 
 }  // namespace

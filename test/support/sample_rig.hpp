@@ -61,7 +61,7 @@ inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view
       moved[i] = (i < 3 ? errors.tag_translation : errors.tag_rotation) * random.normal();
       parameters["tag_" + std::to_string(tag.id) + "_" + tag_names[i]] = moved[i];
     }
-    tag = estimation::movedBy(tag, moved, known.restTwist(tag.section).head<3>().norm());
+    tag = estimation::movedBy(tag, moved, known.restLength(tag.section));
   }
   return truth;
 }

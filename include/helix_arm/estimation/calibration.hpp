@@ -9,6 +9,9 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/load.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "helix_arm/model/tier.hpp"
 
 namespace helix_arm::estimation {
 
@@ -17,7 +20,7 @@ struct CurvatureReading {
   double curvature;  ///< >= 0 [rad]
 };
 
-/// Twists that another fit found.
+/// Twists that another fit found, under load the mean ones of the sections.
 struct TwistReading {
   model::Twists twists;        ///< (6 x sections), v [m], w [rad]
   Eigen::MatrixXd covariance;  ///< (6 sections)^2, positive definite
@@ -42,6 +45,13 @@ struct ArmCaptures {
   lie::SE3 X_CB;        ///< nominal base seen from the camera, where readings are corners
   double focal = 0;     ///< of that camera, > 0 [px]
   std::vector<Capture> captures;
+  /// What loads it, and the tier that finds its shapes: one of a scene's choice, the same for all
+  /// parameters. A tier that knows of no load leaves the load out.
+  std::optional<model::Load> load = std::nullopt;
+  model::TierSetting tier = {};
+
+  /// Whether a load bends its shapes.
+  bool isLoaded() const;
 };
 
 /// Factors on the free lengths of the actuators: what contraction curves most often have wrong.
@@ -62,6 +72,7 @@ struct CalibrationOptions {
   bool K_kappa = true;
   bool K_gamma = true;
   bool K_tau = false;
+  bool K_eps = false;  ///< one for all sections; only a load tells of it
   LengthScaling length_scale = LengthScaling::kNone;
   bool base = false;   ///< the base as camera or instrument sees it
   bool tags = false;   ///< placement of every tag but the one nearest to the base, which fixes the
@@ -156,14 +167,16 @@ struct Calibration {
   Eigen::MatrixXd correlation;  ///< (parameters)^2; rows of parameters that are not fitted are 0
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
+  std::optional<double> K_eps;                ///< of every section, where it was fitted [N]
   Eigen::VectorXd length_scale;  ///< (actuators of the first arm) factors on its free lengths; 1
   lie::SE3 X_B0B;                ///< base seen from where it was thought to be
   TagLayout layout;              ///< with the placements found
   double bleed = 0;              ///< [m]
-  /// (captures of all arms) as fits without their pressure predict them; empty without held-out
-  /// fits.
+  /// (captures of all arms) as fits without their pressure predict them, mean twists; empty without
+  /// held-out fits.
   std::vector<model::Twists> held_out_shapes;
-  std::vector<model::Twists> shapes;  ///< (captures of all arms), of the model or fitted
+  std::vector<model::Twists> shapes;  ///< (captures of all arms), of the model or fitted, mean
+  std::vector<model::Shape> curves;   ///< the same with what the load bends, as a fit needs them
 
   std::string error_unit;  ///< of rms and held-out errors: rad, px or m
   double rms = 0;          ///< over the readings that fit

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 
 namespace helix_arm::estimation {
 
@@ -52,7 +52,14 @@ struct TagLayout {
 ///                     end of the section is carried by that end, along its x.
 TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double rest_length);
 
+/// Where a tag sits on a shape whose sections are several pieces each.
+struct PiecePlace {
+  int piece;  ///< counted from 0 at the base, over all sections
+  double s;   ///< along that piece, in [0, 1]
+};
+PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section);
+
 /// Poses X_BT of all tags on an arm of this shape, seen from its base.
-std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Twists& twists);
+std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Shape& shape);
 
 }  // namespace helix_arm::estimation

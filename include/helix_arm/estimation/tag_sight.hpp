@@ -28,10 +28,10 @@ struct TagSight {
 /// picture; whether something hides them is not looked at.
 ///
 /// @param least_cosine  of the angle between a tag's normal and its line of sight.
-std::vector<TagSight> visibleTags(const ArmView& view, const model::Twists& twists,
+std::vector<TagSight> visibleTags(const ArmView& view, const model::Shape& shape,
                                   double least_cosine = 0.2);
 /// The same, writing to `out`.
-void visibleTags(const ArmView& view, const model::Twists& twists, double least_cosine,
+void visibleTags(const ArmView& view, const model::Shape& shape, double least_cosine,
                  std::vector<TagSight>& out);
 
 }  // namespace helix_arm::estimation

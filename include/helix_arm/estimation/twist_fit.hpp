@@ -6,7 +6,7 @@
 
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 
 namespace helix_arm::estimation {
 
@@ -45,7 +45,7 @@ struct TwistFitOptions {
   /// placements that are not calibrated, more is expected in proportion, up to 7 times.
   double robust_scale = 3.5;
   ModelPrior model_prior;
-  bool planar = false;     ///< the arm bends in its x-y plane: v_z, w_x and w_y stay 0
+  bool planar = false;     ///< the arm bends in its x-y plane: mean v_z, w_x and w_y stay 0
   bool free_base = false;  ///< fit the base as well, under its prior
   BasePrior base_prior;
   bool free_bleed = false;      ///< fit how far white bleeds into black, under its prior
@@ -79,7 +79,9 @@ struct TwistFit {
   using Covariance = Eigen::MatrixXd;
 
   FitStatus status = FitStatus::kUnderdetermined;
-  model::Twists twists;  ///< (6 x sections), v [m], w [rad]
+  model::Twists twists;  ///< (6 x sections) mean twist of each section, v [m], w [rad]
+  /// With these mean twists; its pieces deviate from them as the model's do.
+  model::Shape shape;
   /// (6 sections)^2 of the twists, [m, rad]: inverse Hessian, the noise scaled by what the
   /// residuals say of it.
   Covariance covariance;
@@ -96,8 +98,11 @@ struct TwistFit {
   int outliers() const;
 };
 
-/// Fits the twists of all sections to tags: one robust least squares with an analytic Jacobian
+/// Fits the mean twists of all sections to tags: one robust least squares with an analytic Jacobian
 /// (Levenberg and Marquardt).
+///
+/// How the pieces of a section deviate from its mean, as they do under load, is taken from the
+/// model and not fitted: tags are too few to tell.
 ///
 /// Holds its work space: fit() does not allocate once it has seen as many tags. Not for two threads
 /// at once.
@@ -113,34 +118,39 @@ class TwistFitter {
   const TagLayout& layout() const;
   const TwistFitOptions& options() const;
 
-  /// From a start that is near: the last picture's twists, or the model's.
+  /// From a start that is near: the last picture's shape, or the model's.
   ///
   /// @param seen   one entry a tag; none twice, all finite.
   /// @param X_CB   the arm's nominal base seen from the camera.
   /// @param focal  focal length, so that errors are counted in pixels, > 0 [px].
-  /// @param start  (6 x sections).
-  /// @param model  (6 x sections) what the model's prior is about; the start where left out.
+  /// @param start  of as many sections; only its mean twists count.
+  /// @param model  what the model's prior is about, and what the pieces take their deviations from;
+  ///               the start where left out.
   /// @throws std::invalid_argument naming what breaks a rule.
   const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                      double focal, const model::Twists& start, const model::Twists& model);
+                      double focal, const model::Shape& start, const model::Shape& model);
   const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                      double focal, const model::Twists& start) {
+                      double focal, const model::Shape& start) {
     return fit(seen, X_CB, focal, start, start);
   }
-  const TwistFit& fit(const std::vector<PoseObservation>& seen, const model::Twists& start);
+  const TwistFit& fit(const std::vector<PoseObservation>& seen, const model::Shape& start,
+                      const model::Shape& model);
+  const TwistFit& fit(const std::vector<PoseObservation>& seen, const model::Shape& start) {
+    return fit(seen, start, start);
+  }
 
-  /// From the model's twists, which may be far off: tries them, the answers that leave out a tag at
+  /// From the model's shape, which may be far off: tries them, the answers that leave out a tag at
   /// a time, and shapes that are turned to either side, and keeps the least cost over all tags.
   const TwistFit& fitCold(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
-                          double focal, const model::Twists& model);
-  const TwistFit& fitCold(const std::vector<PoseObservation>& seen, const model::Twists& model);
+                          double focal, const model::Shape& model);
+  const TwistFit& fitCold(const std::vector<PoseObservation>& seen, const model::Shape& model);
 
  private:
   struct Workspace;
   std::unique_ptr<Workspace> work_;
 };
 
-/// Covariance of the tip's position (3 x 3) from that of the twists alone, base frame [m^2].
-Eigen::Matrix3d tipCovariance(const model::Twists& twists, const Eigen::MatrixXd& covariance);
+/// Covariance of the tip's position (3 x 3) from that of the mean twists alone, base frame [m^2].
+Eigen::Matrix3d tipCovariance(const model::Shape& shape, const Eigen::MatrixXd& covariance);
 
 }  // namespace helix_arm::estimation

@@ -14,6 +14,7 @@ namespace helix_arm::io {
 /// What a calibration puts in place of what a scene says; what is absent stays.
 struct SceneCalibration {
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
+  std::optional<double> K_eps;                ///< of every section [N]
   /// (actuators) factors on the lengths that it has now, or that its new curves give.
   std::optional<Eigen::VectorXd> length_scale;
   std::optional<lie::SE3> X_CB;               ///< base seen from the camera: moves the camera

@@ -16,6 +16,7 @@ namespace helix_arm::io {
 struct CalibrationRequest {
   /// What to fit, by these words; none: stiffness.
   /// - stiffness: K_kappa and K_gamma; or one of K_kappa, K_gamma, K_tau
+  /// - K_eps: of an arm under load
   /// - length_scale, length_scale_each: factors on the free lengths, one for all or one an actuator
   /// - contraction: the curve of the free lengths, from data of free lengths; from captures of an
   ///   arm, as length_scale

@@ -10,6 +10,7 @@
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/arm_model.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
@@ -58,6 +59,8 @@ struct Scene {
   model::Arm arm;                         ///< the arm in space; of a planar scene, its embedding
   /// The arm in its plane, where the scene says `geometry: planar`.
   std::optional<model::PlanarArm> planar;
+  /// The same arm with what loads it, behind the tier that the scene asks for or needs.
+  model::ArmModel model;
   std::vector<SectionLook> looks;  ///< (sections)
   std::optional<SimulatedRegulatorConfig> regulator;
   std::optional<estimation::TagLayout> tags;

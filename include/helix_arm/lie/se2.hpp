@@ -32,6 +32,8 @@ struct SE2 {
   static Matrix rightJacobian(const Tangent& xi) { return leftJacobian(-xi); }
   static Matrix leftJacobianInverse(const Tangent& xi);
   static Matrix rightJacobianInverse(const Tangent& xi) { return leftJacobianInverse(-xi); }
+  /// Jr(xi)^-1 eta, without the matrix.
+  static Tangent solveRightJacobian(const Tangent& xi, const Tangent& eta);
 };
 
 /// The plane z = 0 of space and the way back. project() drops what leaves the plane.

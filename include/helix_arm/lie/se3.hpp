@@ -50,6 +50,8 @@ struct SE3 {
   /// Their inverses; singular where |w| = 2 pi k, k > 0.
   static Matrix leftJacobianInverse(const Tangent& xi);
   static Matrix rightJacobianInverse(const Tangent& xi) { return leftJacobianInverse(-xi); }
+  /// Jr(xi)^-1 eta, without the matrix.
+  static Tangent solveRightJacobian(const Tangent& xi, const Tangent& eta);
 
   /// d translation(exp(xi)) / d xi (3 x 6), in the frame that exp(xi) is seen from.
   static Eigen::Matrix<double, 3, 6> translationJacobian(const Tangent& xi);

@@ -57,6 +57,16 @@ class ArmOf {
   /// Section k's twist when every actuator has its rest length.
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
 
+  /// Length of section k's base curve when every actuator has its rest length [m].
+  double restLength(int k) const { return rest_twists_[k].template head<Group::kSpace>().norm(); }
+
+  /// The same of the whole arm [m].
+  double restLength() const;
+
+  /// Mean of the actuators' rest lengths in section k [m]: the length l that relates strain, as a
+  /// fraction, to the twist over a section.
+  double freeLength(int k) const;
+
   /// Inputs (n) at a fraction of each actuator's limits: 0 the lower ones, 1 the upper.
   Eigen::VectorXd inputAt(double fraction) const;
 

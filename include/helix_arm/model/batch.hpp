@@ -6,6 +6,10 @@
 
 namespace helix_arm::model {
 
+/// Inputs that batchTips takes through all stages together. The last bits of a tip depend on its
+/// place in its block and on whether some other there turns beyond 4.5 rad.
+inline constexpr std::size_t kBatchBlock = 256;
+
 /// Tip positions of many inputs at once, for clouds and maps: structure of arrays, one thread, the
 /// widest vector unit that the machine has (chosen at run time).
 ///

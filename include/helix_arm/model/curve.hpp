@@ -3,16 +3,19 @@
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 
 namespace helix_arm::model {
 
-/// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s).
+/// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s),
+/// and the same piece by piece where a section has several.
 ///
 /// Each s is evaluated directly, so a fine sampling does not drift.
-/// @param twists  (dof x sections); v [m], w [rad].
-/// @param s       in [0, sections]: section k covers [k, k + 1].
+/// @param shape  or planar twists (dof x sections); v [m], w [rad].
+/// @param s      in [0, sections]: section k covers [k, k + 1].
 /// @throws std::invalid_argument when s is outside.
-lie::SE3 poseAt(const Twists& twists, double s);
+lie::SE3 poseAt(const Shape& shape, double s);
+inline lie::SE3 poseAt(const Twists& twists, double s) { return poseAt(Shape(twists), s); }
 lie::SE2 poseAt(const PlanarTwists& twists, double s);
 
 /// A point of the sampled curve.
@@ -25,11 +28,15 @@ struct CurvePoint {
 /// The curve at `count` >= 2 evenly spaced s, base and tip included; each point as poseAt() gives
 /// it.
 /// @throws std::invalid_argument when count < 2.
-std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count);
+std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count);
+inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count) {
+  return sampleCurve(Shape(twists), count);
+}
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
 
 /// Pose of the tip, X_1 .. X_n.
-lie::SE3 tipPose(const Twists& twists);
+lie::SE3 tipPose(const Shape& shape);
+inline lie::SE3 tipPose(const Twists& twists) { return tipPose(Shape(twists)); }
 lie::SE2 tipPose(const PlanarTwists& twists);
 
 /// The helix that a section's curve is. A straight section has no turns and an infinite radius; an

@@ -26,8 +26,9 @@ struct Equilibrium {
   using Map = Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kMaxActuators>;
   using Basis = Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kDof>;
 
-  Map map;           ///< A+ D (dof x n): twist [m, rad] = map * lengths [m]
-  int rank = 0;      ///< of A
+  Map map;                            ///< A+ D (dof x n): twist [m, rad] = map * lengths [m]
+  typename Group::Matrix compliance;  ///< A+, symmetric: twist [m, rad] by wrench / K_eps, times l
+  int rank = 0;                       ///< of A
   double condition;  ///< of A, scaled to lengths, on the space where it is not singular
   Basis null_space;  ///< (dof x (dof - rank)) orthonormal twists that cost no energy; the answer
                      ///< holds none of them

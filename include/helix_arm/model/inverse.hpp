@@ -6,6 +6,7 @@
 
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/arm_model.hpp"
 
 namespace helix_arm::model {
 
@@ -51,20 +52,24 @@ struct InverseResult {
   bool converged() const { return status != InverseStatus::kNotConverged; }
 };
 
-/// Bounded inverse of the linear model: a target of the tip or of the twists to inputs within
+/// Bounded inverse of the model: a target of the tip or of the twists to inputs within
 /// limits.
 ///
-/// Works in the actuators' lengths, where the arm is linear up to exp and the limits stay a box;
-/// least squares by Levenberg-Marquardt with an active set, from the start given and, if that
-/// fails, from sampled ones. Finds every reachable target of arms whose sections turn once at most;
-/// of arms that curl up further it may miss some. All memory is taken in the constructor: solving
-/// does not allocate.
+/// Works in the actuators' lengths, where the arm without load is linear up to exp and the limits
+/// stay a box; least squares by Levenberg-Marquardt with an active set, from the start given and,
+/// if that fails, from sampled ones. Finds every reachable target of arms whose sections turn once
+/// at most; of arms that curl up further it may miss some. All memory is taken in the constructor:
+/// solving does not allocate where nothing loads the arm.
 class InverseSolver {
  public:
   /// Keeps a reference to the arm, which must outlive the solver.
   /// @throws std::invalid_argument naming the option that breaks its rule.
   explicit InverseSolver(const Arm& arm, const InverseOptions& options = {});
   explicit InverseSolver(const Arm&& arm, const InverseOptions& options = {}) = delete;
+  /// The same by the model's tier: under load the tip, or the mean twists, of the loaded arm reach
+  /// the target. Solving then takes some memory.
+  explicit InverseSolver(const ArmModel& model, const InverseOptions& options = {});
+  explicit InverseSolver(const ArmModel&& model, const InverseOptions& options = {}) = delete;
   ~InverseSolver();
   InverseSolver(InverseSolver&&) noexcept;
   InverseSolver& operator=(InverseSolver&&) noexcept;

@@ -5,7 +5,7 @@
 
 #include <geometry_msgs/TransformStamped.h>
 
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -35,7 +35,7 @@ geometry_msgs::TransformStamped worldTransform(const std::string& world, const s
 ///
 /// @param X_BS  where the curve starts, seen from the base.
 std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& names,
-                                                             const model::Twists& twists,
+                                                             const model::Shape& shape,
                                                              const ros::Time& stamp,
                                                              const lie::SE3& X_BS = {});
 

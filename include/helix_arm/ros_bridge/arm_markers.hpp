@@ -26,11 +26,11 @@ class ArmMarkers {
   /// @param lifetime  longer than the period of drawing [s].
   ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
 
-  /// @param twists    (6 x sections) of the shape to draw.
+  /// @param shape     to draw.
   /// @param pressure  (n) what the colours and the text tell, gauge [Pa].
   /// @param stamp     of the shape; a stamp before the last one, a jump back in time, begins a new
   /// trace.
-  visualization_msgs::MarkerArray draw(const model::Twists& twists, const model::InputRef& pressure,
+  visualization_msgs::MarkerArray draw(const model::Shape& shape, const model::InputRef& pressure,
                                        const ros::Time& stamp);
 
   /// Takes everything off the screen; the next drawing begins a new trace.

@@ -12,6 +12,8 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "helix_arm/model/tier.hpp"
 
 /// Between messages and values. Numbers that come in are checked here; nothing beyond trusts a
 /// message.
@@ -27,9 +29,12 @@ lie::SE3 fromMsg(const geometry_msgs::Pose& pose);
 
 /// Shape of an arm whose base is `header.frame_id`.
 ///
-/// @param covariance  (6 sections)^2 of the twists, [m, rad]; empty where none is known.
+/// @param covariance  (6 sections)^2 of the mean twists, [m, rad]; empty where none is known.
 ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
-                    const model::Twists& twists, const Eigen::MatrixXd& covariance = {});
+                    const model::Shape& shape, const Eigen::MatrixXd& covariance = {});
+/// The same of a model's shape, with the tier that found it and why that one.
+ArmShape toShapeMsg(const std_msgs::Header& header, const model::TierChoice& choice,
+                    const model::Shape& shape);
 
 /// Pressures (n) [Pa] of all the arm's actuators, with their names.
 PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,
@@ -43,11 +48,12 @@ control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const mod
 /// sections' own.
 control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections);
 
-/// The twists (6 x sections) of a shape, whose curve must have some length.
+/// The shape that a message tells of, whose curve must have some length. Without `pieces` each
+/// section is one; with several their sum must be `twist`.
 ///
 /// @param base_frame  the only frame_id, besides an empty one, that is taken.
-control::Checked<model::Twists> fromMsg(const ArmShape& shape, int sections,
-                                        const std::string& base_frame);
+control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
+                                       const std::string& base_frame);
 
 /// What a tip target asks for, base frame.
 struct TipGoal {

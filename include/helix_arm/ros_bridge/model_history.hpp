@@ -6,7 +6,7 @@
 
 #include <ros/time.h>
 
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -18,7 +18,7 @@ class ModelHistory {
  public:
   struct Entry {
     ros::Time stamp;
-    model::Twists twists;
+    model::Shape shape;
   };
 
   /// Longest time between a picture and a model that has to do with it [s].
@@ -30,7 +30,7 @@ class ModelHistory {
 
   /// A stamp before the last one is a jump back in time: what was kept is forgotten. One equal to
   /// the last, as of a clock that stands still, takes its place.
-  void add(const ros::Time& stamp, const model::Twists& twists);
+  void add(const ros::Time& stamp, const model::Shape& shape);
 
   /// Forgets what lies farther ahead of `now` than kReach: it is from before a jump back in time.
   void forgetFuture(const ros::Time& now);

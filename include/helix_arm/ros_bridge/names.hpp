@@ -23,6 +23,7 @@ inline constexpr char kModelError[] = "model_error";
 inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
+inline constexpr char kWorkspace[] = "workspace";
 inline constexpr char kTipHandle[] =
     "tip_handle";                           ///< namespace of the interactive marker's topics
 inline constexpr char kClock[] = "/clock";  ///< of simulated time
@@ -44,6 +45,7 @@ inline constexpr char kMonitorNode[] = "monitor";
 inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
+inline constexpr char kWorkspaceCloudNode[] = "workspace_cloud";
 
 // Who commands when the interactive marker is dragged, whichever rviz drags it.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";
@@ -72,6 +74,7 @@ inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kTargetsStatus[] = "targets";
 inline constexpr char kLoopStatus[] = "loop";
+inline constexpr char kModelStatus[] = "model";
 inline constexpr char kCameraStatus[] = "camera";
 inline constexpr char kMeasurementStatus[] = "measurement";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`
@@ -83,6 +86,11 @@ inline constexpr char kLastFaultKey[] = "last_fault";
 inline constexpr char kRateKey[] = "rate_hz";
 inline constexpr char kWantedRateKey[] = "wanted_rate_hz";
 inline constexpr char kBadReadingsKey[] = "bad_readings";
+inline constexpr char kTierKey[] = "tier";
+inline constexpr char kOrderKey[] = "order";
+inline constexpr char kTierReasonKey[] = "tier_reason";
+inline constexpr char kSolveStatusKey[] = "solve_status";
+inline constexpr char kUnsolvedKey[] = "unsolved";
 inline constexpr char kPictureRateKey[] = "pictures_hz";
 inline constexpr char kMeasuredRateKey[] = "measured_hz";
 

@@ -18,7 +18,7 @@ namespace helix_arm::ros_bridge {
 /// @param lines  of text, in the upper left corner.
 /// @return (CV_8UC3), BGR.
 cv::Mat drawOverlay(const cv::Mat& gray, const estimation::ArmView& view,
-                    const vision::Sight& sight, const model::Twists* model,
+                    const vision::Sight& sight, const model::Shape* model,
                     const std::vector<std::string>& lines);
 
 }  // namespace helix_arm::ros_bridge

@@ -58,12 +58,12 @@ struct PressureCommandOptions {
 /// - pressure_command (PressureArray): in force [Pa]; at once on a target, and with every loop
 /// - pressure_measured (PressureArray): with ~regulator `scene`, with every loop [Pa]
 /// - model (ArmShape): with every pressure_measured, the model's shape at the measured pressures
-/// clamped to the
-///   limits, with the stamp of that pressure_measured. On hardware, too, the measurement is all
-///   that is known of the pressures.
+///   clamped to the limits, under the scene's load, with the stamp of that pressure_measured. On
+///   hardware, too, the measurement is all that is known of the pressures.
 /// - target_status (TargetStatus): what became of each target
 /// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets` and `<node>: loop`, 1 Hz
+/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop` and
+///   `<node>: model` (its tier, and whether it finds a shape), 1 Hz
 /// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
 ///
 /// Service
@@ -76,8 +76,8 @@ struct PressureCommandOptions {
 /// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
 /// Of several publishers the first to speak commands, until it has been silent for the scene's
 /// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease. Without fresh measurements there is neither model nor
-/// drawing, and the diagnostics say so.
+/// neither stops the loop nor keeps a lease. Without fresh measurements, and where the model finds
+/// no shape that holds the load, there is neither model nor drawing, and the diagnostics say so.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class PressureCommandNode {
@@ -119,8 +119,8 @@ class PressureCommandNode {
   void onDiagnose(const ros::SteadyTimerEvent& event);
   void sendFrames(const ros::Time& stamp);
 
-  /// The model's twists at inputs inside the limits: the planar model's where the scene has one.
-  model::Twists twistsAt(const Eigen::VectorXd& pressure) const;
+  void solve();  ///< the shape at the measured pressures
+  void tellTier() const;
   TargetStatus answerTo(const Sender& sender) const;
 
   const PressureCommandOptions options_;
@@ -134,14 +134,15 @@ class PressureCommandNode {
 
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   Eigen::VectorXd measured_;   ///< last reading [Pa]
-  model::Twists twists_;       ///< at the measured pressures
+  model::Solution solution_;   ///< at the measured pressures, clamped
   ros::SteadyTime last_step_;  ///< of the regulator
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
   FaultCount bad_readings_;
-  bool drawn_ = false;  ///< the arm is on the screen
-  FaultCount losses_;   ///< of pressure_measured
+  FaultCount unsolved_;  ///< readings at which the model finds no shape
+  bool drawn_ = false;   ///< the arm is on the screen
+  FaultCount losses_;    ///< of pressure_measured
   std::uint64_t loops_ = 0;
   std::uint64_t diagnosed_loops_ = 0;
   ros::SteadyTime last_diagnosis_;

@@ -40,8 +40,9 @@ struct SimulatedRigOptions {
 ///
 /// Publishes
 /// - pressure_measured (PressureArray): with every loop [Pa]
-/// - truth (ArmShape): with every loop, the shape that the arm has, with the stamp of that
-///   pressure_measured
+/// - truth (ArmShape): with every loop, the shape that the arm has under the scene's load, with the
+///   stamp of that pressure_measured. Where no shape holds the load there is none, nor a picture:
+///   that is counted and warned of once in a while
 /// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
 ///   each rendered only while someone subscribes to it; stamped like the truth that it shows
 /// - camera_info (sensor_msgs/CameraInfo): just before each picture
@@ -68,7 +69,7 @@ class SimulatedRigNode {
   /// The arm at one moment.
   struct Moment {
     ros::Time stamp;
-    model::Twists twists;
+    model::Shape shape;
   };
 
   void onCommand(const PressureArrayConstPtr& command);
@@ -84,7 +85,7 @@ class SimulatedRigNode {
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;  ///< of the regulator
   ros::Time clock_;            ///< where ~time_factor is set
-  FaultCount bad_commands_;
+  FaultCount bad_commands_, no_truths_;
 
   ros::NodeHandle node_;
   ros::Publisher measured_publisher_, truth_publisher_, clock_publisher_;

@@ -24,7 +24,7 @@ class VisionMarkers {
   /// @param model  null: there is none to compare with, and none is drawn.
   /// @param text   beyond the tip.
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const estimation::TagLayout& layout,
-                                       const estimation::TwistFit& fit, const model::Twists* model,
+                                       const estimation::TwistFit& fit, const model::Shape* model,
                                        const std::string& text) const;
 
   /// Takes everything off the screen.

@@ -158,7 +158,7 @@ class VisionNode {
   Eyes eyes_;
   vision::JpegDecoder decoder_;
   cv::Mat buffer_;
-  model::Twists prior_;
+  model::Shape prior_;
   ros::Time last_stamp_, last_tf_stamp_;
   ros::SteadyTime last_drawing_;
   FaultCount jumps_, adoptions_, late_models_;

@@ -7,7 +7,7 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/estimation/tag_sight.hpp"
-#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/shape.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
 namespace helix_arm::simulation {
@@ -46,7 +46,7 @@ class SimulatedCamera {
   SimulatedCamera& operator=(SimulatedCamera&&) noexcept;
 
   /// The next picture (CV_8UC1) of an arm of this shape; valid until the next call.
-  const cv::Mat& render(const model::Twists& twists);
+  const cv::Mat& render(const model::Shape& shape);
 
  private:
   struct Workspace;

@@ -13,7 +13,7 @@ namespace helix_arm::vision {
 
 /// What a picture gave.
 enum class SightState {
-  kMeasured,    ///< the twists are measured
+  kMeasured,    ///< the shape is measured
   kNoTags,      ///< no tag of the arm is in sight
   kTooFewTags,  ///< the tags in sight do not determine the shape
   kNoFit,       ///< no shape of the arm fits the tags in sight
@@ -43,7 +43,7 @@ struct Sight {
   estimation::TwistFit fit;  ///< of meaning where the state is kMeasured
 };
 
-/// From picture to twists: tracks the tags from where the last shape, or the model's, puts them,
+/// From picture to shape: tracks the tags from where the last shape, or the model's, puts them,
 /// and fits the shape to their corners. Not for two threads at once.
 class ArmLocalizer {
  public:
@@ -54,10 +54,10 @@ class ArmLocalizer {
   ArmLocalizer& operator=(ArmLocalizer&&) noexcept;
 
   /// @param gray   (CV_8UC1) of the camera's size.
-  /// @param model  twists (6 x sections) that the arm should about have; their change since the
-  /// last picture helps to tell where the tags went.
+  /// @param model  shape that the arm should about have; its change since the last picture helps to
+  /// tell where the tags went.
   /// @throws std::invalid_argument on a picture of another size or type.
-  const Sight& locate(const cv::Mat& gray, const model::Twists& model);
+  const Sight& locate(const cv::Mat& gray, const model::Shape& model);
 
   /// Forgets the last picture.
   void reset();

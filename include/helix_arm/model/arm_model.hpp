@@ -1,0 +1,56 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/load.hpp"
+#include "helix_arm/model/solution.hpp"
+#include "helix_arm/model/tier.hpp"
+
+namespace helix_arm::model {
+
+/// One arm behind one interface, whatever the tier: inputs to shape.
+///
+/// Immutable; solving keeps nothing, so that threads may share it.
+class ArmModel {
+ public:
+  /// Chooses the tier. @throws as chooseTier() and Load::validate() do.
+  ArmModel(Arm arm, std::optional<PlanarArm> planar = std::nullopt,
+           std::optional<Load> load = std::nullopt, const TierRequest& request = {});
+  ArmModel(const ArmModel& other);
+  ArmModel(ArmModel&&) noexcept;
+  ArmModel& operator=(ArmModel other) noexcept;
+  ~ArmModel();
+
+  const Arm& arm() const;
+  const std::optional<PlanarArm>& planar() const;
+  const std::optional<Load>& load() const;
+  const TierChoice& choice() const;
+
+  /// The same arm, load and tier with this stiffness of every actuator.
+  ArmModel withStiffness(const Stiffness& stiffness) const;
+  /// The same arm and load by another tier. @throws as chooseTier() does.
+  ArmModel withTier(const TierRequest& request) const;
+
+  /// Shape at inputs q (n). Throws as Arm::lengths() does.
+  Solution solve(const InputRef& q) const;
+  /// Shape at given free lengths (n) [m]; not checked.
+  Solution solveLengths(const Eigen::VectorXd& lengths) const;
+  /// Pose of the tip at inputs q (n), without the shape. Throws as Arm::lengths() does; does not
+  /// allocate but in the exact tier.
+  Tip tip(const InputRef& q) const;
+  /// The same at given free lengths (n) [m]; not checked.
+  Tip tipOfLengths(const Eigen::VectorXd& lengths) const;
+  /// Tip and its Jacobian at given free lengths (n) [m]; not checked. Times the contraction's
+  /// slope, a column is the change by that actuator's input. Good to 1e-7 under load.
+  TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
+
+ private:
+  class Solvers;
+  explicit ArmModel(std::unique_ptr<Solvers> solvers);
+
+  std::unique_ptr<Solvers> solvers_;
+};
+
+}  // namespace helix_arm::model

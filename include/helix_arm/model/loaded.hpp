@@ -1,0 +1,83 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/load.hpp"
+#include "helix_arm/model/solution.hpp"
+#include "helix_arm/model/tier.hpp"
+
+namespace helix_arm::model {
+
+/// Pieces that a loaded section's shape is given in.
+inline constexpr int kLoadedPieces = 8;
+/// The most places inside sections, not at their ends, where points may pull.
+inline constexpr int kMaxInnerPoints = 16;
+
+/// Statics of a loaded arm, its strain in Legendre modes on Gauss points.
+///
+/// In each section the wrench of the load bends what the actuators shape:
+///   g(s) = g* + C Ad_X(s)^T W(s),  X' = X g,
+/// g* the twist without load (eq. 17), C = (l / K_eps) A+ its compliance. With X(s) = X_k exp(z(s))
+/// exp(s g*), z' is a polynomial of the tier's order, found at order + 1 Gauss points by Picard's
+/// iteration with Anderson's acceleration; points that pull inside a section cut it there. Order
+/// kLeastOrder takes one step and recovers the strain once more, whatever the load. Without load it
+/// is the linear model.
+/// Of loads that could buckle the arm, a shape that balances but would not stay (a motion away from
+/// it frees energy) counts as not converged.
+///
+/// Of arms in a plane (Group SE2) the load must lie in the plane; see lies in inPlane().
+template <class Group>
+class LoadedArmOf {
+ public:
+  using Twists = TwistsOf<Group>;
+  using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
+
+  /// @param order  kLeastOrder .. kMostOrder: degree of the polynomials.
+  /// @throws std::invalid_argument naming what breaks a rule of Load, the order, or the number of
+  /// inner points.
+  LoadedArmOf(const ArmOf<Group>& arm, const Load& load, int order);
+
+  int order() const { return order_; }
+
+  /// Tip for twists (dof x sections) of the arm without load. Does not allocate.
+  TipOf<Group> tip(const Twists& unloaded) const;
+
+  /// The same with the shape, kLoadedPieces a section.
+  Solution solve(const Twists& unloaded) const;
+
+  /// Change of the tip (dof x m), as its body twist, when the twists without load change along each
+  /// of m directions (dof * sections x m): with map and slope of the contraction of an actuator,
+  /// its input. Central differences of solutions, good to 1e-7.
+  Motion tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
+
+  /// The same when the load changes: a column for the mass of each section [1/kg], then for each
+  /// point its mass, its force (3) [1/N] and its moment (3) [1/(N m)], in the order of Load.
+  Motion tipByLoad(const Twists& unloaded) const;
+
+ private:
+  struct Element {
+    int section;
+    double begin, length;     // in s of its section
+    std::vector<int> points;  // that pull at its end
+  };
+  template <int kNodes>
+  class Relaxation;
+
+  int order_;
+  Load load_;
+  std::vector<typename Group::Matrix> compliance_;  // of the sections
+  std::vector<typename Equilibrium<Group>::Basis> null_space_;
+  std::vector<Element> elements_;
+  double size_ = 0.0;  // of the arm [m]
+  bool may_buckle_ = false;
+};
+
+using LoadedArm = LoadedArmOf<lie::SE3>;
+using PlanarLoadedArm = LoadedArmOf<lie::SE2>;
+
+/// Whether a load keeps an arm that lies in its x-y plane there.
+bool inPlane(const Load& load);
+
+}  // namespace helix_arm::model

@@ -1,0 +1,47 @@
+#pragma once
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/shape.hpp"
+
+namespace helix_arm::model {
+
+enum class SolveStatus {
+  kConverged,
+  kNotConverged,  ///< the last iterate is given; it does not balance the load
+  kUnsupported,   ///< the load pulls along a motion that no actuator resists: no shape holds it
+};
+/// "converged", "not_converged" or "unsupported".
+const char* nameOf(SolveStatus status);
+
+/// Shape of an arm as one of the tiers finds it.
+struct Solution {
+  Shape shape;
+  lie::SE3 tip;  ///< seen from the base
+  SolveStatus status = SolveStatus::kConverged;
+  double residual = 0.0;  ///< what the last iteration still moved, relative to the arm's size
+  int iterations = 0;     ///< 0 where the answer is in closed form
+
+  bool converged() const { return status == SolveStatus::kConverged; }
+};
+
+/// The tip alone.
+template <class Group>
+struct TipOf {
+  Group tip;  ///< seen from the base
+  SolveStatus status = SolveStatus::kConverged;
+  double residual = 0.0;
+  int iterations = 0;
+
+  bool converged() const { return status == SolveStatus::kConverged; }
+};
+using Tip = TipOf<lie::SE3>;
+
+/// Tip of an arm, and how it moves.
+struct TipResponse {
+  lie::SE3 tip;  ///< seen from the base
+  SolveStatus status = SolveStatus::kConverged;
+  /// (6 x n) its body twist by the free length of each actuator [m/m; rad/m].
+  Eigen::Matrix<double, 6, Eigen::Dynamic> by_lengths;
+};
+
+}  // namespace helix_arm::model

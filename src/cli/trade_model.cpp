@@ -1,0 +1,161 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/model/median_time.hpp"
+#include "trade.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using model::Tier;
+
+constexpr int kSamples = 40;
+constexpr int kDrawnShapes = 8;
+constexpr int kDenseFactor = 16;  // points that a drawn line is compared at, between its own
+
+// The lower and the upper limits, and inputs within them.
+std::vector<Eigen::VectorXd> sampleInputs(const model::Arm& arm, int count) {
+  std::vector<Eigen::VectorXd> out = {arm.inputAt(0.0), arm.inputAt(1.0)};
+  std::mt19937_64 generator(20240229);
+  while (static_cast<int>(out.size()) < count) {
+    Eigen::VectorXd q(arm.actuatorCount());
+    for (int i = 0; i < q.size(); ++i) {
+      const model::Range& limits = arm.actuator(i).limits;
+      q[i] = limits.lower +
+             static_cast<double>(generator() >> 11) * 0x1p-53 * (limits.upper - limits.lower);
+    }
+    out.push_back(arm.clamped(q));
+  }
+  return out;
+}
+
+// Of a scene that has none: the loaded tiers run all the same, and show what they cost.
+model::Load loadOf(const io::Scene& scene) {
+  if (scene.model.load()) return *scene.model.load();
+  model::Load none;
+  none.mass.assign(scene.arm.sectionCount(), 0.0);
+  none.K_eps.assign(scene.arm.sectionCount(), 1.0);
+  return none;
+}
+
+std::vector<model::TierRequest> requestsOf(const io::Scene& scene, const model::Load& load) {
+  std::vector<model::TierRequest> out;
+  const auto add = [&out](Tier tier, std::optional<int> order = std::nullopt) {
+    model::TierRequest request;
+    request.tier = tier;
+    request.order = order;
+    out.push_back(request);
+  };
+  if (scene.planar && model::inPlane(load)) add(Tier::kPlanar);
+  add(Tier::kLinear);
+  for (int order = model::kLeastOrder; order <= model::kMostOrder; ++order) {
+    add(Tier::kLoaded, order);
+  }
+  add(Tier::kExact);
+  return out;
+}
+
+// Largest distance of the points meant from the line through every kDenseFactor-th of them.
+double lineError(const std::vector<Eigen::Vector3d>& meant) {
+  double largest = 0.0;
+  for (std::size_t i = 0; i + kDenseFactor < meant.size(); i += kDenseFactor) {
+    const Eigen::Vector3d from = meant[i], along = meant[i + kDenseFactor] - from;
+    for (int j = 1; j < kDenseFactor; ++j) {
+      const Eigen::Vector3d there = meant[i + j] - from;
+      const double t = std::clamp(there.dot(along) / along.squaredNorm(), 0.0, 1.0);
+      largest = std::max(largest, (there - t * along).norm());
+    }
+  }
+  return largest;
+}
+
+// Points of the curve, and of each muscle along it, at `points` places a section.
+void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie::SE3>>& curve,
+                 int points, std::vector<std::vector<Eigen::Vector3d>>& lines) {
+  lines.resize(arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      lines[i].clear();
+      for (int j = k * points; j <= (k + 1) * points; ++j) {
+        lines[i].push_back(curve[j].X * arm.actuator(i).X_O.translation);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<TradeRow> modelRows(const io::Scene& scene) {
+  const model::Load load = loadOf(scene);
+  const model::ExactArm exact(scene.arm, load);
+  std::vector<Eigen::VectorXd> inputs;
+  std::vector<Eigen::Vector3d> tips;
+  for (const Eigen::VectorXd& q : sampleInputs(scene.arm, kSamples)) {
+    const model::Solution solution = exact.solve(scene.arm.twists(q));
+    if (!solution.converged()) continue;
+    inputs.push_back(q);
+    tips.push_back(solution.tip.translation);
+  }
+  std::vector<TradeRow> rows;
+  for (const model::TierRequest& request : requestsOf(scene, load)) {
+    const model::ArmModel tier(scene.arm, scene.planar, load, request);
+    double error = 0.0;
+    for (std::size_t i = 0; i < inputs.size(); ++i) {
+      const model::Tip found = tier.tip(inputs[i]);
+      error = std::max(error, found.converged() ? (found.tip.translation - tips[i]).norm()
+                                                : std::numeric_limits<double>::infinity());
+    }
+    std::size_t next = 0;
+    const double time = model::medianTime([&] {
+      tier.tip(inputs[next]);
+      next = next + 1 < inputs.size() ? next + 1 : 0;
+    });
+    const bool loaded = *request.tier == Tier::kLoaded;
+    rows.push_back({"model", nameOf(*request.tier),
+                    loaded ? "order " + std::to_string(*request.order) : "", time,
+                    error / scene.arm.restLength()});
+  }
+  return rows;
+}
+
+std::vector<TradeRow> drawingRows(const io::Scene& scene) {
+  const model::Arm& arm = scene.arm;
+  std::vector<model::Shape> shapes;
+  for (const Eigen::VectorXd& q : sampleInputs(arm, kDrawnShapes)) {
+    model::Solution solution = scene.model.solve(q);
+    if (solution.converged()) shapes.push_back(std::move(solution.shape));
+  }
+  std::vector<TradeRow> rows, markers;
+  if (shapes.empty()) return rows;
+  std::vector<std::vector<Eigen::Vector3d>> lines;
+  for (const int points : {4, 8, 16, 24, 48, 96}) {
+    const int sections = arm.sectionCount();
+    double curve_error = 0.0, muscle_error = 0.0;
+    for (const model::Shape& shape : shapes) {
+      const auto dense = model::sampleCurve(shape, sections * points * kDenseFactor + 1);
+      std::vector<Eigen::Vector3d> curve;
+      for (const auto& point : dense) curve.push_back(point.X.translation);
+      curve_error = std::max(curve_error, lineError(curve));
+      drawMuscles(arm, dense, points * kDenseFactor, lines);
+      for (const auto& line : lines) muscle_error = std::max(muscle_error, lineError(line));
+    }
+    const double curve_time =
+        model::medianTime([&] { model::sampleCurve(shapes.back(), sections * points + 1); });
+    const double muscle_time = model::medianTime([&] {
+      drawMuscles(arm, model::sampleCurve(shapes.back(), sections * points + 1), points, lines);
+    });
+    const std::string setting = std::to_string(points) + " points a section";
+    rows.push_back({"curve", "base curve", setting, curve_time, curve_error / arm.restLength()});
+    markers.push_back(
+        {"markers", "muscles", setting, muscle_time, muscle_error / arm.restLength()});
+  }
+  rows.insert(rows.end(), markers.begin(), markers.end());
+  return rows;
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,158 @@
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <sstream>
+
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/median.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+#include "trade.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using vision::TrackingMode;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// What the camera of the simulated rig sees of a brisk motion, 30 pictures a second.
+struct Film {
+  std::vector<cv::Mat> pictures;
+  std::vector<model::Shape> truth, model;
+};
+
+Film shoot(const io::Scene& scene, int count) {
+  const simulation::CameraSetup setup = *scene.cameraSetup();
+  const simulation::TrueArm true_arm(scene.model, scene.simulation.arm);
+  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
+  Film film;
+  Eigen::VectorXd q(scene.arm.actuatorCount());
+  for (int i = 0; i < count; ++i) {
+    // Each actuator swings over its range at a rate of its own, about once in three seconds.
+    for (int k = 0; k < q.size(); ++k) {
+      const model::Range& limits = scene.arm.actuator(k).limits;
+      const double share = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
+      q[k] = limits.lower + share * (limits.upper - limits.lower);
+    }
+    const model::Solution expected = scene.model.solve(q);
+    if (!expected.converged()) continue;
+    film.model.push_back(expected.shape);
+    film.truth.push_back(true_arm.shape(q));
+    film.pictures.push_back(camera.render(film.truth.back()).clone());
+  }
+  return film;
+}
+
+double tipDistance(const model::Shape& a, const model::Shape& b) {
+  return (model::tipPose(a).translation - model::tipPose(b).translation).norm();
+}
+
+const char* nameOf(TrackingMode mode) {
+  if (mode == TrackingMode::kFull) return "whole picture";
+  return mode == TrackingMode::kRegions ? "regions" : "edges";
+}
+
+TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, double decimate) {
+  using Clock = std::chrono::steady_clock;
+  vision::LocalizerConfig config = scene.vision;
+  config.tracking = mode;
+  config.detector.quad_decimate = decimate;
+  vision::ArmLocalizer localizer(scene.view(), config);
+  std::vector<double> times, errors;
+  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
+    const Clock::time_point begin = Clock::now();
+    const vision::Sight& sight = localizer.locate(film.pictures[i], film.model[i]);
+    times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+    errors.push_back(sight.state == vision::SightState::kMeasured
+                         ? tipDistance(sight.fit.shape, film.truth[i])
+                         : kInfinity);
+  }
+  std::ostringstream setting;
+  setting << "quad_decimate " << decimate;
+  return {"sight", nameOf(mode), setting.str(), model::medianOf(times),
+          model::medianOf(errors) / scene.arm.restLength()};
+}
+
+// Nothing where the lens folds the picture.
+std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
+                                                const estimation::Corners& corners) {
+  estimation::Corners out;
+  for (int c = 0; c < 4; ++c) {
+    const auto direction = camera.directionOf(corners.col(c));
+    if (!direction) return std::nullopt;
+    out.col(c) = *direction;
+  }
+  return out;
+}
+
+// What a fit is asked for beside the shape.
+struct FitMode {
+  const char* tier;
+  const char* setting;
+  bool free_base, free_bleed, cold;
+};
+
+// The corners that every picture shows, found once, so that only the fit is timed.
+std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
+  using Clock = std::chrono::steady_clock;
+  const estimation::ArmView view = scene.view();
+  const double focal = 0.5 * (view.camera.fx + view.camera.fy);
+  vision::TagDetector detector(scene.vision.detector);
+  std::vector<std::vector<estimation::CornerObservation>> seen;
+  for (const cv::Mat& picture : film.pictures) {
+    seen.emplace_back();
+    for (const vision::TagDetection& detection : detector.detect(picture)) {
+      const int tag = view.layout.find(detection.id);
+      if (tag < 0) continue;
+      const auto direction = directionsOf(view.camera, detection.corners);
+      if (direction) seen.back().push_back({tag, *direction});
+    }
+  }
+  std::vector<TradeRow> rows;
+  for (const FitMode& mode : {FitMode{"corners", "from the model", false, false, false},
+                              FitMode{"corners", "base free", true, false, false},
+                              FitMode{"corners", "bleed free", false, true, false},
+                              FitMode{"corners", "base and bleed free", true, true, false},
+                              FitMode{"corners", "cold", false, false, true}}) {
+    estimation::TwistFitOptions options = scene.vision.fit;
+    options.free_base = mode.free_base;
+    options.free_bleed = mode.free_bleed;
+    estimation::TwistFitter fitter(view.layout, view.sections, options);
+    std::vector<double> times, errors;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const auto begin = Clock::now();
+      const estimation::TwistFit& fit =
+          mode.cold ? fitter.fitCold(seen[i], view.X_CB, focal, film.model[i])
+                    : fitter.fit(seen[i], view.X_CB, focal, film.model[i]);
+      times.push_back(std::chrono::duration<double>(Clock::now() - begin).count());
+      const bool measured = fit.status == estimation::FitStatus::kConverged;
+      errors.push_back(measured ? (fit.X_B0B * model::tipPose(fit.shape).translation -
+                                   model::tipPose(film.truth[i]).translation)
+                                      .norm()
+                                : kInfinity);
+    }
+    rows.push_back({"fit", mode.tier, mode.setting, model::medianOf(times),
+                    model::medianOf(errors) / scene.arm.restLength()});
+  }
+  return rows;
+}
+
+}  // namespace
+
+std::vector<TradeRow> sightRows(const io::Scene& scene, int pictures) {
+  const Film film = shoot(scene, pictures);
+  std::vector<TradeRow> rows;
+  for (const double decimate : {1.0, 1.5, 2.0, 3.0, 4.0}) {
+    for (const TrackingMode mode :
+         {TrackingMode::kFull, TrackingMode::kRegions, TrackingMode::kEdges}) {
+      rows.push_back(searchRow(scene, film, mode, decimate));
+    }
+  }
+  for (TradeRow& row : fitRows(scene, film)) rows.push_back(std::move(row));
+  return rows;
+}
+
+}  // namespace helix_arm::cli

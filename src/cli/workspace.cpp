@@ -1,0 +1,388 @@
+#include "helix_arm/model/workspace.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <csignal>
+#include <deque>
+#include <filesystem>
+#include <fstream>
+#include <future>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+#include <sstream>
+#include <thread>
+
+#include <signal.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/model/median.hpp"
+#include "output.hpp"
+#include "plot.hpp"
+#include "workspace_file.hpp"
+#include "workspace_maps.hpp"
+#include "workspace_progress.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr int kInterrupted = 130;  // as a shell says of Ctrl-C
+constexpr std::uint64_t kUsualCount = 10000000;
+constexpr std::uint64_t kUsualSensitiveCount = 200000;
+constexpr std::uint64_t kMostCount = 10000000000;
+constexpr int kMostThreads = 256;
+// Points of one thread at a time: enough to be worth it, few enough to end soon after Ctrl-C.
+constexpr int kFastPiece = 16384;
+constexpr int kPiece = 256;
+// Points that medians and maps are made of: they are drawn evenly, so that the first are as good as
+// all.
+constexpr std::size_t kMostKept = 2000000;
+
+struct WorkspaceArguments {
+  std::string scene, out, png;
+  std::optional<std::uint64_t> count;
+  std::uint64_t seed = 1;
+  bool sensitivity = false;
+  int threads = 0;  // 0: all cores
+  TierArguments tier;
+
+  std::uint64_t inputs() const {
+    return count.value_or(sensitivity ? kUsualSensitiveCount : kUsualCount);
+  }
+};
+
+std::atomic<bool> interrupted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
+
+// While it lives, Ctrl-C and the like set `interrupted` instead of ending the process.
+class InterruptWatch {
+ public:
+  InterruptWatch() {
+    interrupted = false;
+    struct sigaction action {};
+    action.sa_handler = [](int) { interrupted = true; };
+    for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before_[i]);
+  }
+  ~InterruptWatch() {
+    for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &before_[i], nullptr);
+  }
+  InterruptWatch(const InterruptWatch&) = delete;
+  InterruptWatch& operator=(const InterruptWatch&) = delete;
+
+ private:
+  static constexpr std::array<int, 3> kSignals{SIGINT, SIGTERM, SIGHUP};
+  std::array<struct sigaction, kSignals.size()> before_{};
+};
+
+struct Summary {
+  std::uint64_t inputs = 0, unbalanced = 0;
+  double seconds = 0.0;
+  Eigen::AlignedBox3d bounds;  // base frame [m]
+  double reach = 0.0;          // largest distance from the base [m]
+  Eigen::Vector3d worst = Eigen::Vector3d::Zero();
+  std::vector<CloudPoint> kept;
+  bool whole = false;  // not interrupted
+
+  std::uint64_t points() const { return inputs - unbalanced; }
+  double median(int k) const {
+    std::vector<double> values;
+    for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
+    return model::medianOf(std::move(values));
+  }
+};
+
+void add(const model::WorkspacePoints& points, bool keep, Summary& summary) {
+  summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
+  summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
+  if (points.count() == 0) return;
+  summary.bounds.extend(Eigen::Vector3d(points.tips.colwise().minCoeff()));
+  summary.bounds.extend(Eigen::Vector3d(points.tips.colwise().maxCoeff()));
+  summary.reach =
+      std::max(summary.reach, std::sqrt(points.tips.rowwise().squaredNorm().maxCoeff()));
+  const bool sensitive = points.sensitivity.rows() > 0;
+  if (sensitive) {
+    summary.worst =
+        summary.worst.cwiseMax(points.sensitivity.colwise().maxCoeff().transpose()).eval();
+  }
+  for (int row = 0; keep && row < points.count() && summary.kept.size() < kMostKept; ++row) {
+    CloudPoint point{points.tips.row(row), Eigen::Vector3d::Zero()};
+    if (sensitive) point.sensitivity = points.sensitivity.row(row);
+    summary.kept.push_back(point);
+  }
+}
+
+// Samples on all threads and takes the pieces in their order, so that the result does not tell how
+// many threads there were. Ends early when interrupted.
+Summary sample(const model::Workspace& workspace, const WorkspaceArguments& arguments,
+               CloudFile* file) {
+  struct Piece {
+    model::WorkspacePoints points;
+    std::string encoded;
+  };
+  const std::uint64_t total = arguments.inputs();
+  const int size = workspace.fast() ? kFastPiece : kPiece;
+  const auto make = [&workspace, file, total, size](std::uint64_t first) {
+    const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
+    Piece piece{workspace.sample(first, count), {}};
+    if (file != nullptr) piece.encoded = file->encode(piece.points);
+    return piece;
+  };
+  const std::size_t threads = arguments.threads > 0
+                                  ? static_cast<std::size_t>(arguments.threads)
+                                  : std::max(1u, std::thread::hardware_concurrency());
+  Summary summary;
+  Progress progress(total);
+  std::deque<std::future<Piece>> pieces;
+  std::uint64_t begun = 0;
+  while (!interrupted && summary.inputs < total) {
+    while (begun < total && pieces.size() < threads) {
+      pieces.push_back(std::async(std::launch::async, make, begun));
+      begun += static_cast<std::uint64_t>(size);
+    }
+    const Piece piece = pieces.front().get();
+    pieces.pop_front();
+    if (file != nullptr) {
+      file->write(piece.encoded, static_cast<std::uint64_t>(piece.points.count()));
+    }
+    add(piece.points, arguments.sensitivity || !arguments.png.empty(), summary);
+    progress.reached(summary.inputs);
+  }
+  summary.whole = !interrupted;
+  if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
+  summary.seconds = progress.seconds();
+  return summary;
+}
+
+// A file for plot_report, which goes away with the object.
+class ReportFile {
+ public:
+  explicit ReportFile(const json& report)
+      : path_((fs::temp_directory_path() / "helix_arm_workspace_XXXXXX").string()) {
+    const int file = mkstemp(path_.data());
+    if (file < 0) throw CallerError(path_ + " cannot be made; set TMPDIR to a folder with room");
+    close(file);
+    std::ofstream stream(path_);
+    stream << report;
+    if (!stream.flush()) {
+      fs::remove(path_);
+      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with room");
+    }
+  }
+  ~ReportFile() {
+    std::error_code ignored;
+    fs::remove(path_, ignored);
+  }
+  ReportFile(const ReportFile&) = delete;
+  ReportFile& operator=(const ReportFile&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+// Before the points are sampled, which may take long.
+void checkPng(const std::string& png) {
+  if (png.empty()) return;
+  const fs::path parent = fs::path(png).parent_path();
+  std::error_code error;
+  const bool folder = fs::is_directory(png, error);
+  const bool place = parent.empty() || fs::is_directory(parent, error);
+  if (!folder && place) return;
+  throw CallerError("--png " + png + " cannot be written: " +
+                    (folder ? "it is a folder; name a file in it"
+                            : "its folder does not exist; make it, or choose another place"));
+}
+
+void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
+              const std::string& tier, const Summary& summary) {
+  const json maps = mapsJson(summary.kept, arguments.sensitivity);
+  if (maps.empty()) {
+    throw CallerError("--png " + arguments.png +
+                      " has nothing to draw: the tip keeps to a line or a point; leave out --png");
+  }
+  const ReportFile report({{"scene", scene},
+                           {"tier", tier},
+                           {"points", summary.kept.size()},
+                           {"reach_m", summary.reach},
+                           {"maps", maps}});
+  drawReport(report.path(), arguments.png, "leave out --png");
+}
+
+std::string failureOf(const Summary& summary) {
+  return summary.points() > 0 ? "" : "at no sampled input a shape balances the load";
+}
+
+json toJson(const io::Scene& scene, const model::TierSetting& setting,
+            const WorkspaceArguments& arguments, const Summary& summary) {
+  const bool some = summary.points() > 0;
+  json sensitivity;
+  for (int k = 0; k < model::kSensitivities && some && arguments.sensitivity; ++k) {
+    sensitivity[model::kSensitivityNames[k]] = {{"median", summary.median(k)},
+                                                {"max", summary.worst[k]}};
+  }
+  const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
+  const std::string failure = failureOf(summary);
+  return {{"scene", scene.name},
+          {"tier", model::nameOf(setting.tier)},
+          {"order", setting.order > 0 ? json(setting.order) : json()},
+          {"seed", arguments.seed},
+          {"count", summary.inputs},
+          {"unbalanced", summary.unbalanced},
+          {"failure", failure.empty() ? json() : json(failure)},
+          {"seconds", summary.seconds},
+          {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
+          {"bounds_m",
+           some ? json{{"min", corner(summary.bounds.min())}, {"max", corner(summary.bounds.max())}}
+                : json()},
+          {"reach_m", some ? json(summary.reach) : json()},
+          {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
+          {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
+          {"sensitivity", sensitivity}};
+}
+
+CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
+               const WorkspaceArguments& arguments, const Summary& summary) {
+  const bool some = summary.points() > 0;
+  CsvTable::Row row{{"scene", scene.name},
+                    {"tier", model::nameOf(setting.tier)},
+                    {"order", std::to_string(setting.order)},
+                    {"seed", std::to_string(arguments.seed)},
+                    {"count", std::to_string(summary.inputs)},
+                    {"unbalanced", std::to_string(summary.unbalanced)},
+                    {"seconds", exact(summary.seconds)}};
+  const char* const axes[] = {"x_m", "y_m", "z_m"};
+  for (int i = 0; i < 3; ++i) {
+    const std::string name = axes[i];
+    row.emplace_back("min_" + name, some ? exact(summary.bounds.min()[i]) : "");
+    row.emplace_back("max_" + name, some ? exact(summary.bounds.max()[i]) : "");
+  }
+  row.emplace_back("reach_m", some ? exact(summary.reach) : "");
+  for (int k = 0; k < model::kSensitivities && some && arguments.sensitivity; ++k) {
+    const std::string name = model::kSensitivityNames[k];
+    row.emplace_back("median_" + name, exact(summary.median(k)));
+    row.emplace_back("max_" + name, exact(summary.worst[k]));
+  }
+  CsvTable table;
+  table.add(row);
+  return table;
+}
+
+void printText(const io::Scene& scene, const model::TierSetting& setting,
+               const WorkspaceArguments& arguments, const Summary& summary) {
+  std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
+            << std::setprecision(3) << summary.seconds << " s, "
+            << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
+  if (summary.unbalanced > 0) {
+    std::cout << "left out, as no shape balances the load: " << summary.unbalanced << "\n";
+  }
+  if (summary.points() == 0) {
+    std::cout << failureOf(summary) << "\n";
+    return;
+  }
+  std::cout << "tips, seen from the arm's base: from " << bracketed(summary.bounds.min()) << " to "
+            << bracketed(summary.bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
+            << summary.reach << " m\n";
+  const char* const errors[] = {"1 kPa in every pressure", "1 mm in every free length",
+                                "1 % in the stiffness"};
+  for (int k = 0; k < model::kSensitivities && arguments.sensitivity; ++k) {
+    std::cout << "the tip moves for " << errors[k] << ": median " << std::setprecision(3)
+              << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
+  }
+  for (const std::string& file : {arguments.out, arguments.png}) {
+    if (!file.empty()) std::cout << "wrote " << file << "\n";
+  }
+}
+
+model::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
+  if (arguments.sensitivity && hasTendon(scene.arm)) {
+    throw CallerError("--sensitivity is per kPa, and scene " + scene.name +
+                      " has tendons; leave out --sensitivity");
+  }
+  return model::Workspace(modelOf(scene, arguments.tier), {arguments.seed, arguments.sensitivity});
+}
+
+int run(const WorkspaceArguments& arguments, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(arguments.scene, global);
+  const model::Workspace workspace = workspaceOf(scene, arguments);
+  const model::TierSetting& setting = workspace.model().choice().setting;
+  checkPng(arguments.png);
+  Summary summary;
+  {
+    const InterruptWatch watch;
+    std::optional<CloudFile> file;
+    if (!arguments.out.empty()) {
+      file.emplace(arguments.out, scene.arm,
+                   CloudOrigin{scene.name, setting.name(), arguments.seed, arguments.sensitivity});
+    }
+    summary = sample(workspace, arguments, file ? &*file : nullptr);
+  }
+  if (!summary.whole) {
+    std::cerr << "interrupted after " << summary.inputs << " of " << arguments.inputs()
+              << " inputs; nothing was written\n";
+    return kInterrupted;
+  }
+  if (!arguments.png.empty() && summary.points() > 0) {
+    drawMaps(arguments, scene.name, setting.name(), summary);
+  }
+  if (global.format == Format::kJson) printJson(toJson(scene, setting, arguments, summary));
+  if (global.format == Format::kCsv) toCsv(scene, setting, arguments, summary).print(std::cout);
+  if (global.format == Format::kText) printText(scene, setting, arguments, summary);
+  return summary.points() > 0 ? kDone : kNotPossible;
+}
+
+}  // namespace
+
+Subcommand addWorkspace(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("workspace", "where the tip can go, and how far errors move it there");
+  const auto arguments = std::make_shared<WorkspaceArguments>();
+  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  command->add_option("--out", arguments->out,
+                      "file for the points: .ply (binary, float32) or .csv (inputs as well); "
+                      "without it only the summary is given");
+  command->add_option("--png", arguments->png, "picture of maps of the points");
+  command
+      ->add_option("--count", arguments->count,
+                   "inputs to sample, evenly within their limits; default 10000000, or 200000 with "
+                   "--sensitivity")
+      ->check(CLI::Range(std::uint64_t{1}, kMostCount));
+  command->add_flag("--sensitivity", arguments->sensitivity,
+                    "also how far the tip moves, at every point");
+  command->add_option("--seed", arguments->seed, "of the inputs")->capture_default_str();
+  command
+      ->add_option("--threads", arguments->threads,
+                   "that sample; 0: as many as there are cores. The points are the same")
+      ->check(CLI::Range(0, kMostThreads))
+      ->capture_default_str();
+  addTierOptions(*command, arguments->tier);
+  command->footer(
+      "Sensitivity: how far the tip moves [m] for an error of 1 kPa in every pressure (per_kpa_m), "
+      "of 1 mm in every free\n"
+      "length (per_mm_m), of 1 % in every entry of the stiffness, under load also K_eps "
+      "(per_percent_K_m); the errors are\n"
+      "independent: roots of sums of squares. For arms without tendons.\n"
+      "json: scene, tier, order, seed, count (inputs), unbalanced (of them, left out: no shape "
+      "balances the load there or,\n"
+      "with --sensitivity, with 1 % more stiffness), failure (null where there are points), "
+      "seconds, "
+      "points_per_second,\n"
+      "bounds_m {min, max}, reach_m (largest distance from the base), out, png, sensitivity (null, "
+      "or for each {median,\n"
+      "max}; medians, and maps, of the first 2 million points). csv: one row of the same. Progress "
+      "is told on stderr.\n"
+      "A file takes its place when it is whole. Ctrl-C: nothing is written, exit code 130. Exit "
+      "code 1 where the load is\n"
+      "balanced at no input.");
+  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,78 @@
+#include "tier_reader.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+const NumberRule kTipError = within(kPositive, 1e-9, 100, " % of the arm's length");
+const NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
+
+// The number of a map that holds nothing else.
+std::optional<double> readOnly(const MapReader& scene, const Value& document,
+                               const std::string& key, const std::string& number,
+                               const NumberRule& rule, FaultList& faults) {
+  const Value* value = document.find(key);
+  if (value == nullptr) return std::nullopt;
+  return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
+}
+
+std::optional<model::Tier> tierOf(const std::string& name) {
+  for (const model::Tier tier :
+       {model::Tier::kPlanar, model::Tier::kLinear, model::Tier::kLoaded, model::Tier::kExact}) {
+    if (name == model::nameOf(tier)) return tier;
+  }
+  return std::nullopt;
+}
+
+void checkSceneAllows(const MapReader& scene, model::Tier tier, bool planar) {
+  if (tier == model::Tier::kPlanar && !planar) {
+    scene.fault("tier", "auto, linear, loaded or exact, for arm.geometry is spatial");
+  }
+  const bool needs_load = tier == model::Tier::kLoaded || tier == model::Tier::kExact;
+  if (needs_load && !scene.has("load")) {
+    scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
+                            " or linear, for the scene has no key load; or give it one");
+  }
+}
+
+}  // namespace
+
+model::TierRequest readTierRequest(const MapReader& scene, const Value& document,
+                                   const ArmParts* arm, FaultList& faults) {
+  model::TierRequest request;
+  std::string tier = "auto";
+  bool known = true;
+  if (scene.has("tier")) {
+    const auto word = scene.choice("tier", {"auto", "planar", "linear", "loaded", "exact"});
+    known = word.has_value();
+    tier = word.value_or(tier);
+    request.tier = tierOf(tier);
+  }
+  if (request.tier && arm) checkSceneAllows(scene, *request.tier, arm->planar.has_value());
+  if (scene.has("order")) {
+    if (const auto order = scene.integer("order", model::kLeastOrder, model::kMostOrder)) {
+      request.order = static_cast<int>(*order);
+    }
+    if (known && tier != "loaded") {
+      scene.complain("order", "is that of tier: loaded, but tier is " + tier +
+                                  "; expected tier: loaded beside it, or no order");
+    }
+  }
+  const auto percent =
+      readOnly(scene, document, "accuracy", "tip_error_percent", kTipError, faults);
+  if (percent) request.tip_error = *percent / 100;
+  const auto us = readOnly(scene, document, "budget", "time_us", kTime, faults);
+  if (us) request.time = *us * 1e-6;
+  if (scene.has("accuracy") && scene.has("budget")) {
+    scene.complain("budget", "stands beside accuracy; expected one of the two");
+  }
+  const bool chosen = tier != "auto" && (tier != "loaded" || scene.has("order"));
+  for (const char* key : {"accuracy", "budget"}) {
+    if (!scene.has(key) || !known || !chosen) continue;
+    const std::string what = tier + (tier == "loaded" ? " with an order" : "");
+    scene.complain(key, "has nothing to choose, for tier is " + what +
+                            "; expected tier: auto, or loaded without an order");
+  }
+  return request;
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,696 @@
+#include "helix_arm/model/exact.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <utility>
+
+#include "helix_arm/lie/coefficients.hpp"
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+using lie::Matrix6;
+using lie::skew;
+using lie::Vector6;
+
+// Dormand and Prince's pair of order 8 with estimates of order 5 and 3 (Hairer, Norsett, Wanner,
+// Solving Ordinary Differential Equations I, section II.10).
+constexpr int kStages = 12;
+constexpr std::array<double, kStages> kNodes = {0.0,
+                                                0.05260015195876773,
+                                                0.0789002279381516,
+                                                0.1183503419072274,
+                                                0.2816496580927726,
+                                                0.3333333333333333,
+                                                0.25,
+                                                0.3076923076923077,
+                                                0.6512820512820513,
+                                                0.6,
+                                                0.8571428571428571,
+                                                1.0};
+constexpr double kWeights[kStages][kStages] = {
+    {},
+    {0.05260015195876773},
+    {0.0197250569845379, 0.0591751709536137},
+    {0.02958758547680685, 0, 0.08876275643042054},
+    {0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792},
+    {0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242},
+    {0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125},
+    {0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
+     0.008273789163814023},
+    {0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
+     20.154067550477894, -43.48988418106996},
+    {0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
+     15.279233632882423, -33.28821096898486, -0.020331201708508627},
+    {-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
+     -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196},
+    {2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
+     27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
+     0.6433927460157636}};
+constexpr std::array<double, kStages> kStep = {0.054293734116568765,
+                                               0,
+                                               0,
+                                               0,
+                                               0,
+                                               4.450312892752409,
+                                               1.8915178993145003,
+                                               -5.801203960010585,
+                                               0.3111643669578199,
+                                               -0.1521609496625161,
+                                               0.20136540080403034,
+                                               0.04471061572777259};
+constexpr std::array<double, kStages> kError5 = {0.01312004499419488,
+                                                 0,
+                                                 0,
+                                                 0,
+                                                 0,
+                                                 -1.2251564463762044,
+                                                 -0.4957589496572502,
+                                                 1.6643771824549864,
+                                                 -0.35032884874997366,
+                                                 0.3341791187130175,
+                                                 0.08192320648511571,
+                                                 -0.022355307863886294};
+constexpr std::array<double, kStages> kError3 = {-0.18980075407240762,
+                                                 0,
+                                                 0,
+                                                 0,
+                                                 0,
+                                                 4.450312892752409,
+                                                 1.8915178993145003,
+                                                 -5.801203960010585,
+                                                 -0.4226823213237919,
+                                                 -0.1521609496625161,
+                                                 0.20136540080403034,
+                                                 0.02265179219836082};
+
+constexpr double kGrowth = 2.5;          // e-fold growth of errors that a segment may have
+constexpr int kMaxSegments = 64;         // that a section is cut into for it
+constexpr double kContraction = 0.5;     // of Newton's steps that stay on their branch
+constexpr double kLargestStep = 1.0;     // of them [rad], relative to the arm's size
+constexpr double kLeastLoadStep = 1e-9;  // of the whole load
+constexpr double kBranchEnd = 1e-6;      // step by share of the load where the branch ends
+constexpr double kNoWork = 1e-8;         // of the load's scale
+
+// What pulls at one place; force and moment in the base frame.
+struct Pull {
+  Vector3d offset, force, moment;
+};
+
+// Where the arm is shot at from one place to the next. Its end loads are felt before it.
+struct Segment {
+  int section = 0;
+  double begin = 0.0, end = 1.0;  // s along the section
+  Vector3d force;                 // that pulls at the end, all beyond it included [N]
+  Vector3d weight;                // per unit s [N]
+  std::vector<Pull> pulls;        // at the end
+  double growth = 0.0;            // of errors, e-fold
+
+  Vector3d forceAt(double s) const { return force + (end - s) * weight; }
+};
+
+struct SectionLaw {
+  Matrix6 C;  // twist over the section by body wrench
+  Equilibrium<lie::SE3>::Basis null_space;
+};
+
+// Frame and body moment at the start of a segment.
+struct Node {
+  Quaterniond R;
+  Vector3d m;  // [N m]
+};
+
+// One step for all nodes: turns in the body frame [rad], moments in the rod's unit.
+struct Step {
+  std::vector<Vector6> x;
+  // Of how many motions the shape is unstable in: 0 on the branch from the unloaded shape.
+  int unstable = 0;
+
+  double size() const {
+    double largest = 0.0;
+    for (const Vector6& entry : x) {
+      if (!entry.allFinite()) return std::numeric_limits<double>::infinity();
+      largest = std::max(largest, entry.norm());
+    }
+    return largest;
+  }
+};
+
+// The state that flows along s: the quaternion (x y z w) and the body moment, and then either the
+// position and the integral of the angular strain, or so many columns of the flow's derivative.
+template <int kColumns>
+struct Flow {
+  static constexpr int kSize = 7 + (kColumns == 0 ? 6 : 6 * kColumns);
+  using State = Eigen::Matrix<double, kSize, 1>;
+
+  const SectionLaw& law;
+  const Segment& segment;
+  Vector6 unloaded;
+  double share;        // of the load
+  double size;         // of the arm [m]
+  double moment_unit;  // [N m]
+  double tolerance;
+
+  static Matrix3d rotation(const State& y) {
+    const double qx = y[0], qy = y[1], qz = y[2], qw = y[3];
+    const double f = 2.0 / y.template head<4>().squaredNorm();
+    Matrix3d R;
+    R << 1 - f * (qy * qy + qz * qz), f * (qx * qy - qw * qz), f * (qx * qz + qw * qy),  //
+        f * (qx * qy + qw * qz), 1 - f * (qx * qx + qz * qz), f * (qy * qz - qw * qx),   //
+        f * (qx * qz - qw * qy), f * (qy * qz + qw * qx), 1 - f * (qx * qx + qy * qy);
+    return R;
+  }
+
+  Vector6 wrench(double s, const State& y) const {
+    Vector6 w;
+    w << rotation(y).transpose() * (share * segment.forceAt(s)), y.template segment<3>(4);
+    return w;
+  }
+
+  State operator()(double s, const State& y) const {
+    State dy;
+    const Matrix3d R = rotation(y);
+    const Vector3d n = R.transpose() * (share * segment.forceAt(s)), m = y.template segment<3>(4);
+    const Vector6 g = unloaded + law.C.leftCols<3>() * n + law.C.rightCols<3>() * m;
+    const Vector3d v = g.head<3>(), w = g.tail<3>();
+    const Vector3d u = y.template head<3>();
+    dy.template head<3>() = 0.5 * (y[3] * w + u.cross(w));
+    dy[3] = -0.5 * u.dot(w);
+    dy.template segment<3>(4) = m.cross(w) + n.cross(v);
+    if constexpr (kColumns == 0) {
+      dy.template segment<3>(7) = R * v;
+      dy.template segment<3>(10) = w;
+    } else {
+      using Columns = Eigen::Matrix<double, 6, kColumns>;
+      using Half = Eigen::Matrix<double, 3, kColumns>;
+      const Eigen::Map<const Columns> d(y.data() + 7);
+      Eigen::Map<Columns> dd(dy.data() + 7);
+      const Matrix3d n_hat = skew(n), w_hat = skew(w);
+      const Half dn = n_hat * d.template topRows<3>(), dm = d.template bottomRows<3>();
+      const Columns dg = law.C.leftCols<3>() * dn + law.C.rightCols<3>() * dm;
+      dd.template topRows<3>() = dg.template bottomRows<3>() - w_hat * d.template topRows<3>();
+      dd.template bottomRows<3>() = skew(m) * dg.template bottomRows<3>() - w_hat * dm +
+                                    n_hat * dg.template topRows<3>() - skew(v) * dn;
+    }
+    return dy;
+  }
+
+  // Square of an error of the state, relative to the arm's size and one radian. The derivative
+  // need not be better than the state.
+  double squaredError(const State& e) const {
+    double sum = 4.0 * e.template head<4>().squaredNorm() +
+                 e.template segment<3>(4).squaredNorm() / (moment_unit * moment_unit);
+    if constexpr (kColumns == 0) sum += e.template segment<3>(7).squaredNorm() / (size * size);
+    return sum;
+  }
+
+  // Moves y from s to end. False where the steps vanish or the numbers overflow.
+  bool advance(double s, double end, State& y, double& h) const {
+    std::array<State, kStages> k;
+    // Ten times what balanced shapes take.
+    const double most_steps =
+        200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
+    for (int steps = 0; s < end; ++steps) {
+      if (steps > most_steps || !(s + h > s)) return false;
+      const bool last = s + h * (1.0 + 1e-10) >= end;
+      const double step = last ? end - s : h;
+      k[0] = (*this)(s, y);
+      for (int i = 1; i < kStages; ++i) {
+        State sum = kWeights[i][0] * k[0];
+        for (int j = 1; j < i; ++j) {
+          if (kWeights[i][j] != 0) sum += kWeights[i][j] * k[j];
+        }
+        k[i] = (*this)(s + kNodes[i] * step, y + step * sum);
+      }
+      State next = kStep[0] * k[0], error5 = kError5[0] * k[0], error3 = kError3[0] * k[0];
+      for (int i = 5; i < kStages; ++i) {
+        next += kStep[i] * k[i];
+        error5 += kError5[i] * k[i];
+        error3 += kError3[i] * k[i];
+      }
+      const double square5 = squaredError(error5), square3 = squaredError(error3);
+      const double error =
+          square5 == 0 ? 0.0 : step * square5 / std::sqrt(square5 + 0.01 * square3) / tolerance;
+      const double factor =
+          std::isfinite(error) ? std::clamp(0.9 * std::pow(error + 1e-30, -0.125), 0.2, 6.0) : 0.2;
+      if (error <= 1.0) {
+        y += step * next;
+        y.template head<4>().normalize();
+        s = last ? end : s + step;
+        // A step cut short by the end says nothing against a longer one.
+        h = last ? std::max(h, step * factor) : step * factor;
+      } else {
+        h = step * std::min(factor, 0.9);
+      }
+    }
+    return y.allFinite();
+  }
+};
+
+// exp of a turn.
+Quaterniond turn(const Vector3d& w) {
+  const double angle = w.norm();
+  const double sinc = angle > 1e-8 ? std::sin(0.5 * angle) / angle : 0.5;
+  Quaterniond q;
+  q.w() = std::cos(0.5 * angle);
+  q.vec() = sinc * w;
+  return q;
+}
+
+// The turn from a to b, seen from a.
+Vector3d turnBetween(const Quaterniond& a, const Quaterniond& b) {
+  Quaterniond q = a.conjugate() * b;
+  if (q.w() < 0) q.coeffs() *= -1.0;
+  const double sine = q.vec().norm();
+  return (sine > 1e-8 ? 2.0 * std::atan2(sine, q.w()) / sine : 2.0) * q.vec();
+}
+
+// The twist whose exp is X and that turns like `near`, by more than pi where need be.
+Vector6 twistNear(const lie::SE3& X, const Vector3d& near) {
+  constexpr double kTurn = 6.283185307179586;
+  const Vector6 xi = X.log();
+  const double angle = xi.tail<3>().norm();
+  const double along = angle > 0 ? near.dot(xi.tail<3>()) / angle : 0.0;
+  const double turns = std::round((along - angle) / kTurn);
+  if (turns == 0) return xi;
+  const Vector3d w = xi.tail<3>() * ((angle + turns * kTurn) / angle);
+  const auto f = lie::expCoefficients(w.squaredNorm());
+  const Matrix3d V = f.a * Matrix3d::Identity() + f.b * skew(w) + f.c * (w * w.transpose()).eval();
+  Vector6 out;
+  out << V.fullPivLu().solve(X.translation), w;
+  return out;
+}
+
+// Number of negative eigenvalues of the stiffness against turns of a segment's end, its start held
+// and all beyond it free: the segment's own and that of the rest, whose steps satisfy the rows.
+// Summed over the segments this is the index of the second variation of the energy, as long as each
+// segment is stable between two ends that do not turn. Seen from the moments at the start, so that
+// it holds for sections that are stiff without bound.
+int unstableMotions(const Eigen::Matrix<double, 3, 6>& rows, const Matrix6& Phi) {
+  const Matrix3d turn = Phi.topRightCorner<3, 3>();
+  const Matrix3d rest = rows.rightCols<3>().fullPivLu().solve(rows.leftCols<3>());
+  const Matrix3d S = turn.transpose() * (Phi.bottomRightCorner<3, 3>() + rest * turn);
+  if (!S.allFinite()) return 0;
+  const Vector3d eigenvalues =
+      Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (S + S.transpose())).eigenvalues();
+  return static_cast<int>(
+      (eigenvalues.array() < -1e-9 * eigenvalues.cwiseAbs().maxCoeff()).count());
+}
+
+}  // namespace
+
+void ExactOptions::validate() const {
+  const auto check = [](bool holds, const char* what, double value, const char* rule) {
+    requireValue(holds, "exact tier", what, value, rule);
+  };
+  check(tolerance >= 1e-13 && tolerance <= 1e-2, "tolerance", tolerance, "1e-13 to 1e-2");
+  check(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+  check(pieces_per_section >= 1 && pieces_per_section <= kMaxPieces, "pieces_per_section",
+        pieces_per_section, "1 to 128");
+}
+
+class ExactArm::Rod {
+ public:
+  Rod(const Arm& arm, const Load& load, const ExactOptions& options);
+  Solution solve(const Twists& unloaded) const;
+
+ private:
+  // The arm shot from given nodes, with all that Newton's method asks for.
+  struct Shot {
+    std::vector<Node> nodes;
+    std::vector<Matrix6> Phi;     // derivative of each segment's end by its start
+    std::vector<Vector6> defect;  // what the segment's end misses the next node by; of the last
+                                  // one the moment that is left over
+    double norm = std::numeric_limits<double>::infinity();
+  };
+  struct Curve {
+    Shape::Pieces pieces;
+    lie::SE3 tip;
+    bool finite = true;
+    bool supported = true;
+  };
+
+  template <int kColumns>
+  Flow<kColumns> flow(int j, const Twists& unloaded, double share) const;
+  std::vector<Node> unloadedNodes(const Twists& unloaded) const;
+  Shot shoot(std::vector<Node> nodes, const Twists& unloaded, double share) const;
+  Step newtonStep(const Shot& shot) const;
+  std::vector<Node> moved(const std::vector<Node>& nodes, const Step& step, double factor) const;
+  // What newton() makes of the nodes it is given.
+  struct Balance {
+    bool found = false;
+    std::vector<Node> nodes;
+    double residual = std::numeric_limits<double>::infinity();
+  };
+  Balance newton(std::vector<Node> nodes, const Twists& unloaded, double share, bool damped,
+                 int& iterations) const;
+  Curve curve(const std::vector<Node>& nodes, const Twists& unloaded, double share) const;
+  Shape unloadedShape(const Twists& unloaded) const;
+
+  ExactOptions options_;
+  std::vector<SectionLaw> laws_;
+  std::vector<Segment> segments_;
+  double size_ = 0.0;         // length of the arm [m]
+  double force_scale_ = 0.0;  // of all that pulls [N]
+  double moment_scale_ = 0.0;
+  double moment_unit_ = 1.0;  // bends the arm by about one radian [N m]
+  bool empty_;
+};
+
+ExactArm::Rod::Rod(const Arm& arm, const Load& load, const ExactOptions& options)
+    : options_(options) {
+  const int sections = arm.sectionCount();
+  load.validate(sections);
+  options.validate();
+  requireValue(sections * options.pieces_per_section <= kMaxPieces, "exact tier",
+               "the number of pieces of all sections", sections * options.pieces_per_section,
+               "at most 128; lower pieces_per_section");
+  empty_ = load.empty();
+
+  double bend = 0.0;
+  for (int k = 0; k < sections; ++k) {
+    const double l = arm.freeLength(k);
+    laws_.push_back(
+        {l / load.K_eps[k] * arm.equilibrium(k).compliance, arm.equilibrium(k).null_space});
+    size_ += l;
+    bend += laws_[k].C.bottomRightCorner<3, 3>().norm();
+    force_scale_ += load.mass[k] * load.gravity.norm();
+  }
+  std::vector<PointLoad> points = load.points;
+  std::stable_sort(points.begin(), points.end(), [](const PointLoad& a, const PointLoad& b) {
+    return a.section + a.s < b.section + b.s;
+  });
+  for (const PointLoad& point : points) {
+    force_scale_ += load.forceOf(point).norm();
+    moment_scale_ += load.forceOf(point).norm() * point.offset.norm() + point.moment.norm();
+  }
+  moment_scale_ += force_scale_ * size_;
+  moment_unit_ = bend > 0 ? 1.0 / bend : std::max(moment_scale_, 1e-300);
+
+  // From the tip to the base, since a force pulls at all that is before it.
+  Vector3d force = Vector3d::Zero();
+  std::vector<Segment> backward;
+  for (int k = sections - 1; k >= 0; --k) {
+    const Vector3d weight = load.mass[k] * load.gravity;
+    const double c = laws_[k].C.bottomRightCorner<3, 3>().norm(), l = arm.freeLength(k);
+    double end = 1.0;
+    while (end > 0) {
+      std::vector<Pull> pulls;
+      while (!points.empty() && points.back().section + points.back().s >= k + end) {
+        const PointLoad& point = points.back();
+        pulls.push_back({point.offset, load.forceOf(point), point.moment});
+        force += pulls.back().force;
+        points.pop_back();
+      }
+      const double begin = !points.empty() && points.back().section == k ? points.back().s : 0.0;
+      const double largest = std::max(force.norm(), (force + (end - begin) * weight).norm());
+      const double growth = std::sqrt(c * l * largest) * (end - begin);
+      const int parts =
+          static_cast<int>(std::clamp(std::ceil(growth / kGrowth), 1.0, 1.0 * kMaxSegments));
+      for (int i = parts; i > 0; --i) {
+        const auto at = [&](int part) {
+          return part == parts ? end : begin + (end - begin) * part / parts;
+        };
+        backward.push_back(
+            {k, at(i - 1), at(i), force, weight, std::move(pulls), std::min(growth / parts, 50.0)});
+        pulls.clear();
+        force += (at(i) - at(i - 1)) * weight;
+      }
+      end = begin;
+    }
+  }
+  segments_.assign(std::make_move_iterator(backward.rbegin()),
+                   std::make_move_iterator(backward.rend()));
+}
+
+template <int kColumns>
+Flow<kColumns> ExactArm::Rod::flow(int j, const Twists& unloaded, double share) const {
+  const Segment& segment = segments_[j];
+  // A tenth of the tolerance for each step: there are some ten of them.
+  return {
+      laws_[segment.section],  segment, unloaded.col(segment.section), share, size_, moment_unit_,
+      0.1 * options_.tolerance};
+}
+
+std::vector<Node> ExactArm::Rod::unloadedNodes(const Twists& unloaded) const {
+  std::vector<Node> nodes;
+  Quaterniond R_section = Quaterniond::Identity();
+  for (std::size_t j = 0; j < segments_.size(); ++j) {
+    const Segment& segment = segments_[j];
+    if (j > 0 && segment.section != segments_[j - 1].section) {
+      R_section = R_section * turn(unloaded.col(segment.section - 1).tail<3>());
+    }
+    nodes.push_back({R_section * turn(segment.begin * unloaded.col(segment.section).tail<3>()),
+                     Vector3d::Zero()});
+  }
+  return nodes;
+}
+
+ExactArm::Rod::Shot ExactArm::Rod::shoot(std::vector<Node> nodes, const Twists& unloaded,
+                                         double share) const {
+  const int count = static_cast<int>(segments_.size());
+  Shot shot;
+  shot.Phi.resize(count);
+  shot.defect.resize(count);
+  double square = 0.0;
+  for (int j = 0; j < count; ++j) {
+    const auto part = flow<6>(j, unloaded, share);
+    Flow<6>::State y;
+    Matrix6 start = Matrix6::Identity();
+    start.bottomRightCorner<3, 3>() *= moment_unit_;
+    y << nodes[j].R.coeffs(), nodes[j].m,
+        Eigen::Map<const Eigen::Matrix<double, 36, 1>>(start.data());
+    double h = 0.25 * (part.segment.end - part.segment.begin);
+    if (!part.advance(part.segment.begin, part.segment.end, y, h)) return shot;
+    Eigen::Map<Matrix6> Phi(y.data() + 7);
+    const Matrix3d R_inverse = Flow<6>::rotation(y).transpose();
+    Vector3d m = y.segment<3>(4);
+    for (const Pull& pull : part.segment.pulls) {
+      const Vector3d f = R_inverse * (share * pull.force), t = R_inverse * (share * pull.moment);
+      m -= pull.offset.cross(f) + t;
+      const Matrix3d by_turn = skew(pull.offset) * skew(f) + skew(t);
+      Phi.bottomRows<3>() -= (by_turn * Phi.topRows<3>()).eval();
+    }
+    Phi.bottomRows<3>() /= moment_unit_;
+    shot.Phi[j] = Phi;
+    if (j + 1 < count) {
+      const Quaterniond R(y[3], y[0], y[1], y[2]);
+      shot.defect[j] << turnBetween(nodes[j + 1].R, R), (m - nodes[j + 1].m) / moment_unit_;
+    } else {
+      shot.defect[j] << Vector3d::Zero(), m / moment_unit_;
+    }
+    square += shot.defect[j].squaredNorm();
+  }
+  shot.nodes = std::move(nodes);
+  if (std::isfinite(square)) shot.norm = std::sqrt(square);
+  return shot;
+}
+
+// Rows P x_j = c that the steps x_j must satisfy for all beyond node j to fit, swept from the tip
+// to the base; orthonormal, so that what grows towards the tip decays in them.
+Step ExactArm::Rod::newtonStep(const Shot& shot) const {
+  using Rows = Eigen::Matrix<double, 3, 6>;
+  const int count = static_cast<int>(segments_.size());
+  std::vector<Rows> P(count);
+  std::vector<Vector3d> c(count);
+  Rows rows = Rows::Zero();
+  rows.rightCols<3>().setIdentity();
+  Vector3d right = Vector3d::Zero();
+  Step step;
+  for (int j = count - 1; j >= 0; --j) {
+    right -= rows * shot.defect[j];
+    step.unstable += unstableMotions(rows, shot.Phi[j]);
+    const Eigen::HouseholderQR<Eigen::Matrix<double, 6, 3>> qr((rows * shot.Phi[j]).transpose());
+    const Matrix3d L = qr.matrixQR().topRows<3>().triangularView<Eigen::Upper>().transpose();
+    rows = (qr.householderQ() * Eigen::Matrix<double, 6, 3>::Identity()).transpose();
+    right = L.triangularView<Eigen::Lower>().solve(right);
+    P[j] = rows;
+    c[j] = right;
+  }
+  step.x.assign(count, Vector6::Zero());
+  step.x[0].tail<3>() = P[0].rightCols<3>().fullPivLu().solve(c[0]);
+  for (int j = 1; j < count; ++j) {
+    step.x[j] = shot.Phi[j - 1] * step.x[j - 1] + shot.defect[j - 1];
+    step.x[j] -= P[j].transpose() * (P[j] * step.x[j] - c[j]);
+  }
+  return step;
+}
+
+std::vector<Node> ExactArm::Rod::moved(const std::vector<Node>& nodes, const Step& step,
+                                       double factor) const {
+  std::vector<Node> out = nodes;
+  for (std::size_t j = 0; j < out.size(); ++j) {
+    out[j].R = (nodes[j].R * turn(factor * step.x[j].head<3>())).normalized();
+    out[j].m += factor * moment_unit_ * step.x[j].tail<3>();
+  }
+  return out;
+}
+
+ExactArm::Rod::Balance ExactArm::Rod::newton(std::vector<Node> nodes, const Twists& unloaded,
+                                             double share, bool damped, int& iterations) const {
+  Balance balance;
+  Shot shot = shoot(std::move(nodes), unloaded, share);
+  while (std::isfinite(shot.norm)) {
+    const Step step = newtonStep(shot);
+    const double size = step.size();
+    if (!std::isfinite(size)) return balance;
+    balance.residual = size;
+    if (size <= options_.tolerance) {
+      balance.found = damped || step.unstable == 0;
+      balance.nodes = moved(shot.nodes, step, 1.0);
+      return balance;
+    }
+    if (iterations == options_.max_iterations || (!damped && size > kLargestStep)) return balance;
+    ++iterations;
+    Shot next = shoot(moved(shot.nodes, step, 1.0), unloaded, share);
+    if (damped) {
+      for (double factor = 0.5; !(next.norm < (1.0 - 0.5 * factor) * shot.norm); factor *= 0.5) {
+        if (factor < 1e-4) return balance;
+        next = shoot(moved(shot.nodes, step, factor), unloaded, share);
+      }
+    } else if (!(next.norm <= std::max(kContraction * shot.norm, 10 * options_.tolerance))) {
+      return balance;
+    }
+    shot = std::move(next);
+  }
+  return balance;
+}
+
+ExactArm::Rod::Curve ExactArm::Rod::curve(const std::vector<Node>& nodes, const Twists& unloaded,
+                                          double share) const {
+  const int per_section = options_.pieces_per_section;
+  Curve out;
+  out.pieces.resize(6, unloaded.cols() * per_section);
+  lie::SE3 X_start;
+  Vector3d turned_start = Vector3d::Zero();
+  Flow<0>::State y = Flow<0>::State::Zero();
+  double h = 1.0 / per_section;
+  int piece = 0;  // of the section
+  for (std::size_t j = 0; j < segments_.size(); ++j) {
+    const auto part = flow<0>(static_cast<int>(j), unloaded, share);
+    const auto& N = part.law.null_space;
+    const auto check = [&](double s) {
+      const Vector6 w = part.wrench(s, y);
+      for (int i = 0; i < N.cols(); ++i) {
+        const double scale =
+            N.col(i).head<3>().norm() * force_scale_ + N.col(i).tail<3>().norm() * moment_scale_;
+        out.supported &=
+            std::abs(N.col(i).dot(w)) <= std::max(kNoWork, 10 * options_.tolerance) * share * scale;
+      }
+    };
+    y.head<7>() << nodes[j].R.coeffs(), nodes[j].m;
+    if (part.segment.begin == 0) piece = 0;
+    double s = part.segment.begin;
+    check(s);
+    while (s < part.segment.end) {
+      const double piece_end =
+          piece + 1 == per_section ? 1.0 : static_cast<double>(piece + 1) / per_section;
+      const double end = std::min(piece_end, part.segment.end);
+      if (!part.advance(s, end, y, h)) {
+        out.finite = false;
+        return out;
+      }
+      s = end;
+      check(s);
+      if (s < piece_end) continue;
+      const lie::SE3 X{Flow<0>::rotation(y), y.segment<3>(7)};
+      out.pieces.col(part.segment.section * per_section + piece) =
+          twistNear(X_start.inverse() * X, y.tail<3>() - turned_start);
+      X_start = X;
+      turned_start = y.tail<3>();
+      ++piece;
+    }
+  }
+  out.tip = X_start;
+  out.finite = out.pieces.allFinite();
+  return out;
+}
+
+Shape ExactArm::Rod::unloadedShape(const Twists& unloaded) const {
+  const int per_section = options_.pieces_per_section;
+  Shape::Pieces pieces(6, unloaded.cols() * per_section);
+  for (int j = 0; j < pieces.cols(); ++j)
+    pieces.col(j) = unloaded.col(j / per_section) / per_section;
+  return Shape(pieces, per_section);
+}
+
+Solution ExactArm::Rod::solve(const Twists& unloaded) const {
+  requireValue(unloaded.cols() == static_cast<int>(laws_.size()), "exact tier",
+               "the number of unloaded twists", unloaded.cols(), "one for each section");
+  require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
+  Solution solution;
+  solution.shape = unloadedShape(unloaded);
+  for (int k = 0; k < unloaded.cols(); ++k) {
+    solution.tip = solution.tip * lie::SE3::exp(unloaded.col(k));
+  }
+  if (empty_) return solution;
+
+  std::vector<Node> nodes = unloadedNodes(unloaded), before;
+  double share = 0.0, share_before = 0.0, load_step = 1.0, residual = 0.0;
+  while (share < 1.0) {
+    const double target = load_step >= 1.0 - share ? 1.0 : share + load_step;
+    std::vector<Node> guess = nodes;
+    if (!before.empty()) {
+      const double factor = (target - share) / (share - share_before);
+      for (std::size_t j = 0; j < guess.size(); ++j) {
+        guess[j].R = nodes[j].R * turn(factor * turnBetween(before[j].R, nodes[j].R));
+        guess[j].m += factor * (nodes[j].m - before[j].m);
+      }
+    }
+    const int iterations_before = solution.iterations;
+    Balance balance = newton(std::move(guess), unloaded, target, false, solution.iterations);
+    if (balance.found) {
+      before = std::exchange(nodes, std::move(balance.nodes));
+      share_before = std::exchange(share, target);
+      residual = balance.residual;
+      if (solution.iterations - iterations_before <= 5) load_step *= 2.0;
+      continue;
+    }
+    if (solution.iterations == options_.max_iterations) break;
+    load_step = 0.5 * (target - share);
+    if (load_step >= std::max(kLeastLoadStep, kBranchEnd * share)) continue;
+    // The branch ends here: the arm drops to another shape, if there is one.
+    balance = newton(nodes, unloaded, 1.0, true, solution.iterations);
+    if (!balance.found) break;
+    nodes = std::move(balance.nodes);
+    residual = balance.residual;
+    share = 1.0;
+  }
+
+  if (share < 1.0) {
+    solution.status = SolveStatus::kNotConverged;
+    const Shot shot = shoot(nodes, unloaded, 1.0);
+    residual = std::numeric_limits<double>::infinity();
+    if (std::isfinite(shot.norm)) residual = newtonStep(shot).size();
+  }
+  solution.residual = residual;
+  if (share == 0.0) return solution;
+  const Curve found = curve(nodes, unloaded, share);
+  if (!found.finite) {
+    solution.status = SolveStatus::kNotConverged;
+    solution.residual = std::numeric_limits<double>::infinity();
+    return solution;
+  }
+  if (!found.supported) solution.status = SolveStatus::kUnsupported;
+  solution.shape = Shape(found.pieces, options_.pieces_per_section);
+  solution.tip = found.tip;
+  return solution;
+}
+
+ExactArm::ExactArm(const Arm& arm, const Load& load, const ExactOptions& options)
+    : rod_(std::make_shared<const Rod>(arm, load, options)) {}
+
+Solution ExactArm::solve(const Twists& unloaded) const { return rod_->solve(unloaded); }
+
+}  // namespace helix_arm::model

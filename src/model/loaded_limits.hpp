@@ -1,0 +1,13 @@
+#pragma once
+
+#include "helix_arm/model/loaded.hpp"
+
+namespace helix_arm::model {
+
+/// The most parts of an arm between joints and points that pull.
+inline constexpr int kMaxElements = kMaxSections + kMaxInnerPoints;
+/// The most unknowns of the loaded tier in a group of so many dimensions.
+template <int kDof>
+inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
+
+}  // namespace helix_arm::model

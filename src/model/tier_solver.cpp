@@ -1,0 +1,127 @@
+#include "tier_solver.hpp"
+
+#include "helix_arm/model/curve.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr double kLengthStep = 1e-5;  // of the differences of the exact tier [m]
+
+// The maps of all sections (dof * sections x n): what each free length adds to the twists.
+template <class Group>
+Eigen::MatrixXd mapOf(const ArmOf<Group>& arm) {
+  Eigen::MatrixXd map =
+      Eigen::MatrixXd::Zero(Group::kDof * arm.sectionCount(), arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const auto& block = arm.equilibrium(k).map;
+    map.block(Group::kDof * k, arm.firstActuator(k), Group::kDof, block.cols()) = block;
+  }
+  return map;
+}
+
+template <class Group>
+Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(const ArmOf<Group>& arm,
+                                                                  const TwistsOf<Group>& twists) {
+  Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> out(Group::kDof, arm.actuatorCount());
+  // Body motion of the tip when section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
+  Group after;
+  for (int k = arm.sectionCount() - 1; k >= 0; --k) {
+    const typename Group::Matrix body =
+        after.inverse().adjoint() * Group::rightJacobian(twists.col(k));
+    const auto& map = arm.equilibrium(k).map;
+    out.middleCols(arm.firstActuator(k), map.cols()) = body * map;
+    after = Group::exp(twists.col(k)) * after;
+  }
+  return out;
+}
+
+Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
+    const Eigen::Matrix<double, 3, Eigen::Dynamic>& motions) {
+  Eigen::Matrix<double, 6, Eigen::Dynamic> out(6, motions.cols());
+  for (int i = 0; i < motions.cols(); ++i) {
+    out.col(i) = lie::embed(lie::SE2::Tangent(motions.col(i)));
+  }
+  return out;
+}
+
+}  // namespace
+
+TierSolver::TierSolver(const Arm& arm, const std::optional<PlanarArm>& planar,
+                       const std::optional<Load>& load, const TierSetting& setting)
+    : arm_(arm), plane_(nullptr) {
+  const bool in_plane = planar && (!load || inPlane(*load));
+  if (setting.tier == Tier::kPlanar) plane_ = &*planar;
+  if (setting.tier == Tier::kExact) exact_.emplace(arm, *load);
+  if (setting.tier != Tier::kLoaded) return;
+  if (in_plane) {
+    plane_ = &*planar;
+    planar_loaded_.emplace(*planar, *load, setting.order);
+  } else {
+    loaded_.emplace(arm, *load, setting.order);
+  }
+}
+
+template <class Unloaded>
+Solution TierSolver::solveFrom(const Unloaded& unloaded) const {
+  if (planar_loaded_) return planar_loaded_->solve(unloaded(*plane_));
+  if (loaded_) return loaded_->solve(unloaded(arm_));
+  if (exact_) return exact_->solve(unloaded(arm_));
+  Solution solution;
+  solution.shape = plane_ != nullptr ? embed(unloaded(*plane_)) : unloaded(arm_);
+  solution.tip = tipPose(solution.shape);
+  return solution;
+}
+
+template <class Unloaded>
+Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
+  if (loaded_) return loaded_->tip(unloaded(arm_));
+  if (planar_loaded_) {
+    const TipOf<lie::SE2> found = planar_loaded_->tip(unloaded(*plane_));
+    return {lie::embed(found.tip), found.status, found.residual, found.iterations};
+  }
+  if (exact_) {
+    const Solution found = exact_->solve(unloaded(arm_));
+    return {found.tip, found.status, found.residual, found.iterations};
+  }
+  Tip found;
+  found.tip = plane_ != nullptr ? lie::embed(tipPose(unloaded(*plane_))) : tipPose(unloaded(arm_));
+  return found;
+}
+
+Solution TierSolver::solve(const Eigen::VectorXd& lengths) const {
+  return solveFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+}
+Solution TierSolver::solveInputs(const InputRef& q) const {
+  return solveFrom([&](const auto& arm) { return arm.twists(q); });
+}
+Tip TierSolver::tip(const Eigen::VectorXd& lengths) const {
+  return tipFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+}
+Tip TierSolver::tipOfInputs(const InputRef& q) const {
+  return tipFrom([&](const auto& arm) { return arm.twists(q); });
+}
+
+TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
+  const Tip here = tip(lengths);
+  TipResponse out{here.tip, here.status, {}};
+  if (loaded_) {
+    out.by_lengths = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
+  } else if (planar_loaded_) {
+    out.by_lengths =
+        inSpace(planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_)));
+  } else if (exact_) {
+    out.by_lengths.resize(6, lengths.size());
+    for (int i = 0; i < lengths.size(); ++i) {
+      const Eigen::VectorXd step = kLengthStep * Eigen::VectorXd::Unit(lengths.size(), i);
+      out.by_lengths.col(i) =
+          (tip(lengths - step).tip.inverse() * tip(lengths + step).tip).log() / (2.0 * kLengthStep);
+    }
+  } else if (plane_ != nullptr) {
+    out.by_lengths = inSpace(linearResponse(*plane_, plane_->twistsOfLengths(lengths)));
+  } else {
+    out.by_lengths = linearResponse(arm_, arm_.twistsOfLengths(lengths));
+  }
+  return out;
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,163 @@
+#include "helix_arm/model/workspace.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "helix_arm/model/batch.hpp"
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr double kKilopascal = 1e3;   // [Pa]
+constexpr double kMillimetre = 1e-3;  // [m]
+constexpr double kOnePercentMore = 1.01;
+
+// SplitMix64 (Steele, Lea, Flood 2014): the number at a place of its sequence needs none before it.
+constexpr std::uint64_t kGoldenGamma = 0x9e3779b97f4a7c15;
+std::uint64_t mixed(std::uint64_t z) {
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
+  return z ^ (z >> 31);
+}
+
+template <class Group>
+ArmOf<Group> scaled(const ArmOf<Group>& arm, const Stiffness& factor) {
+  std::vector<SectionOf<Group>> sections(arm.sectionCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      ActuatorOf<Group> actuator = arm.actuator(i);
+      actuator.stiffness.gamma *= factor.gamma;
+      actuator.stiffness.tau *= factor.tau;
+      actuator.stiffness.kappa *= factor.kappa;
+      sections[k].actuators.push_back(std::move(actuator));
+    }
+  }
+  return ArmOf<Group>(std::move(sections));
+}
+
+// The model by the same tier with each entry of K in turn 1 % more.
+std::vector<ArmModel> stifferModels(const ArmModel& model) {
+  const TierSetting& setting = model.choice().setting;
+  TierRequest same;
+  same.tier = setting.tier;
+  if (setting.tier == Tier::kLoaded) same.order = setting.order;
+  std::vector<ArmModel> out;
+  const Stiffness factors[] = {
+      {kOnePercentMore, 1.0, 1.0}, {1.0, kOnePercentMore, 1.0}, {1.0, 1.0, kOnePercentMore}};
+  for (const Stiffness& factor : factors) {
+    std::optional<PlanarArm> planar;
+    if (model.planar()) planar = scaled(*model.planar(), factor);
+    out.emplace_back(scaled(model.arm(), factor), std::move(planar), model.load(), same);
+  }
+  if (model.load()) {
+    Load load = *model.load();
+    for (double& K_eps : load.K_eps) K_eps *= kOnePercentMore;
+    out.emplace_back(model.arm(), model.planar(), std::move(load), same);
+  }
+  return out;
+}
+
+}  // namespace
+
+Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
+    : model_(model), options_(options) {
+  const Tier tier = model_.choice().setting.tier;
+  batch_ = tier == Tier::kPlanar || tier == Tier::kLinear;
+  if (!options_.sensitivity) return;
+  for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
+    const Actuator& actuator = model_.arm().actuator(i);
+    require(actuator.drive == Drive::kPressure, "sensitivity: it is per kPa, and ", actuator.name,
+            " is a tendon; leave it out");
+  }
+  stiffer_ = stifferModels(model_);
+}
+
+Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
+  const int n = model_.arm().actuatorCount();
+  const std::uint64_t start = mixed(options_.seed + kGoldenGamma);
+  Eigen::MatrixXd inputs(count, n);
+  for (int i = 0; i < n; ++i) {
+    const Range& limits = model_.arm().actuator(i).limits;
+    for (int row = 0; row < count; ++row) {
+      const std::uint64_t place = (first + row) * n + i + 1;
+      const double fraction =
+          static_cast<double>(mixed(start + place * kGoldenGamma) >> 11) * 0x1p-53;
+      // Rounding may step over the limit.
+      inputs(row, i) =
+          std::min(limits.lower + fraction * (limits.upper - limits.lower), limits.upper);
+    }
+  }
+  return inputs;
+}
+
+Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
+                                            const Eigen::Vector3d& tip) const {
+  const Arm& arm = model_.arm();
+  // Turning them to the base's frame would not change their lengths.
+  const auto moves = model_.tipResponse(arm.lengths(q)).by_lengths.topRows<3>().eval();
+  double pressure = 0.0, stiffness = 0.0;
+  for (int i = 0; i < q.size(); ++i) {
+    pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();
+  }
+  for (const ArmModel& model : stiffer_) {
+    const Tip found = model.tip(q);
+    if (!found.converged()) stiffness = std::numeric_limits<double>::infinity();
+    stiffness += (found.tip.translation - tip).squaredNorm();
+  }
+  return {kKilopascal * std::sqrt(pressure), kMillimetre * moves.norm(), std::sqrt(stiffness)};
+}
+
+void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const {
+  // In whole blocks from the first point of all, so that a tip never shares one with others.
+  constexpr int kBlock = kBatchBlock;
+  const auto before = static_cast<int>(first % kBlock);
+  const int whole = (before + count + kBlock - 1) / kBlock * kBlock;
+  const Eigen::MatrixXd inputs = drawInputs(first - before, whole);
+  Eigen::MatrixX3d tips(whole, 3);
+  std::vector<const double*> columns;
+  for (int i = 0; i < inputs.cols(); ++i) columns.push_back(inputs.col(i).data());
+  batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(whole), tips.col(0).data(),
+            tips.col(1).data(), tips.col(2).data());
+  out.inputs = inputs.middleRows(before, count);
+  out.tips = tips.middleRows(before, count);
+}
+
+WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
+  WorkspacePoints out;
+  if (batch_) {
+    sampleBatch(first, count, out);
+    if (!options_.sensitivity) return out;
+  } else {
+    out.inputs = drawInputs(first, count);
+    out.tips.resize(count, 3);
+  }
+  if (options_.sensitivity) out.sensitivity.resize(count, kSensitivities);
+  int kept = 0;
+  for (int row = 0; row < count; ++row) {
+    const Eigen::VectorXd q = out.inputs.row(row);
+    Eigen::Vector3d tip = out.tips.row(row);
+    if (!batch_) {
+      const Tip found = model_.tip(q);
+      if (!found.converged()) continue;
+      tip = found.tip.translation;
+    }
+    if (options_.sensitivity) {
+      const Eigen::RowVector3d sensitivity = sensitivityAt(q, tip);
+      if (!sensitivity.allFinite()) continue;
+      out.sensitivity.row(kept) = sensitivity;
+    }
+    out.inputs.row(kept) = q;
+    out.tips.row(kept) = tip;
+    ++kept;
+  }
+  out.unbalanced = count - kept;
+  out.inputs.conservativeResize(kept, Eigen::NoChange);
+  out.tips.conservativeResize(kept, Eigen::NoChange);
+  if (options_.sensitivity) out.sensitivity.conservativeResize(kept, Eigen::NoChange);
+  return out;
+}
+
+}  // namespace helix_arm::model

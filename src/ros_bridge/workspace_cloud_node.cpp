@@ -1,0 +1,114 @@
+#include "helix_arm/ros_bridge/workspace_cloud_node.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include <ros/console.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr int kMostPoints = 2000000;
+constexpr int kPiece = 256;       // points between two looks at what else there is to do
+constexpr double kPeriod = 1e-3;  // of the pieces [s]
+
+bool allPressures(const model::Arm& arm) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).drive != model::Drive::kPressure) return false;
+  }
+  return true;
+}
+
+model::Workspace workspaceOf(const io::Scene& scene, const WorkspaceCloudOptions& options,
+                             bool sensitivity) {
+  return model::Workspace(scene.model, {static_cast<std::uint64_t>(options.seed), sensitivity});
+}
+
+}  // namespace
+
+WorkspaceCloudOptions WorkspaceCloudOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  WorkspaceCloudOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.count = reader.count("count", out.count, 1, kMostPoints);
+  out.seed = reader.count("seed", out.seed, 0, std::numeric_limits<int>::max());
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  reader.finish();
+  return out;
+}
+
+WorkspaceCloudNode::WorkspaceCloudNode()
+    : options_(WorkspaceCloudOptions::load()),
+      scene_(io::loadScene(options_.scene)),
+      sensitivity_(allPressures(scene_.arm)),
+      workspace_(workspaceOf(scene_, options_, sensitivity_)),
+      reload_(ros::NodeHandle("~"), options_.scene,
+              [this](io::Scene next) { adopt(std::move(next)); }) {
+  publisher_ = node_.advertise<sensor_msgs::PointCloud2>(names::kWorkspace, 1, true);
+  timer_ = node_.createSteadyTimer(ros::WallDuration(kPeriod), &WorkspaceCloudNode::onTick, this);
+}
+
+void WorkspaceCloudNode::adopt(io::Scene next) {
+  requireSameRig(scene_, next);
+  workspace_ = workspaceOf(next, options_, sensitivity_);
+  scene_ = std::move(next);
+  values_.clear();
+  sampled_ = unbalanced_ = 0;
+  timer_.start();
+}
+
+void WorkspaceCloudNode::onTick(const ros::SteadyTimerEvent&) {
+  const model::WorkspacePoints points = workspace_.sample(
+      static_cast<std::uint64_t>(sampled_), std::min(kPiece, options_.count - sampled_));
+  for (int row = 0; row < points.count(); ++row) {
+    for (int k = 0; k < 3; ++k) values_.push_back(static_cast<float>(points.tips(row, k)));
+    for (int k = 0; k < points.sensitivity.cols() && sensitivity_; ++k) {
+      values_.push_back(static_cast<float>(points.sensitivity(row, k)));
+    }
+  }
+  sampled_ += points.count() + points.unbalanced;
+  unbalanced_ += points.unbalanced;
+  if (sampled_ < options_.count) return;
+  timer_.stop();
+  publish();
+}
+
+void WorkspaceCloudNode::publish() {
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header.stamp = ros::Time::now();
+  cloud.header.frame_id = options_.frame_prefix + names::kBaseFrame;
+  std::vector<std::string> fields{"x", "y", "z"};
+  if (sensitivity_) {
+    fields.insert(fields.end(), std::begin(model::kSensitivityNames),
+                  std::end(model::kSensitivityNames));
+  }
+  for (const std::string& name : fields) {
+    sensor_msgs::PointField field;
+    field.name = name;
+    field.offset = cloud.point_step;
+    field.datatype = sensor_msgs::PointField::FLOAT32;
+    field.count = 1;
+    cloud.fields.push_back(field);
+    cloud.point_step += sizeof(float);
+  }
+  cloud.height = 1;
+  cloud.width = static_cast<std::uint32_t>(values_.size() / fields.size());
+  cloud.row_step = cloud.width * cloud.point_step;
+  cloud.is_bigendian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
+  cloud.is_dense = true;
+  cloud.data.resize(values_.size() * sizeof(float));
+  std::memcpy(cloud.data.data(), values_.data(), cloud.data.size());
+  publisher_.publish(cloud);
+  ROS_INFO(
+      "workspace: %u points by tier %s; %d of %d inputs were left out, as no shape balances "
+      "the load",
+      cloud.width, workspace_.model().choice().setting.name().c_str(), unbalanced_, options_.count);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,182 @@
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/curve.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+const char* const kHorizontal = "arm.base.rpy_deg=[0, 0, 0]";
+
+Outcome forward(const std::string& scene, std::vector<std::string> more,
+                const std::string& pressure_kpa = "200,0,50") {
+  more.insert(more.begin(),
+              {"forward", scenePath(scene), "--pressure-kpa", pressure_kpa, "--format", "json"});
+  return runCommand(more);
+}
+
+Eigen::Vector3d positionOf(const nlohmann::json& pose) {
+  const std::vector<double> p = numbersOf(pose["position_m"]);
+  return {p[0], p[1], p[2]};
+}
+
+struct Asked {
+  std::vector<std::string> options;
+  std::optional<model::Tier> tier;
+  std::optional<int> order;
+};
+
+TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
+  const io::Scene scene = io::loadScene(scenePath("loaded"));
+  const Eigen::Vector3d q(200e3, 0, 50e3);
+  const Asked cases[] = {{{}, {}, {}},
+                         {{"--tier", "auto"}, {}, {}},
+                         {{"--tier", "linear"}, model::Tier::kLinear, {}},
+                         {{"--tier", "loaded", "--order", "2"}, model::Tier::kLoaded, 2},
+                         {{"--tier", "loaded", "--order", "8"}, model::Tier::kLoaded, 8},
+                         {{"--tier", "exact"}, model::Tier::kExact, {}}};
+  for (const Asked& asked : cases) {
+    const Outcome outcome = forward("loaded", asked.options);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const nlohmann::json result = outcome.json();
+    const model::ArmModel model =
+        scene.model.withTier({asked.tier, asked.order, std::nullopt, std::nullopt});
+    const model::Solution expected = model.solve(q);
+    SCOPED_TRACE(model.choice().setting.name());
+    EXPECT_EQ(result["tier"], model::nameOf(model.choice().setting.tier));
+    if (model.choice().setting.order > 0) {
+      EXPECT_EQ(result["order"], model.choice().setting.order);
+    } else {
+      EXPECT_TRUE(result["order"].is_null());
+    }
+    EXPECT_EQ(result["reason"], model.choice().reason);
+    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().tip_error, 1e-12);
+    EXPECT_EQ(result["status"], "converged");
+    EXPECT_EQ(result["iterations"], expected.iterations);
+    EXPECT_LT((positionOf(result["tip"]) - expected.tip.translation).norm(), 1e-14);
+    const model::Twists twists = expected.shape.twists();
+    for (int i = 0; i < 6; ++i) {
+      EXPECT_NEAR(result["twist"][0][i].get<double>(), twists(i, 0), 1e-14);
+    }
+    const int pieces = expected.shape.piecesPerSection();
+    if (model.choice().setting.tier == model::Tier::kLinear) {
+      EXPECT_FALSE(result.contains("pieces"));
+      continue;
+    }
+    EXPECT_EQ(result["pieces"], pieces);
+    ASSERT_EQ(result["piece_twist"].size(), static_cast<std::size_t>(pieces));
+    for (int piece = 0; piece < pieces; ++piece) {
+      for (int i = 0; i < 6; ++i) {
+        EXPECT_NEAR(result["piece_twist"][piece][i].get<double>(),
+                    expected.shape.pieces()(i, piece), 1e-14);
+      }
+    }
+  }
+}
+
+TEST(ForwardLoaded, AHangingArmIsLongerByItsWeight) {
+  // The strain of three muscles by half the arm's weight and all of the tip's, along a helix that
+  // hardly leaves its axis: within a tenth.
+  const double expected = 0.427 * (0.2 / 2 + 0.05) * 9.81 / (3 * 900);
+  const double longer = positionOf(forward("loaded", {}, "0,0,0").json()["tip"]).x() -
+                        positionOf(forward("demo", {}, "0,0,0").json()["tip"]).x();
+  EXPECT_NEAR(longer, expected, 0.1 * expected);
+  const double heavier =
+      positionOf(forward("loaded", {"--set", "load.mass_kg=0.4"}, "0,0,0").json()["tip"]).x() -
+      positionOf(forward("demo", {}, "0,0,0").json()["tip"]).x();
+  EXPECT_GT(heavier, 1.2 * longer);
+}
+
+TEST(ForwardLoaded, AHorizontalArmSags) {
+  const Eigen::Vector3d sagging =
+      positionOf(forward("loaded", {"--set", kHorizontal}, "0,0,0").json()["tip"]);
+  const Eigen::Vector3d straight = positionOf(forward("demo", {}, "0,0,0").json()["tip"]);
+  EXPECT_LT(sagging.z(), straight.z() - 0.005);
+  const Eigen::Vector3d upside = positionOf(
+      forward("loaded", {"--set", "arm.base.rpy_deg=[180, 0, 0]"}, "0,0,0").json()["tip"]);
+  EXPECT_GT(upside.z(), straight.z() + 0.005) << "seen from a base that is upside down";
+}
+
+TEST(ForwardLoaded, TheCurveEndsAtTheTipOfItsTier) {
+  const nlohmann::json result =
+      forward("loaded", {"--tier", "exact", "--samples", "9", "--set", kHorizontal}).json();
+  ASSERT_EQ(result["curve"].size(), 9u);
+  EXPECT_LT(positionOf(result["curve"][0]).norm(), 1e-15);
+  EXPECT_LT((positionOf(result["curve"][8]) - positionOf(result["tip"])).norm(), 1e-9);
+  // No single helix goes through them: half way the mean twist is off.
+  lie::Vector6 mean;
+  for (int i = 0; i < 6; ++i) mean[i] = result["twist"][0][i].get<double>();
+  const lie::SE3 half = lie::SE3::exp(0.5 * mean);
+  EXPECT_GT((positionOf(result["curve"][4]) - half.translation).norm(), 1e-3);
+}
+
+TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
+  const std::vector<std::string> horizontal{"--set", kHorizontal};
+  const auto chosen = [&](std::vector<std::string> options) {
+    options.insert(options.end(), horizontal.begin(), horizontal.end());
+    const Outcome outcome = forward("loaded", options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.json();
+  };
+  const nlohmann::json rough = chosen({"--accuracy", "5"}), fine = chosen({"--accuracy", "1e-4"});
+  EXPECT_LE(rough["tip_error_percent"].get<double>(), 5);
+  EXPECT_LE(fine["tip_error_percent"].get<double>(), 1e-4);
+  EXPECT_GT(rough["tip_error_percent"].get<double>(), 1e-4);
+  // A second is enough for any tier.
+  const nlohmann::json slow = chosen({"--budget", "1e6"});
+  EXPECT_LE(slow["tip_error_percent"].get<double>(), fine["tip_error_percent"].get<double>());
+  // What the command asks for takes the place of all that the scene does.
+  EXPECT_EQ(chosen({"--set", "tier=exact", "--accuracy", "5"})["tier"], rough["tier"]);
+  EXPECT_EQ(chosen({"--set", "tier=exact"})["tier"], "exact");
+  EXPECT_EQ(chosen({"--set", "accuracy.tip_error_percent=5", "--tier", "exact"})["tier"], "exact");
+}
+
+TEST(ForwardLoaded, WhatDoesNotConvergeIsSaidAndExitsWithOne) {
+  const std::vector<std::string> heavy{
+      "--tier", "loaded",          "--order", "2",
+      "--set",  "load.mass_kg=20", "--set",   "arm.base.rpy_deg=[0, -90, 0]"};
+  const Outcome outcome = forward("loaded", heavy, "413,0,0");
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.err, "");
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["status"], "not_converged");
+  EXPECT_NE(result["failure"].get<std::string>().find("less load"), std::string::npos);
+  EXPECT_GT(result["residual"].get<double>(), 1e-6);
+  EXPECT_TRUE(result["tip_error_percent"].is_null());
+  std::vector<std::string> csv = heavy;
+  csv.insert(csv.begin(),
+             {"forward", scenePath("loaded"), "--pressure-kpa", "413,0,0", "--format", "csv"});
+  const auto rows = csvRows(runCommand(csv).out);
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[1][2], "not_converged");
+}
+
+TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
+  expectCallerError(forward("loaded", {"--tier", "planar"}),
+                    "--tier planar needs a scene with arm.geometry: planar");
+  expectCallerError(forward("loaded", {"--order", "3"}), "--order goes with --tier loaded");
+  expectCallerError(forward("loaded", {"--tier", "exact", "--order", "3"}),
+                    "--order goes with --tier loaded");
+  expectCallerError(forward("loaded", {"--tier", "loaded", "--order", "9"}), "--order");
+  expectCallerError(forward("loaded", {"--accuracy", "1", "--budget", "10"}),
+                    "give either --accuracy or --budget");
+  expectCallerError(forward("loaded", {"--accuracy", "1", "--tier", "linear"}),
+                    "--accuracy has nothing to choose");
+  expectCallerError(forward("loaded", {"--budget", "9", "--tier", "loaded", "--order", "3"}),
+                    "--budget has nothing to choose");
+  expectCallerError(forward("loaded", {"--accuracy", "0"}), "--accuracy");
+  expectCallerError(forward("loaded", {"--accuracy", "1e-9"}),
+                    "--accuracy cannot be had with scene loaded: accuracy.tip_error_percent: no "
+                    "tier errs by less");
+  expectCallerError(forward("loaded", {"--budget", "1e-3"}),
+                    "--budget cannot be had with scene loaded: budget.time_us: the cheapest");
+  expectCallerError(forward("demo", {"--set", "load.mass_kg=0.2"}),
+                    "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N]");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,157 @@
+// helix_arm trade: what speed costs in accuracy.
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+json rowsOf(const std::string& scene, std::vector<std::string> more = {}) {
+  std::vector<std::string> arguments = {"trade", scenePath(scene), "--no-files", "--pictures",
+                                        "0",     "--format",       "json"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  const Outcome outcome = runCommand(arguments);
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  return outcome.json()["rows"];
+}
+
+// (tier, setting) of the rows of a part.
+std::set<std::pair<std::string, std::string>> settingsOf(const json& rows,
+                                                         const std::string& part) {
+  std::set<std::pair<std::string, std::string>> out;
+  for (const json& row : rows) {
+    if (row["part"] == part)
+      out.emplace(row["tier"].get<std::string>(), row["setting"].get<std::string>());
+  }
+  return out;
+}
+
+const json& rowOf(const json& rows, const std::string& tier, const std::string& setting) {
+  return *std::find_if(rows.begin(), rows.end(), [&](const json& row) {
+    return row["tier"] == tier && row["setting"] == setting;
+  });
+}
+
+TEST(Trade, MeasuresEveryTierThatTheSceneCanHave) {
+  const auto spatial = settingsOf(rowsOf("loaded"), "model");
+  EXPECT_EQ(spatial.size(), 9u);  // linear, orders 2 to 8, exact
+  EXPECT_EQ(spatial.count({"planar", ""}), 0u);
+  EXPECT_EQ(spatial.count({"exact", ""}), 1u);
+  const auto planar = settingsOf(rowsOf("planar_76"), "model");
+  EXPECT_EQ(planar.size(), 10u);
+  EXPECT_EQ(planar.count({"planar", ""}), 1u);
+}
+
+TEST(Trade, ErrorsFallWithTheOrderUnderLoad) {
+  const json rows = rowsOf("loaded");
+  double last = rowOf(rows, "linear", "")["tip_error_percent"];
+  EXPECT_GT(last, 0.1);
+  for (int order = 2; order <= 6; ++order) {
+    const double error =
+        rowOf(rows, "loaded", "order " + std::to_string(order))["tip_error_percent"];
+    EXPECT_LT(error, 0.3 * last) << order;
+    last = error;
+  }
+}
+
+TEST(Trade, WithoutLoadTheClosedFormIsExact) {
+  for (const json& row : rowsOf("helical_50")) {
+    if (row["part"] != "model") continue;
+    EXPECT_LT(row["tip_error_percent"].get<double>(), 1e-10) << row;
+  }
+}
+
+TEST(Trade, NothingBeatsARowOfTheFrontier) {
+  const json rows = rowsOf("loaded");
+  std::map<std::string, int> on_frontier;
+  for (const json& row : rows) {
+    ASSERT_GT(row["time_ns"].get<double>(), 0);
+    bool beaten = false;
+    for (const json& other : rows) {
+      if (other["part"] != row["part"]) continue;
+      beaten = beaten || (other["time_ns"] < row["time_ns"] &&
+                          other["tip_error_percent"] < row["tip_error_percent"]);
+    }
+    if (row["on_frontier"]) {
+      EXPECT_FALSE(beaten) << row;
+      ++on_frontier[row["part"]];
+    } else {
+      // Something is as good and as fast.
+      EXPECT_TRUE(std::any_of(rows.begin(), rows.end(), [&](const json& other) {
+        return other["part"] == row["part"] && other["time_ns"] <= row["time_ns"];
+      }));
+    }
+  }
+  for (const char* const part : {"model", "curve", "markers"}) EXPECT_GE(on_frontier[part], 1);
+}
+
+TEST(Trade, MorePointsDrawTheCurveBetter) {
+  const json rows = rowsOf("helical_50");
+  double last = 1e9;
+  for (const int points : {4, 8, 16, 24, 48, 96}) {
+    const double error =
+        rowOf(rows, "muscles", std::to_string(points) + " points a section")["tip_error_percent"];
+    EXPECT_LT(error, last);
+    last = error;
+  }
+  // A chord leaves a curve by the square of its length.
+  const double coarse = rowOf(rows, "base curve", "8 points a section")["tip_error_percent"];
+  const double fine = rowOf(rows, "base curve", "16 points a section")["tip_error_percent"];
+  EXPECT_NEAR(coarse / fine, 4.0, 0.4);
+}
+
+TEST(Trade, MeasuresSightOnRenderedPictures) {
+  const Outcome outcome = runCommand(
+      {"trade", scenePath("loaded"), "--no-files", "--pictures", "6", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json rows = outcome.json()["rows"];
+  EXPECT_EQ(settingsOf(rows, "sight").size(), 15u);
+  EXPECT_GE(settingsOf(rows, "fit").size(), 5u);
+  const double error = rowOf(rows, "whole picture", "quad_decimate 1")["tip_error_percent"];
+  EXPECT_LT(error, 1.0);
+}
+
+TEST(Trade, SaysWhatItCouldNotMeasure) {
+  const Outcome outcome =
+      runCommand({"trade", scenePath("helical_50"), "--no-files", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0);
+  EXPECT_NE(outcome.json()["notes"].dump().find("no camera"), std::string::npos);
+  EXPECT_TRUE(settingsOf(outcome.json()["rows"], "sight").empty());
+}
+
+TEST(Trade, WritesTableReportAndPicture) {
+  const TemporaryFolder folder;
+  const fs::path out = folder / "trade of it";
+  const Outcome outcome = runCommand(
+      {"trade", scenePath("loaded"), "--pictures", "0", "--out", out.string(), "--format", "csv"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(contentOf((out / "trade.csv").string()), outcome.out);
+  const auto rows = csvRows(outcome.out);
+  EXPECT_EQ(rows.front(), (std::vector<std::string>{"part", "tier", "setting", "time_ns",
+                                                    "tip_error_percent", "on_frontier"}));
+  EXPECT_EQ(json::parse(contentOf((out / "trade.json").string()))["rows"].size() + 1, rows.size());
+  EXPECT_EQ(contentOf((out / "trade.png").string()).substr(1, 3), "PNG");
+}
+
+TEST(Trade, NamesWhatItCannotWrite) {
+  const TemporaryFolder folder;
+  const std::string file = folder / "taken";
+  std::ofstream(file) << "not a folder";
+  const Outcome outcome =
+      runCommand({"trade", scenePath("helical_50"), "--pictures", "0", "--out", file});
+  expectCallerError(outcome, "--out " + file);
+}
+
+}  // namespace
+}  // namespace helix_arm::test

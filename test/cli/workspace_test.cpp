@@ -1,0 +1,298 @@
+#include <Eigen/Core>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "rod_scene.hpp"
+#include "support/process.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+Outcome workspace(const std::string& scene, std::vector<std::string> more) {
+  more.insert(more.begin(), {"workspace", scene, "--format", "json"});
+  return runCommand(more);
+}
+
+std::set<std::string> namesIn(const std::string& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
+  return names;
+}
+
+struct Ply {
+  std::size_t vertices = 0;
+  std::vector<std::string> properties;  // all of them float
+  std::vector<float> values;            // vertex by vertex
+};
+
+// As far as the format goes that is written: binary_little_endian, one element, floats.
+Ply readPly(const std::string& path) {
+  const std::string bytes = contentOf(path);
+  const std::string end = "\nend_header\n";
+  const std::size_t header = bytes.find(end);
+  if (header == std::string::npos) throw std::runtime_error("no header");
+  Ply ply;
+  std::istringstream lines(bytes.substr(0, header));
+  std::string line;
+  std::getline(lines, line);
+  EXPECT_EQ(line, "ply");
+  std::getline(lines, line);
+  EXPECT_EQ(line, "format binary_little_endian 1.0");
+  while (std::getline(lines, line)) {
+    std::istringstream words(line);
+    std::string keyword, type, name;
+    words >> keyword >> type >> name;
+    if (keyword == "comment") continue;
+    if (keyword == "element") {
+      EXPECT_EQ(type, "vertex");
+      ply.vertices = std::stoul(name);
+    } else {
+      EXPECT_EQ(keyword, "property");
+      EXPECT_EQ(type, "float");
+      ply.properties.push_back(name);
+    }
+  }
+  const std::size_t begin = header + end.size();
+  EXPECT_EQ(bytes.size() - begin, ply.vertices * ply.properties.size() * sizeof(float));
+  ply.values.resize((bytes.size() - begin) / sizeof(float));
+  std::memcpy(ply.values.data(), bytes.data() + begin, ply.values.size() * sizeof(float));
+  return ply;
+}
+
+const std::vector<std::string> kSensitiveProperties{"x",         "y",        "z",
+                                                    "per_kpa_m", "per_mm_m", "per_percent_K_m"};
+
+TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
+  const TemporaryFolder folder;
+  for (const std::string name : {"planar_76", "spatial_50", "loaded"}) {
+    SCOPED_TRACE(name);
+    const std::string path = folder / (name + ".csv");
+    const Outcome outcome = workspace(scenePath(name), {"--out", path, "--count", "500"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(contentOf(path).front(), '#');
+    const auto rows = csvRows(contentOf(path));
+    ASSERT_EQ(rows.size(), 501u);
+    const io::Scene scene = io::loadScene(scenePath(name));
+    const int n = scene.arm.actuatorCount();
+    ASSERT_EQ(rows[0].size(), n + 3u);
+    for (int i = 0; i < n; ++i) {
+      EXPECT_EQ(rows[0][i], "pressure_" + std::to_string(i + 1) + "_kpa");
+    }
+    EXPECT_EQ(rows[0][n] + rows[0][n + 1] + rows[0][n + 2], "x_my_mz_m");
+    double reach = 0;
+    Eigen::Vector3d least = Eigen::Vector3d::Constant(9), most = -least;
+    for (std::size_t row = 1; row < rows.size(); ++row) {
+      Eigen::VectorXd q(n);
+      for (int i = 0; i < n; ++i) q[i] = io::pascals(std::stod(rows[row][i]));
+      const Eigen::Vector3d tip(std::stod(rows[row][n]), std::stod(rows[row][n + 1]),
+                                std::stod(rows[row][n + 2]));
+      EXPECT_LT((scene.model.tip(scene.arm.clamped(q)).tip.translation - tip).norm(), 1e-11);
+      reach = std::max(reach, tip.norm());
+      least = least.cwiseMin(tip);
+      most = most.cwiseMax(tip);
+    }
+    const nlohmann::json result = outcome.json();
+    EXPECT_EQ(result["count"], 500);
+    EXPECT_EQ(result["unbalanced"], 0);
+    EXPECT_EQ(result["tier"], model::nameOf(scene.model.choice().setting.tier));
+    EXPECT_EQ(result["out"], path);
+    EXPECT_TRUE(result["failure"].is_null());
+    EXPECT_TRUE(result["sensitivity"].is_null());
+    EXPECT_NEAR(result["reach_m"].get<double>(), reach, 1e-11);
+    EXPECT_GT(result["seconds"].get<double>(), 0);
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_NEAR(result["bounds_m"]["min"][i].get<double>(), least[i], 1e-11);
+      EXPECT_NEAR(result["bounds_m"]["max"][i].get<double>(), most[i], 1e-11);
+    }
+  }
+}
+
+TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
+  const TemporaryFolder folder;
+  for (const bool sensitive : {false, true}) {
+    std::vector<std::string> options{"--count", "20000", "--out", folder / "cloud.ply"};
+    if (sensitive) options.emplace_back("--sensitivity");
+    ASSERT_EQ(workspace(scenePath("helical_50"), options).exit_code, 0);
+    options[3] = folder / "cloud.csv";
+    const Outcome outcome = workspace(scenePath("helical_50"), options);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    const Ply ply = readPly(folder / "cloud.ply");
+    const std::size_t columns = sensitive ? 6 : 3;
+    EXPECT_EQ(ply.properties, std::vector<std::string>(kSensitiveProperties.begin(),
+                                                       kSensitiveProperties.begin() + columns));
+    ASSERT_EQ(ply.vertices, 20000u);
+    const auto rows = csvRows(contentOf(folder / "cloud.csv"));
+    ASSERT_EQ(rows.size(), 20001u);
+    ASSERT_EQ(rows[0].size(), 3 + columns);
+    std::vector<double> worst(columns, -1);
+    for (std::size_t i = 0; i < ply.values.size(); ++i) {
+      const double value = std::stod(rows[1 + i / columns][3 + i % columns]);
+      ASSERT_NEAR(ply.values[i], value, 1e-6 * std::abs(value) + 1e-9) << i;
+      worst[i % columns] = std::max(worst[i % columns], value);
+    }
+    if (!sensitive) continue;
+    const nlohmann::json sensitivity = outcome.json()["sensitivity"];
+    for (std::size_t k = 3; k < columns; ++k) {
+      const nlohmann::json& told = sensitivity[kSensitiveProperties[k]];
+      EXPECT_NEAR(told["max"].get<double>(), worst[k], 1e-5 * worst[k]);
+      int below = 0;
+      for (std::size_t i = k; i < ply.values.size(); i += columns) {
+        if (ply.values[i] < told["median"].get<double>()) ++below;
+      }
+      EXPECT_NEAR(below, 10000, 2) << k;
+    }
+  }
+}
+
+TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
+  const TemporaryFolder folder;
+  const auto content = [&folder](const std::string& scene, std::vector<std::string> options) {
+    options.insert(options.end(), {"--out", folder / "cloud.ply"});
+    const Outcome outcome = workspace(scenePath(scene), options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return contentOf(folder / "cloud.ply");
+  };
+  const std::string fast = content("helical_50", {"--count", "100000", "--threads", "1"});
+  EXPECT_TRUE(fast == content("helical_50", {"--count", "100000", "--threads", "5"}));
+  EXPECT_TRUE(fast == content("helical_50", {"--count", "100000"}));
+  EXPECT_FALSE(fast == content("helical_50", {"--count", "100000", "--seed", "2"}));
+  const std::vector<std::string> slow{"--count", "3000", "--sensitivity", "--threads"};
+  auto one = slow, four = slow;
+  one.emplace_back("1");
+  four.emplace_back("4");
+  EXPECT_TRUE(content("loaded", one) == content("loaded", four));
+}
+
+TEST(Workspace, ResultsGoToStdoutAndProgressToStderr) {
+  const TemporaryFolder folder;
+  const std::vector<std::string> command{"workspace", scenePath("spatial_50"), "--count", "400000"};
+  for (const char* format : {"json", "csv", "text"}) {
+    auto arguments = command;
+    arguments.insert(arguments.end(), {"--format", format});
+    const Outcome outcome = runCommand(arguments);
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_EQ(outcome.out.find(" left"), std::string::npos) << outcome.out;
+    std::istringstream lines(outcome.err);
+    int told = 0;
+    for (std::string line; std::getline(lines, line); ++told) {
+      EXPECT_NE(line.find(" %, "), std::string::npos) << line;
+      EXPECT_NE(line.find(" points/s, "), std::string::npos) << line;
+    }
+    EXPECT_EQ(told, 10) << outcome.err;
+    EXPECT_NE(outcome.err.find("100 %"), std::string::npos);
+  }
+  EXPECT_NE(runCommand(command).out.find("reach 0.4"), std::string::npos);
+}
+
+TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "cloud.ply";
+  std::vector<std::string> options{"--out",   path,
+                                   "--count", "400",
+                                   "--tier",  "loaded",
+                                   "--order", "2",
+                                   "--set",   "arm.base.rpy_deg=[0, -90, 0]",
+                                   "--set",   "load.mass_kg=20"};
+  const Outcome some = workspace(scenePath("loaded"), options);
+  ASSERT_EQ(some.exit_code, 0) << some.err;
+  const int unbalanced = some.json()["unbalanced"];
+  EXPECT_GT(unbalanced, 10);
+  EXPECT_LT(unbalanced, 390);
+  EXPECT_EQ(some.json()["count"], 400);
+  EXPECT_EQ(readPly(path).vertices, 400u - static_cast<unsigned>(unbalanced));
+
+  fs::remove(path);
+  options.back() = "load.mass_kg=40";
+  const Outcome none = workspace(scenePath("loaded"), options);
+  EXPECT_EQ(none.exit_code, 1);
+  const nlohmann::json result = none.json();
+  EXPECT_EQ(result["unbalanced"], 400);
+  EXPECT_EQ(result["failure"], "at no sampled input a shape balances the load");
+  for (const char* key : {"bounds_m", "reach_m", "out", "sensitivity"}) {
+    EXPECT_TRUE(result[key].is_null()) << key;
+  }
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{});
+}
+
+TEST(Workspace, APictureIsDrawnOfIt) {
+  const TemporaryFolder folder;
+  for (const std::string scene : {"planar_76", "helical_50"}) {
+    const std::string path = folder / (scene + ".png");
+    const Outcome outcome =
+        workspace(scenePath(scene), {"--png", path, "--count", "5000", "--sensitivity"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.json()["png"], path);
+    const std::string bytes = contentOf(path);
+    EXPECT_EQ(bytes.substr(1, 3), "PNG");
+    EXPECT_GT(bytes.size(), 30000u);
+  }
+  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"planar_76.png", "helical_50.png"}));
+}
+
+TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
+  const TemporaryFolder folder;
+  const std::string scene = scenePath("helical_50");
+  fs::create_directory(folder / "folder.ply");
+  expectCallerError(workspace(scene, {"--out", folder / "cloud.txt"}),
+                    "cloud.txt ends neither in .ply nor in .csv");
+  expectCallerError(workspace(scene, {"--out", folder / "folder.ply"}),
+                    "folder.ply cannot be written: it is a folder; expected the path of a file");
+  expectCallerError(
+      workspace(scene, {"--out", folder / "none/cloud.ply"}),
+      "none/cloud.ply cannot be written: No such file or directory; choose another place");
+  expectCallerError(workspace(scene, {"--png", folder / "none/map.png"}),
+                    "none/map.png cannot be written: its folder does not exist");
+  expectCallerError(workspace(scene, {"--png", folder.path()}),
+                    "it is a folder; name a file in it");
+  expectCallerError(workspace(scene, {"--count", "0"}), "--count");
+  expectCallerError(workspace(scene, {"--count", "many"}), "--count");
+  expectCallerError(workspace(scene, {"--tier", "planar"}),
+                    "--tier planar needs a scene with arm.geometry: planar");
+  const TemporaryFile pulled(kPulledScene);
+  expectCallerError(workspace(pulled.path(), {"--sensitivity"}),
+                    "--sensitivity is per kPa, and scene pulled has tendons");
+  const Outcome without = workspace(pulled.path(), {"--count", "100", "--out", folder / "p.csv"});
+  EXPECT_EQ(without.exit_code, 0) << without.err;
+  EXPECT_EQ(csvRows(contentOf(folder / "p.csv"))[0][0], "input_1_rad");
+  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"folder.ply", "p.csv"}));
+}
+
+TEST(Workspace, InterruptedItLeavesWhatWasThere) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "cloud.csv";
+  for (const int signal : {SIGINT, SIGTERM}) {
+    std::ofstream(path) << "old";
+    Process process({HELIX_ARM_COMMAND, "workspace", scenePath("helical_50"), "--out", path,
+                     "--count", "10000000000"});
+    using Clock = std::chrono::steady_clock;
+    const auto deadline = Clock::now() + std::chrono::seconds(30);
+    while (namesIn(folder.path()).size() < 2 && Clock::now() < deadline) std::this_thread::yield();
+    ASSERT_EQ(namesIn(folder.path()).size(), 2u) << "it never began: " << process.output();
+    process.signal(signal);
+    EXPECT_EQ(process.exitCode(), 130);
+    EXPECT_NE(process.output().find("of 10000000000 inputs; nothing was written"),
+              std::string::npos)
+        << process.output();
+    EXPECT_EQ(contentOf(path), "old");
+    EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.csv"});
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::test

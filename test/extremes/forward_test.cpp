@@ -1,0 +1,319 @@
+// Whole arms at the ends of their parameters, against their definitions in 80 digits.
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <stdexcept>
+
+#include "extremes/extreme_arm.hpp"
+#include "extremes/family.hpp"
+#include "helix_arm/model/arm_model.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/inverse.hpp"
+#include "support/high_precision_arm.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+using test::Build;
+using test::BuildFamily;
+using test::Family;
+using test::kEps;
+using test::kPi;
+using test::Real;
+using test::RealMatrix;
+using test::text;
+
+const double kDenormal = std::numeric_limits<double>::denorm_min();
+
+double lengthOf(const Twists& twists) {
+  double length = 0;
+  for (int k = 0; k < twists.cols(); ++k) length += twists.col(k).head<3>().stableNorm();
+  return length;
+}
+double turnOf(const Twists& twists) {
+  double turn = 0;
+  for (int k = 0; k < twists.cols(); ++k) turn += twists.col(k).tail<3>().stableNorm();
+  return turn;
+}
+double largestTurnOf(const Twists& twists) {
+  double turn = 0;
+  for (int k = 0; k < twists.cols(); ++k) {
+    turn = std::max(turn, twists.col(k).tail<3>().stableNorm());
+  }
+  return turn;
+}
+
+// How far the muscles of an arm would turn it, pulling one by one: what cancels where it is
+// straight [rad].
+double effortOf(const Arm& arm, const Eigen::VectorXd& q) {
+  const Eigen::VectorXd lengths = arm.lengths(q);
+  double effort = 0;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    effort += turnOf(arm.twistsOfLengths(lengths[i] * Eigen::VectorXd::Unit(lengths.size(), i)));
+  }
+  return effort;
+}
+
+// Error of a pose, its place by the arm's length, in eps for each radian of `turn`.
+double poseError(const lie::SE3& X, const RealMatrix& reference, double length, double turn) {
+  const double rotation = test::worstEps(X.rotation, reference.topLeftCorner(3, 3));
+  const RealMatrix miss = X.translation.cast<Real>() - reference.topRightCorner(3, 1);
+  const double place = static_cast<double>(Real(miss.norm() / length / kEps));
+  return std::max(rotation, place) / (1 + turn);
+}
+
+constexpr double kForwardEps = 16;
+constexpr const char* kUnit = "eps a radian";
+
+// @param lever  at which the only muscle sits: it turns the arm by its length over that, but for
+// what the least norm takes away; 0 where others hold it [m].
+void expectForward(const BuildFamily& family, const RealMatrix& N, int rank, double lever = 0) {
+  Family curves(std::string("curve, ") + family.range, kForwardEps, kUnit);
+  Family tips(std::string("tip, ") + family.range, kForwardEps, kUnit);
+  test::Random random(702);
+  for (const Build& build : family.builds) {
+    const Arm arm = build.arm();
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      ASSERT_EQ(arm.equilibrium(k).rank, rank) << build.name();
+    }
+    for (int i = 0; i < 6; ++i) {
+      const Eigen::VectorXd q = i < 2 ? arm.inputAt(i) : test::randomInput(arm, random);
+      const Twists twists = arm.twists(q);
+      const RealMatrix expected = test::twistsByDefinition(arm, q, N);
+      const double length = lengthOf(twists);
+      const double effort = lever > 0 ? length / lever : effortOf(arm, q);
+      tips.add(poseError(arm.tip(q), test::poseByDefinition(expected, arm.sectionCount()), length,
+                         effort),
+               build.name());
+      if (i < 4) continue;
+      for (const double s : {random.uniform(0, arm.sectionCount()), 1.0}) {
+        curves.add(
+            poseError(poseAt(twists, s), test::poseByDefinition(expected, s), length, effort),
+            text("s = %.17g, %s", s, build.name().c_str()));
+      }
+    }
+  }
+}
+
+TEST(Extremes, ForwardOfWholeArms) {
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    expectForward(family, RealMatrix::Zero(6, 0), 6);
+  }
+}
+
+// What the families are named for.
+TEST(Extremes, TheArmsReachTheEndsOfTheirRanges) {
+  double least_radius = 1, most_radius = 0, most_turn = 0;
+  int most_muscles = 0, most_sections = 0, count = 0;
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    for (const Build& build : family.builds) {
+      const Arm arm = build.arm();
+      Eigen::VectorXd q = arm.inputAt(0);
+      q[0] = arm.actuator(0).limits.upper;
+      ++count;
+      least_radius = std::min(least_radius, build.ring.radius);
+      most_radius = std::max(most_radius, build.ring.radius);
+      most_turn = std::max(most_turn, largestTurnOf(arm.twists(q)));
+      most_muscles = std::max(most_muscles, build.ring.count);
+      most_sections = std::max(most_sections, arm.sectionCount());
+    }
+  }
+  EXPECT_EQ(least_radius, 5e-5);
+  EXPECT_GE(most_radius, 0.5);
+  EXPECT_GT(most_turn, 1e3);
+  EXPECT_EQ(most_muscles, kMaxActuators);
+  EXPECT_EQ(most_sections, kMaxSections);
+  EXPECT_GT(count, 150);
+}
+
+TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
+  std::vector<Build> centred, bare, aside;
+  for (const int sections : {1, 4, 16}) {
+    for (const double gamma : {1.0, 10.0, 1e12}) {
+      for (const double length : {1e-3, 0.43, 10.0}) {
+        centred.push_back({{1, 0.0, 0.0, {gamma, 0.0, 1e-4}}, sections, length});
+        bare.push_back({{1, 0.0, 0.0, {gamma, 0.0, 0.0}}, sections, length});
+        aside.push_back({{1, 0.0254, 0.0, {gamma, 0.0, 1e-4}}, sections, length});
+      }
+    }
+  }
+  RealMatrix turns = RealMatrix::Zero(6, 3), spin = RealMatrix::Zero(6, 1);
+  turns.bottomRows(3).setIdentity();
+  expectForward({"one centred muscle, K_tau = 0, rank 5", centred}, turns.leftCols(1), 5);
+  expectForward({"one centred muscle, K_tau = K_kappa = 0, rank 3", bare}, turns, 3);
+  // About the muscle's own axis: v = p x w.
+  spin(2, 0) = -Real(0.0254);
+  spin(3, 0) = 1;
+  expectForward({"one muscle aside, K_tau = 0, rank 5", aside}, spin / spin.norm(), 5, 0.0254);
+}
+
+// A section's twist that turns by so much, about any axis.
+lie::Vector6 twistOf(double turn, test::Random& random) {
+  lie::Vector6 xi;
+  xi << random.uniform(0.3, 0.5), random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05),
+      turn * random.direction<3>();
+  return xi;
+}
+
+void addCurve(const Twists& twists, const std::string& place, Family& family) {
+  const RealMatrix exact = twists.cast<Real>();
+  const double length = lengthOf(twists), turn = turnOf(twists);
+  const double end = static_cast<double>(twists.cols());
+  family.add(poseError(tipPose(twists), test::poseByDefinition(exact, end), length, turn), place);
+  const auto curve = sampleCurve(twists, 3);
+  for (const CurvePoint<lie::SE3>& point : curve) {
+    family.add(poseError(point.X, test::poseByDefinition(exact, point.s), length, turn), place);
+    EXPECT_TRUE(poseAt(twists, point.s).translation == point.X.translation);
+  }
+}
+
+TEST(Extremes, CurvesOfAnyTurn) {
+  test::Random random(703);
+  Family small("|w| 1e-300 to 1", 8, kUnit), large("|w| 1 to 1e3", 8, kUnit),
+      full("|w| within 1e-15 to 0.1 of 2 pi k, k to 159", 8, kUnit);
+  for (int i = 0; i < 250; ++i) {
+    Twists twists(6, random.integer(1, kMaxSections));
+    const bool is_small = i % 2 == 0;
+    for (int k = 0; k < twists.cols(); ++k) {
+      twists.col(k) =
+          twistOf(is_small ? random.logUniform(1e-300, 1) : random.logUniform(1, 1e3), random);
+    }
+    addCurve(twists, text("%d sections", static_cast<int>(twists.cols())),
+             is_small ? small : large);
+  }
+  for (int turns = 1; turns < 160; turns += 1 + turns / 4) {
+    for (const double offset : {0.0, 1e-15, -1e-15, 1e-8, -1e-8, 1e-4, 0.1, -0.1}) {
+      Twists twists(6, random.integer(1, 3));
+      for (int k = 0; k < twists.cols(); ++k) {
+        twists.col(k) = twistOf(2 * kPi * turns + offset, random);
+        EXPECT_LE(std::abs(std::remainder(twists.col(k).tail<3>().norm(), 2 * kPi)), 0.11);
+      }
+      addCurve(twists, text("2 pi %d + %g", turns, offset), full);
+    }
+  }
+}
+
+TEST(Extremes, DenormalTwistsAreThoseOfZero) {
+  Family family("denormal twists", 8, kUnit);
+  ASSERT_EQ(std::fpclassify(kDenormal), FP_SUBNORMAL);
+  for (const double value : {kDenormal, 1e-310, -kDenormal, 3e-308}) {
+    for (int axis = 0; axis < 6; ++axis) {
+      Twists twists = Twists::Zero(6, 3);
+      twists.row(0).setConstant(0.4);
+      twists.row(axis).setConstant(value);
+      if (axis == 0) twists.row(1).setConstant(0.4);
+      addCurve(twists, text("%g in entry %d", value, axis), family);
+      EXPECT_TRUE(tipPose(twists).log().allFinite());
+      EXPECT_FALSE(std::isnan(curvatureOf(twists.col(0))));
+      const Helix helix = helixOf(twists.col(0));
+      EXPECT_FALSE(std::isnan(helix.radius) || std::isnan(helix.pitch) || std::isnan(helix.turns));
+    }
+    const Twists all = Twists::Constant(6, 2, value);
+    const lie::SE3 tip = tipPose(all);
+    EXPECT_TRUE(tip.translation.allFinite() && tip.rotation.isIdentity(kEps));
+    EXPECT_TRUE(tip.log().allFinite());
+  }
+}
+
+TEST(Extremes, DenormalChangesOfLengthBendByWhatTheMapSays) {
+  // Two tendons beside a straight arm, the one on a spool next to nothing in radius.
+  for (const double radius : {1e-300, 1e-310, 5 * kDenormal}) {
+    Section section;
+    for (const double y : {0.05, -0.05}) {
+      const Contraction tendon = Contraction::tendon(0.4, radius, 1.0);
+      section.actuators.push_back({"tendon",
+                                   {Eigen::Matrix3d::Identity(), {0, y, 0}},
+                                   {10, 0, 1e-4},
+                                   tendon,
+                                   tendon.inputRange(),
+                                   Drive::kTendon});
+    }
+    const Arm arm({section});
+    const lie::SE3 tip = arm.tip(Eigen::Vector2d(1, 0));
+    EXPECT_NEAR(tip.translation.x(), 0.4, 4 * kEps);
+    EXPECT_LE(tip.translation.tail<2>().norm(), kEps);
+    EXPECT_TRUE(arm.twists(Eigen::Vector2d(1, 0)).allFinite());
+  }
+}
+
+std::string refusal(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const std::out_of_range& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
+  const double kInf = std::numeric_limits<double>::infinity();
+  Family inside("pressures at and just inside the limits", kForwardEps, kUnit);
+  Family outside("pressures just outside, refused by name", 0, "accepted");
+  const RealMatrix N = RealMatrix::Zero(6, 0);
+  for (const int sections : {1, 16}) {
+    const Arm arm = test::ringArm(test::helicalRing(), sections);
+    const ArmModel model(arm);
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const Range& limits = arm.actuator(i).limits;
+      Eigen::VectorXd q = arm.inputAt(0.5);
+      for (const double value : {limits.lower, -0.0, kDenormal, std::nextafter(limits.lower, kInf),
+                                 std::nextafter(limits.upper, 0), limits.upper}) {
+        q[i] = value;
+        if (i % 7 != 0) continue;
+        inside.add(poseError(arm.tip(q),
+                             test::poseByDefinition(test::twistsByDefinition(arm, q, N), sections),
+                             lengthOf(arm.twists(q)), effortOf(arm, q)),
+                   text("%.17g in actuator %d of %d", value, i, arm.actuatorCount()));
+      }
+      for (const double value :
+           {std::nextafter(limits.lower, -kInf), std::nextafter(limits.upper, kInf)}) {
+        q[i] = value;
+        const std::string who = arm.actuator(i).name + " is asked for";
+        for (const std::string& message :
+             {refusal([&] { arm.tip(q); }), refusal([&] { arm.twists(q); }),
+              refusal([&] { arm.lengths(q); }), refusal([&] { model.solve(q); }),
+              refusal([&] { model.tip(q); })}) {
+          outside.add(message.find(who) != 0, message);
+        }
+        EXPECT_NO_THROW(arm.tip(arm.clamped(q)));
+      }
+    }
+  }
+}
+
+TEST(Extremes, InverseFindsWhatForwardReached) {
+  test::Random random(704);
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    Family near(std::string("warm inverse, ") + family.range, 1.0, "of the tolerance");
+    int curled = 0, missed = 0;
+    for (const Build& build : family.builds) {
+      const Arm arm = build.arm();
+      if (arm.actuatorCount() > 48) continue;
+      const double length = lengthOf(arm.twists(arm.inputAt(0)));
+      InverseOptions options;
+      options.position_tolerance = 1e-6 * length;
+      options.rotation_weight = 0.1 * length;
+      InverseSolver solver(arm, options);
+      for (int i = 0; i < 3; ++i) {
+        const Eigen::VectorXd q = test::randomInput(arm, random);
+        const Twists twists = arm.twists(q);
+        Eigen::VectorXd start = q;
+        for (int a = 0; a < q.size(); ++a) start[a] += random.uniform(-1, 1) * 100.0;
+        const InverseResult& result = solver.toPosition(arm.tip(q).translation, arm.clamped(start));
+        const double miss = (arm.tip(result.input).translation - arm.tip(q).translation).norm();
+        // Arms that curl up further may be missed, but are never called reached by mistake.
+        if (largestTurnOf(twists) > 2 * kPi && result.status != InverseStatus::kReached) {
+          ++curled;
+          continue;
+        }
+        missed += result.status != InverseStatus::kReached;
+        near.add(miss / options.position_tolerance, build.name());
+      }
+    }
+    EXPECT_EQ(missed, 0) << family.range;
+    if (curled > 0) std::printf("  %d of arms that turn more than once were missed\n", curled);
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::model

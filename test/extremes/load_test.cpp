@@ -1,0 +1,241 @@
+// Loaded arms at the ends of their parameters, against the exact tier.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "extremes/extreme_arm.hpp"
+#include "extremes/family.hpp"
+#include "helix_arm/model/arm_model.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/inverse.hpp"
+#include "helix_arm/model/loaded.hpp"
+#include "support/loaded_arm.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+using Eigen::Vector3d;
+using test::Build;
+using test::BuildFamily;
+using test::Family;
+using test::text;
+
+const double kDenormal = std::numeric_limits<double>::denorm_min();
+
+// Weight and a tip load that bend the arm by about 0.3 rad, or stretch or shear it by a tenth.
+Load fittingLoad(const Arm& arm, test::Random& random) {
+  constexpr double kStiffness = 1000.0, kBend = 0.3, kStretch = 0.1;
+  double bend = 0, stretch = 0;
+  const double length = arm.restLength();
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const lie::Matrix6 C = arm.freeLength(k) / kStiffness * arm.equilibrium(k).compliance;
+    bend += C.bottomRightCorner<3, 3>().norm();
+    stretch += C.topLeftCorner<3, 3>().norm();
+  }
+  const double force = std::min(kBend / (bend * length), kStretch * length / stretch);
+  Load load;
+  load.gravity = test::kGravity * random.direction<3>();
+  load.mass.assign(arm.sectionCount(), force / test::kGravity / arm.sectionCount());
+  load.K_eps.assign(arm.sectionCount(), kStiffness);
+  PointLoad tip;
+  tip.section = arm.sectionCount() - 1;
+  tip.force = 0.3 * force * random.direction<3>();
+  tip.moment = 0.1 * force * length * random.direction<3>();
+  load.points = {tip};
+  return load;
+}
+
+double largestTurnOf(const Twists& twists) {
+  return twists.bottomRows<3>().colwise().norm().maxCoeff();
+}
+
+TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
+  constexpr double kMostTurn = 2 * test::kPi;  // of a section, that order 8 is meant for
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    Family tips(std::string("order 8, ") + family.range, 1e-7, "of the length");
+    test::Random random(802);
+    int curled = 0, refused = 0, moved = 0;
+    for (const Build& build : family.builds) {
+      const Arm arm = build.arm();
+      const Load load = fittingLoad(arm, random);
+      const ExactArm exact(arm, load);
+      const LoadedArm loaded(arm, load, kMostOrder);
+      for (int i = 0; i < 3; ++i) {
+        const Twists twists = arm.twists(test::randomInput(arm, random));
+        if (largestTurnOf(twists) > kMostTurn) {
+          ++curled;
+          continue;
+        }
+        const Solution truth = exact.solve(twists), found = loaded.solve(twists);
+        EXPECT_TRUE(truth.converged()) << build.name();
+        refused += !found.converged();
+        if (!truth.converged() || !found.converged()) continue;
+        const double length = arm.restLength();
+        moved += (truth.tip.translation - tipPose(twists).translation).norm() > 1e-3 * length;
+        tips.add((found.tip.translation - truth.tip.translation).norm() / length, build.name());
+        EXPECT_LT((tipPose(found.shape).translation - found.tip.translation).norm(), 1e-9 * length);
+      }
+    }
+    std::printf("  %d curl up too far, %d refused, %d moved by more than 0.1 %%\n", curled, refused,
+                moved);
+    EXPECT_GT(moved, tips.cases() / 2) << family.range;
+    EXPECT_LT(refused, tips.cases() / 4) << family.range;
+  }
+}
+
+TEST(Extremes, TheTierChosenKeepsItsWord) {
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    Family tips(std::string("tier auto, ") + family.range, kUsualTipError, "of the length");
+    test::Random random(803);
+    for (std::size_t b = 0; b < family.builds.size(); b += 3) {
+      const Build& build = family.builds[b];
+      if (build.sections > 8) continue;
+      const Arm arm = build.arm();
+      const Load load = fittingLoad(arm, random);
+      const ArmModel model(arm, std::nullopt, load);
+      const ExactArm exact(arm, load);
+      for (int i = 0; i < 5; ++i) {
+        const Eigen::VectorXd q = test::randomInput(arm, random);
+        const Solution truth = exact.solve(arm.twists(q));
+        const Tip found = model.tip(q);
+        EXPECT_TRUE(truth.converged() && found.converged()) << build.name();
+        tips.add((found.tip.translation - truth.tip.translation).norm() / arm.restLength(),
+                 model.choice().setting.name() + ", " + build.name());
+      }
+    }
+  }
+}
+
+TEST(Extremes, LoadedInverseFindsWhatForwardReached) {
+  constexpr int kMostActuators = 6;
+  TierRequest request;
+  request.tier = Tier::kLoaded;
+  request.order = 4;
+  for (const BuildFamily& family : test::extremeBuilds()) {
+    test::Random random(805);
+    std::vector<const Build*> builds;
+    for (const Build& build : family.builds) {
+      if (build.sections * build.ring.count <= kMostActuators) builds.push_back(&build);
+    }
+    if (builds.empty()) continue;
+    Family near(std::string("loaded inverse, ") + family.range, 1.0, "of the tolerance");
+    for (const Build* build : builds) {
+      const Arm arm = build->arm();
+      const ArmModel model(arm, std::nullopt, fittingLoad(arm, random), request);
+      InverseOptions options;
+      options.position_tolerance = 1e-6 * arm.restLength();
+      options.rotation_weight = 0.1 * arm.restLength();
+      InverseSolver solver(model, options);
+      for (int i = 0; i < 3; ++i) {
+        const Eigen::VectorXd q = test::randomInput(arm, random);
+        if (largestTurnOf(arm.twists(q)) > 2 * test::kPi) continue;
+        const Vector3d target = model.tip(q).tip.translation;
+        Eigen::VectorXd start = q;
+        for (int a = 0; a < q.size(); ++a) start[a] += random.uniform(-1, 1) * 100.0;
+        const InverseResult& result = solver.toPosition(target, arm.clamped(start));
+        EXPECT_EQ(result.status, InverseStatus::kReached) << build->name();
+        near.add(
+            (model.tip(result.input).tip.translation - target).norm() / options.position_tolerance,
+            build->name());
+      }
+    }
+  }
+}
+
+TEST(Extremes, DenormalLoadsAreNone) {
+  Family family("denormal loads", 1e-12, "of the length");
+  for (const int sections : {1, 3}) {
+    const Arm arm = test::ringArm(test::helicalRing(), sections);
+    const Twists twists = arm.twists(arm.inputAt(0.3));
+    const lie::SE3 unloaded = tipPose(twists);
+    for (const double value : {kDenormal, 1e-310, 3e-308}) {
+      for (int kind = 0; kind < 5; ++kind) {
+        Load load;
+        load.mass.assign(sections, kind == 0 ? value : 0.0);
+        load.K_eps.assign(sections, 1000.0);
+        load.gravity = {0, 0, kind == 1 ? value : 9.81};
+        if (kind == 1) load.mass.assign(sections, 0.2);
+        PointLoad tip;
+        tip.section = sections - 1;
+        if (kind == 2) tip.force = Vector3d::Constant(value);
+        if (kind == 3) tip.moment = Vector3d::Constant(value);
+        if (kind == 4) tip.mass = value;
+        tip.offset = Vector3d::Constant(value);
+        load.points = {tip};
+        const std::string place = text("%g, kind %d, %d sections", value, kind, sections);
+        const Solution truth = ExactArm(arm, load).solve(twists);
+        EXPECT_TRUE(truth.converged()) << place;
+        EXPECT_LE(truth.iterations, 3) << place;
+        family.add((truth.tip.translation - unloaded.translation).norm() / arm.restLength(), place);
+        for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+          const Solution found = LoadedArm(arm, load, order).solve(twists);
+          EXPECT_TRUE(found.converged()) << place;
+          EXPECT_LE(found.iterations, 3) << place;
+          EXPECT_TRUE(found.shape.pieces().allFinite()) << place;
+          family.add((found.tip.translation - unloaded.translation).norm() / arm.restLength(),
+                     place);
+        }
+        EXPECT_EQ(chooseTier(arm, std::nullopt, load, {}).setting.tier, Tier::kLinear) << place;
+      }
+    }
+  }
+}
+
+TEST(Extremes, DenormalsInALoadedTwistAreZeros) {
+  Family family("denormals in loaded twists", 1e-12, "of the length");
+  const Arm arm = test::softHelicalArm();
+  const Load load = test::weight(test::Posture::kHorizontal, 0.2, 900);
+  for (int axis = 1; axis < 6; ++axis) {
+    Twists clean = Twists::Zero(6, 1);
+    clean(0, 0) = 0.43;
+    Twists twists = clean;
+    twists(axis, 0) = kDenormal;
+    for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+      const LoadedArm loaded(arm, load, order);
+      const Solution expected = loaded.solve(clean), found = loaded.solve(twists);
+      ASSERT_TRUE(found.converged() && expected.converged());
+      EXPECT_LE(found.iterations, expected.iterations + 1);
+      family.add((found.tip.translation - expected.tip.translation).norm() / 0.43,
+                 text("order %d, entry %d", order, axis));
+    }
+    const ExactArm exact(arm, load);
+    family.add(
+        (exact.solve(twists).tip.translation - exact.solve(clean).tip.translation).norm() / 0.43,
+        text("exact, entry %d", axis));
+  }
+}
+
+TEST(Extremes, LoadsFromNothingToPastWhatTheArmCarries) {
+  Family family("loads 1e-12 to 1e3 of what bends the arm", 1e-6, "of the length");
+  test::Random random(804);
+  int balanced = 0, refused = 0, past = 0;
+  for (int i = 0; i < 300; ++i) {
+    const Arm arm = test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
+    const double share = random.logUniform(1e-12, 1e3);
+    Load load = fittingLoad(arm, random);
+    load.gravity *= share;
+    load.points[0].force *= share;
+    load.points[0].moment *= share;
+    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const Solution truth = ExactArm(arm, load).solve(twists);
+    const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
+    past += share > 30;
+    EXPECT_TRUE(found.tip.translation.allFinite() && found.shape.pieces().allFinite());
+    EXPECT_FALSE(std::isnan(found.residual));
+    if (share < 1) {
+      EXPECT_TRUE(found.converged() && truth.converged()) << share;
+    }
+    (found.converged() ? balanced : refused)++;
+    if (!truth.converged() || !found.converged()) continue;
+    family.add((found.tip.translation - truth.tip.translation).norm() / arm.restLength(),
+               text("%.3g of it, %d sections", share, arm.sectionCount()));
+  }
+  std::printf("  %d balanced, %d refused\n", balanced, refused);
+  EXPECT_GT(past, 20);
+  EXPECT_GT(balanced, 200);
+  EXPECT_GT(refused, 10);
+}
+
+}  // namespace
+}  // namespace helix_arm::model

@@ -1,0 +1,187 @@
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "scene_faults.hpp"
+#include "scene_text.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::faultsOf;
+using test::kLoadedScene;
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::replaced;
+
+Scene load(const std::string& text, const std::vector<Override>& overrides = {}) {
+  return loadScene(test::TemporaryFile(text).path(), overrides);
+}
+
+// A straight rod of 0.4 m along the base's x that resists bending in all planes.
+const std::string kRod = R"(name: rod
+contractions:
+  muscle: {table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4, K_eps_n: 900}
+  sections: [{name: only, ring: {count: 3, radius_m: 0.03, contraction: muscle}}]
+)";
+
+TEST(SceneLoad, WithoutItNothingIsLoaded) {
+  const Scene spatial = load(kSpatialScene), planar = load(kPlanarScene);
+  EXPECT_FALSE(spatial.model.load());
+  EXPECT_EQ(spatial.model.choice().setting.tier, model::Tier::kLinear);
+  EXPECT_EQ(planar.model.choice().setting.tier, model::Tier::kPlanar);
+  const Eigen::VectorXd q = spatial.arm.inputAt(0.3);
+  EXPECT_LT((spatial.model.solve(q).shape.twists() - spatial.arm.twists(q)).norm(), 1e-14);
+}
+
+TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
+  const Scene scene = load(kLoadedScene);
+  ASSERT_TRUE(scene.model.load());
+  const model::Load& loads = *scene.model.load();
+  const Eigen::Matrix3d& R_WB = scene.X_WB.rotation;
+  EXPECT_LT((R_WB * loads.gravity - Eigen::Vector3d(0.1, 0.2, -9.7)).norm(), 1e-14);
+  ASSERT_EQ(loads.points.size(), 3u);
+  EXPECT_LT((R_WB * loads.points[0].force - Eigen::Vector3d(0.1, 0.2, 0.3)).norm(), 1e-15);
+  EXPECT_LT((R_WB * loads.points[0].moment - Eigen::Vector3d(0.01, 0, -0.02)).norm(), 1e-16);
+  EXPECT_LT((R_WB * loads.points[1].force - Eigen::Vector3d(0.4, 0, 0)).norm(), 1e-15);
+  EXPECT_LT((R_WB * loads.points[1].moment - Eigen::Vector3d(0, 0.03, 0)).norm(), 1e-16);
+  EXPECT_LT((R_WB * loads.points[2].force - Eigen::Vector3d(0, 0.5, 0)).norm(), 1e-15);
+}
+
+TEST(SceneLoad, PlacesAndMassesOfPointsAreAsGiven) {
+  const model::Load loads = *load(kLoadedScene).model.load();
+  ASSERT_EQ(loads.points.size(), 3u);
+  const model::PointLoad &tip = loads.points[0], &upper = loads.points[1], &lower = loads.points[2];
+  EXPECT_EQ(tip.section, 1);
+  EXPECT_EQ(tip.s, 1);
+  EXPECT_EQ(tip.mass, 0.05);
+  EXPECT_EQ(tip.offset, Eigen::Vector3d(0.02, 0, 0.01));
+  EXPECT_EQ(upper.section, 1);
+  EXPECT_EQ(upper.s, 0.5);
+  EXPECT_EQ(upper.mass, 0.02);
+  EXPECT_EQ(upper.offset, Eigen::Vector3d(0, 0.03, 0));
+  EXPECT_EQ(lower.section, 0);
+  EXPECT_EQ(lower.s, 0.25);
+  EXPECT_EQ(lower.mass, 0);
+  EXPECT_EQ(lower.offset, Eigen::Vector3d::Zero());
+}
+
+TEST(SceneLoad, TheArmsMassIsSpreadByRestLengths) {
+  // The muscles of the lower section are 0.4 m long at 0 kPa, tilted by 10 degrees; the bellows of
+  // the upper one 0.1 m.
+  const Scene scene = load(kLoadedScene);
+  const double lower = scene.arm.restLength(0), upper = scene.arm.restLength(1);
+  ASSERT_GT(lower, 3 * upper);
+  const std::vector<double>& mass = scene.model.load()->mass;
+  ASSERT_EQ(mass.size(), 2u);
+  EXPECT_NEAR(mass[0] + mass[1], 0.3, 1e-16);
+  EXPECT_NEAR(mass[0] / mass[1], lower / upper, 1e-13);
+  const Scene each = load(kLoadedScene, {{"load.mass_kg", "[0.2, 0.05]"}});
+  EXPECT_EQ(each.model.load()->mass, (std::vector<double>{0.2, 0.05}));
+}
+
+TEST(SceneLoad, ASectionsK_epsIsItsOwnOrTheArms) {
+  EXPECT_EQ(load(kLoadedScene).model.load()->K_eps, (std::vector<double>{900, 900}));
+  const Scene own = load(kLoadedScene, {{"arm.sections.1.stiffness.K_eps_n", "700"}});
+  EXPECT_EQ(own.model.load()->K_eps, (std::vector<double>{900, 700}));
+  EXPECT_FALSE(load(kSpatialScene, {{"arm.stiffness.K_eps_n", "900"}}).model.load());
+}
+
+TEST(SceneLoad, GravityPullsDownTheWorldWhereNothingElseIsSaid) {
+  const Scene flat = load(kRod, {{"load.mass_kg", "0.2"}});
+  EXPECT_EQ(flat.model.load()->gravity, Eigen::Vector3d(0, 0, -9.81));
+  // A base that pitches by 90 degrees looks down.
+  const Scene hanging =
+      load(kRod, {{"load.mass_kg", "0.2"}, {"arm.base", "{rpy_deg: [0, 90, 0]}"}});
+  EXPECT_LT((hanging.model.load()->gravity - Eigen::Vector3d(9.81, 0, 0)).norm(), 1e-14);
+}
+
+TEST(SceneLoad, AHangingRodStretchesByItsWeight) {
+  // Strain at s: the weight below it over the stiffness of three muscles, straight all along.
+  const Scene scene = load(kRod, {{"load.mass_kg", "0.2"},
+                                  {"load.tip", "{mass_kg: 0.5}"},
+                                  {"arm.base", "{rpy_deg: [0, 90, 0]}"}});
+  const model::Solution solution = scene.model.solve(Eigen::Vector3d::Zero());
+  ASSERT_TRUE(solution.converged());
+  const double stretch = 0.4 * (0.5 + 0.2 / 2) * 9.81 / (3 * 900);
+  EXPECT_LT((solution.tip.translation - Eigen::Vector3d(0.4 + stretch, 0, 0)).norm(),
+            1e-3 * stretch);
+}
+
+TEST(SceneLoad, AHorizontalRodSagsDownTheWorld) {
+  const Scene scene = load(kRod, {{"load.mass_kg", "0.2"}, {"arm.base", "{rpy_deg: [90, 0, 30]}"}});
+  const lie::SE3 X_WT = scene.X_WB * scene.model.solve(Eigen::Vector3d::Zero()).tip;
+  const lie::SE3 X_WT0 = scene.X_WB * scene.arm.tip(Eigen::Vector3d::Zero());
+  EXPECT_LT(X_WT.translation.z(), X_WT0.translation.z() - 1e-3);
+  // Straight down: not to the side of the vertical plane that it lies in.
+  const Eigen::Vector3d side(-std::sin(M_PI / 6), std::cos(M_PI / 6), 0);
+  EXPECT_NEAR(side.dot(X_WT.translation), 0, 1e-12);
+}
+
+TEST(SceneLoad, OnlyALoadInItsPlaneKeepsAPlanarArmThere) {
+  const std::string stiff =
+      replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
+  EXPECT_TRUE(load(kPlanarScene).vision.fit.planar);
+  // y of the base is -z of the world.
+  const Override turned{"arm.base", "{rpy_deg: [-90, 0, 0]}"}, mass{"load.mass_kg", "0.1"};
+  EXPECT_TRUE(load(stiff, {turned, mass}).vision.fit.planar);
+  EXPECT_FALSE(load(stiff, {mass}).vision.fit.planar);
+  EXPECT_FALSE(
+      load(stiff, {turned, mass, {"load.tip", "{force_n: [0, 0.1, 0]}"}}).vision.fit.planar);
+  EXPECT_EQ(load(stiff, {turned, mass, {"tier", "planar"}}).model.choice().setting.tier,
+            model::Tier::kPlanar);
+}
+
+TEST(SceneTier, IsTheOneThatIsAskedFor) {
+  EXPECT_EQ(load(kLoadedScene).model.choice().setting.name(), "loaded, order 3");
+  const auto tier = [](const std::string& text, const std::vector<Override>& overrides) {
+    return load(text, overrides).model.choice().setting.tier;
+  };
+  const Override mass{"load.mass_kg", "0.2"};
+  EXPECT_EQ(tier(kRod, {mass, {"tier", "exact"}}), model::Tier::kExact);
+  EXPECT_EQ(tier(kRod, {mass, {"tier", "linear"}}), model::Tier::kLinear);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "linear"}}), model::Tier::kLinear);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "planar"}}), model::Tier::kPlanar);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "auto"}}), model::Tier::kPlanar);
+  EXPECT_EQ(tier(kSpatialScene, {{"tier", "auto"}}), model::Tier::kLinear);
+}
+
+TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
+  const auto choice = [](const char* percent) {
+    return load(kRod, {{"load.mass_kg", "0.2"}, {"accuracy.tip_error_percent", percent}})
+        .model.choice();
+  };
+  const model::TierChoice rough = choice("1"), fine = choice("0.001");
+  EXPECT_LE(rough.tip_error, 1e-2);
+  EXPECT_LE(fine.tip_error, 1e-5);
+  ASSERT_EQ(rough.setting.tier, model::Tier::kLoaded);
+  EXPECT_GT(rough.tip_error, 1e-5) << "or the rough one is no other than the fine one";
+  EXPECT_TRUE(fine.setting.tier == model::Tier::kExact || fine.setting.order > rough.setting.order);
+}
+
+TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {
+  const auto first = [](const std::string& text, const std::vector<Override>& overrides) {
+    const std::vector<std::string> faults = faultsOf(text, overrides);
+    EXPECT_EQ(faults.size(), 1u);
+    return faults.empty() ? "" : faults.front();
+  };
+  const std::string planar =
+      replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
+  const std::string across = planar + "load: {mass_kg: 0.2}\ntier: planar\n";
+  EXPECT_EQ(first(across, {}).find(":12 tier: planar needs a load in the arm's x-y plane"), 0u)
+      << first(across, {});
+  const std::string unreachable =
+      kRod + "load: {mass_kg: 0.2}\ntier: loaded\naccuracy: {tip_error_percent: 1.0e-9}\n";
+  EXPECT_EQ(first(unreachable, {}).find(":10 accuracy.tip_error_percent: "), 0u)
+      << first(unreachable, {});
+  const std::string hasty = kRod + "load: {mass_kg: 0.2}\nbudget: {time_us: 0.001}\n";
+  EXPECT_EQ(first(hasty, {}).find(":9 budget.time_us: "), 0u) << first(hasty, {});
+}
+
+}  // namespace
+}  // namespace helix_arm::io

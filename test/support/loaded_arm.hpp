@@ -1,0 +1,77 @@
+#pragma once
+
+#include <vector>
+
+#include "helix_arm/model/load.hpp"
+#include "support/paper_arm.hpp"
+
+namespace helix_arm::test {
+
+constexpr double kGravity = 9.81;  // [m/s^2]
+
+/// The helical arm of 50.8 mm with the shear stiffness at which loads bend it most (MODEL.md,
+/// section 2, erratum 3).
+inline model::Arm softHelicalArm() {
+  Ring ring = helicalRing();
+  ring.stiffness.gamma = 10.0;
+  return ringArm(ring);
+}
+
+enum class Posture { kHanging, kHorizontal };
+
+/// The weight of an arm of one section.
+inline model::Load weight(Posture posture, double mass, double K_eps) {
+  model::Load load;
+  load.gravity = posture == Posture::kHanging ? Eigen::Vector3d(kGravity, 0, 0)
+                                              : Eigen::Vector3d(0, 0, -kGravity);
+  load.mass = {mass};
+  load.K_eps = {K_eps};
+  return load;
+}
+
+/// One of the cases that the tiers are measured with (MODEL.md, section 4).
+struct LoadedCase {
+  model::Load load;
+  Eigen::VectorXd input;  // [Pa]
+};
+
+/// 3 masses of 0.15 to 0.3 kg, 3 K_eps of 500 to 1500 N, 5 pressures.
+inline std::vector<LoadedCase> loadedCases(Posture posture) {
+  const Eigen::Vector3d fractions[] = {
+      {0, 0, 0}, {1, 0, 0}, {0.5, 0.5, 0}, {0.3, 0.6, 0.9}, {1, 1, 1}};
+  std::vector<LoadedCase> out;
+  for (const double mass : {0.15, 0.225, 0.3}) {
+    for (const double K_eps : {500.0, 1000.0, 1500.0}) {
+      for (const Eigen::Vector3d& fraction : fractions) {
+        out.push_back({weight(posture, mass, K_eps), kMaxPressure * fraction});
+      }
+    }
+  }
+  return out;
+}
+
+/// Sections of random tilted rings under their weight, a tip load and a load somewhere on the way.
+inline model::Load randomLoad(int sections, Random& random) {
+  model::Load load;
+  load.gravity = kGravity * random.direction<3>();
+  for (int k = 0; k < sections; ++k) {
+    load.mass.push_back(random.uniform(0.05, 0.15));
+    load.K_eps.push_back(random.uniform(1000, 2000));
+  }
+  model::PointLoad tip;
+  tip.section = sections - 1;
+  tip.mass = random.uniform(0, 0.03);
+  tip.force = random.uniform(0, 0.2) * random.direction<3>();
+  tip.moment = random.uniform(0, 0.02) * random.direction<3>();
+  tip.offset = random.uniform(0, 0.05) * random.direction<3>();
+  model::PointLoad inner;
+  inner.section = random.integer(0, sections - 1);
+  inner.s = random.uniform(0.2, 0.8);
+  inner.mass = random.uniform(0, 0.05);
+  inner.force = random.uniform(0, 0.2) * random.direction<3>();
+  inner.offset = random.uniform(0, 0.05) * random.direction<3>();
+  load.points = {tip, inner};
+  return load;
+}
+
+}  // namespace helix_arm::test
