@@ -5,14 +5,14 @@
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <iterator>
 #include <limits>
 #include <utility>
 
-#include "helix_arm/lie/coefficients.hpp"
 #include "helix_arm/model/requirement.hpp"
+#include "rod_flow.hpp"
+#include "twist_near.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -24,77 +24,6 @@ using lie::Matrix6;
 using lie::skew;
 using lie::Vector6;
 
-// Dormand and Prince's pair of order 8 with estimates of order 5 and 3 (Hairer, Norsett, Wanner,
-// Solving Ordinary Differential Equations I, section II.10).
-constexpr int kStages = 12;
-constexpr std::array<double, kStages> kNodes = {0.0,
-                                                0.05260015195876773,
-                                                0.0789002279381516,
-                                                0.1183503419072274,
-                                                0.2816496580927726,
-                                                0.3333333333333333,
-                                                0.25,
-                                                0.3076923076923077,
-                                                0.6512820512820513,
-                                                0.6,
-                                                0.8571428571428571,
-                                                1.0};
-constexpr double kWeights[kStages][kStages] = {
-    {},
-    {0.05260015195876773},
-    {0.0197250569845379, 0.0591751709536137},
-    {0.02958758547680685, 0, 0.08876275643042054},
-    {0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792},
-    {0.037037037037037035, 0, 0, 0.17082860872947386, 0.12546768756682242},
-    {0.037109375, 0, 0, 0.17025221101954405, 0.06021653898045596, -0.017578125},
-    {0.03709200011850479, 0, 0, 0.17038392571223998, 0.10726203044637328, -0.015319437748624402,
-     0.008273789163814023},
-    {0.6241109587160757, 0, 0, -3.3608926294469414, -0.868219346841726, 27.59209969944671,
-     20.154067550477894, -43.48988418106996},
-    {0.47766253643826434, 0, 0, -2.4881146199716677, -0.590290826836843, 21.230051448181193,
-     15.279233632882423, -33.28821096898486, -0.020331201708508627},
-    {-0.9371424300859873, 0, 0, 5.186372428844064, 1.0914373489967295, -8.149787010746927,
-     -18.52006565999696, 22.739487099350505, 2.4936055526796523, -3.0467644718982196},
-    {2.273310147516538, 0, 0, -10.53449546673725, -2.0008720582248625, -17.9589318631188,
-     27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
-     0.6433927460157636}};
-constexpr std::array<double, kStages> kStep = {0.054293734116568765,
-                                               0,
-                                               0,
-                                               0,
-                                               0,
-                                               4.450312892752409,
-                                               1.8915178993145003,
-                                               -5.801203960010585,
-                                               0.3111643669578199,
-                                               -0.1521609496625161,
-                                               0.20136540080403034,
-                                               0.04471061572777259};
-constexpr std::array<double, kStages> kError5 = {0.01312004499419488,
-                                                 0,
-                                                 0,
-                                                 0,
-                                                 0,
-                                                 -1.2251564463762044,
-                                                 -0.4957589496572502,
-                                                 1.6643771824549864,
-                                                 -0.35032884874997366,
-                                                 0.3341791187130175,
-                                                 0.08192320648511571,
-                                                 -0.022355307863886294};
-constexpr std::array<double, kStages> kError3 = {-0.18980075407240762,
-                                                 0,
-                                                 0,
-                                                 0,
-                                                 0,
-                                                 4.450312892752409,
-                                                 1.8915178993145003,
-                                                 -5.801203960010585,
-                                                 -0.4226823213237919,
-                                                 -0.1521609496625161,
-                                                 0.20136540080403034,
-                                                 0.02265179219836082};
-
 constexpr double kGrowth = 2.5;          // e-fold growth of errors that a segment may have
 constexpr int kMaxSegments = 64;         // that a section is cut into for it
 constexpr double kContraction = 0.5;     // of Newton's steps that stay on their branch
@@ -102,28 +31,6 @@ constexpr double kLargestStep = 1.0;     // of them [rad], relative to the arm's
 constexpr double kLeastLoadStep = 1e-9;  // of the whole load
 constexpr double kBranchEnd = 1e-6;      // step by share of the load where the branch ends
 constexpr double kNoWork = 1e-8;         // of the load's scale
-
-// What pulls at one place; force and moment in the base frame.
-struct Pull {
-  Vector3d offset, force, moment;
-};
-
-// Where the arm is shot at from one place to the next. Its end loads are felt before it.
-struct Segment {
-  int section = 0;
-  double begin = 0.0, end = 1.0;  // s along the section
-  Vector3d force;                 // that pulls at the end, all beyond it included [N]
-  Vector3d weight;                // per unit s [N]
-  std::vector<Pull> pulls;        // at the end
-  double growth = 0.0;            // of errors, e-fold
-
-  Vector3d forceAt(double s) const { return force + (end - s) * weight; }
-};
-
-struct SectionLaw {
-  Matrix6 C;  // twist over the section by body wrench
-  Equilibrium<lie::SE3>::Basis null_space;
-};
 
 // Frame and body moment at the start of a segment.
 struct Node {
@@ -147,117 +54,6 @@ struct Step {
   }
 };
 
-// The state that flows along s: the quaternion (x y z w) and the body moment, and then either the
-// position and the integral of the angular strain, or so many columns of the flow's derivative.
-template <int kColumns>
-struct Flow {
-  static constexpr int kSize = 7 + (kColumns == 0 ? 6 : 6 * kColumns);
-  using State = Eigen::Matrix<double, kSize, 1>;
-
-  const SectionLaw& law;
-  const Segment& segment;
-  Vector6 unloaded;
-  double share;        // of the load
-  double size;         // of the arm [m]
-  double moment_unit;  // [N m]
-  double tolerance;
-
-  static Matrix3d rotation(const State& y) {
-    const double qx = y[0], qy = y[1], qz = y[2], qw = y[3];
-    const double f = 2.0 / y.template head<4>().squaredNorm();
-    Matrix3d R;
-    R << 1 - f * (qy * qy + qz * qz), f * (qx * qy - qw * qz), f * (qx * qz + qw * qy),  //
-        f * (qx * qy + qw * qz), 1 - f * (qx * qx + qz * qz), f * (qy * qz - qw * qx),   //
-        f * (qx * qz - qw * qy), f * (qy * qz + qw * qx), 1 - f * (qx * qx + qy * qy);
-    return R;
-  }
-
-  Vector6 wrench(double s, const State& y) const {
-    Vector6 w;
-    w << rotation(y).transpose() * (share * segment.forceAt(s)), y.template segment<3>(4);
-    return w;
-  }
-
-  State operator()(double s, const State& y) const {
-    State dy;
-    const Matrix3d R = rotation(y);
-    const Vector3d n = R.transpose() * (share * segment.forceAt(s)), m = y.template segment<3>(4);
-    const Vector6 g = unloaded + law.C.leftCols<3>() * n + law.C.rightCols<3>() * m;
-    const Vector3d v = g.head<3>(), w = g.tail<3>();
-    const Vector3d u = y.template head<3>();
-    dy.template head<3>() = 0.5 * (y[3] * w + u.cross(w));
-    dy[3] = -0.5 * u.dot(w);
-    dy.template segment<3>(4) = m.cross(w) + n.cross(v);
-    if constexpr (kColumns == 0) {
-      dy.template segment<3>(7) = R * v;
-      dy.template segment<3>(10) = w;
-    } else {
-      using Columns = Eigen::Matrix<double, 6, kColumns>;
-      using Half = Eigen::Matrix<double, 3, kColumns>;
-      const Eigen::Map<const Columns> d(y.data() + 7);
-      Eigen::Map<Columns> dd(dy.data() + 7);
-      const Matrix3d n_hat = skew(n), w_hat = skew(w);
-      const Half dn = n_hat * d.template topRows<3>(), dm = d.template bottomRows<3>();
-      const Columns dg = law.C.leftCols<3>() * dn + law.C.rightCols<3>() * dm;
-      dd.template topRows<3>() = dg.template bottomRows<3>() - w_hat * d.template topRows<3>();
-      dd.template bottomRows<3>() = skew(m) * dg.template bottomRows<3>() - w_hat * dm +
-                                    n_hat * dg.template topRows<3>() - skew(v) * dn;
-    }
-    return dy;
-  }
-
-  // Square of an error of the state, relative to the arm's size and one radian. The derivative
-  // need not be better than the state.
-  double squaredError(const State& e) const {
-    double sum = 4.0 * e.template head<4>().squaredNorm() +
-                 e.template segment<3>(4).squaredNorm() / (moment_unit * moment_unit);
-    if constexpr (kColumns == 0) sum += e.template segment<3>(7).squaredNorm() / (size * size);
-    return sum;
-  }
-
-  // Moves y from s to end. False where the steps vanish or the numbers overflow.
-  bool advance(double s, double end, State& y, double& h) const {
-    std::array<State, kStages> k;
-    // Ten times what balanced shapes take.
-    const double most_steps =
-        200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
-    for (int steps = 0; s < end; ++steps) {
-      if (steps > most_steps || !(s + h > s)) return false;
-      const bool last = s + h * (1.0 + 1e-10) >= end;
-      const double step = last ? end - s : h;
-      k[0] = (*this)(s, y);
-      for (int i = 1; i < kStages; ++i) {
-        State sum = kWeights[i][0] * k[0];
-        for (int j = 1; j < i; ++j) {
-          if (kWeights[i][j] != 0) sum += kWeights[i][j] * k[j];
-        }
-        k[i] = (*this)(s + kNodes[i] * step, y + step * sum);
-      }
-      State next = kStep[0] * k[0], error5 = kError5[0] * k[0], error3 = kError3[0] * k[0];
-      for (int i = 5; i < kStages; ++i) {
-        next += kStep[i] * k[i];
-        error5 += kError5[i] * k[i];
-        error3 += kError3[i] * k[i];
-      }
-      const double square5 = squaredError(error5), square3 = squaredError(error3);
-      const double error =
-          square5 == 0 ? 0.0 : step * square5 / std::sqrt(square5 + 0.01 * square3) / tolerance;
-      const double factor =
-          std::isfinite(error) ? std::clamp(0.9 * std::pow(error + 1e-30, -0.125), 0.2, 6.0) : 0.2;
-      if (error <= 1.0) {
-        y += step * next;
-        y.template head<4>().normalize();
-        s = last ? end : s + step;
-        // A step cut short by the end says nothing against a longer one.
-        h = last ? std::max(h, step * factor) : step * factor;
-      } else {
-        h = step * std::min(factor, 0.9);
-      }
-    }
-    return y.allFinite();
-  }
-};
-
 // exp of a turn.
 Quaterniond turn(const Vector3d& w) {
   const double angle = w.norm();
@@ -274,22 +70,6 @@ Vector3d turnBetween(const Quaterniond& a, const Quaterniond& b) {
   if (q.w() < 0) q.coeffs() *= -1.0;
   const double sine = q.vec().norm();
   return (sine > 1e-8 ? 2.0 * std::atan2(sine, q.w()) / sine : 2.0) * q.vec();
-}
-
-// The twist whose exp is X and that turns like `near`, by more than pi where need be.
-Vector6 twistNear(const lie::SE3& X, const Vector3d& near) {
-  constexpr double kTurn = 6.283185307179586;
-  const Vector6 xi = X.log();
-  const double angle = xi.tail<3>().norm();
-  const double along = angle > 0 ? near.dot(xi.tail<3>()) / angle : 0.0;
-  const double turns = std::round((along - angle) / kTurn);
-  if (turns == 0) return xi;
-  const Vector3d w = xi.tail<3>() * ((angle + turns * kTurn) / angle);
-  const auto f = lie::expCoefficients(w.squaredNorm());
-  const Matrix3d V = f.a * Matrix3d::Identity() + f.b * skew(w) + f.c * (w * w.transpose()).eval();
-  Vector6 out;
-  out << V.fullPivLu().solve(X.translation), w;
-  return out;
 }
 
 // Number of negative eigenvalues of the stiffness against turns of a segment's end, its start held

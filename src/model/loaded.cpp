@@ -8,9 +8,11 @@
 #include <set>
 
 #include "anderson.hpp"
+#include "buckling.hpp"
 #include "gauss_rule.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "loaded_limits.hpp"
+#include "twist_near.hpp"
 #include "wrench.hpp"
 
 namespace helix_arm::model {
@@ -31,19 +33,6 @@ constexpr double kKrylovStep = 1e-6;      // of them, relative to the arm's size
 
 bool inXY(const Eigen::Vector3d& v) { return std::abs(v.z()) <= kOutOfPlane * v.norm(); }
 
-// The twist of a piece from its relative pose, on the branch that it turns along.
-lie::Vector6 pieceOf(const lie::SE3& X, double expected_turn) {
-  constexpr double kTurn = 6.283185307179586;
-  lie::Vector6 piece = X.log();
-  const double angle = piece.tail<3>().norm();
-  const double turns = std::round((expected_turn - angle) / kTurn);
-  if (!(turns > 0) || angle == 0) return piece;
-  lie::Vector6 wound;
-  wound << Eigen::Vector3d::Zero(), piece.tail<3>() * (1.0 + turns * kTurn / angle);
-  wound.head<3>() = lie::SE3::leftJacobianInverse(wound).topLeftCorner<3, 3>() * X.translation;
-  return wound;
-}
-
 using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
                                  kKrylov + 1, kKrylov + 1>;
 
@@ -52,45 +41,6 @@ bool hasNoneAboveOne(const Projection& H) {
   if (!H.allFinite()) return false;
   const Eigen::EigenSolver<Projection> solver(H, false);
   return (solver.eigenvalues().real().array() <= 1.0).all();
-}
-
-// An upper bound of the load by the least one that buckles the arm, whatever its shape.
-//
-// A motion turns the frame at s by theta(s), theta(0) = 0. The forces free at most the integral of
-// |F| |theta|^2 / 2, and what moments and levers turn adds to it, while |theta(s)|^2 is at most
-// twice the energy of bending times the compliance before s. Shear counts as in Engesser's column.
-template <class Group>
-double bucklingBound(const ArmOf<Group>& arm, const Load& load,
-                     const std::vector<typename Group::Matrix>& compliance) {
-  const int sections = arm.sectionCount();
-  std::vector<double> own;                                     // compliance of bending
-  std::vector<double> bend(sections + 1), sway(sections + 1);  // of all before a section
-  double shear = 0.0, size = 0.0;
-  for (int k = 0; k < sections; ++k) {
-    const double l = arm.freeLength(k);
-    own.push_back(
-        compliance[k].template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
-    shear += compliance[k].template topLeftCorner<Group::kSpace, Group::kSpace>().norm();
-    size += l;
-    bend[k + 1] = bend[k] + own[k];
-    sway[k + 1] = sway[k] + l * (bend[k] + 0.5 * own[k]);
-  }
-  const auto byForce = [&](int k, double s) {
-    return sway[k] + arm.freeLength(k) * s * (bend[k] + 0.5 * s * own[k]) + shear / size;
-  };
-  double bound = 0.0;
-  for (int k = 0; k < sections; ++k) {
-    // Simpson's rule: exact.
-    bound += load.mass[k] * load.gravity.norm() *
-             (byForce(k, 0.0) + 4.0 * byForce(k, 0.5) + byForce(k, 1.0)) / 6.0;
-  }
-  for (const PointLoad& point : load.points) {
-    const double force = load.forceOf(point).norm();
-    const double bend_before = bend[point.section] + point.s * own[point.section];
-    bound += force * byForce(point.section, point.s) +
-             (force * point.offset.norm() + point.moment.norm()) * bend_before;
-  }
-  return bound;
 }
 
 }  // namespace
@@ -175,8 +125,8 @@ class LoadedArmOf<Group>::Relaxation {
       }
       const Element& element = arm_.elements_[e];
       const lie::SE3 X = inSpace(poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
-      const double turn = twist_[e].template tail<Group::kRotations>().norm() / element.length;
-      pieces.col(piece) = pieceOf(before.inverse() * X, turn / kLoadedPieces);
+      const Eigen::Vector3d turn = inSpace(twist_[e]).template tail<3>() / element.length;
+      pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
       before = X;
     }
     return {pieces, kLoadedPieces};

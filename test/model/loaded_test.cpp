@@ -122,19 +122,6 @@ TEST(Loaded, TheShapeEndsAtTheTip) {
   }
 }
 
-PlanarArm planarArm() {
-  std::vector<PlanarActuator> actuators;
-  for (const double y : {0.0381, -0.0381}) {
-    const Contraction muscle = test::fig3Muscle();
-    actuators.push_back({y > 0 ? "left" : "right",
-                         {Eigen::Matrix2d::Identity(), {0, y}},
-                         {10, 0, 1.4e-4},
-                         muscle,
-                         muscle.inputRange()});
-  }
-  return PlanarArm({{actuators}, {actuators}});
-}
-
 Load planarLoad() {
   Load load;
   load.gravity = {3.0, -9.0, 0};
@@ -149,7 +136,7 @@ Load planarLoad() {
 }
 
 TEST(Loaded, ThePlaneAndSpaceAgreeOnPlanarArms) {
-  const PlanarArm plane = planarArm();
+  const PlanarArm plane = test::planarArm(2);
   const Arm space = embed(plane);
   const Load load = planarLoad();
   ASSERT_TRUE(inPlane(load));

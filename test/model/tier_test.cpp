@@ -14,19 +14,6 @@ namespace {
 
 using test::Posture;
 
-PlanarArm planarArm() {
-  std::vector<PlanarActuator> actuators;
-  for (const double y : {0.0381, -0.0381}) {
-    const Contraction muscle = test::fig3Muscle();
-    actuators.push_back({y > 0 ? "left" : "right",
-                         {Eigen::Matrix2d::Identity(), {0, y}},
-                         {10, 0, 1.4e-4},
-                         muscle,
-                         muscle.inputRange()});
-  }
-  return PlanarArm({{actuators}});
-}
-
 Load weightIn(const Eigen::Vector3d& direction) {
   Load load = test::weight(Posture::kHanging, 0.2, 900);
   load.gravity = test::kGravity * direction;
@@ -59,9 +46,11 @@ TEST(TierChoice, WithoutLoadTheClosedFormsServe) {
   const Arm arm = test::softHelicalArm();
   EXPECT_EQ(chooseTier(arm, {}, {}, {}).setting.tier, Tier::kLinear);
   EXPECT_EQ(chooseTier(arm, {}, {}, within(1e-8)).setting.tier, Tier::kLinear);
-  EXPECT_EQ(chooseTier(embed(planarArm()), planarArm(), {}, {}).setting.tier, Tier::kPlanar);
-  EXPECT_EQ(chooseTier(embed(planarArm()), planarArm(), {}, only(Tier::kLinear)).setting.tier,
-            Tier::kLinear);
+  EXPECT_EQ(chooseTier(embed(test::planarArm()), test::planarArm(), {}, {}).setting.tier,
+            Tier::kPlanar);
+  EXPECT_EQ(
+      chooseTier(embed(test::planarArm()), test::planarArm(), {}, only(Tier::kLinear)).setting.tier,
+      Tier::kLinear);
   EXPECT_EQ(chooseTier(arm, {}, weightIn(Eigen::Vector3d::Zero()), {}).setting.tier, Tier::kLinear);
 }
 
@@ -112,7 +101,7 @@ TEST(TierChoice, ATimeBuysTheMostAccurateTierThatKeepsIt) {
 }
 
 TEST(TierChoice, LoadsInThePlaneOfAPlanarArmAreSolvedThere) {
-  const PlanarArm plane = planarArm();
+  const PlanarArm plane = test::planarArm();
   const Arm arm = embed(plane);
   const Load down = weightIn(-Eigen::Vector3d::UnitY()),
              across = weightIn(Eigen::Vector3d::UnitZ());
@@ -128,7 +117,7 @@ TEST(TierChoice, LoadsInThePlaneOfAPlanarArmAreSolvedThere) {
 }
 
 TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
-  const PlanarArm plane = planarArm();
+  const PlanarArm plane = test::planarArm();
   const Arm arm = test::softHelicalArm();
   const Load load = weightIn(Eigen::Vector3d::UnitZ());
   const auto expect = [](const std::string& message, const char* key, const char* remedy) {
@@ -156,7 +145,7 @@ TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
 }
 
 TEST(ArmModel, EveryTierGivesTheShapeOfItsTip) {
-  const PlanarArm plane = planarArm();
+  const PlanarArm plane = test::planarArm();
   const Load load = weightIn(-Eigen::Vector3d::UnitY());
   for (const Tier tier : {Tier::kPlanar, Tier::kLinear, Tier::kLoaded, Tier::kExact}) {
     const ArmModel model(embed(plane), plane, load, only(tier));

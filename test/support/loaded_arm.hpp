@@ -17,6 +17,20 @@ inline model::Arm softHelicalArm() {
   return ringArm(ring);
 }
 
+/// Equal sections of two muscles 76.2 mm apart, in their plane.
+inline model::PlanarArm planarArm(int sections = 1) {
+  model::PlanarSection section;
+  for (const double y : {0.0381, -0.0381}) {
+    const model::Contraction muscle = fig3Muscle();
+    section.actuators.push_back({y > 0 ? "left" : "right",
+                                 {Eigen::Matrix2d::Identity(), {0, y}},
+                                 {10, 0, 1.4e-4},
+                                 muscle,
+                                 muscle.inputRange()});
+  }
+  return model::PlanarArm(std::vector<model::PlanarSection>(sections, section));
+}
+
 enum class Posture { kHanging, kHorizontal };
 
 /// The weight of an arm of one section.

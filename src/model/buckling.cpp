@@ -1,0 +1,44 @@
+#include "buckling.hpp"
+
+namespace helix_arm::model {
+
+template <class Group>
+double bucklingBound(const ArmOf<Group>& arm, const Load& load,
+                     const std::vector<typename Group::Matrix>& compliance) {
+  const int sections = arm.sectionCount();
+  std::vector<double> own;                                     // compliance of bending
+  std::vector<double> bend(sections + 1), sway(sections + 1);  // of all before a section
+  double shear = 0.0, size = 0.0;
+  for (int k = 0; k < sections; ++k) {
+    const double l = arm.freeLength(k);
+    own.push_back(
+        compliance[k].template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
+    shear += compliance[k].template topLeftCorner<Group::kSpace, Group::kSpace>().norm();
+    size += l;
+    bend[k + 1] = bend[k] + own[k];
+    sway[k + 1] = sway[k] + l * (bend[k] + 0.5 * own[k]);
+  }
+  const auto byForce = [&](int k, double s) {
+    return sway[k] + arm.freeLength(k) * s * (bend[k] + 0.5 * s * own[k]) + shear / size;
+  };
+  double bound = 0.0;
+  for (int k = 0; k < sections; ++k) {
+    // Simpson's rule: exact.
+    bound += load.mass[k] * load.gravity.norm() *
+             (byForce(k, 0.0) + 4.0 * byForce(k, 0.5) + byForce(k, 1.0)) / 6.0;
+  }
+  for (const PointLoad& point : load.points) {
+    const double force = load.forceOf(point).norm();
+    const double bend_before = bend[point.section] + point.s * own[point.section];
+    bound += force * byForce(point.section, point.s) +
+             (force * point.offset.norm() + point.moment.norm()) * bend_before;
+  }
+  return bound;
+}
+
+template double bucklingBound(const ArmOf<lie::SE2>&, const Load&,
+                              const std::vector<lie::SE2::Matrix>&);
+template double bucklingBound(const ArmOf<lie::SE3>&, const Load&,
+                              const std::vector<lie::SE3::Matrix>&);
+
+}  // namespace helix_arm::model
