@@ -1,5 +1,6 @@
 #include "arguments.hpp"
 
+#include <functional>
 #include <sstream>
 #include <stdexcept>
 
@@ -60,6 +61,21 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
          std::string(goal) +
              " has nothing to choose; it goes with --tier auto, or with --tier loaded without "
              "--order");
+}
+
+// As a scene has them.
+constexpr model::Range kTipErrorPercent{2e-7, 100};
+constexpr model::Range kTimeUs{1e-3, 1e9};
+
+// A check of an option's text: a message where it is no number within the range.
+std::function<std::string(const std::string&)> within(const model::Range& range) {
+  return [range](const std::string& text) -> std::string {
+    const std::optional<double> number = io::parseNumber(text);
+    if (number && range.contains(*number)) return {};
+    std::ostringstream message;
+    message << text << " is not a number from " << range.lower << " to " << range.upper;
+    return message.str();
+  };
 }
 
 [[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
@@ -149,12 +165,12 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
       .add_option("--accuracy", arguments.accuracy_percent,
                   "choose the cheapest tier whose tip errs no more [% of the arm's length]")
       ->type_name("PERCENT")
-      ->check(CLI::PositiveNumber);
+      ->check(within(kTipErrorPercent));
   command
       .add_option("--budget", arguments.budget_us,
                   "choose the most accurate tier that takes no longer [us]")
       ->type_name("US")
-      ->check(CLI::PositiveNumber);
+      ->check(within(kTimeUs));
 }
 
 model::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {

@@ -48,6 +48,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"status", estimation::nameOf(capture.status)},
               {"converged", capture.converged()},
               {"reason", capture.reason.empty() ? json() : json(capture.reason)},
+              {"model_status", model::nameOf(capture.model.status)},
               {"twist", nullptr},
               {"covariance", nullptr},
               {"rms_m", nullptr},
@@ -123,6 +124,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& ca
     row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
     row.emplace_back("unknown_tags", joined(capture.unknown_tags));
     appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
+    row.emplace_back("model_status", model::nameOf(capture.model.status));
     table.add(row);
   }
   if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";
@@ -151,6 +153,8 @@ void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& c
     if (!capture.converged()) {
       std::cout << "; " << estimation::nameOf(capture.status) << ": " << capture.reason;
     }
+    const std::string note = noteOnStart(capture.model);
+    if (!note.empty()) std::cout << "; " << note;
     std::cout << "\n";
   }
   if (summary.median_rms) {
@@ -189,9 +193,9 @@ Subcommand addFit(CLI::App& app) {
           "arm's base)")
       ->required();
   command->footer(
-      "json: captures [{capture, pressure_pa, status, converged, reason, twist, covariance, rms_m "
-      "(of the "
-      "tags that fit),\n"
+      "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless "
+      "converged, the search began\n"
+      "at the shape without load), twist, covariance, rms_m (of the tags that fit),\n"
       "tip and base (fitted, from the base's nominal place), outlier_tags, unknown_tags, tags "
       "[{id, residual_m, weight,\n"
       "outlier}]}], median_rms_m over the captures whose tags all fit, flagged_captures (the "

@@ -174,7 +174,7 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   }
   if (!result.curve.empty()) return table;
   CsvTable::Row row{{"tier", model::nameOf(result.choice.setting.tier)},
-                    {"order", std::to_string(result.choice.setting.order)},
+                    {"order", orderCell(result.choice.setting)},
                     {"status", model::nameOf(result.solution.status)}};
   appendInputs(scene.arm, result.inputs, row);
   for (int i = 0; i < result.lengths.size(); ++i) {

@@ -72,12 +72,18 @@ const char* statusName(InverseStatus status) {
 
 const char* limitName(Limit limit) { return limit == Limit::kLower ? "lower" : "upper"; }
 
+// null where there is no number.
+json finite(double value) { return std::isfinite(value) ? json(value) : json(); }
+
 std::string reasonFor(const InverseResult& result) {
   std::ostringstream reason;
   if (result.status == InverseStatus::kUnreachable) {
     reason
         << "no inputs within the limits reach the target; the closest found leaves a residual of "
         << result.residual << " m";
+  } else if (!std::isfinite(result.residual)) {
+    reason << "no shape holds the load at the inputs that were tried; lower the key load, or start "
+              "elsewhere with --start-kpa";
   } else if (result.status == InverseStatus::kNotConverged) {
     reason << "the search did not come to rest; the best found leaves a residual of "
            << result.residual << " m";
@@ -103,12 +109,12 @@ void printJsonResult(const io::Scene& scene, const model::TierSetting& tier,
                 {"status", statusName(result.status)},
                 {"reason", reason.empty() ? json() : json(reason)},
                 {"converged", result.converged()},
-                {"residual", result.residual},
-                {"position_error_m", result.position_error},
+                {"residual", finite(result.residual)},
+                {"position_error_m", finite(result.position_error)},
                 {"active_limits", activeLimits(scene.arm, result)},
                 {"iterations", result.iterations},
-                {"tip", toJson(reached.tip)},
-                {"twist", toJson(reached.shape.twists())}};
+                {"tip", reached.converged() ? toJson(reached.tip) : json()},
+                {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}};
   addInputs(scene.arm, result.input, document);
   printJson(document);
 }
@@ -129,7 +135,7 @@ void printCsvResult(const io::Scene& scene, const model::TierSetting& tier,
   appendTwists(reached.shape.twists(), row);
   appendPose("tip_", reached.tip, row);
   row.emplace_back("tier", nameOf(tier.tier));
-  row.emplace_back("order", tier.tier == model::Tier::kLoaded ? std::to_string(tier.order) : "");
+  row.emplace_back("order", orderCell(tier));
   CsvTable table;
   table.add(row);
   table.print(std::cout);
@@ -146,6 +152,7 @@ void printTextResult(const io::Scene& scene, const model::TierSetting& tier,
       std::cout << ", at its " << limitName(result.limits[i]) << " limit";
     std::cout << "\n";
   }
+  if (!reached.converged()) return;
   std::cout << "residual " << result.residual << " m, position error " << result.position_error
             << " m\n"
             << "tip " << poseText(reached.tip) << "\n";

@@ -243,10 +243,11 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
   return result;
 }
 
-void printJsonResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
+void printJsonResult(const io::Scene& scene, const model::Solution& start,
+                     const std::vector<LocatedFrame>& frames) {
   json list = json::array();
   for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame, scene.vision.fit));
-  printJson({{"scene", scene.name}, {"frames", list}});
+  printJson({{"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", list}});
 }
 
 // As RFC 4180 has it: paths may hold commas.
@@ -324,9 +325,12 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd inputs =
       at_rest ? scene.arm.inputAt(0)
               : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
-  Locator locator(scene, scene.model.solve(inputs).shape);
+  const model::Solution start = scene.model.solve(inputs);
+  Locator locator(scene, model::startingShape(scene.model, start, inputs));
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
-  if (global.format == Format::kJson) printJsonResult(scene, frames);
+  const std::string note = noteOnStart(start);
+  if (!note.empty()) std::cerr << note << "\n";
+  if (global.format == Format::kJson) printJsonResult(scene, start, frames);
   if (global.format == Format::kCsv) printCsvResult(scene, frames);
   if (global.format == Format::kText) printTextResult(scene, frames);
   const bool failed = std::any_of(frames.begin(), frames.end(),
@@ -354,7 +358,8 @@ Subcommand addLocalize(CLI::App& app) {
       "Pixels: (0, 0) is the centre of the top-left one. Corners: left below, right below, right "
       "above, left above as\n"
       "one reads the tag. Every tag of the scene's family is listed, of the scene or not.\n"
-      "json: scene, frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
+      "json: scene, model_status (unless converged, the search began at the shape without load), "
+      "frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
       "camera or no tags in\n"
       "the scene; wrong_size: not the camera's; unreadable), reason, tags [{id, corners_px, "
       "hamming, margin}],\n"

@@ -21,7 +21,8 @@ const char* const kFooter =
     "document is wrong (the reason is on stderr).";
 
 int run(int argc, char** argv) {
-  CLI::App app("Linear kinematics of pneumatic arms: pressures to shape and back.", "helix_arm");
+  CLI::App app("Kinematics of pneumatic arms, loaded or not: pressures to shape and back.",
+               "helix_arm");
   app.footer(kFooter);
   app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
   app.require_subcommand(1);

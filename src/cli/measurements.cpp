@@ -53,6 +53,11 @@ std::string reasonForNoShape(model::SolveStatus status) {
                "higher order or tier: exact may help";
 }
 
+std::string noteOnStart(const model::Solution& solution) {
+  if (solution.converged()) return {};
+  return "the search began at the shape without load: " + reasonForNoShape(solution.status);
+}
+
 std::vector<int> FittedCapture::outlierTags(const estimation::TagLayout& layout) const {
   std::vector<int> ids;
   if (!fit) return ids;
@@ -82,8 +87,10 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
         capture.seen.push_back({index, tag.X_BT});
       }
     }
-    capture.model = scene.model.solve(scene.arm.clamped(measured.pressure));
-    const estimation::TwistFit& fit = fitter.fitCold(capture.seen, capture.model.shape);
+    const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
+    capture.model = scene.model.solve(pressure);
+    const estimation::TwistFit& fit =
+        fitter.fitCold(capture.seen, model::startingShape(scene.model, capture.model, pressure));
     capture.status = fit.status;
     capture.reason = reasonOf(scene, capture);
     if (fit.status == estimation::FitStatus::kConverged ||

@@ -18,6 +18,8 @@ void requirePressureDriven(const io::Scene& scene);
 const char* modelTier(const io::Scene& scene);
 /// Why the model has no shape where its load finds no balance, as text of a result.
 std::string reasonForNoShape(model::SolveStatus status);
+/// Where the search for a measured shape began, as text of a result; empty where at the model's.
+std::string noteOnStart(const model::Solution& solution);
 
 /// One capture of tag poses and the shape fitted to it.
 struct FittedCapture {
@@ -38,8 +40,9 @@ struct FittedCapture {
   std::vector<int> outlierTags(const estimation::TagLayout& layout) const;
 };
 
-/// Fits every capture of a data set of tag poses by itself, from the model's shape. Pressures
-/// outside the limits count as at them: they are but a start.
+/// Fits every capture of a data set of tag poses by itself, from the model's shape or, where its
+/// load finds no balance, that without load. Pressures outside the limits count as at them: they
+/// are but a start.
 /// @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
 /// data.
 std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data);

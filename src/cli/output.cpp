@@ -83,6 +83,10 @@ std::string exact(const std::optional<double>& value) {
   return value ? exact(*value) : std::string();
 }
 
+std::string orderCell(const model::TierSetting& setting) {
+  return setting.tier == model::Tier::kLoaded ? std::to_string(setting.order) : "";
+}
+
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const std::string number = std::to_string(i + 1);

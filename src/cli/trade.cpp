@@ -22,6 +22,7 @@ using nlohmann::json;
 
 constexpr int kMostPictures = 10000;
 // Errors below this part of the arm's length are rounding: none of them is better than another.
+// plot_report has the same.
 constexpr double kRounding = 1e-13;
 
 struct TradeOptions {
@@ -38,6 +39,12 @@ struct Trade {
 
 Trade measure(const io::Scene& scene, const TradeOptions& options) {
   Trade trade{scene.name, modelRows(scene), {}};
+  if (trade.rows.empty()) {
+    trade.notes.push_back(
+        "at no sampled input a shape balances the scene's load, so that there is nothing to "
+        "measure; check load and K_eps_n: less load, or stiffer muscles");
+    return trade;
+  }
   const auto append = [&trade](std::vector<TradeRow> rows) {
     trade.rows.insert(trade.rows.end(), std::make_move_iterator(rows.begin()),
                       std::make_move_iterator(rows.end()));
@@ -49,7 +56,13 @@ Trade measure(const io::Scene& scene, const TradeOptions& options) {
     trade.notes.push_back(
         "the scene has no camera or no tags: nothing is measured of sight and fits");
   } else {
-    append(sightRows(scene, options.pictures));
+    std::vector<TradeRow> sight = sightRows(scene, options.pictures);
+    if (sight.empty()) {
+      trade.notes.push_back(
+          "the scene's tier finds no shape to begin from at any picture: nothing is measured of "
+          "sight and fits");
+    }
+    append(std::move(sight));
   }
   markFrontier(trade.rows);
   return trade;
@@ -138,6 +151,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   if (global.format == Format::kJson) printJson(report);
   if (global.format == Format::kCsv) toCsv(trade).print(std::cout);
   if (global.format == Format::kText) printText(trade);
+  if (trade.rows.empty()) return kNotPossible;
   if (!folder) return kDone;
   std::ostringstream csv;
   toCsv(trade).print(csv);
@@ -184,7 +198,8 @@ Subcommand addTrade(CLI::App& app) {
       "rendered pictures,\n"
       "against the true arm of simulation). Times are medians, of this machine.\n"
       "json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer), "
-      "on_frontier}], notes. csv: the rows.");
+      "on_frontier}], notes. csv: the rows. Exit code 1, no rows\n"
+      "and no files where no shape balances the load at any sampled input.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

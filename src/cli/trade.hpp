@@ -20,7 +20,8 @@ struct TradeRow {
 /// Marks the rows that no other row of their part beats in time without being worse in error.
 void markFrontier(std::vector<TradeRow>& rows);
 
-/// Every tier and order: largest error of the tip against the exact tier, at sampled inputs.
+/// Every tier and order: largest error of the tip against the exact tier, at sampled inputs. No
+/// rows where the load finds no balance at any of them.
 std::vector<TradeRow> modelRows(const io::Scene& scene);
 
 /// Curves and tubes of muscles drawn from ever more points: largest distance of what is drawn from
@@ -28,7 +29,8 @@ std::vector<TradeRow> modelRows(const io::Scene& scene);
 std::vector<TradeRow> drawingRows(const io::Scene& scene);
 
 /// Every way to search a picture, and to fit the shape to what it found: median error of the tip
-/// over rendered pictures of the moving arm, against the true one.
+/// over rendered pictures of the moving arm, against the true one. No rows where the scene's tier
+/// finds no shape at any picture.
 /// @param pictures  > 0; of a scene with camera and tags.
 std::vector<TradeRow> sightRows(const io::Scene& scene, int pictures);
 

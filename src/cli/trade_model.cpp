@@ -102,6 +102,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
     tips.push_back(solution.tip.translation);
   }
   std::vector<TradeRow> rows;
+  if (inputs.empty()) return rows;
   for (const model::TierRequest& request : requestsOf(scene, load)) {
     const model::ArmModel tier(scene.arm, scene.planar, load, request);
     double error = 0.0;

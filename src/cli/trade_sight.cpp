@@ -145,6 +145,7 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
 std::vector<TradeRow> sightRows(const io::Scene& scene, int pictures) {
   const Film film = shoot(scene, pictures);
   std::vector<TradeRow> rows;
+  if (film.pictures.empty()) return rows;
   for (const double decimate : {1.0, 1.5, 2.0, 3.0, 4.0}) {
     for (const TrackingMode mode :
          {TrackingMode::kFull, TrackingMode::kRegions, TrackingMode::kEdges}) {

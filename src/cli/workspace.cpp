@@ -7,6 +7,7 @@
 #include <cmath>
 #include <csignal>
 #include <deque>
+#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <future>
@@ -22,6 +23,8 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/median.hpp"
 #include "output.hpp"
 #include "plot.hpp"
@@ -40,9 +43,6 @@ constexpr std::uint64_t kUsualCount = 10000000;
 constexpr std::uint64_t kUsualSensitiveCount = 200000;
 constexpr std::uint64_t kMostCount = 10000000000;
 constexpr int kMostThreads = 256;
-// Points of one thread at a time: enough to be worth it, few enough to end soon after Ctrl-C.
-constexpr int kFastPiece = 16384;
-constexpr int kPiece = 256;
 // Points that medians and maps are made of: they are drawn evenly, so that the first are as good as
 // all.
 constexpr std::size_t kMostKept = 2000000;
@@ -129,7 +129,7 @@ Summary sample(const model::Workspace& workspace, const WorkspaceArguments& argu
     std::string encoded;
   };
   const std::uint64_t total = arguments.inputs();
-  const int size = workspace.fast() ? kFastPiece : kPiece;
+  const int size = workspace.pieceSize();  // few enough to end soon after Ctrl-C
   const auto make = [&workspace, file, total, size](std::uint64_t first) {
     const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
     Piece piece{workspace.sample(first, count), {}};
@@ -189,25 +189,30 @@ class ReportFile {
   std::string path_;
 };
 
-// Before the points are sampled, which may take long.
-void checkPng(const std::string& png) {
-  if (png.empty()) return;
-  const fs::path parent = fs::path(png).parent_path();
+// Whether both name one file, there or not.
+bool samePlace(const std::string& one, const std::string& other) {
   std::error_code error;
-  const bool folder = fs::is_directory(png, error);
-  const bool place = parent.empty() || fs::is_directory(parent, error);
-  if (!folder && place) return;
-  throw CallerError("--png " + png + " cannot be written: " +
-                    (folder ? "it is a folder; name a file in it"
-                            : "its folder does not exist; make it, or choose another place"));
+  if (fs::equivalent(one, other, error)) return true;
+  return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
+}
+
+// Before the points are sampled, which may take long.
+void checkPng(const WorkspaceArguments& arguments) {
+  if (arguments.png.empty()) return;
+  if (!arguments.out.empty() && samePlace(arguments.out, arguments.png)) {
+    throw CallerError("--png " + arguments.png + " is the file of --out; name another one");
+  }
+  const io::AtomicFile trial(arguments.png);  // throws where none can be written; leaves nothing
 }
 
 void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
               const std::string& tier, const Summary& summary) {
   const json maps = mapsJson(summary.kept, arguments.sensitivity);
   if (maps.empty()) {
-    throw CallerError("--png " + arguments.png +
-                      " has nothing to draw: the tip keeps to a line or a point; leave out --png");
+    throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
+                      std::to_string(summary.points()) +
+                      (summary.points() == 1 ? " tip is" : " tips keep to") +
+                      " a line or a point; sample more with --count, or leave out --png");
   }
   const ReportFile report({{"scene", scene},
                            {"tier", tier},
@@ -254,7 +259,7 @@ CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
   const bool some = summary.points() > 0;
   CsvTable::Row row{{"scene", scene.name},
                     {"tier", model::nameOf(setting.tier)},
-                    {"order", std::to_string(setting.order)},
+                    {"order", orderCell(setting)},
                     {"seed", std::to_string(arguments.seed)},
                     {"count", std::to_string(summary.inputs)},
                     {"unbalanced", std::to_string(summary.unbalanced)},
@@ -302,6 +307,15 @@ void printText(const io::Scene& scene, const model::TierSetting& setting,
   }
 }
 
+// What is wrong with a --count; empty where nothing is.
+std::string checkCount(const std::string& text) {
+  const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
+  const std::optional<double> number = digits ? io::parseNumber(text) : std::nullopt;
+  if (number && *number >= 1 && *number <= static_cast<double>(kMostCount)) return {};
+  return text + " is not a whole number from 1 to " + std::to_string(kMostCount) +
+         ", in digits as 1000000";
+}
+
 model::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
   if (arguments.sensitivity && hasTendon(scene.arm)) {
     throw CallerError("--sensitivity is per kPa, and scene " + scene.name +
@@ -310,11 +324,11 @@ model::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& a
   return model::Workspace(modelOf(scene, arguments.tier), {arguments.seed, arguments.sensitivity});
 }
 
-int run(const WorkspaceArguments& arguments, const GlobalOptions& global) {
+int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const model::Workspace workspace = workspaceOf(scene, arguments);
   const model::TierSetting& setting = workspace.model().choice().setting;
-  checkPng(arguments.png);
+  checkPng(arguments);
   Summary summary;
   {
     const InterruptWatch watch;
@@ -330,12 +344,20 @@ int run(const WorkspaceArguments& arguments, const GlobalOptions& global) {
               << " inputs; nothing was written\n";
     return kInterrupted;
   }
-  if (!arguments.png.empty() && summary.points() > 0) {
-    drawMaps(arguments, scene.name, setting.name(), summary);
+  // The summary comes all the same where the picture fails, and does not name it.
+  std::exception_ptr fault;
+  try {
+    if (!arguments.png.empty() && summary.points() > 0) {
+      drawMaps(arguments, scene.name, setting.name(), summary);
+    }
+  } catch (const CallerError&) {
+    fault = std::current_exception();
+    arguments.png.clear();
   }
   if (global.format == Format::kJson) printJson(toJson(scene, setting, arguments, summary));
   if (global.format == Format::kCsv) toCsv(scene, setting, arguments, summary).print(std::cout);
   if (global.format == Format::kText) printText(scene, setting, arguments, summary);
+  if (fault) std::rethrow_exception(fault);
   return summary.points() > 0 ? kDone : kNotPossible;
 }
 
@@ -354,7 +376,7 @@ Subcommand addWorkspace(CLI::App& app) {
       ->add_option("--count", arguments->count,
                    "inputs to sample, evenly within their limits; default 10000000, or 200000 with "
                    "--sensitivity")
-      ->check(CLI::Range(std::uint64_t{1}, kMostCount));
+      ->check(checkCount);
   command->add_flag("--sensitivity", arguments->sensitivity,
                     "also how far the tip moves, at every point");
   command->add_option("--seed", arguments->seed, "of the inputs")->capture_default_str();

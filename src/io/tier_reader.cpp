@@ -3,7 +3,9 @@
 namespace helix_arm::io {
 namespace {
 
-const NumberRule kTipError = within(kPositive, 1e-9, 100, " % of the arm's length");
+// model::kLeastTipError, as people write it.
+constexpr double kLeastPercent = 2e-7;
+const NumberRule kTipError = within(kPositive, kLeastPercent, 100, " % of the arm's length");
 const NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
 
 // The number of a map that holds nothing else.

@@ -68,4 +68,8 @@ TipResponse ArmModel::tipResponse(const Eigen::VectorXd& lengths) const {
   return solvers_->solver.tipResponse(lengths);
 }
 
+Shape startingShape(const ArmModel& model, const Solution& solution, const InputRef& q) {
+  return solution.converged() ? solution.shape : Shape(model.arm().twists(q));
+}
+
 }  // namespace helix_arm::model

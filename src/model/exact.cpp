@@ -144,6 +144,8 @@ class ExactArm::Rod {
   double size_ = 0.0;         // length of the arm [m]
   double force_scale_ = 0.0;  // of all that pulls [N]
   double moment_scale_ = 0.0;
+  // False where a moment keeps its direction: it has no energy that tells whether a shape holds.
+  bool conservative_ = true;
   double moment_unit_ = 1.0;  // bends the arm by about one radian [N m]
   bool empty_;
 };
@@ -173,6 +175,7 @@ ExactArm::Rod::Rod(const Arm& arm, const Load& load, const ExactOptions& options
   });
   for (const PointLoad& point : points) {
     force_scale_ += load.forceOf(point).norm();
+    conservative_ = conservative_ && point.moment.isZero(0);
     moment_scale_ += load.forceOf(point).norm() * point.offset.norm() + point.moment.norm();
   }
   moment_scale_ += force_scale_ * size_;
@@ -327,7 +330,7 @@ ExactArm::Rod::Balance ExactArm::Rod::newton(std::vector<Node> nodes, const Twis
     if (!std::isfinite(size)) return balance;
     balance.residual = size;
     if (size <= options_.tolerance) {
-      balance.found = damped || step.unstable == 0;
+      balance.found = step.unstable == 0 || (damped && !conservative_);
       balance.nodes = moved(shot.nodes, step, 1.0);
       return balance;
     }

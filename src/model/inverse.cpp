@@ -18,7 +18,8 @@ namespace helix_arm::model {
 namespace {
 
 constexpr int kSeedCount = 1024;
-constexpr int kNearestStarts = 12;  // of the seeds; later starts are spread over all of them
+constexpr int kNearestStarts = 12;    // of the seeds; later starts are spread over all of them
+constexpr int kMostLoadedStarts = 6;  // each takes a thousand times as long as without load
 constexpr int kMaxActuatorsForCorners = 6;
 constexpr double kGoalFraction =
     0.1;  // aim below the tolerance: room for rounding on the way to inputs
@@ -138,6 +139,7 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const ArmModel* loaded,
   requirePositive("rotation_weight", options.rotation_weight);
   requirePositive("max_iterations", options.max_iterations);
   requirePositive("max_starts", options.max_starts);
+  if (loaded != nullptr) options_.max_starts = std::min(options_.max_starts, kMostLoadedStarts);
   if (!(options.cocontraction >= 0 && options.cocontraction <= 1)) {
     throw std::invalid_argument("InverseOptions::cocontraction is " +
                                 std::to_string(options.cocontraction) +
@@ -491,7 +493,6 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
   result_.input = input_;
   result_.residual = std::sqrt(current_.cost);
   if (result_.residual <= options_.position_tolerance) result_.status = InverseStatus::kReached;
-  if (result_.residual >= kNoBalance) result_.status = InverseStatus::kNotConverged;
   result_.position_error = task_.kind() == InverseTask::Kind::kPosition ? result_.residual
                            : task_.kind() == InverseTask::Kind::kPose
                                ? current_.residual.head<3>().norm()
@@ -503,6 +504,9 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
                         : input_[i] >= limits.upper - margin ? Limit::kUpper
                                                              : Limit::kNone;
   }
+  if (result_.residual < kNoBalance) return;
+  result_.status = InverseStatus::kNotConverged;
+  result_.residual = result_.position_error = std::numeric_limits<double>::infinity();
 }
 
 InverseSolver::InverseSolver(const Arm& arm, const InverseOptions& options)

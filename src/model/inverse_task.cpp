@@ -5,6 +5,14 @@
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::model {
+namespace {
+
+void giveUp(Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) {
+  residual.setConstant(kNoBalance);
+  jacobian.setZero();
+}
+
+}  // namespace
 
 using lie::SE3;
 using lie::Vector6;
@@ -91,11 +99,7 @@ void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& r
 void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                     Eigen::MatrixXd& jacobian) const {
   const TipResponse response = loaded_->tipResponse(lengths);
-  if (response.status != SolveStatus::kConverged) {
-    residual.setConstant(kNoBalance);
-    jacobian.setZero();
-    return;
-  }
+  if (response.status != SolveStatus::kConverged) return giveUp(residual, jacobian);
   const Eigen::Matrix3d by_turn = compareTip(response.tip, residual);
   for (int i = 0; i < response.by_lengths.cols(); ++i) {
     setColumn(response.tip, response.by_lengths.col(i), by_turn, i, jacobian);
@@ -105,13 +109,9 @@ void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::Vecto
 // Differences: of the mean twists there is no shorter way.
 void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                        Eigen::MatrixXd& jacobian) const {
-  constexpr double kStep = 1e-5;  // [m]
+  const double step_size = 3e-5 * arm_->restLength();
   const Solution here = loaded_->solveLengths(lengths);
-  if (!here.converged()) {
-    residual.setConstant(kNoBalance);
-    jacobian.setZero();
-    return;
-  }
+  if (!here.converged()) return giveUp(residual, jacobian);
   const auto weigh = [this](auto&& rows) {
     for (int k = 0; k < arm_->sectionCount(); ++k)
       rows.template middleRows<3>(6 * k + 3) *= rotation_weight_;
@@ -119,11 +119,12 @@ void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::Ve
   residual.head(rows_) = (here.shape.twists() - twists_).reshaped();
   weigh(residual);
   for (int i = 0; i < lengths.size(); ++i) {
-    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(lengths.size(), i);
-    jacobian.col(i).head(rows_) = (loaded_->solveLengths(lengths + step).shape.twists() -
-                                   loaded_->solveLengths(lengths - step).shape.twists())
-                                      .reshaped() /
-                                  (2.0 * kStep);
+    const Eigen::VectorXd step = step_size * Eigen::VectorXd::Unit(lengths.size(), i);
+    const Solution below = loaded_->solveLengths(lengths - step);
+    const Solution above = loaded_->solveLengths(lengths + step);
+    if (!below.converged() || !above.converged()) return giveUp(residual, jacobian);
+    jacobian.col(i).head(rows_) =
+        (above.shape.twists() - below.shape.twists()).reshaped() / (2.0 * step_size);
   }
   weigh(jacobian);
 }

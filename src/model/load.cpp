@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
+#include <utility>
 
 #include "helix_arm/model/requirement.hpp"
 
@@ -13,6 +15,14 @@ bool Load::empty() const {
   return weightless && std::all_of(points.begin(), points.end(), [this](const PointLoad& point) {
            return forceOf(point).isZero(0) && point.moment.isZero(0);
          });
+}
+
+int Load::innerPlaces() const {
+  std::set<std::pair<int, double>> places;
+  for (const PointLoad& point : points) {
+    if (point.s > 0 && point.s < 1) places.emplace(point.section, point.s);
+  }
+  return static_cast<int>(places.size());
 }
 
 void Load::validate(int sections) const {

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <set>
+#include <utility>
 
 #include "anderson.hpp"
 #include "buckling.hpp"
@@ -20,16 +21,28 @@ namespace {
 
 constexpr int kMaxIterations = 100;
 constexpr double kAtRest = 1e-11;  // last change, relative to the arm's size and one radian
-// The step of the least order is trusted where the next one would be shorter by this factor.
+// The step of the least order is trusted where the next one would be shorter by this factor, and
+// no longer than this [of the arm's size, rad].
 constexpr double kContracting = 0.5;
+constexpr double kTrustedStep = 0.02;
 // Turn of a section against its shape without load, beyond which its coordinates fold back [rad].
 constexpr double kFarthestTurn = 5.5;
 constexpr double kFarthestResidual = 1e6;
 constexpr double kNoWork = 1e-9;          // of a wrench on a null space, relative to the load's
-constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size, one radian, and the load
+constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and to one radian
 constexpr double kOutOfPlane = 1e-9;      // rounding of a base's rotation
 constexpr int kKrylov = 8;                // motions that stability is judged by
 constexpr double kKrylovStep = 1e-6;      // of them, relative to the arm's size and one radian
+
+// Twist over each section by body wrench.
+template <class Group>
+std::vector<typename Group::Matrix> complianceOf(const ArmOf<Group>& arm, const Load& load) {
+  std::vector<typename Group::Matrix> out;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    out.push_back(arm.freeLength(k) / load.K_eps[k] * arm.equilibrium(k).compliance);
+  }
+  return out;
+}
 
 bool inXY(const Eigen::Vector3d& v) { return std::abs(v.z()) <= kOutOfPlane * v.norm(); }
 
@@ -54,6 +67,11 @@ bool inPlane(const Load& load) {
     return inXY(force) && (force.isZero(0) || inXY(point.offset)) &&
            point.moment.head<2>().norm() <= kOutOfPlane * point.moment.norm();
   });
+}
+
+bool staysInPlane(const Arm& arm, const Load& load) {
+  load.validate(arm.sectionCount());
+  return inPlane(load) && bucklingBound(arm, load, complianceOf(arm, load)) < 1.0;
 }
 
 // One solution: everything lives on the stack.
@@ -218,7 +236,8 @@ class LoadedArmOf<Group>::Relaxation {
     rates_ = next;
     rates_ += factor / (1.0 - factor) * (next - first);
     place();
-    const bool contracts = residual_ <= kContracting * std::sqrt(first_square);
+    const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
+    const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
     finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
   }
 
@@ -358,9 +377,11 @@ LoadedArmOf<Group>::LoadedArmOf(const ArmOf<Group>& arm, const Load& load, int o
   for (const PointLoad& point : load.points) {
     if (point.s > 0 && point.s < 1) cuts.insert(point.section + point.s);
   }
-  requireValue(static_cast<int>(cuts.size()) <= kMaxInnerPoints, "loaded tier",
-               "the number of places inside sections where points pull", cuts.size(),
-               "at most 16; move points that are close to each other to one place");
+  requireValue(
+      load.innerPlaces() <= kMaxInnerPoints, "load.points", "the number of places inside sections",
+      load.innerPlaces(),
+      "at most 16 with tier: loaded; put points that are close to each other in one place, "
+      "or use tier: exact");
   for (int k = 0; k <= sections; ++k) cuts.insert(k);
   for (auto begin = cuts.begin(), end = std::next(begin); end != cuts.end(); ++begin, ++end) {
     const int section = std::min(static_cast<int>(*begin), sections - 1);
@@ -373,28 +394,43 @@ LoadedArmOf<Group>::LoadedArmOf(const ArmOf<Group>& arm, const Load& load, int o
     elements_.push_back(std::move(element));
   }
   for (int k = 0; k < sections; ++k) {
-    compliance_.push_back(arm.freeLength(k) / load.K_eps[k] * arm.equilibrium(k).compliance);
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
+  compliance_ = complianceOf(arm, load);
   may_buckle_ = bucklingBound(arm, load, compliance_) >= 1.0;
+}
+
+template <class Group>
+template <class Solver>
+Solver LoadedArmOf<Group>::solved(const Load& load, const Twists& unloaded,
+                                  const Solver* near) const {
+  Solver solver(*this, load, unloaded);
+  if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
+  solver.run(order_ == kLeastOrder);
+  // What is near a shape that holds is as good as it.
+  if (may_buckle_ && near == nullptr) solver.refuseUnstable();
+  return solver;
+}
+
+template <class Group>
+void LoadedArmOf<Group>::Response::add(int column, double step, const TipOf<Group>& below,
+                                       const TipOf<Group>& above) {
+  if (!below.converged()) at.status = below.status;
+  if (!above.converged()) at.status = above.status;
+  by.col(column) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
 }
 
 template <class Group>
 TipOf<Group> LoadedArmOf<Group>::tip(const Twists& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
-    Relaxation<nodes()> relaxation(*this, load_, unloaded);
-    relaxation.run(order_ == kLeastOrder);
-    if (may_buckle_) relaxation.refuseUnstable();
-    return relaxation.result();
+    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr).result();
   });
 }
 
 template <class Group>
 Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
-    Relaxation<nodes()> relaxation(*this, load_, unloaded);
-    relaxation.run(order_ == kLeastOrder);
-    if (may_buckle_) relaxation.refuseUnstable();
+    const auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
     const TipOf<Group> found = relaxation.result();
     return Solution{relaxation.shape(static_cast<int>(unloaded.cols())), inSpace(found.tip),
                     found.status, found.residual, found.iterations};
@@ -402,65 +438,58 @@ Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
 }
 
 template <class Group>
-typename LoadedArmOf<Group>::Motion LoadedArmOf<Group>::tipByUnloaded(
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
     const Twists& unloaded, const Eigen::MatrixXd& directions) const {
   return withNodes(order_, [&](auto nodes) {
     using Solver = Relaxation<nodes()>;
-    const bool one_step = order_ == kLeastOrder;
-    Solver here(*this, load_, unloaded);
-    here.run(one_step);
-    Motion out(Group::kDof, directions.cols());
+    const Solver here = solved<Solver>(load_, unloaded, nullptr);
+    Response out{here.result(), Motion::Zero(Group::kDof, directions.cols())};
     for (int d = 0; d < directions.cols(); ++d) {
       const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
       const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
                                    direction.template bottomRows<Group::kRotations>().norm());
-      if (size == 0) {
-        out.col(d).setZero();
-        continue;
-      }
+      if (size == 0) continue;
       const double step = kDifferenceStep / size;
-      const auto tipAt = [&](double factor) {
-        Solver there(*this, load_, unloaded + factor * direction);
-        if (!one_step) there.startFrom(here);
-        there.run(one_step);
-        return there.result().tip;
-      };
-      out.col(d) = (tipAt(-step).inverse() * tipAt(step)).log() / (2.0 * step);
+      out.add(d, step, solved<Solver>(load_, unloaded - step * direction, &here).result(),
+              solved<Solver>(load_, unloaded + step * direction, &here).result());
     }
     return out;
   });
 }
 
 template <class Group>
-typename LoadedArmOf<Group>::Motion LoadedArmOf<Group>::tipByLoad(const Twists& unloaded) const {
-  // In the order of the columns, with the size that each may have.
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists& unloaded) const {
+  // A moment and a force that turn the softest section by about one radian.
+  double softest = 0.0;
+  for (const auto& C : compliance_) {
+    softest = std::max(softest,
+                       C.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
+  }
+  const double moment = 1.0 / softest, force = moment / size_, pull = load_.gravity.norm();
+  const double mass = pull > 0 ? force / pull : 1.0;
+  // In the order of the columns, each with its unit.
   Load load = load_;
-  std::vector<double*> entries;
-  for (double& mass : load.mass) entries.push_back(&mass);
+  std::vector<std::pair<double*, double>> entries;
+  for (double& of_section : load.mass) entries.emplace_back(&of_section, mass);
   for (PointLoad& point : load.points) {
-    entries.push_back(&point.mass);
-    for (int i = 0; i < 3; ++i) entries.push_back(&point.force[i]);
-    for (int i = 0; i < 3; ++i) entries.push_back(&point.moment[i]);
+    entries.emplace_back(&point.mass, mass);
+    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.force[i], force);
+    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.moment[i], moment);
   }
   return withNodes(order_, [&](auto nodes) {
     using Solver = Relaxation<nodes()>;
-    const bool one_step = order_ == kLeastOrder;
-    Solver here(*this, load, unloaded);
-    here.run(one_step);
-    Motion out(Group::kDof, entries.size());
+    const Solver here = solved<Solver>(load, unloaded, nullptr);
+    Response out{here.result(),
+                 Motion::Zero(Group::kDof, static_cast<Eigen::Index>(entries.size()))};
     for (std::size_t i = 0; i < entries.size(); ++i) {
-      const double kept = *entries[i];
-      const double step = kDifferenceStep * std::max(std::abs(kept), 1.0);
-      const auto tipAt = [&](double value) {
-        *entries[i] = value;
-        Solver there(*this, load, unloaded);
-        if (!one_step) there.startFrom(here);
-        there.run(one_step);
-        *entries[i] = kept;
-        return there.result().tip;
-      };
-      out.col(static_cast<int>(i)) =
-          (tipAt(kept - step).inverse() * tipAt(kept + step)).log() / (2.0 * step);
+      const auto [entry, unit] = entries[i];
+      const double kept = *entry, step = kDifferenceStep * unit;
+      *entry = kept - step;
+      const TipOf<Group> below = solved<Solver>(load, unloaded, &here).result();
+      *entry = kept + step;
+      const TipOf<Group> above = solved<Solver>(load, unloaded, &here).result();
+      *entry = kept;
+      out.add(static_cast<int>(i), step, below, above);
     }
     return out;
   });

@@ -113,8 +113,9 @@ struct Flow {
     const double most_steps =
         200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
     for (int steps = 0; s < end; ++steps) {
-      if (steps > most_steps || !(s + h > s)) return false;
-      const bool last = s + h * (1.0 + 1e-10) >= end;
+      // Of places that are next to each other nothing is left to divide.
+      const bool last = s + h * (1.0 + 1e-10) >= end || end - s <= 1e-14;
+      if (steps > most_steps || !(last || s + h > s)) return false;
       const double step = last ? end - s : h;
       k[0] = (*this)(s, y);
       for (int i = 1; i < dormand_prince::kStages; ++i) {

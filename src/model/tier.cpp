@@ -5,6 +5,7 @@
 #include <limits>
 #include <random>
 #include <sstream>
+#include <stdexcept>
 
 #include "helix_arm/model/exact.hpp"
 #include "helix_arm/model/loaded.hpp"
@@ -19,10 +20,6 @@ constexpr int kRandomSamples = 16;
 // Where none of so many samples finds a balance, the others are not tried: each takes long.
 constexpr int kHopeless = 4;
 constexpr int kMostCornerActuators = 3;
-// Inputs between the samples may be worse than they are.
-constexpr double kMargin = 2.0;
-// What the exact tier is good to, as a part of the arm's length.
-constexpr double kExactTipError = 1e-9;
 
 std::string percent(double part) {
   std::ostringstream text;
@@ -89,7 +86,8 @@ Samples sampleTips(const Arm& arm, const Load& load) {
           refused == SolveStatus::kUnsupported
               ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
                 "value > 0"
-              : "no shape balances it at any input; lower the masses and forces, or raise "
+              : "no shape balances it at any of the inputs tried; lower the masses and forces, or "
+                "raise "
                 "arm.stiffness.K_eps_n");
   return {std::move(out), unbalanced};
 }
@@ -102,7 +100,7 @@ double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, dou
     if (found.status != SolveStatus::kConverged) return std::numeric_limits<double>::infinity();
     error = std::max(error, (found.tip.translation - sample.tip).norm() / arm_length);
   }
-  return error;
+  return std::max(error, kExactTipError);
 }
 
 double timeOf(const TierSolver& solver, const Eigen::VectorXd& lengths) {
@@ -110,16 +108,102 @@ double timeOf(const TierSolver& solver, const Eigen::VectorXd& lengths) {
 }
 
 // From the cheapest to the dearest.
-std::vector<TierSetting> settingsOf(const TierRequest& request, bool planar) {
+std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load, bool planar) {
   std::vector<TierSetting> out;
   const auto wanted = [&request](Tier tier) { return !request.tier || *request.tier == tier; };
+  // Asked for, the loaded tier says itself what it cannot have.
+  const bool orders =
+      wanted(Tier::kLoaded) && (request.tier || load.innerPlaces() <= kMaxInnerPoints);
   if (planar && wanted(Tier::kPlanar)) out.push_back({Tier::kPlanar, 0});
   if (wanted(Tier::kLinear) && (!planar || request.tier)) out.push_back({Tier::kLinear, 0});
-  for (int order = kLeastOrder; order <= kMostOrder && wanted(Tier::kLoaded); ++order) {
+  for (int order = kLeastOrder; order <= kMostOrder && orders; ++order) {
     if (!request.order || *request.order == order) out.push_back({Tier::kLoaded, order});
   }
   if (wanted(Tier::kExact)) out.push_back({Tier::kExact, 0});
   return out;
+}
+
+// One arm under one load, with what the tiers are judged by.
+struct Scale {
+  const Arm& arm;
+  const std::optional<PlanarArm>& planar;
+  const std::optional<Load>& load;
+  Samples samples;
+
+  TierSolver solverOf(const TierSetting& setting) const { return {arm, planar, load, setting}; }
+
+  TierChoice judge(const TierSetting& setting, const TierSolver& solver) const {
+    TierChoice out{setting, kExactTipError, ""};
+    std::ostringstream reason;
+    reason << setting.name();
+    if (setting.tier != Tier::kExact) {
+      out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
+    }
+    if (setting.tier == Tier::kExact) {
+      reason << ", which the other tiers are compared with,";
+    } else if (std::isfinite(out.tip_error)) {
+      reason << " errs by up to " << percent(out.tip_error) << " of the arm's length";
+    } else {
+      reason << " finds no balance at some inputs";
+    }
+    if (setting.tier == Tier::kLinear || setting.tier == Tier::kPlanar) {
+      reason << ", as it leaves the load out";
+    }
+    if (samples.unbalanced > 0) {
+      reason << " (at " << samples.unbalanced << " of "
+             << samples.unbalanced + samples.balanced.size()
+             << " sampled inputs no shape balances the load)";
+    }
+    out.reason = reason.str();
+    return out;
+  }
+};
+
+TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierSetting>& settings) {
+  std::optional<TierChoice> best;
+  std::string cheapest;
+  for (const TierSetting& setting : settings) {
+    const TierSolver solver = scale.solverOf(setting);
+    const double taken = timeOf(solver, scale.samples.balanced.back().lengths);
+    if (cheapest.empty()) cheapest = setting.name() + ", takes about " + microseconds(taken);
+    if (taken > time) continue;
+    TierChoice choice = scale.judge(setting, solver);
+    if (best && best->tip_error <= choice.tip_error) continue;
+    choice.reason +=
+        ", takes " + microseconds(taken) + " of the " + microseconds(time) + " allowed";
+    best = std::move(choice);
+  }
+  require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
+          "; allow twice that, as times vary");
+  return *best;
+}
+
+TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
+                          const std::vector<TierSetting>& settings) {
+  const double allowed = request.tip_error.value_or(kUsualTipError);
+  if (settings.size() == 1 && !request.tip_error) {
+    TierChoice choice = scale.judge(settings.front(), scale.solverOf(settings.front()));
+    choice.reason = "asked for; " + choice.reason;
+    return choice;
+  }
+  std::string nearest;
+  double least = std::numeric_limits<double>::infinity();
+  for (const TierSetting& setting : settings) {
+    TierChoice choice = scale.judge(setting, scale.solverOf(setting));
+    if (kTipErrorMargin * choice.tip_error <= allowed) {
+      choice.reason += ", the cheapest within " + percent(allowed);
+      return choice;
+    }
+    if (nearest.empty() || choice.tip_error < least) nearest = choice.reason;
+    least = std::min(least, choice.tip_error);
+  }
+  const std::string tier = request.tier ? nameOf(*request.tier) : "auto";
+  require(request.tip_error.has_value(), "tier: ", tier, " does not keep within the ",
+          percent(allowed), " that count where accuracy is not given; ", nearest,
+          "; use tier: exact, or give accuracy.tip_error_percent");
+  throw std::invalid_argument("accuracy.tip_error_percent: no tier asked for keeps within " +
+                              percent(allowed) + ", with a factor of 2 to spare; " + nearest +
+                              "; ask for less, or use tier: auto");
 }
 
 void checkRequest(const TierRequest& request) {
@@ -144,8 +228,8 @@ TierChoice chooseUnloaded(const Arm& arm, const std::optional<PlanarArm>& planar
   const TierSetting setting{request.tier.value_or(planar ? Tier::kPlanar : Tier::kLinear), 0};
   if (request.time) {
     const double time = timeOf(TierSolver(arm, planar, {}, setting), arm.lengths(arm.inputAt(0.5)));
-    require(time <= *request.time, "budget.time_us: the fastest tier, ", setting.name(), ", takes ",
-            microseconds(time), "; allow that much");
+    require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
+            ", takes about ", microseconds(time), "; allow twice that, as times vary");
   }
   if (request.tier) return {setting, 0.0, "asked for; nothing loads the arm"};
   return {setting, 0.0,
@@ -181,60 +265,17 @@ TierChoice chooseTier(const Arm& arm, const std::optional<PlanarArm>& planar,
   if (load) load->validate(arm.sectionCount());
   if (!load || (load->empty() && !request.tier)) return chooseUnloaded(arm, planar, request);
 
-  const bool in_plane = planar && inPlane(*load);
-  require(request.tier != Tier::kPlanar || in_plane,
+  require(request.tier != Tier::kPlanar || inPlane(*load),
           "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
           "use tier: loaded, or turn arm.base");
-  constexpr double kLeastError = kMargin * kExactTipError;
-  require(!request.tip_error || *request.tip_error >= kLeastError,
-          "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastError),
+  require(!request.tip_error || *request.tip_error >= kLeastTipError,
+          "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
           " of the arm's length; ask for that or more");
-
-  const Samples sampled = sampleTips(arm, *load);
-  const std::vector<Sample>& samples = sampled.balanced;
-  const double arm_length = arm.restLength();
-  const std::vector<TierSetting> settings = settingsOf(request, in_plane);
-  const bool one = settings.size() == 1;
-  const double allowed = request.tip_error.value_or(kUsualTipError);
-  std::optional<TierChoice> last;
-  std::string cheapest;
-  for (const TierSetting& setting : settings) {
-    const TierSolver solver(arm, planar, load, setting);
-    const double error =
-        setting.tier == Tier::kExact ? kExactTipError : errorOf(solver, samples, arm_length);
-    std::ostringstream errs;
-    if (std::isfinite(error)) {
-      errs << setting.name() << " errs by up to " << percent(error) << " of the arm's length";
-    } else {
-      errs << setting.name() << " finds no balance at some inputs";
-    }
-    if (sampled.unbalanced > 0) {
-      errs << " (at " << sampled.unbalanced << " of " << sampled.unbalanced + samples.size()
-           << " sampled inputs no shape balances the load)";
-    }
-    if (request.time) {
-      const double time = timeOf(solver, samples.front().lengths);
-      if (cheapest.empty()) cheapest = setting.name() + " takes " + microseconds(time);
-      if (time > *request.time) continue;
-      if (last && last->tip_error <= error) continue;
-      last = TierChoice{setting, error,
-                        errs.str() + " and takes " + microseconds(time) + " of the " +
-                            microseconds(*request.time) + " allowed"};
-    } else if (kMargin * error <= allowed || (one && !request.tip_error)) {
-      return {setting, error,
-              one ? "asked for; " + errs.str()
-                  : errs.str() + ", the cheapest within " + percent(allowed)};
-    } else if (!last || error < last->tip_error) {
-      last = TierChoice{setting, error, errs.str()};
-    }
-  }
-  if (request.time) {
-    require(last.has_value(), "budget.time_us: the cheapest, ", cheapest, "; allow that much");
-    return *last;
-  }
-  require(false, "accuracy.tip_error_percent: no tier asked for keeps within ", percent(allowed),
-          " (with a margin of 2); ", last->reason, "; ask for less, or use tier: auto");
-  return *last;
+  const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));
+  const std::vector<TierSetting> settings = settingsOf(request, *load, in_plane);
+  const Scale scale{arm, planar, load, sampleTips(arm, *load)};
+  return request.time ? chooseWithin(*request.time, scale, settings)
+                      : chooseAccurate(request, scale, settings);
 }
 
 }  // namespace helix_arm::model

@@ -5,7 +5,7 @@
 namespace helix_arm::model {
 namespace {
 
-constexpr double kLengthStep = 1e-5;  // of the differences of the exact tier [m]
+constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of the arm's length
 
 // The maps of all sections (dof * sections x n): what each free length adds to the twists.
 template <class Group>
@@ -49,7 +49,7 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
 TierSolver::TierSolver(const Arm& arm, const std::optional<PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
     : arm_(arm), plane_(nullptr) {
-  const bool in_plane = planar && (!load || inPlane(*load));
+  const bool in_plane = planar && (!load || staysInPlane(arm, *load));
   if (setting.tier == Tier::kPlanar) plane_ = &*planar;
   if (setting.tier == Tier::kExact) exact_.emplace(arm, *load);
   if (setting.tier != Tier::kLoaded) return;
@@ -102,19 +102,26 @@ Tip TierSolver::tipOfInputs(const InputRef& q) const {
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
+  if (loaded_) {
+    const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
+    return {found.at.tip, found.at.status, found.by};
+  }
+  if (planar_loaded_) {
+    const auto found =
+        planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
+    return {lie::embed(found.at.tip), found.at.status, inSpace(found.by)};
+  }
   const Tip here = tip(lengths);
   TipResponse out{here.tip, here.status, {}};
-  if (loaded_) {
-    out.by_lengths = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
-  } else if (planar_loaded_) {
-    out.by_lengths =
-        inSpace(planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_)));
-  } else if (exact_) {
+  if (exact_) {
+    const double size = kLengthStep * arm_.restLength();
     out.by_lengths.resize(6, lengths.size());
     for (int i = 0; i < lengths.size(); ++i) {
-      const Eigen::VectorXd step = kLengthStep * Eigen::VectorXd::Unit(lengths.size(), i);
-      out.by_lengths.col(i) =
-          (tip(lengths - step).tip.inverse() * tip(lengths + step).tip).log() / (2.0 * kLengthStep);
+      const Eigen::VectorXd step = size * Eigen::VectorXd::Unit(lengths.size(), i);
+      const Tip below = tip(lengths - step), above = tip(lengths + step);
+      if (!below.converged()) out.status = below.status;
+      if (!above.converged()) out.status = above.status;
+      out.by_lengths.col(i) = (below.tip.inverse() * above.tip).log() / (2.0 * size);
     }
   } else if (plane_ != nullptr) {
     out.by_lengths = inSpace(linearResponse(*plane_, plane_->twistsOfLengths(lengths)));

@@ -11,6 +11,14 @@
 namespace helix_arm::model {
 namespace {
 
+// Of pieces: some 20 ns a point of the closed form, up to 0.1 s of the exact tier's sensitivity.
+constexpr int kBatchPiece = 16384;
+constexpr int kClosedFormPiece = 256;
+constexpr int kLoadedPiece = 64;
+constexpr int kLoadedSensitivityPiece = 8;
+constexpr int kExactPiece = 4;
+constexpr int kExactSensitivityPiece = 1;
+
 constexpr double kKilopascal = 1e3;   // [Pa]
 constexpr double kMillimetre = 1e-3;  // [m]
 constexpr double kOnePercentMore = 1.01;
@@ -73,6 +81,15 @@ Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
             " is a tendon; leave it out");
   }
   stiffer_ = stifferModels(model_);
+}
+
+int Workspace::pieceSize() const {
+  const bool sensitivity = options_.sensitivity;
+  if (batch_) return sensitivity ? kClosedFormPiece : kBatchPiece;
+  if (model_.choice().setting.tier == Tier::kExact) {
+    return sensitivity ? kExactSensitivityPiece : kExactPiece;
+  }
+  return sensitivity ? kLoadedSensitivityPiece : kLoadedPiece;
 }
 
 Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {

@@ -54,14 +54,7 @@ PressureCommandNode::PressureCommandNode()
       command_(scene_.arm.inputAt(0)),
       measured_(command_),
       solution_(scene_.model.solve(command_)),
-      last_step_(ros::SteadyTime::now()),
-      last_diagnosis_(last_step_) {
-  command_publisher_ = node_.advertise<PressureArray>(names::kPressureCommand, 10);
-  if (options_.regulator == "scene") {
-    regulator_.emplace(makeRegulator(scene_));
-    regulator_->command(command_);
-    measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
-  }
+      last_diagnosis_(ros::SteadyTime::now()) {
   model_publisher_ = node_.advertise<ArmShape>(names::kModel, 10);
   status_publisher_ = node_.advertise<TargetStatus>(names::kTargetStatus, 100);
   marker_publisher_ = node_.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2);
@@ -84,7 +77,8 @@ PressureCommandNode::PressureCommandNode()
   pressure_subscriber_ = listen(names::kPressureTarget, &Node::onPressureTarget);
   shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
   tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
-  if (!regulator_) reading_subscriber_ = listen(names::kPressureMeasured, &Node::onReading);
+  const bool simulates = options_.regulator == "scene";
+  if (!simulates) reading_subscriber_ = listen(names::kPressureMeasured, &Node::onReading);
 
   reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
                                            [this](io::Scene next) { adopt(std::move(next)); });
@@ -92,7 +86,11 @@ PressureCommandNode::PressureCommandNode()
   const auto every = [&](double rate, auto callback) {
     return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
   };
-  loop_timer_ = every(options_.rate, &Node::onLoop);
+  std::optional<regulator::SimulatedRegulator> regulator;
+  if (simulates) regulator.emplace(makeRegulator(scene_));
+  loop_.emplace(
+      node_, scene_.arm, command_, options_.rate, std::move(regulator),
+      [this](const PressureLoop::Reading& reading) { take(reading.pressure, reading.stamp); });
   draw_timer_ = every(options_.draw_rate, &Node::onDraw);
   diagnose_timer_ = every(1.0, &Node::onDiagnose);
   ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
@@ -114,7 +112,7 @@ void PressureCommandNode::solve() {
   at << (1e-3 * pressure).transpose();
   ROS_WARN(
       "%s: the %s model finds no shape that holds the load at %s kPa (%s, residual %.2g; %lu times "
-      "so far): no model is published there; check the scene's load and K_eps",
+      "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
       model::nameOf(solution_.status), solution_.residual,
       static_cast<unsigned long>(unsolved_.total()));
@@ -210,31 +208,8 @@ void PressureCommandNode::follow(const Sender& sender, const model::InverseResul
 }
 
 void PressureCommandNode::command(const Eigen::VectorXd& pressure) {
-  // The old set points held until now: the lag up to this moment belongs to them.
-  const ros::SteadyTime now = ros::SteadyTime::now();
   command_ = pressure;
-  if (regulator_) {
-    regulator_->step((now - last_step_).toSec());
-    regulator_->command(command_);
-  }
-  last_step_ = now;
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
-  command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
-}
-
-void PressureCommandNode::onLoop(const ros::SteadyTimerEvent&) {
-  ++loops_;
-  std_msgs::Header header;
-  header.stamp = ros::Time::now();
-  command_publisher_.publish(toPressureMsg(header, scene_.arm, command_));
-  if (!regulator_) return;
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  regulator_->step((now - last_step_).toSec());
-  last_step_ = now;
-  const Eigen::VectorXd measured = regulator_->measure();
-  measured_publisher_.publish(toPressureMsg(header, scene_.arm, measured));
-  take(measured, header.stamp);
+  loop_->command(command_);
 }
 
 void PressureCommandNode::adopt(io::Scene next) {
@@ -318,10 +293,11 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
 void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   using diagnostic_msgs::DiagnosticStatus;
   const ros::SteadyTime now = ros::SteadyTime::now();
+  const std::uint64_t turns = loop_->turns();
   const double rate =
-      static_cast<double>(loops_ - diagnosed_loops_) / (now - last_diagnosis_).toSec();
+      static_cast<double>(turns - diagnosed_turns_) / (now - last_diagnosis_).toSec();
   last_diagnosis_ = now;
-  diagnosed_loops_ = loops_;
+  diagnosed_turns_ = turns;
 
   diagnostic_msgs::DiagnosticArray msg;
   msg.header.stamp = ros::Time::now();
@@ -352,7 +328,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   model.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
   model.message = solved ? "the model finds the arm's shape"
                          : "the model finds no shape that holds the load: none is published; check "
-                           "the scene's load and K_eps";
+                           "the scene's load and arm.stiffness.K_eps_n";
   addValue(model, names::kTierKey, model::nameOf(choice.setting.tier));
   addValue(model, names::kOrderKey, std::to_string(choice.setting.order));
   addValue(model, names::kTierReasonKey, choice.reason);

@@ -58,17 +58,17 @@ std::unique_ptr<vision::FrameSource> makeSource(const VisionOptions& options,
   return nullptr;
 }
 
-// What to expect before a model comes. A guess: where the model finds no shape that holds the load,
-// the one without load is as good.
+// What to expect before a model comes.
 model::Shape restingShape(const io::Scene& scene) {
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
   const model::Solution solution = scene.model.solve(rest);
-  if (solution.converged()) return solution.shape;
-  ROS_WARN(
-      "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
-      "where they are without load until a model comes",
-      scene.name.c_str(), model::nameOf(solution.status), solution.residual);
-  return scene.arm.twists(rest);
+  if (!solution.converged()) {
+    ROS_WARN(
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
+        "where they are without load until a model comes",
+        scene.name.c_str(), model::nameOf(solution.status), solution.residual);
+  }
+  return model::startingShape(scene.model, solution, rest);
 }
 
 std::uint8_t stateOf(vision::SightState state) {
@@ -451,9 +451,10 @@ std::optional<ModelHistory::Entry> VisionNode::modelAt(const ros::Time& stamp) {
   if (lag && (!in_time || std::abs(*lag) > ModelHistory::kReach) && late_models_.add()) {
     ROS_WARN(
         "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
-        "up, and are the clocks of the camera's and the arm's computers synchronised?",
+        "up, and are the clocks of the camera's and the arm's computers synchronised? Where no "
+        "shape holds the scene's load it gives no model: see `%s` in its diagnostics",
         std::abs(*lag), *lag < 0 ? "after" : "before",
-        static_cast<unsigned long>(late_models_.total()));
+        static_cast<unsigned long>(late_models_.total()), names::kModelStatus);
   }
   return models_.nearest(stamp);
 }

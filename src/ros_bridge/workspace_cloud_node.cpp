@@ -15,8 +15,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr int kMostPoints = 2000000;
-constexpr int kPiece = 256;       // points between two looks at what else there is to do
-constexpr double kPeriod = 1e-3;  // of the pieces [s]
+constexpr double kPeriod = 1e-3;  // between pieces, to look at what else there is to do [s]
 
 bool allPressures(const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -60,12 +59,14 @@ void WorkspaceCloudNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   values_.clear();
   sampled_ = unbalanced_ = 0;
+  publish();  // the old points are not of this scene
   timer_.start();
 }
 
 void WorkspaceCloudNode::onTick(const ros::SteadyTimerEvent&) {
-  const model::WorkspacePoints points = workspace_.sample(
-      static_cast<std::uint64_t>(sampled_), std::min(kPiece, options_.count - sampled_));
+  const model::WorkspacePoints points =
+      workspace_.sample(static_cast<std::uint64_t>(sampled_),
+                        std::min(workspace_.pieceSize(), options_.count - sampled_));
   for (int row = 0; row < points.count(); ++row) {
     for (int k = 0; k < 3; ++k) values_.push_back(static_cast<float>(points.tips(row, k)));
     for (int k = 0; k < points.sensitivity.cols() && sensitivity_; ++k) {
@@ -77,6 +78,7 @@ void WorkspaceCloudNode::onTick(const ros::SteadyTimerEvent&) {
   if (sampled_ < options_.count) return;
   timer_.stop();
   publish();
+  tell();
 }
 
 void WorkspaceCloudNode::publish() {
@@ -105,10 +107,21 @@ void WorkspaceCloudNode::publish() {
   cloud.data.resize(values_.size() * sizeof(float));
   std::memcpy(cloud.data.data(), values_.data(), cloud.data.size());
   publisher_.publish(cloud);
-  ROS_INFO(
-      "workspace: %u points by tier %s; %d of %d inputs were left out, as no shape balances "
-      "the load",
-      cloud.width, workspace_.model().choice().setting.name().c_str(), unbalanced_, options_.count);
+}
+
+void WorkspaceCloudNode::tell() const {
+  const std::string tier = workspace_.model().choice().setting.name();
+  if (unbalanced_ == options_.count) {
+    ROS_WARN(
+        "%s: the cloud of the workspace is empty: by tier %s no shape balances the load at any of "
+        "%d inputs; check the scene's load and K_eps, then reload",
+        scene_.name.c_str(), tier.c_str(), options_.count);
+    return;
+  }
+  ROS_INFO("%s: %d tips by tier %s", scene_.name.c_str(), sampled_ - unbalanced_, tier.c_str());
+  if (unbalanced_ == 0) return;
+  ROS_INFO("%s: %d of %d inputs are left out, as no shape balances the load there",
+           scene_.name.c_str(), unbalanced_, options_.count);
 }
 
 }  // namespace helix_arm::ros_bridge

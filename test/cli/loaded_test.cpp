@@ -168,10 +168,18 @@ TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
                     "--accuracy has nothing to choose");
   expectCallerError(forward("loaded", {"--budget", "9", "--tier", "loaded", "--order", "3"}),
                     "--budget has nothing to choose");
-  expectCallerError(forward("loaded", {"--accuracy", "0"}), "--accuracy");
-  expectCallerError(forward("loaded", {"--accuracy", "1e-9"}),
-                    "--accuracy cannot be had with scene loaded: accuracy.tip_error_percent: no "
-                    "tier errs by less");
+  for (const char* const percent : {"0", "-1", "200", "inf", "nan", "much"}) {
+    expectCallerError(forward("loaded", {"--accuracy", percent}),
+                      "--accuracy: " + std::string(percent) + " is not a number from 2e-07 to 100");
+  }
+  for (const char* const us : {"0", "inf", "1e10"}) {
+    expectCallerError(forward("loaded", {"--budget", us}),
+                      "--budget: " + std::string(us) + " is not a number from 0.001 to 1e+09");
+  }
+  expectCallerError(
+      forward("loaded", {"--tier", "loaded", "--accuracy", "2e-7", "--set", "load.mass_kg=2"}),
+      "--accuracy cannot be had with scene loaded: accuracy.tip_error_percent: no "
+      "tier asked for keeps within");
   expectCallerError(forward("loaded", {"--budget", "1e-3"}),
                     "--budget cannot be had with scene loaded: budget.time_us: the cheapest");
   expectCallerError(forward("demo", {"--set", "load.mass_kg=0.2"}),

@@ -254,6 +254,29 @@ TEST_F(Localize, PressuresSayWhereTheSearchBegins) {
 }
 
 // No camera, no tags, or a picture of another size: the tags are there all the same.
+TEST_F(Localize, WhereTheModelFindsNoShapeTheSearchBeginsWithoutLoad) {
+  const std::string rig = *folder_ / "loaded rig";
+  ASSERT_EQ(runCommand({"simulate", scenePath("loaded"), "--out", rig, "--count", "1"}).exit_code,
+            0);
+  std::vector<std::string> command{"localize", scenePath("loaded"), rig + "/picture_0001.jpg",
+                                   "--format", "json"};
+  const json sound = runCommand(command).json();
+  EXPECT_EQ(sound["model_status"], "converged");
+  for (const char* const key : {"load.tip.force_n=[0, 0, 1e4]", "tier=loaded", "order=2"}) {
+    command.insert(command.end(), {"--set", key});
+  }
+  const Outcome outcome = runCommand(command);
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.out;
+  EXPECT_EQ(outcome.json()["model_status"], "not_converged");
+  EXPECT_NE(outcome.err.find("the search began at the shape without load"), std::string::npos);
+  const std::vector<double> one = numbersOf(outcome.json()["frames"][0]["twist"][0]);
+  const std::vector<double> other = numbersOf(sound["frames"][0]["twist"][0]);
+  for (int i = 0; i < 6; ++i) {
+    const double variance = sound["frames"][0]["covariance"][i][i];
+    EXPECT_NEAR(one[i], other[i], std::sqrt(variance)) << i;
+  }
+}
+
 TEST_F(Localize, WithoutACameraOrTagsTheTagsAreListed) {
   for (const char* name : {"planar_50", "helical_50"}) {
     const Outcome outcome =

@@ -177,6 +177,11 @@ TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
   one.emplace_back("1");
   four.emplace_back("4");
   EXPECT_TRUE(content("loaded", one) == content("loaded", four));
+  for (auto* const options : {&one, &four}) {
+    (*options)[1] = "21";
+    options->insert(options->end(), {"--tier", "exact"});
+  }
+  EXPECT_TRUE(content("loaded", one) == content("loaded", four));
 }
 
 TEST(Workspace, ResultsGoToStdoutAndProgressToStderr) {
@@ -245,6 +250,36 @@ TEST(Workspace, APictureIsDrawnOfIt) {
   EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"planar_76.png", "helical_50.png"}));
 }
 
+TEST(Workspace, PointsThatCannotBeDrawnAreToldAndKept) {
+  const TemporaryFolder folder;
+  const std::string points = folder / "p.csv";
+  const Outcome outcome = workspace(scenePath("helical_50"),
+                                    {"--count", "1", "--out", points, "--png", folder / "p.png"});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_NE(outcome.err.find("p.png has nothing to draw: the 1 tip is a line or a point; sample "
+                             "more with --count, or leave out --png"),
+            std::string::npos)
+      << outcome.err;
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["count"], 1);
+  EXPECT_EQ(result["out"], points);
+  EXPECT_TRUE(result["png"].is_null());
+  EXPECT_EQ(csvRows(contentOf(points)).size(), 2u);
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"p.csv"});
+}
+
+TEST(Workspace, TheOrderInCsvIsThatOfTheLoadedTierElseEmpty) {
+  for (const auto& [tier, order] : {std::pair("linear", ""), std::pair("loaded", "3")}) {
+    std::vector<std::string> command{"workspace", scenePath("loaded"), "--count", "10", "--tier",
+                                     tier,        "--format",          "csv"};
+    if (*order != '\0') command.insert(command.end(), {"--order", order});
+    const auto rows = csvRows(runCommand(command).out);
+    ASSERT_EQ(rows.size(), 2u);
+    EXPECT_EQ(rows[0][2], "order");
+    EXPECT_EQ(rows[1][2], order);
+  }
+}
+
 TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
   const TemporaryFolder folder;
   const std::string scene = scenePath("helical_50");
@@ -256,12 +291,21 @@ TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
   expectCallerError(
       workspace(scene, {"--out", folder / "none/cloud.ply"}),
       "none/cloud.ply cannot be written: No such file or directory; choose another place");
-  expectCallerError(workspace(scene, {"--png", folder / "none/map.png"}),
-                    "none/map.png cannot be written: its folder does not exist");
+  expectCallerError(
+      workspace(scene, {"--png", folder / "none/map.png"}),
+      "none/map.png cannot be written: No such file or directory; choose another place");
   expectCallerError(workspace(scene, {"--png", folder.path()}),
-                    "it is a folder; name a file in it");
-  expectCallerError(workspace(scene, {"--count", "0"}), "--count");
-  expectCallerError(workspace(scene, {"--count", "many"}), "--count");
+                    "cannot be written: it is a folder; expected the path of a file");
+  expectCallerError(workspace(scene, {"--png", "/proc/w.png"}), "/proc/w.png cannot be written: ");
+  for (const char* const same : {"w.csv", "folder.ply/../w.csv"}) {
+    expectCallerError(workspace(scene, {"--out", folder / "w.csv", "--png", folder / same}),
+                      "w.csv is the file of --out; name another one");
+  }
+  for (const char* const count : {"0", "many", "1e6", "2.5", "10000000001"}) {
+    expectCallerError(workspace(scene, {"--count", count}),
+                      "--count: " + std::string(count) +
+                          " is not a whole number from 1 to 10000000000, in digits as 1000000");
+  }
   expectCallerError(workspace(scene, {"--tier", "planar"}),
                     "--tier planar needs a scene with arm.geometry: planar");
   const TemporaryFile pulled(kPulledScene);
@@ -271,6 +315,22 @@ TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
   EXPECT_EQ(without.exit_code, 0) << without.err;
   EXPECT_EQ(csvRows(contentOf(folder / "p.csv"))[0][0], "input_1_rad");
   EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"folder.ply", "p.csv"}));
+}
+
+TEST(Workspace, InterruptedItEndsSoonInTheSlowestTier) {
+  const TemporaryFolder folder;
+  using Clock = std::chrono::steady_clock;
+  Process process({HELIX_ARM_COMMAND, "workspace", scenePath("loaded"), "--out",
+                   folder / "cloud.csv", "--tier", "exact", "--sensitivity", "--set",
+                   "load.tip.force_n=[0, 0, 1e4]"});
+  const auto deadline = Clock::now() + std::chrono::seconds(30);
+  while (namesIn(folder.path()).empty() && Clock::now() < deadline) std::this_thread::yield();
+  ASSERT_EQ(namesIn(folder.path()).size(), 1u) << "it never began: " << process.output();
+  const auto asked = Clock::now();
+  process.signal(SIGINT);
+  EXPECT_EQ(process.exitCode(), 130);
+  // A point takes half a second where the load nearly crushes the arm.
+  EXPECT_LT(Clock::now() - asked, std::chrono::seconds(20));
 }
 
 TEST(Workspace, InterruptedItLeavesWhatWasThere) {

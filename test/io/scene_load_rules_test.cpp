@@ -70,7 +70,7 @@ const BrokenRule kNumbers[] = {
      {":80 accuracy.tip_error_percent is 0; expected a finite value > 0"}},
     {"order: 3",
      "accuracy: {tip_error_percent: 200}",
-     {":80 accuracy.tip_error_percent is 200; expected 1e-09 to 100 % of the arm's length"}},
+     {":80 accuracy.tip_error_percent is 200; expected 2e-07 to 100 % of the arm's length"}},
     {"order: 3",
      "budget: {time_us: -1}",
      {":80 budget.time_us is -1; expected a finite value > 0"}},

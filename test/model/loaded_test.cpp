@@ -177,7 +177,7 @@ TEST(Loaded, TheTipMovesWithTheTwistsAsShootingSays) {
     const Load load = test::randomLoad(2, random);
     const Twists twists = arm.twists(test::randomInput(arm, random));
     Eigen::MatrixXd directions = Eigen::MatrixXd::Random(12, 3);
-    const auto J = LoadedArm(arm, load, kMostOrder).tipByUnloaded(twists, directions);
+    const auto J = LoadedArm(arm, load, kMostOrder).tipByUnloaded(twists, directions).by;
     const ExactArm exact(arm, load);
     for (int d = 0; d < 3; ++d) {
       constexpr double kStep = 1e-4;
@@ -195,7 +195,7 @@ TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
   const Arm arm = randomArm(2, random);
   const Load load = test::randomLoad(2, random);
   const Twists twists = arm.twists(test::randomInput(arm, random));
-  const auto J = LoadedArm(arm, load, kMostOrder).tipByLoad(twists);
+  const auto J = LoadedArm(arm, load, kMostOrder).tipByLoad(twists).by;
   ASSERT_EQ(J.cols(), 2 + 2 * 7);
   constexpr double kStep = 1e-3;
   const auto expect = [&](int column, auto&& change) {
@@ -235,6 +235,91 @@ TEST(Loaded, SaysWhichLoadsNothingHolds) {
   EXPECT_EQ(LoadedArm(arm, load, 5).solve(twists).status, SolveStatus::kUnsupported);
   load.points[0].moment = {0, 1e-3, 0};
   EXPECT_EQ(LoadedArm(arm, load, 5).solve(twists).status, SolveStatus::kConverged);
+}
+
+// An arm of a millimetre and its load are differentiated as well as one of metres.
+TEST(Loaded, DerivativesByTheLoadScaleWithTheArm) {
+  const auto armOf = [](double scale) {
+    test::Ring ring;
+    ring.radius *= scale;
+    ring.stiffness.kappa *= scale * scale;
+    const Contraction muscle = test::fig3Muscle().scaledBy(scale);
+    return Arm({test::ringSection(ring, muscle)});
+  };
+  const auto derivatives = [&](double scale) {
+    const Arm arm = armOf(scale);
+    Load load = test::weight(Posture::kHorizontal, 0.1, 1000);
+    load.K_eps[0] *= scale * scale;  // as areas do: forces, too
+    load.mass[0] *= scale * scale;
+    load.points.resize(1);
+    const auto found = LoadedArm(arm, load, 6).tipByLoad(arm.twists(arm.inputAt(0.3)));
+    EXPECT_TRUE(found.at.converged());
+    return found.by;
+  };
+  const auto large = derivatives(1.0), small = derivatives(0.002);
+  ASSERT_EQ(large.cols(), small.cols());
+  for (int i = 0; i < large.cols(); ++i) {
+    // A moment is a force times a length; so is, the other way round, the motion of the tip.
+    const double column = i < 5 ? std::pow(0.002, 2) : std::pow(0.002, 3);
+    lie::Vector6 expected = large.col(i) / column;
+    expected.head<3>() *= 0.002;
+    EXPECT_LT((small.col(i) - expected).norm(), 1e-5 * expected.norm()) << i;
+  }
+}
+
+// Exactly straight, so that nothing tells the column which way to go: the straight shape balances
+// the load, but does not hold.
+TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
+  const Arm arm = test::ringArm(test::straightRing());
+  const Twists twists = arm.twists(arm.inputAt(0.0));
+  for (const auto& [mass, holds] : {std::pair{0.02, true}, std::pair{6.0, false}}) {
+    Load load = test::weight(Posture::kHanging, 0.0, 500);
+    load.gravity = {-test::kGravity, 0, 0};
+    load.points.resize(1);
+    load.points[0].mass = mass;
+    EXPECT_EQ(ExactArm(arm, load).solve(twists).converged(), holds) << mass;
+    for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+      EXPECT_EQ(LoadedArm(arm, load, order).solve(twists).converged(), holds)
+          << mass << " " << order;
+    }
+  }
+}
+
+TEST(Loaded, PlacesThatAreAllButOneAreTwo) {
+  const Arm arm = test::softHelicalArm();
+  Load load = test::weight(Posture::kHorizontal, 0.1, 900);
+  load.points.resize(3);
+  for (PointLoad& point : load.points) point.mass = 0.02;
+  load.points[0].s = 0.3;
+  load.points[1].s = std::nextafter(0.3, 1.0);
+  load.points[2].s = std::nextafter(1.0, 0.0);
+  const Twists twists = arm.twists(arm.inputAt(0.4));
+  const Solution exact = ExactArm(arm, load).solve(twists);
+  const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
+  ASSERT_TRUE(exact.converged());
+  ASSERT_TRUE(found.converged());
+  EXPECT_LT((exact.tip.translation - found.tip.translation).norm(), 1e-9);
+}
+
+TEST(Loaded, TheLeastOrderIsNotTrustedFarFromItsRegime) {
+  const Arm arm = test::ringArm(test::straightRing());
+  test::Random random(29);
+  int refused = 0, taken = 0;
+  for (int i = 0; i < 300; ++i) {
+    Load load = test::weight(Posture::kHorizontal, random.logUniform(0.05, 10), 552);
+    load.gravity = test::kGravity * random.direction<3>();
+    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const Tip found = LoadedArm(arm, load, kLeastOrder).tip(twists);
+    const Solution truth = ExactArm(arm, load).solve(twists);
+    if (!found.converged() || !truth.converged()) {
+      ++refused;
+      continue;
+    }
+    ++taken;
+    EXPECT_LT((found.tip.translation - truth.tip.translation).norm(), 0.02 * arm.restLength());
+  }
+  EXPECT_GT(refused, 30);
+  EXPECT_GT(taken, 100);
 }
 
 TEST(Loaded, NeverCallsABadAnswerGood) {

@@ -7,6 +7,7 @@
 #include "helix_arm/model/arm_model.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::model {
@@ -114,6 +115,41 @@ TEST(TierChoice, LoadsInThePlaneOfAPlanarArmAreSolvedThere) {
   EXPECT_EQ(found.tip.translation.z(), 0.0);
   EXPECT_EQ(chooseTier(arm, plane, down, only(Tier::kPlanar)).setting.tier, Tier::kPlanar);
   EXPECT_EQ(chooseTier(arm, plane, across, {}).setting.tier, Tier::kLoaded);
+}
+
+// Upright and top-heavy, it falls out of its plane: what keeps it there must not be assumed.
+TEST(TierChoice, APlanarArmThatMayBuckleOutOfItsPlaneIsSolvedInSpace) {
+  const PlanarArm plane = test::planarArm();
+  const Arm arm = embed(plane);
+  Load load = weightIn(-Eigen::Vector3d::UnitX());
+  EXPECT_TRUE(staysInPlane(arm, weightIn(-Eigen::Vector3d::UnitY())));
+  load.points.resize(1);
+  load.points[0].mass = 1.0;
+  ASSERT_TRUE(inPlane(load));
+  EXPECT_FALSE(staysInPlane(arm, load));
+  for (const int order : {2, 5, 8}) {
+    TierRequest request = only(Tier::kLoaded, order);
+    try {
+      const ArmModel model(arm, plane, load, request);
+      EXPECT_FALSE(model.solve(arm.inputAt(0.0)).converged()) << order;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find("no shape balances it"), std::string::npos);
+    }
+  }
+}
+
+TEST(TierChoice, ManyPlacesInsideSectionsAreLeftToTheExactTier) {
+  const Arm arm = test::softHelicalArm();
+  Load load = weightIn(Eigen::Vector3d::UnitZ());
+  for (int i = 1; i <= kMaxInnerPoints + 1; ++i) {
+    load.points.push_back({});
+    load.points.back().s = i / (kMaxInnerPoints + 2.0);
+    load.points.back().mass = 0.001;
+  }
+  EXPECT_EQ(chooseTier(arm, {}, load, {}).setting.tier, Tier::kExact);
+  const std::string message = refusal(arm, {}, load, only(Tier::kLoaded, 5));
+  EXPECT_EQ(message.find("load.points"), 0u) << message;
+  EXPECT_NE(message.find("tier: exact"), std::string::npos);
 }
 
 TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {

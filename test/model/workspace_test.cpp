@@ -20,24 +20,11 @@ TierRequest by(Tier tier, std::optional<int> order = {}) {
   return request;
 }
 
-PlanarArm planarArm() {
-  const auto contraction = Contraction::table({0.0, 4e5}, {0.40, 0.30});
-  PlanarSection section;
-  for (const double y : {0.03, -0.03}) {
-    section.actuators.push_back({"muscle",
-                                 {Eigen::Matrix2d::Identity(), {0, y}},
-                                 {10.0, 0.0, 2e-4},
-                                 contraction,
-                                 {0.0, 4e5}});
-  }
-  return PlanarArm({section});
-}
-
 const Load kWeight = test::weight(test::Posture::kHorizontal, 0.2, 900);
 
 // One of every way that a tip is found.
 std::vector<ArmModel> models() {
-  const PlanarArm planar = planarArm();
+  const PlanarArm planar = test::planarArm();
   const Arm helical = test::softHelicalArm();
   Load in_plane = kWeight;
   in_plane.gravity = {0, -test::kGravity, 0};
@@ -186,7 +173,7 @@ TEST(Workspace, ActuatorsKeepTheirOwnStiffness) {
 TEST(Workspace, InputsWithoutBalanceAreLeftOutAndCounted) {
   Load load = kWeight;
   load.gravity = {-test::kGravity, 0, 0};
-  load.mass = {5};
+  load.mass = {3};
   const ArmModel model(test::softHelicalArm(), {}, load, by(Tier::kLoaded, 2));
   constexpr int kCount = 300;
   const Workspace workspace(model);

@@ -1,13 +1,16 @@
 // The cloud of tips: fields, frame and points, for those who come late as well.
+#include <algorithm>
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include "helix_arm/Reload.h"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/workspace.hpp"
 #include "support/ros_rig.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -70,12 +73,46 @@ TEST(WorkspaceCloud, AReloadedSceneHasACloudOfItsOwn) {
   reload.request.scene = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
   ASSERT_TRUE(ros::service::call("workspace_cloud/reload", reload));
   EXPECT_TRUE(reload.response.success) << reload.response.message;
-  ASSERT_TRUE(waitFor([&] { return clouds.all().size() > before; }));
+  ASSERT_TRUE(waitFor([&] { return clouds.all().size() > before + 1; }));
+  EXPECT_EQ(clouds.all()[before]->width, 0u);  // the old points do not stand for the new scene
+  EXPECT_TRUE(clouds.all()[before]->data.empty());
   const io::Scene scene = io::loadScene(reload.request.scene);
   const Eigen::RowVector3d tip = model::Workspace(scene.model, {kSeed, true}).sample(0, 1).tips;
   float x = 0;
   std::memcpy(&x, clouds.last().data.data(), sizeof x);
   EXPECT_NEAR(x, tip[0], 1e-7);
+}
+
+TEST(WorkspaceCloud, SaysWhyItIsEmptyAndNothingOfLoadsWhereThereAreNone) {
+  ros::NodeHandle node;
+  Inbox<rosgraph_msgs::Log> log(node, "/rosout");
+  Inbox<sensor_msgs::PointCloud2> clouds(node, names::kWorkspace);
+  ASSERT_TRUE(waitFor([&] { return log.publishers() > 1 && !clouds.all().empty(); }));
+  const auto reload = [](const std::vector<io::Override>& overrides) {
+    const TemporaryFile file(
+        io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/loaded.yaml", overrides));
+    Reload call;
+    call.request.scene = file.path();
+    return ros::service::call("workspace_cloud/reload", call) && call.response.success;
+  };
+  const auto said = [&](std::uint8_t level, const std::string& text) {
+    return waitFor([&] {
+      const auto& all = log.all();
+      return std::any_of(all.begin(), all.end(), [&](const auto& entry) {
+        return entry->name == "/workspace_cloud" && entry->level == level &&
+               entry->msg.find(text) != std::string::npos;
+      });
+    });
+  };
+  ASSERT_TRUE(reload({{"name", "crushed"},
+                      {"tier", "loaded"},
+                      {"order", "2"},
+                      {"load.tip.force_n", "[0, 0, 1e4]"}}));
+  EXPECT_TRUE(said(rosgraph_msgs::Log::WARN, "crushed: the cloud of the workspace is empty"));
+  EXPECT_EQ(clouds.last().width, 0u);
+  ASSERT_TRUE(reload({{"name", "free"}, {"tier", "linear"}}));
+  EXPECT_TRUE(said(rosgraph_msgs::Log::INFO, "free: 3000 tips by tier linear"));
+  for (const auto& entry : log.all()) EXPECT_EQ(entry->msg.find("free: 0 of"), std::string::npos);
 }
 
 }  // namespace

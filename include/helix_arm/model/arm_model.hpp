@@ -53,4 +53,11 @@ class ArmModel {
   std::unique_ptr<Solvers> solvers_;
 };
 
+/// Where a search for the arm's true shape begins: the model's shape, or where its load found no
+/// balance, the shape without load, which is a better guess than what the last iteration left.
+///
+/// @param solution  the model's, at inputs q.
+/// @param q         (n) inputs. Throws as Arm::lengths() does.
+Shape startingShape(const ArmModel& model, const Solution& solution, const InputRef& q);
+
 }  // namespace helix_arm::model

@@ -30,7 +30,7 @@ struct InverseOptions {
   double position_tolerance = 1e-6;  ///< residual at which a target counts as reached [m]
   double rotation_weight = 0.1;  ///< an angle error of 1 rad weighs as much as this distance [m]
   int max_iterations = 200;      ///< of one start
-  int max_starts = 24;           ///< tried before a target is called unreachable
+  int max_starts = 24;  ///< tried before a target is called unreachable; under load 6 at most
 };
 
 /// Where an actuator stands.
@@ -43,9 +43,11 @@ enum class InverseStatus {
 };
 
 struct InverseResult {
-  Eigen::VectorXd input;        ///< (n) inside the limits: [Pa], or [rad] for tendons
-  double residual = 0.0;        ///< norm of the weighted error [m]
-  double position_error = 0.0;  ///< distance of the tips [m]
+  Eigen::VectorXd input;  ///< (n) inside the limits: [Pa], or [rad] for tendons
+  /// Norm of the weighted error [m]; infinite, and not converged, where no shape holds the load at
+  /// any of the starts.
+  double residual = 0.0;
+  double position_error = 0.0;  ///< distance of the tips [m]; likewise
   std::vector<Limit> limits;    ///< (n) which limits are active
   InverseStatus status = InverseStatus::kNotConverged;
   int iterations = 0;  ///< summed over the starts

@@ -29,6 +29,8 @@ struct Load {
 
   /// True where nothing pulls: no force, no moment, and no mass in gravity.
   bool empty() const;
+  /// How many places inside sections, not at their ends, points pull at.
+  int innerPlaces() const;
   /// The force of a point, its weight included, base frame [N].
   Eigen::Vector3d forceOf(const PointLoad& point) const {
     return point.force + point.mass * gravity;

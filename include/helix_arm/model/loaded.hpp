@@ -34,6 +34,15 @@ class LoadedArmOf {
   using Twists = TwistsOf<Group>;
   using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
 
+  /// A tip and how it changes.
+  struct Response {
+    TipOf<Group> at;  ///< its status is that of the tips nearby, too
+    Motion by;        ///< (dof x m) its body twist by each of m changes
+
+    // Central difference of the tips a step below and above.
+    void add(int column, double step, const TipOf<Group>& below, const TipOf<Group>& above);
+  };
+
   /// @param order  kLeastOrder .. kMostOrder: degree of the polynomials.
   /// @throws std::invalid_argument naming what breaks a rule of Load, the order, or the number of
   /// inner points.
@@ -47,14 +56,14 @@ class LoadedArmOf {
   /// The same with the shape, kLoadedPieces a section.
   Solution solve(const Twists& unloaded) const;
 
-  /// Change of the tip (dof x m), as its body twist, when the twists without load change along each
-  /// of m directions (dof * sections x m): with map and slope of the contraction of an actuator,
-  /// its input. Central differences of solutions, good to 1e-7.
-  Motion tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
+  /// Tip, and its change when the twists without load change along each of m directions (dof *
+  /// sections x m): with map and slope of the contraction of an actuator, its input. Central
+  /// differences of solutions, good to 1e-6 of the largest column.
+  Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
 
   /// The same when the load changes: a column for the mass of each section [1/kg], then for each
   /// point its mass, its force (3) [1/N] and its moment (3) [1/(N m)], in the order of Load.
-  Motion tipByLoad(const Twists& unloaded) const;
+  Response tipByLoad(const Twists& unloaded) const;
 
  private:
   struct Element {
@@ -64,6 +73,10 @@ class LoadedArmOf {
   };
   template <int kNodes>
   class Relaxation;
+
+  // A relaxation that has run, from the solution of a problem nearby where there is one.
+  template <class Solver>
+  Solver solved(const Load& load, const Twists& unloaded, const Solver* near) const;
 
   int order_;
   Load load_;
@@ -77,7 +90,12 @@ class LoadedArmOf {
 using LoadedArm = LoadedArmOf<lie::SE3>;
 using PlanarLoadedArm = LoadedArmOf<lie::SE2>;
 
-/// Whether a load keeps an arm that lies in its x-y plane there.
+/// Whether a load lies in the x-y plane of the arm's base.
 bool inPlane(const Load& load);
+
+/// Whether a load keeps an arm that lies in its x-y plane there: it lies there itself, and is too
+/// small to make the arm buckle out of it.
+/// @param arm  in space. @throws std::invalid_argument naming what breaks a rule of Load.
+bool staysInPlane(const Arm& arm, const Load& load);
 
 }  // namespace helix_arm::model

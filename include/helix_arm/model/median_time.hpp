@@ -8,24 +8,23 @@
 namespace helix_arm::model {
 
 /// Median time of one call [s], over several timings of as many calls as last long enough to be
-/// timed.
+/// timed; of a call that takes ten times that long, the time of one.
 /// @param timings  at least 1.
 /// @param least    time that each lasts at least, > 0 [s].
 template <class Call>
 double medianTime(const Call& call, int timings = 9, double least = 2e-4) {
   using Clock = std::chrono::steady_clock;
+  const auto timeOf = [&call](int count) {
+    const Clock::time_point start = Clock::now();
+    for (int i = 0; i < count; ++i) call();
+    return std::chrono::duration<double>(Clock::now() - start).count();
+  };
+  const double first = timeOf(1);
+  if (first >= 10.0 * least) return first;
+  int count = 1;
+  while (timeOf(count) < least) count *= 2;
   std::vector<double> times;
-  for (int i = 0; i < timings; ++i) {
-    int count = 0;
-    double seconds = 0.0;
-    for (const Clock::time_point start = Clock::now(); seconds < least;) {
-      // The clock takes as long as a closed form: it is read once every few calls.
-      for (int k = 0; k < 8; ++k) call();
-      count += 8;
-      seconds = std::chrono::duration<double>(Clock::now() - start).count();
-    }
-    times.push_back(seconds / count);
-  }
+  for (int i = 0; i < timings; ++i) times.push_back(timeOf(count) / count);
   return medianOf(times);
 }
 

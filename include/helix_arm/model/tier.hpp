@@ -35,6 +35,15 @@ struct TierRequest {
 /// 0.1 % of the arm's length: below it no webcam sees the difference.
 inline constexpr double kUsualTipError = 1e-3;
 
+/// What the exact tier is taken to be good to, as a part of the arm's length: no tier is said to
+/// err by less, and none can be asked to.
+inline constexpr double kExactTipError = 1e-9;
+/// A tier is taken where it errs by this factor less than what is asked: inputs between the samples
+/// may be worse than they are.
+inline constexpr double kTipErrorMargin = 2.0;
+/// The least error that can be asked for.
+inline constexpr double kLeastTipError = kTipErrorMargin * kExactTipError;
+
 /// A tier with its setting.
 struct TierSetting {
   Tier tier = Tier::kLinear;
@@ -48,7 +57,7 @@ struct TierSetting {
 struct TierChoice {
   TierSetting setting;
   /// Largest error of the tip against the exact tier over sampled inputs, as a part of the arm's
-  /// length; 0 where nothing loads the arm.
+  /// length, at least kExactTipError; 0 where nothing loads the arm.
   double tip_error = 0.0;
   std::string reason;  ///< one sentence
 };

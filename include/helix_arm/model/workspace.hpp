@@ -45,8 +45,9 @@ class Workspace {
   explicit Workspace(const ArmModel& model, const WorkspaceOptions& options = {});
 
   const ArmModel& model() const { return model_; }
-  /// Whether points come so fast that only many at once are worth a thread.
-  bool fast() const { return batch_ && !options_.sensitivity; }
+  /// Points that are worth one turn of a thread, yet take a small part of a second: as the tier is
+  /// fast.
+  int pieceSize() const;
 
   /// Points first .. first + count - 1 of the seed; count >= 0.
   WorkspacePoints sample(std::uint64_t first, int count) const;

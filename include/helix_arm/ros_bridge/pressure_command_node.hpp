@@ -15,10 +15,10 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/inverse.hpp"
-#include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/ros_bridge/arm_frames.hpp"
 #include "helix_arm/ros_bridge/arm_markers.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/pressure_loop.hpp"
 #include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
 #include "helix_arm/ros_bridge/target_ledger.hpp"
@@ -57,9 +57,10 @@ struct PressureCommandOptions {
 /// Publishes
 /// - pressure_command (PressureArray): in force [Pa]; at once on a target, and with every loop
 /// - pressure_measured (PressureArray): with ~regulator `scene`, with every loop [Pa]
-/// - model (ArmShape): with every pressure_measured, the model's shape at the measured pressures
-///   clamped to the limits, under the scene's load, with the stamp of that pressure_measured. On
-///   hardware, too, the measurement is all that is known of the pressures.
+/// - model (ArmShape): with every pressure_measured, or the last where a tier is slower than they
+///   come, the model's shape at the measured pressures clamped to the limits, under the scene's
+///   load, with the stamp of that pressure_measured. On hardware, too, the measurement is all that
+///   is known of the pressures.
 /// - target_status (TargetStatus): what became of each target
 /// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop` and
@@ -76,7 +77,8 @@ struct PressureCommandOptions {
 /// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
 /// Of several publishers the first to speak commands, until it has been silent for the scene's
 /// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease. Without fresh measurements, and where the model finds
+/// neither stops the loop nor keeps a lease; the loop has a thread of its own, which no shape,
+/// target or reload delays. Without fresh measurements, and where the model finds
 /// no shape that holds the load, there is neither model nor drawing, and the diagnostics say so.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
@@ -114,7 +116,6 @@ class PressureCommandNode {
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
   bool measures() const;  ///< the last reading is fresh
 
-  void onLoop(const ros::SteadyTimerEvent& event);
   void onDraw(const ros::SteadyTimerEvent& event);
   void onDiagnose(const ros::SteadyTimerEvent& event);
   void sendFrames(const ros::Time& stamp);
@@ -126,36 +127,34 @@ class PressureCommandNode {
   const PressureCommandOptions options_;
   io::Scene scene_;
   const FrameNames frames_;
-  std::optional<regulator::SimulatedRegulator> regulator_;
   model::InverseSolver solver_;
   control::CommanderLease lease_;
   TargetLedger ledger_;
   ArmMarkers markers_;
 
-  Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
-  Eigen::VectorXd measured_;   ///< last reading [Pa]
-  model::Solution solution_;   ///< at the measured pressures, clamped
-  ros::SteadyTime last_step_;  ///< of the regulator
+  Eigen::VectorXd command_;   ///< in force, inside the limits [Pa]
+  Eigen::VectorXd measured_;  ///< last reading [Pa]
+  model::Solution solution_;  ///< at the measured pressures, clamped
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
   FaultCount bad_readings_;
-  FaultCount unsolved_;  ///< readings at which the model finds no shape
-  bool drawn_ = false;   ///< the arm is on the screen
-  FaultCount losses_;    ///< of pressure_measured
-  std::uint64_t loops_ = 0;
-  std::uint64_t diagnosed_loops_ = 0;
+  FaultCount unsolved_;                ///< readings at which the model finds no shape
+  bool drawn_ = false;                 ///< the arm is on the screen
+  FaultCount losses_;                  ///< of pressure_measured
+  std::uint64_t diagnosed_turns_ = 0;  ///< of the loop
   ros::SteadyTime last_diagnosis_;
 
   ros::NodeHandle node_;
-  ros::Publisher command_publisher_, measured_publisher_, model_publisher_, status_publisher_;
+  ros::Publisher model_publisher_, status_publisher_;
   ros::Publisher marker_publisher_, diagnostics_publisher_;
   tf2_ros::TransformBroadcaster tf_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_, reading_subscriber_;
   std::unique_ptr<ReloadServer> reload_;
-  ros::SteadyTimer loop_timer_, draw_timer_, diagnose_timer_;
+  ros::SteadyTimer draw_timer_, diagnose_timer_;
+  std::optional<PressureLoop> loop_;  ///< last: its readings come to all of the above
 };
 
 }  // namespace helix_arm::ros_bridge

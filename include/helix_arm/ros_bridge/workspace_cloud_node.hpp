@@ -27,13 +27,15 @@ struct WorkspaceCloudOptions {
 /// Shows where the tip can go.
 ///
 /// Publishes
-/// - workspace (sensor_msgs/PointCloud2), latched, once it is whole: tips at inputs drawn evenly
+/// - workspace (sensor_msgs/PointCloud2), latched, once it is whole, and empty when a reload begins
+///   another: tips at inputs drawn evenly
 ///   within their limits, in the arm's base frame, float32: x, y, z [m] and, where all inputs are
 ///   pressures, how far the tip moves [m] for an error of 1 kPa in every pressure (per_kpa_m), of
 ///   1 mm in every free length (per_mm_m) and of 1 % in the stiffness (per_percent_K_m)
 ///
 /// Service
-/// - ~reload (Reload): another file of the same rig, whose cloud then takes the place of this one's
+/// - ~reload (Reload): another file of the same rig, whose cloud takes the place of this one's once
+/// it is whole
 ///
 /// Parameters: WorkspaceCloudOptions.
 ///
@@ -49,6 +51,7 @@ class WorkspaceCloudNode {
   void adopt(io::Scene next);
   void onTick(const ros::SteadyTimerEvent& event);
   void publish();
+  void tell() const;
 
   const WorkspaceCloudOptions options_;
   io::Scene scene_;
