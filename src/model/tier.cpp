@@ -190,7 +190,7 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
   double least = std::numeric_limits<double>::infinity();
   for (const TierSetting& setting : settings) {
     TierChoice choice = scale.judge(setting, scale.solverOf(setting));
-    if (kTipErrorMargin * choice.tip_error <= allowed) {
+    if (kTipErrorMargin * choice.tip_error <= std::max(allowed, kLeastTipError)) {
       choice.reason += ", the cheapest within " + percent(allowed);
       return choice;
     }
@@ -268,7 +268,8 @@ TierChoice chooseTier(const Arm& arm, const std::optional<PlanarArm>& planar,
   require(request.tier != Tier::kPlanar || inPlane(*load),
           "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
           "use tier: loaded, or turn arm.base");
-  require(!request.tip_error || *request.tip_error >= kLeastTipError,
+  constexpr double kRounding = 1e-12;  // of percent
+  require(!request.tip_error || *request.tip_error >= (1.0 - kRounding) * kLeastTipError,
           "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
           " of the arm's length; ask for that or more");
   const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));

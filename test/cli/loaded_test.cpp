@@ -177,7 +177,8 @@ TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
                       "--budget: " + std::string(us) + " is not a number from 0.001 to 1e+09");
   }
   expectCallerError(
-      forward("loaded", {"--tier", "loaded", "--accuracy", "2e-7", "--set", "load.mass_kg=2"}),
+      forward("loaded", {"--tier", "loaded", "--accuracy", "2e-7", "--set", "load.mass_kg=2",
+                         "--set", "arm.stiffness.K_eps_n=60", "--set", "arm.base.rpy_deg=[0,0,0]"}),
       "--accuracy cannot be had with scene loaded: accuracy.tip_error_percent: no "
       "tier asked for keeps within");
   expectCallerError(forward("loaded", {"--budget", "1e-3"}),
