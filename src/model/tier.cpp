@@ -140,7 +140,7 @@ struct Scale {
       out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
     }
     if (setting.tier == Tier::kExact) {
-      reason << ", which the other tiers are compared with,";
+      reason << ", which the other tiers are compared with";
     } else if (std::isfinite(out.tip_error)) {
       reason << " errs by up to " << percent(out.tip_error) << " of the arm's length";
     } else {
