@@ -5,6 +5,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/fraction.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "helix_arm/model/median_time.hpp"
 #include "trade.hpp"
@@ -23,13 +24,9 @@ std::vector<Eigen::VectorXd> sampleInputs(const model::Arm& arm, int count) {
   std::vector<Eigen::VectorXd> out = {arm.inputAt(0.0), arm.inputAt(1.0)};
   std::mt19937_64 generator(20240229);
   while (static_cast<int>(out.size()) < count) {
-    Eigen::VectorXd q(arm.actuatorCount());
-    for (int i = 0; i < q.size(); ++i) {
-      const model::Range& limits = arm.actuator(i).limits;
-      q[i] = limits.lower +
-             static_cast<double>(generator() >> 11) * 0x1p-53 * (limits.upper - limits.lower);
-    }
-    out.push_back(arm.clamped(q));
+    Eigen::VectorXd fraction(arm.actuatorCount());
+    for (double& one : fraction) one = model::fractionOf(generator());
+    out.push_back(arm.inputAt(fraction));
   }
   return out;
 }
@@ -43,20 +40,14 @@ model::Load loadOf(const io::Scene& scene) {
   return none;
 }
 
-std::vector<model::TierRequest> requestsOf(const io::Scene& scene, const model::Load& load) {
-  std::vector<model::TierRequest> out;
-  const auto add = [&out](Tier tier, std::optional<int> order = std::nullopt) {
-    model::TierRequest request;
-    request.tier = tier;
-    request.order = order;
-    out.push_back(request);
-  };
-  if (scene.planar && model::inPlane(load)) add(Tier::kPlanar);
-  add(Tier::kLinear);
+std::vector<model::TierSetting> settingsOf(const io::Scene& scene, const model::Load& load) {
+  std::vector<model::TierSetting> out;
+  if (scene.planar && model::inPlane(load)) out.push_back({Tier::kPlanar, 0});
+  out.push_back({Tier::kLinear, 0});
   for (int order = model::kLeastOrder; order <= model::kMostOrder; ++order) {
-    add(Tier::kLoaded, order);
+    out.push_back({Tier::kLoaded, order});
   }
-  add(Tier::kExact);
+  out.push_back({Tier::kExact, 0});
   return out;
 }
 
@@ -103,8 +94,8 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
   }
   std::vector<TradeRow> rows;
   if (inputs.empty()) return rows;
-  for (const model::TierRequest& request : requestsOf(scene, load)) {
-    const model::ArmModel tier(scene.arm, scene.planar, load, request);
+  for (const model::TierSetting& setting : settingsOf(scene, load)) {
+    const model::ArmModel tier(scene.arm, scene.planar, load, setting);
     double error = 0.0;
     for (std::size_t i = 0; i < inputs.size(); ++i) {
       const model::Tip found = tier.tip(inputs[i]);
@@ -116,10 +107,9 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
       tier.tip(inputs[next]);
       next = next + 1 < inputs.size() ? next + 1 : 0;
     });
-    const bool loaded = *request.tier == Tier::kLoaded;
-    rows.push_back({"model", nameOf(*request.tier),
-                    loaded ? "order " + std::to_string(*request.order) : "", time,
-                    error / scene.arm.restLength()});
+    rows.push_back({"model", nameOf(setting.tier),
+                    setting.tier == Tier::kLoaded ? "order " + std::to_string(setting.order) : "",
+                    time, error / scene.arm.restLength()});
   }
   return rows;
 }

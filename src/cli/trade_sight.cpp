@@ -1,7 +1,6 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <sstream>
 
 #include "helix_arm/estimation/tag_sight.hpp"
@@ -29,14 +28,13 @@ Film shoot(const io::Scene& scene, int count) {
   const simulation::TrueArm true_arm(scene.model, scene.simulation.arm);
   simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
   Film film;
-  Eigen::VectorXd q(scene.arm.actuatorCount());
+  Eigen::VectorXd share(scene.arm.actuatorCount());
   for (int i = 0; i < count; ++i) {
     // Each actuator swings over its range at a rate of its own, about once in three seconds.
-    for (int k = 0; k < q.size(); ++k) {
-      const model::Range& limits = scene.arm.actuator(k).limits;
-      const double share = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
-      q[k] = limits.lower + share * (limits.upper - limits.lower);
+    for (int k = 0; k < share.size(); ++k) {
+      share[k] = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
     }
+    const Eigen::VectorXd q = scene.arm.inputAt(share);
     const model::Solution expected = scene.model.solve(q);
     if (!expected.converged()) continue;
     film.model.push_back(expected.shape);
@@ -76,18 +74,6 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
           model::medianOf(errors) / scene.arm.restLength()};
 }
 
-// Nothing where the lens folds the picture.
-std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
-                                                const estimation::Corners& corners) {
-  estimation::Corners out;
-  for (int c = 0; c < 4; ++c) {
-    const auto direction = camera.directionOf(corners.col(c));
-    if (!direction) return std::nullopt;
-    out.col(c) = *direction;
-  }
-  return out;
-}
-
 // What a fit is asked for beside the shape.
 struct FitMode {
   const char* tier;
@@ -99,7 +85,7 @@ struct FitMode {
 std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
   using Clock = std::chrono::steady_clock;
   const estimation::ArmView view = scene.view();
-  const double focal = 0.5 * (view.camera.fx + view.camera.fy);
+  const double focal = view.camera.focal();
   vision::TagDetector detector(scene.vision.detector);
   std::vector<std::vector<estimation::CornerObservation>> seen;
   for (const cv::Mat& picture : film.pictures) {
@@ -107,7 +93,7 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
     for (const vision::TagDetection& detection : detector.detect(picture)) {
       const int tag = view.layout.find(detection.id);
       if (tag < 0) continue;
-      const auto direction = directionsOf(view.camera, detection.corners);
+      const auto direction = estimation::directionsOf(view.camera, detection.corners);
       if (direction) seen.back().push_back({tag, *direction});
     }
   }

@@ -599,10 +599,7 @@ class Calibrator {
 
 }  // namespace
 
-bool ArmCaptures::isLoaded() const {
-  return load && !load->empty() &&
-         (tier.tier == model::Tier::kLoaded || tier.tier == model::Tier::kExact);
-}
+bool ArmCaptures::isLoaded() const { return load && !load->empty() && model::takesLoad(tier.tier); }
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {

@@ -36,6 +36,16 @@ void visibleTags(const ArmView& view, const model::Shape& shape, double least_co
   }
 }
 
+std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners) {
+  Corners out;
+  for (int c = 0; c < 4; ++c) {
+    const auto direction = camera.directionOf(corners.col(c));
+    if (!direction) return std::nullopt;
+    out.col(c) = *direction;
+  }
+  return out;
+}
+
 std::vector<TagSight> visibleTags(const ArmView& view, const model::Shape& shape,
                                   double least_cosine) {
   std::vector<TagSight> out;

@@ -252,7 +252,7 @@ estimation::ArmCaptures makeArmCaptures(const Scene& scene,
   if (scene.tags) arm.layout = *scene.tags;
   if (scene.camera) {
     arm.X_CB = scene.X_CB();
-    arm.focal = 0.5 * (scene.camera->model.fx + scene.camera->model.fy);
+    arm.focal = scene.camera->model.focal();
   }
   arm.captures = std::move(captures);
   return arm;

@@ -29,7 +29,7 @@ void checkSceneAllows(const MapReader& scene, model::Tier tier, bool planar) {
   if (tier == model::Tier::kPlanar && !planar) {
     scene.fault("tier", "auto, linear, loaded or exact, for arm.geometry is spatial");
   }
-  const bool needs_load = tier == model::Tier::kLoaded || tier == model::Tier::kExact;
+  const bool needs_load = model::takesLoad(tier);
   if (needs_load && !scene.has("load")) {
     scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
                             " or linear, for the scene has no key load; or give it one");

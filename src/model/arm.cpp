@@ -74,15 +74,28 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
 }
 
 template <class Group>
-ArmOf<Group> ArmOf<Group>::withStiffness(const Stiffness& stiffness) const {
+template <class StiffnessOf>
+ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
   std::vector<SectionOf<Group>> sections(sectionCount());
   for (int k = 0; k < sectionCount(); ++k) {
     for (int i = first_[k]; i < first_[k + 1]; ++i) {
       sections[k].actuators.push_back(actuators_[i]);
-      sections[k].actuators.back().stiffness = stiffness;
+      sections[k].actuators.back().stiffness = stiffnessOf(actuators_[i].stiffness);
     }
   }
   return ArmOf(std::move(sections));
+}
+
+template <class Group>
+ArmOf<Group> ArmOf<Group>::withStiffness(const Stiffness& stiffness) const {
+  return stiffened([&](const Stiffness&) { return stiffness; });
+}
+
+template <class Group>
+ArmOf<Group> ArmOf<Group>::scaledStiffness(const Stiffness& factors) const {
+  return stiffened([&](const Stiffness& own) {
+    return Stiffness{own.gamma * factors.gamma, own.tau * factors.tau, own.kappa * factors.kappa};
+  });
 }
 
 template <class Group>
@@ -126,13 +139,20 @@ double ArmOf<Group>::freeLength(int k) const {
 }
 
 template <class Group>
-Eigen::VectorXd ArmOf<Group>::inputAt(double fraction) const {
-  Eigen::VectorXd q(actuatorCount());
+Eigen::VectorXd ArmOf<Group>::inputAt(const Eigen::VectorXd& fraction) const {
+  Eigen::VectorXd q = fraction;
+  if (q.size() != actuatorCount()) refuse(q);
   for (int i = 0; i < q.size(); ++i) {
     const Range& limits = actuators_[i].limits;
-    q[i] = limits.lower + fraction * (limits.upper - limits.lower);
+    // Rounding may step over the limit.
+    q[i] = std::min(limits.lower + fraction[i] * (limits.upper - limits.lower), limits.upper);
   }
   return q;
+}
+
+template <class Group>
+Eigen::VectorXd ArmOf<Group>::inputAt(double fraction) const {
+  return inputAt(Eigen::VectorXd(Eigen::VectorXd::Constant(actuatorCount(), fraction)));
 }
 
 template <class Group>

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "helix_arm/model/requirement.hpp"
 #include "tier_solver.hpp"
 
 namespace helix_arm::model {
@@ -29,6 +30,13 @@ ArmModel::ArmModel(Arm arm, std::optional<PlanarArm> planar, std::optional<Load>
   TierChoice choice = chooseTier(arm, planar, load, request);
   solvers_ = std::make_unique<Solvers>(std::move(arm), std::move(planar), std::move(load),
                                        std::move(choice));
+}
+ArmModel::ArmModel(Arm arm, std::optional<PlanarArm> planar, std::optional<Load> load,
+                   const TierSetting& setting) {
+  require(setting.tier != Tier::kPlanar || planar, "tier: planar needs an arm in a plane");
+  require(!takesLoad(setting.tier) || load, "tier: ", nameOf(setting.tier), " needs a load");
+  solvers_ = std::make_unique<Solvers>(std::move(arm), std::move(planar), std::move(load),
+                                       TierChoice{setting, 0.0, "the setting is given"});
 }
 ArmModel::ArmModel(std::unique_ptr<Solvers> solvers) : solvers_(std::move(solvers)) {}
 ArmModel::ArmModel(const ArmModel& other) : solvers_(std::make_unique<Solvers>(*other.solvers_)) {}

@@ -1,19 +1,23 @@
 #include "buckling.hpp"
 
+#include <vector>
+
+#include "compliance.hpp"
+
 namespace helix_arm::model {
 
 template <class Group>
-double bucklingBound(const ArmOf<Group>& arm, const Load& load,
-                     const std::vector<typename Group::Matrix>& compliance) {
+double bucklingBound(const ArmOf<Group>& arm, const Load& load) {
   const int sections = arm.sectionCount();
   std::vector<double> own;                                     // compliance of bending
   std::vector<double> bend(sections + 1), sway(sections + 1);  // of all before a section
   double shear = 0.0, size = 0.0;
   for (int k = 0; k < sections; ++k) {
     const double l = arm.freeLength(k);
+    const typename Group::Matrix compliance = complianceOf(arm, load, k);
     own.push_back(
-        compliance[k].template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
-    shear += compliance[k].template topLeftCorner<Group::kSpace, Group::kSpace>().norm();
+        compliance.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
+    shear += compliance.template topLeftCorner<Group::kSpace, Group::kSpace>().norm();
     size += l;
     bend[k + 1] = bend[k] + own[k];
     sway[k + 1] = sway[k] + l * (bend[k] + 0.5 * own[k]);
@@ -36,9 +40,7 @@ double bucklingBound(const ArmOf<Group>& arm, const Load& load,
   return bound;
 }
 
-template double bucklingBound(const ArmOf<lie::SE2>&, const Load&,
-                              const std::vector<lie::SE2::Matrix>&);
-template double bucklingBound(const ArmOf<lie::SE3>&, const Load&,
-                              const std::vector<lie::SE3::Matrix>&);
+template double bucklingBound(const ArmOf<lie::SE2>&, const Load&);
+template double bucklingBound(const ArmOf<lie::SE3>&, const Load&);
 
 }  // namespace helix_arm::model

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/load.hpp"
 
@@ -13,9 +11,7 @@ namespace helix_arm::model {
 /// A motion turns the frame at s by theta(s), theta(0) = 0. The forces free at most the integral of
 /// |F| |theta|^2 / 2, and what moments and levers turn adds to it, while |theta(s)|^2 is at most
 /// twice the energy of bending times the compliance before s. Shear counts as in Engesser's column.
-/// @param compliance  of each section, twist over the section by body wrench.
 template <class Group>
-double bucklingBound(const ArmOf<Group>& arm, const Load& load,
-                     const std::vector<typename Group::Matrix>& compliance);
+double bucklingBound(const ArmOf<Group>& arm, const Load& load);
 
 }  // namespace helix_arm::model

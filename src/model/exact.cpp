@@ -10,6 +10,7 @@
 #include <limits>
 #include <utility>
 
+#include "compliance.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "rod_flow.hpp"
 #include "twist_near.hpp"
@@ -163,8 +164,7 @@ ExactArm::Rod::Rod(const Arm& arm, const Load& load, const ExactOptions& options
   double bend = 0.0;
   for (int k = 0; k < sections; ++k) {
     const double l = arm.freeLength(k);
-    laws_.push_back(
-        {l / load.K_eps[k] * arm.equilibrium(k).compliance, arm.equilibrium(k).null_space});
+    laws_.push_back({complianceOf(arm, load, k), arm.equilibrium(k).null_space});
     size_ += l;
     bend += laws_[k].C.bottomRightCorner<3, 3>().norm();
     force_scale_ += load.mass[k] * load.gravity.norm();

@@ -12,6 +12,7 @@
 
 #include "box_quadratic.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/fraction.hpp"
 #include "inverse_task.hpp"
 
 namespace helix_arm::model {
@@ -46,11 +47,6 @@ void requireNear(const char* what, const Target& target) {
   throw std::invalid_argument("the target " + std::string(what) +
                               " is not finite, or has an entry beyond " +
                               std::to_string(kFarthestTarget) + " m or rad");
-}
-
-bool bends(const ArmModel& model) {
-  const Tier tier = model.choice().setting.tier;
-  return tier == Tier::kLoaded || tier == Tier::kExact;
 }
 
 }  // namespace
@@ -175,8 +171,7 @@ void InverseSolver::Workspace::sampleSeeds() {
   for (int s = 0; s < seeds_.cols(); ++s) {
     for (int i = 0; i < n_; ++i) {
       const bool corner = s < corners;
-      const double fraction =
-          corner ? (s >> i) & 1 : static_cast<double>(generator() >> 11) * 0x1p-53;
+      const double fraction = corner ? (s >> i) & 1 : fractionOf(generator());
       seeds_(i, s) = lower_[i] + fraction * (upper_[i] - lower_[i]);
     }
     // Starts are ranked by these: for that the loaded tier serves, and the exact one is not needed.
@@ -512,8 +507,8 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
 InverseSolver::InverseSolver(const Arm& arm, const InverseOptions& options)
     : workspace_(std::make_unique<Workspace>(arm, nullptr, options)) {}
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(
-          std::make_unique<Workspace>(model.arm(), bends(model) ? &model : nullptr, options)) {}
+    : workspace_(std::make_unique<Workspace>(
+          model.arm(), takesLoad(model.choice().setting.tier) ? &model : nullptr, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;

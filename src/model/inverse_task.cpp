@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "helix_arm/model/curve.hpp"
+#include "tip_motions.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -84,16 +85,9 @@ void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& r
   const Twists g = arm_->twistsOfLengths(lengths);
   const SE3 tip = tipPose(g);
   const Eigen::Matrix3d by_turn = compareTip(tip, residual);
-  // Body motion of the tip when section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
-  SE3 after;
-  for (int k = arm_->sectionCount() - 1; k >= 0; --k) {
-    const lie::Matrix6 body = after.inverse().adjoint() * SE3::rightJacobian(g.col(k));
-    const auto& map = arm_->equilibrium(k).map;
-    for (int i = 0; i < map.cols(); ++i) {
-      setColumn(tip, body * map.col(i), by_turn, arm_->firstActuator(k) + i, jacobian);
-    }
-    after = SE3::exp(g.col(k)) * after;
-  }
+  forTipMotions(*arm_, g, [&](int i, const Vector6& motion) {
+    setColumn(tip, motion, by_turn, i, jacobian);
+  });
 }
 
 void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,

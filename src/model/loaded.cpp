@@ -10,6 +10,7 @@
 
 #include "anderson.hpp"
 #include "buckling.hpp"
+#include "compliance.hpp"
 #include "gauss_rule.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "loaded_limits.hpp"
@@ -21,8 +22,8 @@ namespace {
 
 constexpr int kMaxIterations = 100;
 constexpr double kAtRest = 1e-11;  // last change, relative to the arm's size and one radian
-// The step of the least order is trusted where the next one would be shorter by this factor, and
-// no longer than this [of the arm's size, rad].
+// The step of the least order is trusted where the next one would be shorter by this factor, and no
+// longer than this, relative to the arm's size and one radian.
 constexpr double kContracting = 0.5;
 constexpr double kTrustedStep = 0.02;
 // Turn of a section against its shape without load, beyond which its coordinates fold back [rad].
@@ -33,16 +34,6 @@ constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and to o
 constexpr double kOutOfPlane = 1e-9;      // rounding of a base's rotation
 constexpr int kKrylov = 8;                // motions that stability is judged by
 constexpr double kKrylovStep = 1e-6;      // of them, relative to the arm's size and one radian
-
-// Twist over each section by body wrench.
-template <class Group>
-std::vector<typename Group::Matrix> complianceOf(const ArmOf<Group>& arm, const Load& load) {
-  std::vector<typename Group::Matrix> out;
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    out.push_back(arm.freeLength(k) / load.K_eps[k] * arm.equilibrium(k).compliance);
-  }
-  return out;
-}
 
 bool inXY(const Eigen::Vector3d& v) { return std::abs(v.z()) <= kOutOfPlane * v.norm(); }
 
@@ -71,7 +62,7 @@ bool inPlane(const Load& load) {
 
 bool staysInPlane(const Arm& arm, const Load& load) {
   load.validate(arm.sectionCount());
-  return inPlane(load) && bucklingBound(arm, load, complianceOf(arm, load)) < 1.0;
+  return inPlane(load) && bucklingBound(arm, load) < 1.0;
 }
 
 // One solution: everything lives on the stack.
@@ -394,10 +385,10 @@ LoadedArmOf<Group>::LoadedArmOf(const ArmOf<Group>& arm, const Load& load, int o
     elements_.push_back(std::move(element));
   }
   for (int k = 0; k < sections; ++k) {
+    compliance_.push_back(complianceOf(arm, load, k));
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
-  compliance_ = complianceOf(arm, load);
-  may_buckle_ = bucklingBound(arm, load, compliance_) >= 1.0;
+  may_buckle_ = bucklingBound(arm, load) >= 1.0;
 }
 
 template <class Group>

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "helix_arm/model/exact.hpp"
+#include "helix_arm/model/fraction.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "helix_arm/model/median_time.hpp"
 #include "helix_arm/model/requirement.hpp"
@@ -43,15 +44,11 @@ std::vector<Eigen::VectorXd> sampleLengths(const Arm& arm) {
   std::mt19937_64 generator(20240229);
   const int free = std::min(n, kMostCornerActuators);
   for (int sample = 0; sample < kRandomSamples + (1 << free); ++sample) {
-    Eigen::VectorXd q(n);
+    Eigen::VectorXd fraction(n);
     for (int i = 0; i < n; ++i) {
-      const double fraction = sample < (1 << free)
-                                  ? (sample >> (i % free)) & 1
-                                  : static_cast<double>(generator() >> 11) * 0x1p-53;
-      const Range& limits = arm.actuator(i).limits;
-      q[i] = limits.lower + fraction * (limits.upper - limits.lower);
+      fraction[i] = sample < (1 << free) ? (sample >> (i % free)) & 1 : fractionOf(generator());
     }
-    out.push_back(arm.lengths(arm.clamped(q)));
+    out.push_back(arm.lengths(arm.inputAt(fraction)));
   }
   return out;
 }
@@ -87,8 +84,7 @@ Samples sampleTips(const Arm& arm, const Load& load) {
               ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
                 "value > 0"
               : "no shape balances it at any of the inputs tried; lower the masses and forces, or "
-                "raise "
-                "arm.stiffness.K_eps_n");
+                "raise arm.stiffness.K_eps_n");
   return {std::move(out), unbalanced};
 }
 
@@ -136,19 +132,17 @@ struct Scale {
     TierChoice out{setting, kExactTipError, ""};
     std::ostringstream reason;
     reason << setting.name();
-    if (setting.tier != Tier::kExact) {
-      out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
-    }
     if (setting.tier == Tier::kExact) {
       reason << ", which the other tiers are compared with";
-    } else if (std::isfinite(out.tip_error)) {
-      reason << " errs by up to " << percent(out.tip_error) << " of the arm's length";
     } else {
-      reason << " finds no balance at some inputs";
+      out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
+      if (std::isfinite(out.tip_error)) {
+        reason << " errs by up to " << percent(out.tip_error) << " of the arm's length";
+      } else {
+        reason << " finds no balance at some inputs";
+      }
     }
-    if (setting.tier == Tier::kLinear || setting.tier == Tier::kPlanar) {
-      reason << ", as it leaves the load out";
-    }
+    if (!takesLoad(setting.tier)) reason << ", as it leaves the load out";
     if (samples.unbalanced > 0) {
       reason << " (at " << samples.unbalanced << " of "
              << samples.unbalanced + samples.balanced.size()
@@ -222,10 +216,9 @@ void checkRequest(const TierRequest& request) {
 
 TierChoice chooseUnloaded(const Arm& arm, const std::optional<PlanarArm>& planar,
                           const TierRequest& request) {
-  const bool loaded = request.tier == Tier::kLoaded || request.tier == Tier::kExact;
-  require(!loaded, "tier: ", nameOf(request.tier.value_or(Tier::kLinear)),
-          " needs a load; give the scene the key load, or use tier: linear");
   const TierSetting setting{request.tier.value_or(planar ? Tier::kPlanar : Tier::kLinear), 0};
+  require(!takesLoad(setting.tier), "tier: ", nameOf(setting.tier),
+          " needs a load; give the scene the key load, or use tier: linear");
   if (request.time) {
     const double time = timeOf(TierSolver(arm, planar, {}, setting), arm.lengths(arm.inputAt(0.5)));
     require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
@@ -268,7 +261,7 @@ TierChoice chooseTier(const Arm& arm, const std::optional<PlanarArm>& planar,
   require(request.tier != Tier::kPlanar || inPlane(*load),
           "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
           "use tier: loaded, or turn arm.base");
-  constexpr double kRounding = 1e-12;  // of percent
+  constexpr double kRounding = 1e-12;  // of percents that became parts
   require(!request.tip_error || *request.tip_error >= (1.0 - kRounding) * kLeastTipError,
           "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
           " of the arm's length; ask for that or more");

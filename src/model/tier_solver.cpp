@@ -1,6 +1,7 @@
 #include "tier_solver.hpp"
 
 #include "helix_arm/model/curve.hpp"
+#include "tip_motions.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -23,15 +24,7 @@ template <class Group>
 Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(const ArmOf<Group>& arm,
                                                                   const TwistsOf<Group>& twists) {
   Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> out(Group::kDof, arm.actuatorCount());
-  // Body motion of the tip when section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
-  Group after;
-  for (int k = arm.sectionCount() - 1; k >= 0; --k) {
-    const typename Group::Matrix body =
-        after.inverse().adjoint() * Group::rightJacobian(twists.col(k));
-    const auto& map = arm.equilibrium(k).map;
-    out.middleCols(arm.firstActuator(k), map.cols()) = body * map;
-    after = Group::exp(twists.col(k)) * after;
-  }
+  forTipMotions(arm, twists, [&out](int i, const auto& motion) { out.col(i) = motion; });
   return out;
 }
 
@@ -49,11 +42,10 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
 TierSolver::TierSolver(const Arm& arm, const std::optional<PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
     : arm_(arm), plane_(nullptr) {
-  const bool in_plane = planar && (!load || staysInPlane(arm, *load));
   if (setting.tier == Tier::kPlanar) plane_ = &*planar;
   if (setting.tier == Tier::kExact) exact_.emplace(arm, *load);
   if (setting.tier != Tier::kLoaded) return;
-  if (in_plane) {
+  if (planar && staysInPlane(arm, *load)) {
     plane_ = &*planar;
     planar_loaded_.emplace(*planar, *load, setting.order);
   } else {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "helix_arm/model/batch.hpp"
+#include "helix_arm/model/fraction.hpp"
 #include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::model {
@@ -31,39 +32,21 @@ std::uint64_t mixed(std::uint64_t z) {
   return z ^ (z >> 31);
 }
 
-template <class Group>
-ArmOf<Group> scaled(const ArmOf<Group>& arm, const Stiffness& factor) {
-  std::vector<SectionOf<Group>> sections(arm.sectionCount());
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      ActuatorOf<Group> actuator = arm.actuator(i);
-      actuator.stiffness.gamma *= factor.gamma;
-      actuator.stiffness.tau *= factor.tau;
-      actuator.stiffness.kappa *= factor.kappa;
-      sections[k].actuators.push_back(std::move(actuator));
-    }
-  }
-  return ArmOf<Group>(std::move(sections));
-}
-
 // The model by the same tier with each entry of K in turn 1 % more.
 std::vector<ArmModel> stifferModels(const ArmModel& model) {
   const TierSetting& setting = model.choice().setting;
-  TierRequest same;
-  same.tier = setting.tier;
-  if (setting.tier == Tier::kLoaded) same.order = setting.order;
   std::vector<ArmModel> out;
   const Stiffness factors[] = {
       {kOnePercentMore, 1.0, 1.0}, {1.0, kOnePercentMore, 1.0}, {1.0, 1.0, kOnePercentMore}};
   for (const Stiffness& factor : factors) {
     std::optional<PlanarArm> planar;
-    if (model.planar()) planar = scaled(*model.planar(), factor);
-    out.emplace_back(scaled(model.arm(), factor), std::move(planar), model.load(), same);
+    if (model.planar()) planar = model.planar()->scaledStiffness(factor);
+    out.emplace_back(model.arm().scaledStiffness(factor), std::move(planar), model.load(), setting);
   }
   if (model.load()) {
     Load load = *model.load();
     for (double& K_eps : load.K_eps) K_eps *= kOnePercentMore;
-    out.emplace_back(model.arm(), model.planar(), std::move(load), same);
+    out.emplace_back(model.arm(), model.planar(), std::move(load), setting);
   }
   return out;
 }
@@ -72,8 +55,7 @@ std::vector<ArmModel> stifferModels(const ArmModel& model) {
 
 Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
     : model_(model), options_(options) {
-  const Tier tier = model_.choice().setting.tier;
-  batch_ = tier == Tier::kPlanar || tier == Tier::kLinear;
+  batch_ = !takesLoad(model_.choice().setting.tier);
   if (!options_.sensitivity) return;
   for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
     const Actuator& actuator = model_.arm().actuator(i);
@@ -100,8 +82,7 @@ Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
     const Range& limits = model_.arm().actuator(i).limits;
     for (int row = 0; row < count; ++row) {
       const std::uint64_t place = (first + row) * n + i + 1;
-      const double fraction =
-          static_cast<double>(mixed(start + place * kGoldenGamma) >> 11) * 0x1p-53;
+      const double fraction = fractionOf(mixed(start + place * kGoldenGamma));
       // Rounding may step over the limit.
       inputs(row, i) =
           std::min(limits.lower + fraction * (limits.upper - limits.lower), limits.upper);

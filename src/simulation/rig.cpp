@@ -13,23 +13,13 @@ namespace {
 
 model::ArmModel deviate(const model::ArmModel& model, const ArmDeviation& deviation) {
   deviation.validate();
-  const model::Arm& arm = model.arm();
-  std::vector<model::Section> sections(arm.sectionCount());
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      model::Actuator actuator = arm.actuator(i);
-      actuator.stiffness.gamma *= deviation.K_gamma_scale;
-      actuator.stiffness.kappa *= deviation.K_kappa_scale;
-      sections[k].actuators.push_back(std::move(actuator));
-    }
-  }
-  model::Arm deviating(std::move(sections));
+  model::Arm deviating =
+      model.arm().scaledStiffness({deviation.K_gamma_scale, 1.0, deviation.K_kappa_scale});
   if (!model.load() || model.load()->empty()) return model::ArmModel(std::move(deviating));
   model::Load load = *model.load();
   for (double& K_eps : load.K_eps) K_eps *= deviation.K_eps_scale;
-  model::TierRequest exact;
-  exact.tier = model::Tier::kExact;
-  return model::ArmModel(std::move(deviating), std::nullopt, std::move(load), exact);
+  return {std::move(deviating), std::nullopt, std::move(load),
+          model::TierSetting{model::Tier::kExact, 0}};
 }
 
 std::string describe(const model::Load& load) {

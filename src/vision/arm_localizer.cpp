@@ -86,16 +86,11 @@ struct ArmLocalizer::Workspace {
   }
 
   void observe(int tag, const estimation::Corners& corners) {
-    estimation::CornerObservation observation{tag, {}};
-    for (int c = 0; c < 4; ++c) {
-      const auto direction = view.camera.directionOf(corners.col(c));
-      if (!direction) {
-        sight.unusable_ids.push_back(view.layout.tags[tag].id);
-        return;
-      }
-      observation.direction.col(c) = *direction;
+    if (const auto directions = estimation::directionsOf(view.camera, corners)) {
+      seen.push_back({tag, *directions});
+    } else {
+      sight.unusable_ids.push_back(view.layout.tags[tag].id);
     }
-    seen.push_back(observation);
   }
 
   // Fits from near by, and, where that does not explain the tags, from everywhere.
@@ -103,7 +98,7 @@ struct ArmLocalizer::Workspace {
     sight.fit.status = estimation::FitStatus::kUnderdetermined;
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
-    const double focal = 0.5 * (view.camera.fx + view.camera.fy);
+    const double focal = view.camera.focal();
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);

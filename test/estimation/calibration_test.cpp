@@ -97,17 +97,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   Random random(1);
   const test::RigErrors errors{0.2, 0.3, 0.02, 0.01, 0.02, 0.002, 0.05, 0.0002};
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
-  CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
-  options.length_scale = LengthScaling::kCommon;
-  // Priors that hardly hold anything, where the readings are exact.
-  options.stiffness_prior = 10;
-  options.length_scale_prior = 1;
-  options.tag_prior = {0.1, 1};
-  options.bleed_prior = 0.1;
-  options.corner_noise = 1e-6;
-  options.corner_floor = 0;
-  options.held_out = false;
+  const CalibrationOptions options = test::everythingFromExactReadings(1e-6);
   const Calibration found = calibrate({corners(known, view, truth, 0, random)}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
   for (const Parameter& one : found.parameters) {

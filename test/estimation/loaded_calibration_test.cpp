@@ -166,16 +166,7 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
     const auto sights = visibleTags(shrunk, rig.shape(pressure), 0.3);
     test::addCapture(data, pressure, test::observe(truth.view, sights, 0.0, random));
   }
-  CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
-  options.length_scale = LengthScaling::kCommon;
-  options.stiffness_prior = 10;
-  options.length_scale_prior = 1;
-  options.tag_prior = {0.1, 1};
-  options.bleed_prior = 0.1;
-  options.corner_noise = 1e-4;
-  options.corner_floor = 0;
-  options.held_out = false;
+  CalibrationOptions options = test::everythingFromExactReadings(1e-4);
   options.next_pressures = 0;
   const Calibration found = calibrate({data}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;

@@ -111,31 +111,42 @@ TEST_P(TwistFitOfSections, ExactCornersOfALoadedArmGiveTheExactMeanTwists) {
   }
 }
 
+TwistFitOptions tagsAlone() {
+  TwistFitOptions options;
+  options.corner_noise = 0.5;
+  options.model_prior = {1e6, 1e6};
+  return options;
+}
+
+// The pieces of a section deviate as the model's do.
+void expectNoBetterNeighbour(const ArmView& view, const TwistFitOptions& options,
+                             const std::vector<CornerObservation>& seen, const model::Shape& model,
+                             const TwistFit& fit) {
+  ASSERT_EQ(fit.status, FitStatus::kConverged);
+  const double least = costByDefinition(view, options, seen, model.about(fit.twists));
+  EXPECT_NEAR(fit.cost, least, 1e-9 * least);
+  for (int k = 0; k < fit.twists.size(); ++k) {
+    const double deviation = std::sqrt(fit.covariance(k, k));
+    for (const double step : {-0.1 * deviation, 0.1 * deviation}) {
+      model::Twists neighbour = fit.twists;
+      neighbour.data()[k] += step;
+      EXPECT_GT(costByDefinition(view, options, seen, model.about(neighbour)), least)
+          << "entry " << k;
+    }
+  }
+}
+
 TEST_P(TwistFitOfSections, NoNeighbourOfTheAnswerIsBetterUnderLoad) {
   const int sections = GetParam();
   const model::Arm arm = test::ringArm(test::helicalRing(), sections);
   const ArmView view = test::sampleView(0.8 * sections, sections, 64 / sections);
-  TwistFitOptions options;
-  options.corner_noise = 0.5;
-  options.model_prior = {1e6, 1e6};  // tags alone
-  TwistFitter fitter(view.layout, sections, options);
+  TwistFitter fitter(view.layout, sections, tagsAlone());
   Random random(25);
   for (int i = 0; i < 10; ++i) {
     const model::Shape model = sagging(arm, test::randomInput(arm, random));
     const auto seen = test::observe(view, visibleTags(view, model, 0.3), 0.5, random);
     const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, model);
-    ASSERT_EQ(fit.status, FitStatus::kConverged);
-    const double least = costByDefinition(view, options, seen, model.about(fit.twists));
-    EXPECT_NEAR(fit.cost, least, 1e-9 * least);
-    for (int k = 0; k < 6 * sections; ++k) {
-      const double deviation = std::sqrt(fit.covariance(k, k));
-      for (const double step : {-0.1 * deviation, 0.1 * deviation}) {
-        model::Twists neighbour = fit.twists;
-        neighbour.data()[k] += step;
-        EXPECT_GT(costByDefinition(view, options, seen, model.about(neighbour)), least)
-            << "entry " << k;
-      }
-    }
+    ASSERT_NO_FATAL_FAILURE(expectNoBetterNeighbour(view, tagsAlone(), seen, model, fit));
   }
 }
 
@@ -143,10 +154,7 @@ TEST_P(TwistFitOfSections, NoNeighbourOfTheAnswerIsBetter) {
   const int sections = GetParam();
   const model::Arm arm = test::ringArm(test::helicalRing(), sections);
   const ArmView view = test::sampleView(0.8 * sections, sections, 64 / sections);
-  TwistFitOptions options;
-  options.corner_noise = 0.5;
-  options.model_prior = {1e6, 1e6};  // tags alone
-  TwistFitter fitter(view.layout, sections, options);
+  TwistFitter fitter(view.layout, sections, tagsAlone());
   Random random(5);
   for (int i = 0; i < 20; ++i) {
     const model::Twists twists = arm.twists(test::randomInput(arm, random));
@@ -154,17 +162,7 @@ TEST_P(TwistFitOfSections, NoNeighbourOfTheAnswerIsBetter) {
     seen[1].direction.array() += 0.01;  // ten pixels off: in the bend of the loss
     const TwistFit& fit =
         fitter.fit(seen, view.X_CB, view.camera.fx, nearby(twists, 0.002, 0.02, random));
-    ASSERT_EQ(fit.status, FitStatus::kConverged);
-    const double least = costByDefinition(view, options, seen, fit.twists);
-    EXPECT_NEAR(fit.cost, least, 1e-9 * least);
-    for (int k = 0; k < 6 * sections; ++k) {
-      const double deviation = std::sqrt(fit.covariance(k, k));
-      for (const double step : {-0.1 * deviation, 0.1 * deviation}) {
-        model::Twists neighbour = fit.twists;
-        neighbour.data()[k] += step;
-        EXPECT_GT(costByDefinition(view, options, seen, neighbour), least) << "entry " << k;
-      }
-    }
+    ASSERT_NO_FATAL_FAILURE(expectNoBetterNeighbour(view, tagsAlone(), seen, twists, fit));
   }
 }
 

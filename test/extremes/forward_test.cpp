@@ -1,6 +1,5 @@
 // Whole arms at the ends of their parameters, against their definitions in 80 digits.
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <stdexcept>
 
@@ -10,6 +9,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/inverse.hpp"
 #include "support/high_precision_arm.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -236,15 +236,6 @@ TEST(Extremes, DenormalChangesOfLengthBendByWhatTheMapSays) {
   }
 }
 
-std::string refusal(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::out_of_range& error) {
-    return error.what();
-  }
-  return "accepted";
-}
-
 TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
   const double kInf = std::numeric_limits<double>::infinity();
   Family inside("pressures at and just inside the limits", kForwardEps, kUnit);
@@ -270,9 +261,11 @@ TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
         q[i] = value;
         const std::string who = arm.actuator(i).name + " is asked for";
         for (const std::string& message :
-             {refusal([&] { arm.tip(q); }), refusal([&] { arm.twists(q); }),
-              refusal([&] { arm.lengths(q); }), refusal([&] { model.solve(q); }),
-              refusal([&] { model.tip(q); })}) {
+             {test::refusal<std::out_of_range>([&] { arm.tip(q); }),
+              test::refusal<std::out_of_range>([&] { arm.twists(q); }),
+              test::refusal<std::out_of_range>([&] { arm.lengths(q); }),
+              test::refusal<std::out_of_range>([&] { model.solve(q); }),
+              test::refusal<std::out_of_range>([&] { model.tip(q); })}) {
           outside.add(message.find(who) != 0, message);
         }
         EXPECT_NO_THROW(arm.tip(arm.clamped(q)));

@@ -7,19 +7,10 @@
 #include "helix_arm/model/curve.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::model {
 namespace {
-
-template <class Exception>
-std::string refusal(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const Exception& error) {
-    return error.what();
-  }
-  return "accepted";
-}
 
 TEST(Arm, TwistIsTheMapTimesTheLengths) {
   const Arm arm = test::ringArm(test::helicalRing());
@@ -73,7 +64,7 @@ TEST(Arm, ActuatorsMayDiffer) {
   const Arm arm({section});
   const Eigen::VectorXd l = arm.lengths(Eigen::Vector3d(1e5, 2, 0));
   EXPECT_NEAR(l[1], 0.40, 1e-15);
-  EXPECT_NE(refusal<std::out_of_range>([&] {
+  EXPECT_NE(test::refusal<std::out_of_range>([&] {
               arm.tip(Eigen::Vector3d(1e5, 4.5, 0));
             }).find("muscle_2 is asked for 4.5"),
             std::string::npos);
@@ -81,13 +72,14 @@ TEST(Arm, ActuatorsMayDiffer) {
 
 TEST(Arm, RefusesInputsThatBreakTheContract) {
   const Arm arm = test::ringArm(test::straightRing());
-  EXPECT_NE(refusal<std::invalid_argument>([&] {
+  EXPECT_NE(test::refusal<std::invalid_argument>([&] {
               arm.tip(Eigen::Vector2d::Zero());
             }).find("got 2 inputs"),
             std::string::npos);
   for (const double bad : {-1.0, 1e6, double(NAN), double(INFINITY)}) {
     const Eigen::Vector3d q(0, bad, 0);
-    EXPECT_NE(refusal<std::out_of_range>([&] { arm.tip(q); }).find("muscle_2"), std::string::npos)
+    EXPECT_NE(test::refusal<std::out_of_range>([&] { arm.tip(q); }).find("muscle_2"),
+              std::string::npos)
         << bad;
     EXPECT_THROW(arm.twists(q), std::out_of_range);
     EXPECT_THROW(arm.lengths(q), std::out_of_range);
@@ -102,21 +94,24 @@ TEST(Arm, ClampsInputsToTheirLimits) {
 }
 
 TEST(Arm, RefusesToBeBuiltWrong) {
-  EXPECT_NE(refusal<std::invalid_argument>([] { Arm({}); }).find("0 sections"), std::string::npos);
-  EXPECT_NE(refusal<std::invalid_argument>([] {
+  EXPECT_NE(test::refusal<std::invalid_argument>([] { Arm({}); }).find("0 sections"),
+            std::string::npos);
+  EXPECT_NE(test::refusal<std::invalid_argument>([] {
               test::ringArm(test::straightRing(), 17);
             }).find("17 sections"),
             std::string::npos);
-  EXPECT_NE(refusal<std::invalid_argument>([] { Arm({Section{}}); }).find("section 1"),
+  EXPECT_NE(test::refusal<std::invalid_argument>([] { Arm({Section{}}); }).find("section 1"),
             std::string::npos);
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
   section.actuators[2].limits.upper = 1e6;
-  EXPECT_NE(refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_3 has limits"),
-            std::string::npos);
+  EXPECT_NE(
+      test::refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_3 has limits"),
+      std::string::npos);
   section = test::ringSection(test::straightRing(), test::fig3Muscle());
   section.actuators[1].stiffness.tau = -1;
-  EXPECT_NE(refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_2 has K_tau"),
-            std::string::npos);
+  EXPECT_NE(
+      test::refusal<std::invalid_argument>([&] { Arm({section}); }).find("muscle_2 has K_tau"),
+      std::string::npos);
 }
 
 TEST(PlanarArm, AgreesWithItsEmbedding) {

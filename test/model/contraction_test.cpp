@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <stdexcept>
 #include <string>
 
@@ -10,20 +9,12 @@
 
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::model {
 namespace {
 
 constexpr double kEps = 2.220446049250313e-16;
-
-std::string refusal(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
-}
 
 TEST(Quintic, IsItsPolynomial) {
   const std::array<double, 6> c = {0.43, -0.02, -0.3, 0.1, 0.2, -0.12};
@@ -51,7 +42,7 @@ TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
   const std::array<double, 6> c = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
                                    4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
   EXPECT_NO_THROW(Contraction::quintic(c, test::kPsi, 560e3));
-  const std::string message = refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
+  const std::string message = test::refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
   EXPECT_NE(message.find("turns back is 56"), std::string::npos) << message;
 }
 
@@ -81,23 +72,23 @@ TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
 }
 
 TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5);
             }).find("slope"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, NAN, 0, 0, 0, 0}, 1e5, 1e5);
             }).find("c1"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 0, 1e5);
             }).find("reference_pressure"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 1e5, -1);
             }).find("max_pressure"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
             }).find("least length"),
             std::string::npos);
@@ -129,28 +120,29 @@ TEST(Table, OfAStraightLineIsTheLine) {
 }
 
 TEST(Table, RefusesWhatIsNotAMonotoneTable) {
-  EXPECT_NE(refusal([] { Contraction::table({0}, {0.4}); }).find("at least 2"), std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] { Contraction::table({0}, {0.4}); }).find("at least 2"),
+            std::string::npos);
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, 1e5}, {0.4});
             }).find("number of lengths"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, 1e5, 1e5}, {0.4, 0.3, 0.2});
             }).find("pressure of point 3"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, 1e5, 2e5}, {0.4, 0.3, 0.31});
             }).find("length of point 3"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, 1e5}, {0.4, 0.4});
             }).find("length of point 2"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, 1e5}, {0.4, -0.1});
             }).find("length of point 2"),
             std::string::npos);
-  EXPECT_NE(refusal([] {
+  EXPECT_NE(test::refusal([] {
               Contraction::table({0, NAN}, {0.4, 0.3});
             }).find("pressure of point 2"),
             std::string::npos);
@@ -161,7 +153,7 @@ TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
   EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
   EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
   EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  EXPECT_NE(refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("least length"),
+  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("least length"),
             std::string::npos);
 }
 
@@ -227,7 +219,7 @@ TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
     }
   }
   for (const double factor : {0.0, -1.0, double(NAN), double(INFINITY)}) {
-    EXPECT_NE(refusal([&] { curve.scaledBy(factor); }).find("factor is"), std::string::npos);
+    EXPECT_NE(test::refusal([&] { curve.scaledBy(factor); }).find("factor is"), std::string::npos);
   }
 }
 

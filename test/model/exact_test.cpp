@@ -1,7 +1,6 @@
 #include "helix_arm/model/exact.hpp"
 
 #include <cmath>
-#include <functional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -11,20 +10,12 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
 
 namespace helix_arm::model {
 namespace {
 
 using Eigen::Vector3d;
-
-std::string refusal(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
-}
 
 Load weightlessLoad(const Arm& arm, double K_eps = 500.0) {
   Load load;
@@ -542,7 +533,7 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
   const Arm arm = test::ringArm(test::helicalRing(), 2);
   const Load load = weightlessLoad(arm);
   const auto with = [&](const ExactOptions& options) {
-    return refusal([&] { ExactArm(arm, load, options); });
+    return test::refusal([&] { ExactArm(arm, load, options); });
   };
   EXPECT_EQ(with({}), "accepted");
   EXPECT_EQ(with({0.0, 60, 8}), "exact tier: tolerance is 0; expected 1e-13 to 1e-2");
@@ -553,11 +544,11 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
             "pieces_per_section");
   Load short_of_mass = load;
   short_of_mass.mass.pop_back();
-  EXPECT_NE(refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
+  EXPECT_NE(test::refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
   const ExactArm exact(arm, load);
-  EXPECT_EQ(refusal([&] { exact.solve(Twists::Zero(6, 1)); }),
+  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Zero(6, 1)); }),
             "exact tier: the number of unloaded twists is 1; expected one for each section");
-  EXPECT_EQ(refusal([&] { exact.solve(Twists::Constant(6, 2, std::nan(""))); }),
+  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Constant(6, 2, std::nan(""))); }),
             "exact tier: a twist of the unloaded arm is not finite");
 }
 

@@ -28,6 +28,21 @@ struct RigErrors {
   double bleed = 0;                                   ///< [m]
 };
 
+/// Everything of a rig is fitted, to readings without noise; priors hardly hold anything.
+inline estimation::CalibrationOptions everythingFromExactReadings(double corner_noise) {
+  estimation::CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = estimation::LengthScaling::kCommon;
+  options.stiffness_prior = 10;
+  options.length_scale_prior = 1;
+  options.tag_prior = {0.1, 1};
+  options.bleed_prior = 0.1;
+  options.corner_noise = corner_noise;
+  options.corner_floor = 0;
+  options.held_out = false;
+  return options;
+}
+
 inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view,
                         const RigErrors& errors, Random& random) {
   model::Stiffness stiffness = known.actuator(0).stiffness;

@@ -26,6 +26,9 @@ struct Camera {
 
   bool distorts() const;
 
+  /// Mean focal length, by which directions become pixels [px].
+  double focal() const { return 0.5 * (fx + fy); }
+
   /// Pixel of a point seen from C [m]; nothing where it lies behind the camera, or so far off its
   /// axis that the distortion folds back.
   std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_C) const;

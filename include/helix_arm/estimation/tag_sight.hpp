@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "helix_arm/estimation/camera.hpp"
@@ -23,6 +24,9 @@ struct TagSight {
   int tag;          ///< index in the layout
   Corners corners;  ///< [px]
 };
+
+/// Directions (x/z, y/z) of a tag's corners [px]; nothing where the lens folds the picture.
+std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners);
 
 /// The tags of an arm of this shape that turn their faces to the camera and lie wholly in its
 /// picture; whether something hides them is not looked at.

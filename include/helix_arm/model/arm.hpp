@@ -67,7 +67,13 @@ class ArmOf {
   /// fraction, to the twist over a section.
   double freeLength(int k) const;
 
-  /// Inputs (n) at a fraction of each actuator's limits: 0 the lower ones, 1 the upper.
+  /// The same arm with every stiffness times these factors, entry by entry.
+  ArmOf scaledStiffness(const Stiffness& factors) const;
+
+  /// Inputs (n) at a fraction (n) of each actuator's limits: 0 the lower ones, 1 the upper. Inside
+  /// the limits for fractions in [0, 1]; of another size, throws as lengths() does.
+  Eigen::VectorXd inputAt(const Eigen::VectorXd& fraction) const;
+  /// The same at one fraction of all.
   Eigen::VectorXd inputAt(double fraction) const;
 
   /// The inputs (n) with those outside their limits at the nearest one; NaN stays.
@@ -89,6 +95,8 @@ class ArmOf {
   Group tip(const InputRef& q) const;
 
  private:
+  template <class StiffnessOf>
+  ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
   typename Group::Tangent sectionTwist(const InputRef& q, int k) const noexcept;
   [[noreturn]] void refuse(const InputRef& q) const;

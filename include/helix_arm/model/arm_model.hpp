@@ -18,6 +18,11 @@ class ArmModel {
   /// Chooses the tier. @throws as chooseTier() and Load::validate() do.
   ArmModel(Arm arm, std::optional<PlanarArm> planar = std::nullopt,
            std::optional<Load> load = std::nullopt, const TierRequest& request = {});
+  /// By a setting that is known, as of the same arm a little changed: nothing is compared, and the
+  /// choice says no more than that. @throws as chooseTier() does where it needs a load or a plane
+  /// that the arm has not.
+  ArmModel(Arm arm, std::optional<PlanarArm> planar, std::optional<Load> load,
+           const TierSetting& setting);
   ArmModel(const ArmModel& other);
   ArmModel(ArmModel&&) noexcept;
   ArmModel& operator=(ArmModel other) noexcept;
@@ -43,7 +48,7 @@ class ArmModel {
   /// The same at given free lengths (n) [m]; not checked.
   Tip tipOfLengths(const Eigen::VectorXd& lengths) const;
   /// Tip and its Jacobian at given free lengths (n) [m]; not checked. Times the contraction's
-  /// slope, a column is the change by that actuator's input. Good to 1e-7 under load.
+  /// slope, a column is the change by that actuator's input. Good to 1e-6 under load.
   TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
 
  private:

@@ -19,6 +19,9 @@ enum class Tier {
 /// "planar", "linear", "loaded" or "exact".
 const char* nameOf(Tier tier);
 
+/// Whether the tier computes what a load does: loaded and exact.
+inline bool takesLoad(Tier tier) { return tier == Tier::kLoaded || tier == Tier::kExact; }
+
 /// Orders of the loaded tier: degree of the strain's polynomials.
 inline constexpr int kLeastOrder = 2;
 inline constexpr int kMostOrder = 8;
