@@ -3,6 +3,7 @@
 
 build_dir="$root/build"
 devel_dir="$root/devel"
+build_options=()  # of CMake, beside those that every build has
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
@@ -111,7 +112,8 @@ build() {
   local -a generator=() launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=)
   [[ -n $(cached CMAKE_GENERATOR) ]] || generator=(-G Ninja)
   if command -v ccache >/dev/null; then launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache); fi
-  cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release "${launcher[@]}" >&2
+  cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release "${launcher[@]}" \
+    "${build_options[@]}" >&2
   cmake --build "$build_dir" -j "$(jobs)" --target "$@" >&2
 }
 

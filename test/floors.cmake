@@ -14,12 +14,13 @@ set(below_ros_bridge "lie|model|control|estimation|vision|regulator|simulation|i
 set(below_nodes "ros_bridge")
 set(below_cli "lie|model|control|estimation|vision|regulator|simulation|io|ros_bridge")  # its recordings
 
-foreach(floor lie model control regulator)
+foreach(floor lie model control)
   set(others_${floor} "Eigen")
 endforeach()
+set(others_regulator "Eigen|modbus")
 set(others_estimation "Eigen|ceres")
 set(others_vision "Eigen|opencv2|apriltag")
-set(others_simulation "Eigen|opencv2")
+set(others_simulation "Eigen|modbus|opencv2")
 set(others_io "Eigen|openssl|yaml-cpp")
 set(others_cli "Eigen|CLI|nlohmann")
 set(others_ros_bridge ".*")
@@ -38,8 +39,8 @@ foreach(floor lie model control estimation vision regulator simulation io ros_br
         continue()
       endif()
       set(path ${CMAKE_MATCH_1})
-      # Standard headers and neighbours in the same folder have no folder in their name, POSIX has sys.
-      if(NOT path MATCHES "/" OR path MATCHES "^sys/[a-z]+\\.h$")
+      # Standard headers and neighbours in the same folder have no folder in their name, POSIX has netinet and sys.
+      if(NOT path MATCHES "/" OR path MATCHES "^(netinet|sys)/[a-z]+\\.h$")
         continue()
       elseif(path MATCHES "^helix_arm/([a-z_]+)/")
         if(NOT CMAKE_MATCH_1 MATCHES "^(${floor}|${below_${floor}})$")

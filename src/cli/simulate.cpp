@@ -133,10 +133,13 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-// Of a scene without a regulator, one that gives whatever the muscles stand.
-io::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
-  if (scene.regulator) return *scene.regulator;
-  io::SimulatedRegulatorConfig config;
+// Of a scene without a simulated regulator, one that gives whatever the muscles stand.
+regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
+  if (scene.regulator) {
+    const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
+    if (simulated != nullptr) return *simulated;
+  }
+  regulator::SimulatedRegulatorConfig config;
   config.supply_pressure = scene.arm.inputAt(1).maxCoeff();
   return config;
 }

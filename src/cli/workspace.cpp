@@ -2,10 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cmath>
-#include <csignal>
 #include <deque>
 #include <exception>
 #include <filesystem>
@@ -17,7 +14,6 @@
 #include <sstream>
 #include <thread>
 
-#include <signal.h>
 #include <stdlib.h>
 #include <unistd.h>
 
@@ -26,6 +22,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/model/median.hpp"
+#include "interrupt_watch.hpp"
 #include "output.hpp"
 #include "plot.hpp"
 #include "workspace_file.hpp"
@@ -58,29 +55,6 @@ struct WorkspaceArguments {
   std::uint64_t inputs() const {
     return count.value_or(sensitivity ? kUsualSensitiveCount : kUsualCount);
   }
-};
-
-std::atomic<bool> interrupted{false};
-static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
-
-// While it lives, Ctrl-C and the like set `interrupted` instead of ending the process.
-class InterruptWatch {
- public:
-  InterruptWatch() {
-    interrupted = false;
-    struct sigaction action {};
-    action.sa_handler = [](int) { interrupted = true; };
-    for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before_[i]);
-  }
-  ~InterruptWatch() {
-    for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &before_[i], nullptr);
-  }
-  InterruptWatch(const InterruptWatch&) = delete;
-  InterruptWatch& operator=(const InterruptWatch&) = delete;
-
- private:
-  static constexpr std::array<int, 3> kSignals{SIGINT, SIGTERM, SIGHUP};
-  std::array<struct sigaction, kSignals.size()> before_{};
 };
 
 struct Summary {
@@ -143,7 +117,7 @@ Summary sample(const model::Workspace& workspace, const WorkspaceArguments& argu
   Progress progress(total);
   std::deque<std::future<Piece>> pieces;
   std::uint64_t begun = 0;
-  while (!interrupted && summary.inputs < total) {
+  while (!interrupted() && summary.inputs < total) {
     while (begun < total && pieces.size() < threads) {
       pieces.push_back(std::async(std::launch::async, make, begun));
       begun += static_cast<std::uint64_t>(size);
@@ -156,7 +130,7 @@ Summary sample(const model::Workspace& workspace, const WorkspaceArguments& argu
     add(piece.points, arguments.sensitivity || !arguments.png.empty(), summary);
     progress.reached(summary.inputs);
   }
-  summary.whole = !interrupted;
+  summary.whole = !interrupted();
   if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
   summary.seconds = progress.seconds();
   return summary;

@@ -1,6 +1,7 @@
 #include "helix_arm/io/data_set.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 #include <sstream>
 
@@ -10,6 +11,9 @@
 
 namespace helix_arm::io {
 namespace {
+
+constexpr double kLargest = 1e300;         // no change of units makes it infinite
+constexpr std::size_t kManyFaults = 1000;  // a file of quite another kind; nobody reads further
 
 std::string trimmed(const std::string& text) {
   const char* blanks = " \t\r";
@@ -53,6 +57,9 @@ std::vector<double> readRow(const std::vector<std::string>& cells,
     if (!number) {
       faults.add(line, columns[i] + " is " + (cells[i].empty() ? "empty" : cells[i]) +
                            "; expected a finite number");
+    } else if (std::abs(*number) > kLargest) {
+      faults.add(line, columns[i] + " is " + cells[i] + "; expected a number of at most " +
+                           formatNumber(kLargest));
     }
     row.push_back(number.value_or(0.0));
   }
@@ -94,6 +101,7 @@ DataSet loadDataSet(const std::string& path) {
     }
     rows.push_back(readRow(cellsOf(text), data.columns, line, faults));
     data.lines.push_back(line);
+    if (faults.faults().size() > kManyFaults) break;
   }
   if (data.columns.empty()) faults.add(0, "has no header; expected a line of column names");
   if (!data.columns.empty() && rows.empty())

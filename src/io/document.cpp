@@ -1,6 +1,7 @@
 #include "document.hpp"
 
 #include <algorithm>
+#include <set>
 #include <sstream>
 
 #include <yaml-cpp/eventhandler.h>
@@ -9,43 +10,65 @@
 namespace helix_arm::io {
 namespace {
 
-// Aliases can make a short file stand for a tree without end.
+// Aliases can make a short file stand for a tree without end, or for one long text many times over.
+constexpr std::size_t kMostBytes = 4U << 20U;
 constexpr int kMostValues = 20000;
 constexpr int kDeepest = 50;
+constexpr std::size_t kLongestKey = 200;  // a fault repeats all keys above it
 
-// Notes where documents start and nothing else. YAML::LoadAll is no way to find a second one: it
-// never comes back from a stray `,` between documents.
-class DocumentStarts : public YAML::EventHandler {
+struct TooLarge {};
+
+// Notes where documents start, and throws TooLarge as soon as there is too much of them, before a
+// tree is made of it. YAML::LoadAll is no way to find a second document: it never comes back from a
+// stray `,` between documents.
+class Survey : public YAML::EventHandler {
  public:
   std::optional<YAML::Mark> last;
   void OnDocumentStart(const YAML::Mark& mark) override { last = mark; }
   void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
-  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override { count(); }
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override { count(); }
   void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                const std::string&) override {}
+                const std::string&) override {
+    count();
+  }
   void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                       YAML::EmitterStyle::value) override {}
-  void OnSequenceEnd() override {}
+                       YAML::EmitterStyle::value) override {
+    enter();
+  }
+  void OnSequenceEnd() override { --depth_; }
   void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                  YAML::EmitterStyle::value) override {}
-  void OnMapEnd() override {}
+                  YAML::EmitterStyle::value) override {
+    enter();
+  }
+  void OnMapEnd() override { --depth_; }
+
+ private:
+  void count() {
+    if (++count_ > 2 * kMostValues) throw TooLarge();  // keys are counted as well
+  }
+  void enter() {
+    count();
+    if (++depth_ > kDeepest + 1) throw TooLarge();
+  }
+
+  int count_ = 0, depth_ = 0;
 };
 
 // Where a text goes on after its first document. YAML::Load drops all that follows in silence.
 std::optional<YAML::Mark> secondDocument(const std::string& text) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
-  DocumentStarts starts;
-  if (!parser.HandleNextDocument(starts) || !parser.HandleNextDocument(starts)) return std::nullopt;
-  return starts.last;
+  Survey survey;
+  if (!parser.HandleNextDocument(survey) || !parser.HandleNextDocument(survey)) return std::nullopt;
+  return survey.last;
 }
 
 struct Conversion {
   FaultList& faults;
   std::optional<std::string> override_key;
   int values = 0;
-  bool too_large = false;
+  std::size_t bytes = 0;
 
   Place place(const YAML::Mark& mark, const Place& fallback) const {
     if (override_key) return {0, override_key};
@@ -56,40 +79,42 @@ struct Conversion {
                 int depth) {
     Value value;
     value.place = key_place;
-    if (++values > kMostValues || depth > kDeepest) {
-      too_large = true;
-      return value;
-    }
+    if (++values > kMostValues || depth > kDeepest) throw TooLarge();
     if (node.IsScalar()) {
       value.kind = Value::Kind::kText;
       value.text = node.Scalar();
+      if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
       value.quoted = node.Tag() == "!";
       value.place = place(node.Mark(), key_place);
     } else if (node.IsSequence()) {
       value.kind = Value::Kind::kList;
-      for (std::size_t i = 0; i < node.size() && !too_large; ++i) {
+      for (std::size_t i = 0; i < node.size(); ++i) {
         const Place here = place(node[i].Mark(), key_place);
         value.entries.push_back({{}, convert(node[i], indexPath(path, i), here, depth + 1)});
       }
     } else if (node.IsMap()) {
       value.kind = Value::Kind::kMap;
-      for (const auto& pair : node) {
-        if (too_large) break;
-        addEntry(value, pair.first, pair.second, path, depth);
-      }
+      std::set<std::string> names;
+      for (const auto& pair : node) addEntry(value, names, pair.first, pair.second, path, depth);
     }
     return value;
   }
 
-  void addEntry(Value& map, const YAML::Node& key, const YAML::Node& node, const std::string& path,
-                int depth) {
+  void addEntry(Value& map, std::set<std::string>& names, const YAML::Node& key,
+                const YAML::Node& node, const std::string& path, int depth) {
     const Place here = place(key.Mark(), map.place);
     if (!key.IsScalar()) {
       report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
       return;
     }
     const std::string& name = key.Scalar();
-    if (map.find(name) != nullptr) {
+    if (name.size() > kLongestKey) {
+      report(faults, here,
+             nameOf(path) + " has a key of " + std::to_string(name.size()) +
+                 " letters; expected a name of at most " + std::to_string(kLongestKey));
+      return;
+    }
+    if (!names.insert(name).second) {
       report(faults, here, joinPath(path, name) + " is given twice; expected it once");
       return;
     }
@@ -101,14 +126,15 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
                            const std::string& path, FaultList& faults) {
   const Place start{override_key ? 0 : 1, override_key};
   try {
+    if (text.size() > kMostBytes) throw TooLarge();
     if (const std::optional<YAML::Mark> second = secondDocument(text)) {
       const Place place{second->line + 1, {}};
       report(faults, override_key ? start : place, "begins another document; expected one");
       return std::nullopt;
     }
     Conversion conversion{faults, override_key};
-    Value value = conversion.convert(YAML::Load(text), path, start, 0);
-    if (!conversion.too_large) return value;
+    return conversion.convert(YAML::Load(text), path, start, 0);
+  } catch (const TooLarge&) {
     report(faults, start, "is nested too deeply or holds too many values");
   } catch (const YAML::Exception& error) {
     const Place place{error.mark.is_null() ? start.line : error.mark.line + 1, {}};

@@ -14,6 +14,10 @@ void FaultList::add(int line, const std::string& fault) {
   faults_.push_back(file_ + (line > 0 ? ":" + std::to_string(line) : "") + " " + fault);
 }
 
+void FaultList::append(const FaultList& other) {
+  faults_.insert(faults_.end(), other.faults_.begin(), other.faults_.end());
+}
+
 void FaultList::throwIfAny() const {
   if (faults_.empty()) return;
   std::string message;

@@ -236,7 +236,7 @@ std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>&
   if (given.size() == 1) return given.front();
   const std::string found = given.empty() ? "none" : given[0] + " and " + given[1];
   report(faults_, map_.place,
-         path_ + " has " + found + "; expected exactly one of " + alternatives(keys));
+         nameOf(path_) + " has " + found + "; expected exactly one of " + alternatives(keys));
   return std::nullopt;
 }
 

@@ -1,17 +1,19 @@
 #include <algorithm>
-#include <limits>
+#include <filesystem>
 #include <stdexcept>
 
 #include "arm_reader.hpp"
 #include "camera_reader.hpp"
 #include "contraction_reader.hpp"
 #include "document.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "load_reader.hpp"
 #include "map_reader.hpp"
+#include "profile_file.hpp"
 #include "provenance_section.hpp"
+#include "regulator_reader.hpp"
+#include "safety_reader.hpp"
 #include "scene_document.hpp"
 #include "simulation_reader.hpp"
 #include "tag_reader.hpp"
@@ -21,42 +23,6 @@
 
 namespace helix_arm::io {
 namespace {
-
-std::optional<SimulatedRegulatorConfig> readRegulator(const MapReader& scene, const Value& document,
-                                                      const ArmParts* arm, FaultList& faults) {
-  const Value* value = document.find("regulator");
-  if (value == nullptr) return std::nullopt;
-  const MapReader regulator(*value, scene.path("regulator"), {"simulated"}, faults);
-  const Value* given = regulator.required("simulated", "a map: the one kind of regulator there is");
-  if (given == nullptr) return std::nullopt;
-  const MapReader simulated(*given, regulator.path("simulated"),
-                            {"time_constant_s", "supply_kpa", "noise_kpa", "seed"}, faults);
-  SimulatedRegulatorConfig config;
-  config.time_constant = simulated.number("time_constant_s", kPositive, config.time_constant);
-  config.supply_pressure =
-      pascals(simulated.number("supply_kpa", kPositivePressure, config.supply_pressure / 1e3));
-  config.noise = pascals(simulated.number("noise_kpa", kNotNegative, config.noise / 1e3));
-  config.seed = static_cast<std::uint32_t>(
-      simulated.integer("seed", 0, std::numeric_limits<std::uint32_t>::max(), config.seed));
-  for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
-    const model::Actuator& actuator = arm->arm.actuator(i);
-    if (actuator.drive == model::Drive::kPressure) continue;
-    regulator.complain("simulated",
-                       "regulates pressures, but " + actuator.name +
-                           " is a tendon; expected an arm of pressure actuators or no regulator");
-  }
-  return config;
-}
-
-SafetyConfig readSafety(const MapReader& scene, const Value& document, FaultList& faults) {
-  SafetyConfig config;
-  const Value* value = document.find("safety");
-  if (value == nullptr) return config;
-  const MapReader safety(*value, scene.path("safety"), {"commander_timeout_s"}, faults);
-  config.commander_timeout =
-      safety.number("commander_timeout_s", kPositive, config.commander_timeout);
-  return config;
-}
 
 // Nothing where there are faults that concern it.
 std::optional<model::ArmModel> readModel(const MapReader& scene, const Value& document,
@@ -89,12 +55,20 @@ Value readSceneDocument(const std::string& path, const std::vector<Override>& ov
   std::optional<Value> document = parseDocument(readText(path, faults), faults);
   if (!document) faults.throwIfAny();
   for (const Override& change : overrides) applyOverride(*document, change, faults);
+  if (Value* profile = relativeProfile(*document)) {
+    profile->text = std::filesystem::absolute(path).parent_path() / profile->text;
+  }
   return std::move(*document);
 }
 
 std::string sceneText(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
-  if (overrides.empty()) return readText(path, faults);
+  if (overrides.empty()) {
+    std::string text = readText(path, faults);
+    std::optional<Value> plain = parseDocument(text, faults);
+    faults.throwIfAny();
+    if (relativeProfile(*plain) == nullptr) return text;
+  }
   const Value document = readSceneDocument(path, overrides, faults);
   faults.throwIfAny();
   return writeDocument(document);
@@ -136,7 +110,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
   const SimulationConfig simulation = readSimulation(scene, document, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
-  const SafetyConfig safety = readSafety(scene, document, faults);
+  const SafetyConfig safety = readSafety(scene, document, known_arm, regulator, faults);
   std::optional<Provenance> calibration = readProvenance(scene, document, faults);
   faults.throwIfAny();
   const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();

@@ -1,9 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/io/data_set.hpp"
@@ -36,6 +36,7 @@ std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag re
   FaultList faults(data.path);
   std::vector<Capture> captures;
   std::map<int, std::size_t> index;
+  std::map<std::pair<int, int>, int> lines;  // of each capture and tag
   for (int i = 0; i < data.values.rows(); ++i) {
     const TagRow row{data, i, faults};
     const int number = row.number("capture"), id = row.number("tag");
@@ -49,14 +50,13 @@ std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag re
                                  "; expected them as in line " +
                                  std::to_string(capture.tags.front().line));
     }
-    const auto same = std::find_if(capture.tags.begin(), capture.tags.end(),
-                                   [id](const auto& tag) { return tag.id == id; });
-    if (same == capture.tags.end()) {
+    const auto [same, is_first] = lines.emplace(std::make_pair(number, id), row.line());
+    if (is_first) {
       capture.tags.push_back(readTag(id, row));
     } else {
       faults.add(row.line(), "measures tag " + std::to_string(id) + " again in capture " +
                                  std::to_string(number) + ", as line " +
-                                 std::to_string(same->line) + " does; expected it once");
+                                 std::to_string(same->second) + " does; expected it once");
     }
   }
   faults.throwIfAny();

@@ -483,7 +483,8 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   const control::Settling state = settling(clock_.now());
   model::require(!state.stale(), state.reason);
   model::require(state.set_point.has_value(), "pressure_command has not come yet; is its node up?");
-  run_.emplace(std::get<Eigen::MatrixXd>(plan), *state.set_point, scene_.arm.inputAt(0), rules);
+  run_.emplace(std::get<Eigen::MatrixXd>(plan), scene_.arm.clamped(*state.set_point),
+               scene_.arm.inputAt(0), rules);
   samples_.clear();
   last_.reset();
 }

@@ -8,6 +8,7 @@
 
 #include <ros/names.h>
 
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
@@ -94,6 +95,7 @@ MonitorNode::MonitorNode()
   shape_subscriber_ = node_.subscribe(shape_.topic, 1000, &Node::onShape, this);
   error_subscriber_ = node_.subscribe(names::kModelError, 1000, &Node::onModelError, this);
   vision_subscriber_ = node_.subscribe(names::kVisionStatus, 100, &Node::onVisionStatus, this);
+  safety_subscriber_ = node_.subscribe(names::kSafetyState, 10, &Node::onSafety, this);
   diagnostics_subscriber_ = node_.subscribe(names::kDiagnostics, 10, &Node::onDiagnostics, this);
   timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
 }
@@ -127,6 +129,8 @@ void MonitorNode::onModelError(const ModelErrorConstPtr& error) {
 
 void MonitorNode::onVisionStatus(const VisionStatusConstPtr& status) { vision_ = *status; }
 
+void MonitorNode::onSafety(const SafetyStateConstPtr& safety) { safety_ = *safety; }
+
 void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& diagnostics) {
   const std::string node = ros::names::resolve(names::kPressureCommandNode).substr(1) + ": ";
   for (const auto& status : diagnostics->status) {
@@ -135,8 +139,11 @@ void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
     if (status.level >= diagnostic_msgs::DiagnosticStatus::ERROR) error_ = status.message;
     if (status.name != node + names::kTargetsStatus) continue;
     dropped_ = countOf(status, names::kDroppedKey);
-    refused_ = countOf(status, std::string(names::kDroppedPrefix) +
-                                   control::nameOf(control::Fault::kOtherCommander));
+    const auto countOfDropped = [&](control::Fault fault) {
+      return countOf(status, std::string(names::kDroppedPrefix) + control::nameOf(fault));
+    };
+    refused_ = countOfDropped(control::Fault::kOtherCommander) +
+               countOfDropped(control::Fault::kNotEnabled);
     last_fault_ = valueOf(status, names::kLastFaultKey);
   }
 }
@@ -176,8 +183,14 @@ void MonitorNode::printLine(double seconds) {
     std::snprintf(part, sizeof part, " %s %.0f Hz", stream->topic.c_str(), fresh / elapsed);
     line += part;
   }
-  std::printf("%s%s  dropped %lu\n", line.c_str(), visionText().c_str(),
-              static_cast<unsigned long>(dropped_));
+  std::printf("%s%s  dropped %lu%s\n", line.c_str(), visionText().c_str(),
+              static_cast<unsigned long>(dropped_), safetyText().c_str());
+}
+
+std::string MonitorNode::safetyText() const {
+  if (!safety_) return "";
+  const bool usual = safety_->cause == control::nameOf(control::SafetyCause::kNone);
+  return "  " + safety_->state + (usual ? "" : " (" + safety_->cause + ")");
 }
 
 std::string MonitorNode::visionText() const {

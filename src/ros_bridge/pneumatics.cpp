@@ -24,7 +24,12 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
     throw std::invalid_argument("scene " + scene.name +
                                 " has no regulator; add the section `regulator` to it");
   }
-  const io::SimulatedRegulatorConfig& config = *scene.regulator;
+  if (regulator::isHardware(*scene.regulator)) {
+    throw std::invalid_argument("scene " + scene.name + " has a regulator of its own, " +
+                                regulator::describe(*scene.regulator) +
+                                "; only one with regulator.simulated can be simulated");
+  }
+  const auto& config = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = scene.arm.actuator(i);
     const model::Range& limits = actuator.limits;

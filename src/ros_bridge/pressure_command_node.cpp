@@ -13,18 +13,19 @@
 
 #include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/pneumatics.hpp"
+#include "helix_arm/ros_bridge/pressure_diagnostics.hpp"
+#include "helix_arm/ros_bridge/regulator_setup.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr double kFresh = 1.0;      // a regulator silent for longer is worth an error [s]
 constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
-
-double steadyNow() { return ros::SteadyTime::now().toSec(); }
 
 }  // namespace
 
@@ -40,6 +41,8 @@ PressureCommandOptions PressureCommandOptions::load() {
   out.frame_prefix = reader.frame("frame_prefix", "");
   out.handle = reader.flag("handle", out.handle);
   out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
+  out.auto_enable = reader.flag("auto_enable", out.auto_enable);
+  out.allow_sim_time = reader.flag("allow_sim_time", out.allow_sim_time);
   reader.finish();
   return out;
 }
@@ -51,9 +54,8 @@ PressureCommandNode::PressureCommandNode()
       solver_(scene_.model),
       lease_(scene_.safety.commander_timeout),
       markers_(scene_, frames_.base, std::max(1.0, 3.0 / options_.draw_rate)),
-      command_(scene_.arm.inputAt(0)),
-      measured_(command_),
-      solution_(scene_.model.solve(command_)),
+      measured_(scene_.arm.inputAt(0)),
+      solution_(scene_.model.solve(measured_)),
       last_diagnosis_(ros::SteadyTime::now()) {
   model_publisher_ = node_.advertise<ArmShape>(names::kModel, 10);
   status_publisher_ = node_.advertise<TargetStatus>(names::kTargetStatus, 100);
@@ -77,8 +79,6 @@ PressureCommandNode::PressureCommandNode()
   pressure_subscriber_ = listen(names::kPressureTarget, &Node::onPressureTarget);
   shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
   tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
-  const bool simulates = options_.regulator == "scene";
-  if (!simulates) reading_subscriber_ = listen(names::kPressureMeasured, &Node::onReading);
 
   reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
                                            [this](io::Scene next) { adopt(std::move(next)); });
@@ -86,16 +86,34 @@ PressureCommandNode::PressureCommandNode()
   const auto every = [&](double rate, auto callback) {
     return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
   };
-  std::optional<regulator::SimulatedRegulator> regulator;
-  if (simulates) regulator.emplace(makeRegulator(scene_));
+  const bool own = options_.regulator == "scene";
+  const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
+  if (hardware) {
+    refuseSimulatedTime();
+    guard_.emplace(guardOf(options_.scene));
+  }
+  std::unique_ptr<regulator::RegulatorIo> io;
+  if (own) io = startRegulator(scene_, options_.rate);
   loop_.emplace(
-      node_, scene_.arm, command_, options_.rate, std::move(regulator),
+      node_, scene_.arm, options_.rate,
+      regulator::PressurePath({scene_.safety.channels, scene_.safety.rules}, std::move(io)),
+      options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
       [this](const PressureLoop::Reading& reading) { take(reading.pressure, reading.stamp); });
   draw_timer_ = every(options_.draw_rate, &Node::onDraw);
   diagnose_timer_ = every(1.0, &Node::onDiagnose);
   ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
            scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
   tellTier();
+}
+
+void PressureCommandNode::refuseSimulatedTime() const {
+  if (!ros::Time::isSimTime()) return;
+  if (!options_.allow_sim_time) {
+    throw ParameterError("/use_sim_time is true, but scene " + scene_.name +
+                         " drives hardware; end the recording or simulation that sets it, or set "
+                         "~allow_sim_time to true where that is meant");
+  }
+  ROS_WARN("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
 }
 
 void PressureCommandNode::tellTier() const {
@@ -121,9 +139,9 @@ void PressureCommandNode::solve() {
 void PressureCommandNode::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
   const PressureArray& target = *event.getMessage();
   const Sender sender{names::kPressureTarget, event.getPublisherName(), target.header.stamp};
-  const auto checked = fromMsg(target, scene_.arm, command_);
-  if (const Eigen::VectorXd* pressure = admit(sender, checked)) {
-    command(*pressure);
+  const auto checked = fromMsg(target, scene_.arm, loop_->goal());
+  const Eigen::VectorXd* pressure = admit(sender, checked);
+  if (pressure != nullptr && command(sender, *pressure)) {
     ledger_.taken();
     status_publisher_.publish(answerTo(sender));
   }
@@ -134,7 +152,7 @@ void PressureCommandNode::onShapeTarget(const ros::MessageEvent<const ShapeTarge
   const Sender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
   const auto checked = fromMsg(target, scene_.arm.sectionCount());
   if (const model::Twists* twists = admit(sender, checked)) {
-    follow(sender, solver_.toTwists(*twists, command_));
+    follow(sender, solver_.toTwists(*twists, loop_->goal()));
   }
 }
 
@@ -146,8 +164,9 @@ void PressureCommandNode::onTipTarget(const ros::MessageEvent<const TipTarget>& 
 void PressureCommandNode::aimTip(const Sender& sender, const TipTarget& target) {
   const auto checked = fromMsg(target, frames_.base);
   if (const TipGoal* goal = admit(sender, checked)) {
-    follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, command_)
-                                       : solver_.toPosition(goal->X_BT.translation, command_));
+    const Eigen::VectorXd from = loop_->goal();
+    follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, from)
+                                       : solver_.toPosition(goal->X_BT.translation, from));
   }
 }
 
@@ -158,7 +177,7 @@ const T* PressureCommandNode::admit(const Sender& sender, const control::Checked
     drop(sender, *refusal);
     return nullptr;
   }
-  if (!lease_.claim(sender.commander, steadyNow())) {
+  if (!lease_.claim(sender.commander, regulator::steadyNow())) {
     char text[256];
     std::snprintf(text, sizeof text,
                   "%s commands the arm; stop it and wait for %g s (safety.commander_timeout)",
@@ -184,7 +203,7 @@ void PressureCommandNode::follow(const Sender& sender, const model::InverseResul
                   "no pressures were found for it; send a target closer to the arm's shape"});
     return;
   }
-  command(result.input);
+  if (!command(sender, result.input)) return;
   TargetStatus status = answerTo(sender);
   status.residual = result.residual;
   status.position_error = result.position_error;
@@ -207,40 +226,26 @@ void PressureCommandNode::follow(const Sender& sender, const model::InverseResul
   status_publisher_.publish(status);
 }
 
-void PressureCommandNode::command(const Eigen::VectorXd& pressure) {
-  command_ = pressure;
-  loop_->command(command_);
+bool PressureCommandNode::command(const Sender& sender, const Eigen::VectorXd& pressure) {
+  const std::string refusal = loop_->command(pressure);
+  if (!refusal.empty()) drop(sender, {control::Fault::kNotEnabled, refusal});
+  return refusal.empty();
 }
 
 void PressureCommandNode::adopt(io::Scene next) {
   next = requirePneumatic(std::move(next));
   requireSameRig(scene_, next);
-  const std::vector<double> in_force(command_.begin(), command_.end());
-  const auto checked = control::checkPressures(next.arm, command_, {}, in_force);
-  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    throw std::invalid_argument("the command in force is outside the limits of scene " + next.name +
-                                ": " + refusal->message + ", then reload");
-  }
+  loop_->adopt(next.safety.channels, next.safety.rules);
   if (next.safety.commander_timeout != lease_.timeout()) {
     const std::string holder = lease_.holder();
     lease_ = control::CommanderLease(next.safety.commander_timeout);
-    if (!holder.empty()) lease_.claim(holder, steadyNow());
+    if (!holder.empty()) lease_.claim(holder, regulator::steadyNow());
   }
   scene_ = std::move(next);
   solver_ = model::InverseSolver(scene_.model);
   static_tf_.sendTransform(worldTransform(frames_.world, frames_.base, scene_.X_WB));
   tellTier();
   solve();
-}
-
-void PressureCommandNode::onReading(const PressureArrayConstPtr& reading) {
-  const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
-  if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
-    take(*measured, reading->header.stamp);
-  } else if (bad_readings_.add()) {
-    ROS_WARN("pressure_measured is not of scene %s: %s", scene_.name.c_str(),
-             std::get<control::Refusal>(checked).message.c_str());
-  }
 }
 
 void PressureCommandNode::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
@@ -270,7 +275,7 @@ void PressureCommandNode::sendFrames(const ros::Time& stamp) {
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (handle_) {
-    const model::Tip commanded = scene_.model.tip(command_);
+    const model::Tip commanded = scene_.model.tip(loop_->goal());
     if (commanded.converged()) handle_->follow(commanded.tip);
   }
   if (!measures() || !solution_.converged()) {
@@ -293,7 +298,8 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
 void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   using diagnostic_msgs::DiagnosticStatus;
   const ros::SteadyTime now = ros::SteadyTime::now();
-  const std::uint64_t turns = loop_->turns();
+  const PressureLoop::Snapshot path = loop_->snapshot();
+  const std::uint64_t turns = path.turns;
   const double rate =
       static_cast<double>(turns - diagnosed_turns_) / (now - last_diagnosis_).toSec();
   last_diagnosis_ = now;
@@ -320,7 +326,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   }
   addValue(loop, names::kRateKey, fixed(rate));
   addValue(loop, names::kWantedRateKey, fixed(options_.rate));
-  addValue(loop, names::kBadReadingsKey, std::to_string(bad_readings_.total()));
+  addValue(loop, names::kBadReadingsKey, std::to_string(path.bad_readings.total()));
   DiagnosticStatus& model = msg.status[2];
   model.name = statusName(node, names::kModelStatus);
   const model::TierChoice& choice = scene_.model.choice();
@@ -334,6 +340,13 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   addValue(model, names::kTierReasonKey, choice.reason);
   addValue(model, names::kSolveStatusKey, model::nameOf(solution_.status));
   addValue(model, names::kUnsolvedKey, std::to_string(unsolved_.total()));
+  for (DiagnosticStatus& status : pressureStatuses(node, scene_, path)) {
+    msg.status.push_back(std::move(status));
+  }
+  if (guard_ && !guard_->stands()) {
+    ROS_ERROR("the guard, which vents where this node is killed, has ended: starting another");
+    guard_.emplace(guardOf(options_.scene));
+  }
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
 }

@@ -4,12 +4,18 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
+#include <ros/console.h>
 
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/ros_bridge/conversions.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+using control::SafetyCause;
+using control::SafetyState;
+using regulator::steadyNow;
 
 // More readings than these waiting: whoever takes them is slower than the loop, and gets the last.
 constexpr std::size_t kMostWaiting = 4;
@@ -27,25 +33,70 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
+helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const control::SafetyCore& core) {
+  const control::SafetyReport& report = core.report();
+  helix_arm::SafetyState out;
+  out.header.stamp = stamp;
+  out.state = nameOf(report.state);
+  out.cause = nameOf(report.cause);
+  out.reason = core.reason();
+  if (report.channel >= 0) {
+    out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
+  }
+  out.value = report.value;
+  out.limit = report.limit;
+  out.stopped = report.stopped;
+  out.vent_overdue = report.vent_overdue;
+  return out;
+}
+
+// Before it is enabled for the first time, and after a commander who fell silent, nothing speaks
+// against going on.
+bool mayEnableItself(const control::SafetyReport& report) {
+  return report.state == SafetyState::kDisabled ||
+         (report.state == SafetyState::kVented && report.cause == SafetyCause::kStaleTarget);
+}
+
+void tell(const control::SafetyReport& report, const std::string& reason) {
+  const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
+  if (report.state == SafetyState::kFault && !asked_for) {
+    ROS_ERROR("%s", reason.c_str());
+  } else if (report.state == SafetyState::kVented && !asked_for) {
+    ROS_WARN("%s", reason.c_str());
+  } else {
+    ROS_INFO("%s", reason.c_str());
+  }
+}
+
 }  // namespace
 
-PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm,
-                           const Eigen::VectorXd& start, double rate,
-                           std::optional<regulator::SimulatedRegulator> regulator, Take take)
+PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
+                           regulator::PressurePath path, bool auto_enable, Take take)
     : arm_(arm),
+      auto_enable_(auto_enable),
       take_(std::move(take)),
-      command_(start),
-      regulator_(std::move(regulator)),
-      last_step_(ros::SteadyTime::now()),
+      path_(std::move(path)),
       command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
+      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
       spinner_(1, &queue_) {
-  if (regulator_) {
-    regulator_->command(command_);
+  node.setCallbackQueue(&queue_);
+  if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  } else {
+    reading_subscriber_ = node.subscribe(names::kPressureMeasured, 10, &PressureLoop::onReading,
+                                         this, ros::TransportHints().tcpNoDelay());
   }
-  ros::SteadyTimerOptions turns(
-      ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) { turn(); }, &queue_);
-  timer_ = node.createSteadyTimer(turns);
+  ros::NodeHandle below("~");
+  below.setCallbackQueue(&queue_);
+  enable_server_ = below.advertiseService(names::kEnable, &PressureLoop::onEnable, this);
+  vent_server_ = below.advertiseService(names::kVent, &PressureLoop::onVent, this);
+  stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
+  timer_ =
+      node.createSteadyTimer(ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        ++turns_;
+        turn(steadyNow());
+      });
   spinner_.start();
 }
 
@@ -55,38 +106,109 @@ PressureLoop::~PressureLoop() {
   ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
 }
 
-void PressureLoop::command(const Eigen::VectorXd& pressure) {
+std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  command_ = pressure;
-  if (regulator_) {
-    // The old set points held until now: the lag up to this moment belongs to them.
-    const ros::SteadyTime now = ros::SteadyTime::now();
-    regulator_->step((now - last_step_).toSec());
-    regulator_->command(command_);
-    last_step_ = now;
+  const double now = steadyNow();
+  control::SafetyCore& core = path_.core();
+  if (auto_enable_ && mayEnableItself(core.report())) {
+    const std::string refusal = core.enable(now);
+    if (!refusal.empty()) return refusal;
   }
-  publishCommand(ros::Time::now());
+  if (!path_.target(now, pressure)) return core.reason();
+  publish(now);
+  return "";
 }
 
-void PressureLoop::publishCommand(const ros::Time& stamp) {
-  std_msgs::Header header;
-  header.stamp = stamp;
-  command_publisher_.publish(toPressureMsg(header, arm_, command_));
-}
-
-void PressureLoop::turn() {
-  ++turns_;
+void PressureLoop::adopt(std::vector<control::ChannelRules> channels,
+                         const control::SafetyRules& rules) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  const ros::Time stamp = ros::Time::now();
-  publishCommand(stamp);
-  if (!regulator_) return;
-  const ros::SteadyTime now = ros::SteadyTime::now();
-  regulator_->step((now - last_step_).toSec());
-  last_step_ = now;
-  Reading reading{regulator_->measure(), stamp};
+  path_.core().adopt(std::move(channels), rules);
+}
+
+Eigen::VectorXd PressureLoop::goal() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
+}
+
+PressureLoop::Snapshot PressureLoop::snapshot() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const control::SafetyCore& core = path_.core();
+  Snapshot out{core.report(),  core.reason(), core.orders(), core.goal(),
+               core.reading(), std::nullopt,  turns_,        bad_readings_};
+  if (path_.io() != nullptr) out.io = path_.io()->status();
+  return out;
+}
+
+bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const double now = steadyNow();
+  const std::string refusal = path_.core().enable(now);
+  turn(now);
+  response.success = refusal.empty();
+  response.message = refusal.empty() ? path_.core().reason() : refusal;
+  return true;
+}
+
+bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const double now = steadyNow();
+  path_.core().vent(now);
+  turn(now);
+  response.success = true;
+  response.message = path_.core().reason();
+  return true;
+}
+
+bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const double now = steadyNow();
+  path_.core().emergencyStop(now, request.data);
+  turn(now);
+  response.success = true;
+  response.message = path_.core().reason();
+  return true;
+}
+
+void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
+  const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
+    path_.core().measured(steadyNow(), *measured);
+    post({*measured, reading->header.stamp});
+  } else if (bad_readings_.add()) {
+    ROS_WARN("pressure_measured is not of this arm: %s",
+             std::get<control::Refusal>(checked).message.c_str());
+  }
+}
+
+void PressureLoop::turn(double now) {
+  path_.turn(now);
+  publish(now);
+}
+
+void PressureLoop::publish(double now) {
   std_msgs::Header header;
-  header.stamp = stamp;
-  measured_publisher_.publish(toPressureMsg(header, arm_, reading.pressure));
+  header.stamp = ros::Time::now();
+  command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
+  tellChanges(header.stamp);
+  const regulator::Reading* news = path_.news();
+  if (news == nullptr || !news->pressures.pressure.allFinite()) return;
+  // Simulated time may stand still, or not have begun.
+  if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
+  measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
+  post({news->pressures.pressure, header.stamp});
+}
+
+void PressureLoop::tellChanges(const ros::Time& stamp) {
+  const control::SafetyCore& core = path_.core();
+  if (changes_told_ == core.report().changes) return;
+  changes_told_ = core.report().changes;
+  const helix_arm::SafetyState message = toSafetyMsg(stamp, core);
+  safety_publisher_.publish(message);
+  tell(core.report(), message.reason);
+}
+
+void PressureLoop::post(Reading reading) {
   waiting_.push_back(std::move(reading));
   if (waiting_.size() > kMostWaiting) waiting_.erase(waiting_.begin());
   if (waiting_.size() > 1) return;

@@ -77,18 +77,28 @@ PressureSeriesNode::PressureSeriesNode()
 }
 
 void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
-  const auto checked =
-      fromMsg(*command, scene_.arm, Eigen::VectorXd::Zero(scene_.arm.actuatorCount()));
+  const auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     throw std::runtime_error("pressure_command is not of scene " + scene_.name + ": " +
                              refusal->message);
   }
-  command_ = std::get<Eigen::VectorXd>(checked);
+  command_ = scene_.arm.clamped(std::get<Eigen::VectorXd>(checked));  // vented: the atmosphere
   if (!player_) player_.emplace(rows_, command_, options_.timing);
 }
 
 void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const bool mine = status->commander == ros::this_node::getName();
+  if (mine && status->fault == control::nameOf(control::Fault::kNotEnabled)) {
+    if (!disabled_)
+      ROS_WARN("the series waits until the arm is enabled: %s", status->message.c_str());
+    disabled_ = true;
+    return;
+  }
+  if (mine && disabled_ && status->outcome != TargetStatus::DROPPED) {
+    ROS_INFO("the arm is enabled: the series goes on");
+    disabled_ = false;
+    player_->resume(command_);
+  }
   const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
   const bool others_command =
       mine ? refused_to_command : refused_to_command || status->outcome != TargetStatus::DROPPED;
@@ -112,7 +122,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     ROS_INFO("the series goes on");
     yielding_ = false;
     player_->resume(command_);
-  } else {
+  } else if (!disabled_) {
     player_->advance(dt);
   }
   if (player_->row() != told_row_) {
@@ -125,7 +135,8 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   }
   std_msgs::Header header;
   header.stamp = ros::Time::now();
-  target_publisher_.publish(toPressureMsg(header, scene_.arm, player_->pressure()));
+  const Eigen::VectorXd target = disabled_ ? command_ : player_->pressure();
+  target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
   if (player_->finished()) {
     ROS_INFO("the series is over");
     ros::requestShutdown();

@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/simulated_rig_node.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <stdexcept>
@@ -22,6 +23,12 @@ namespace {
 
 constexpr model::Range kTimeFactors = {0.01, 1000.0};
 
+// Whether all valves are to let the air out, also of an arm whose lower limits keep it inflated.
+bool vents(const PressureArray& command) {
+  return std::all_of(command.pressure.begin(), command.pressure.end(),
+                     [](double pressure) { return pressure == 0; });
+}
+
 }  // namespace
 
 SimulatedRigOptions SimulatedRigOptions::load() {
@@ -31,6 +38,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
   out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
   out.frame_prefix = reader.frame("frame_prefix", "");
+  out.command_timeout = reader.number("command_timeout", out.command_timeout, {0.01, 60.0});
   out.time_factor = reader.number("time_factor", out.time_factor, {0.0, kTimeFactors.upper});
   reader.finish();
   if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
@@ -89,14 +97,27 @@ SimulatedRigNode::~SimulatedRigNode() {
 
 void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
   const auto checked = fromMsg(*command, scene_.arm, command_);
-  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-    command_ = *pressure;
-    regulator_.command(command_);
+  const auto* pressure = std::get_if<Eigen::VectorXd>(&checked);
+  if (pressure != nullptr || vents(*command)) {
+    command_ = pressure != nullptr ? *pressure : scene_.arm.inputAt(0);
+    regulator_.command(pressure != nullptr ? command_ : Eigen::VectorXd::Zero(command_.size()));
+    last_command_ = ros::SteadyTime::now();
+    silent_ = false;
   } else if (bad_commands_.add()) {
     ROS_WARN("pressure_command: %s (dropped, %lu so far)",
              std::get<control::Refusal>(checked).message.c_str(),
              static_cast<unsigned long>(bad_commands_.total()));
   }
+}
+
+void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
+  if (silent_ || now - last_command_ <= ros::WallDuration(options_.command_timeout)) return;
+  silent_ = true;
+  regulator_.command(Eigen::VectorXd::Zero(command_.size()));
+  ROS_WARN(
+      "no pressure_command for %g s (~command_timeout): the regulator vents by itself; is "
+      "pressure_command up?",
+      options_.command_timeout);
 }
 
 void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
@@ -108,6 +129,7 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     clock_ += ros::Duration(dt);
     publishClock();
   }
+  ventWhenSilent(now);
   regulator_.step(dt);
   std_msgs::Header header;
   header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();

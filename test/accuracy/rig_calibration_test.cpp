@@ -57,7 +57,7 @@ std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& 
   simulation::CameraSetup setup = scene.cameraSetup().value();
   setup.view = simulation::deviate(scene.view(), scene.arm, rig.mounts);
   setup.config.seed = rig.mounts.seed;
-  regulator::SimulatedRegulatorConfig regulator = *scene.regulator;
+  auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   regulator.seed = rig.mounts.seed;
   simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
   vision::TagDetector detector(scene.vision.detector);

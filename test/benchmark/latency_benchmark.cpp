@@ -13,6 +13,7 @@
 namespace {
 
 constexpr int kTargets = 2000;
+constexpr double kRetry = 0.1;      // [s]
 constexpr double kDeadline = 30.0;  // for the node to come up, and for any one answer [s]
 
 double now() { return ros::SteadyTime::now().toSec(); }
@@ -56,7 +57,10 @@ int main(int argc, char** argv) {
                      "no command came back; is pressure_command running with three muscles?\n");
         return 1;
       }
-      if (sent == 0.0 && publisher.getNumSubscribers() > 0 && subscriber.getNumPublishers() > 0) {
+      // The first one enables the arm, once its regulator has been heard of.
+      const bool again = i < 0 && now() - sent > kRetry;
+      if ((sent == 0.0 || again) && publisher.getNumSubscribers() > 0 &&
+          subscriber.getNumPublishers() > 0) {
         target.header.stamp = ros::Time::now();
         sent = now();
         publisher.publish(target);

@@ -134,8 +134,10 @@ void expectSameScene(const Scene& a, const Scene& b) {
   }
   ASSERT_EQ(a.regulator.has_value(), b.regulator.has_value());
   if (a.regulator) {
-    EXPECT_EQ(a.regulator->seed, b.regulator->seed);
-    EXPECT_EQ(a.regulator->supply_pressure, b.regulator->supply_pressure);
+    const auto& regulator_a = std::get<regulator::SimulatedRegulatorConfig>(*a.regulator);
+    const auto& regulator_b = std::get<regulator::SimulatedRegulatorConfig>(*b.regulator);
+    EXPECT_EQ(regulator_a.seed, regulator_b.seed);
+    EXPECT_EQ(regulator_a.supply_pressure, regulator_b.supply_pressure);
   }
   ASSERT_EQ(a.tags.has_value(), b.tags.has_value());
   if (a.tags) expectSameTags(*a.tags, *b.tags, 0);
@@ -151,6 +153,13 @@ void expectSameScene(const Scene& a, const Scene& b) {
   expectSameLoad(a, b);
   EXPECT_EQ(a.simulation.mounts.seed, b.simulation.mounts.seed);
   EXPECT_EQ(a.safety.commander_timeout, b.safety.commander_timeout);
+  EXPECT_EQ(a.safety.rules.target_timeout, b.safety.rules.target_timeout);
+  EXPECT_EQ(a.safety.rules.min_supply, b.safety.rules.min_supply);
+  ASSERT_EQ(a.safety.channels.size(), b.safety.channels.size());
+  for (std::size_t i = 0; i < a.safety.channels.size(); ++i) {
+    EXPECT_EQ(a.safety.channels[i].slew, b.safety.channels[i].slew);
+    EXPECT_EQ(a.safety.channels[i].action, b.safety.channels[i].action);
+  }
 }
 
 class ShippedScene : public testing::TestWithParam<const char*> {

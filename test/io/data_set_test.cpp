@@ -66,6 +66,29 @@ TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
   EXPECT_NE(faults.find(" has 150 more faults"), std::string::npos);
 }
 
+TEST(DataSet, NoNumberBecomesInfiniteInPascals) {
+  EXPECT_EQ(faultsOf("a_kpa\n1e300\n-1e300\n"), "");
+  EXPECT_EQ(faultsOf("a_kpa\n1e308\n-1e301\n"),
+            ":2 a_kpa is 1e308; expected a number of at most 1e+300\n"
+            ":3 a_kpa is -1e301; expected a number of at most 1e+300");
+}
+
+TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
+  std::string text = "a_m\n";
+  for (int i = 0; i < 100'000; ++i) text += "x\n";
+  const std::string faults = faultsOf(text);
+  EXPECT_NE(faults.find(" has 901 more faults"), std::string::npos) << faults.substr(0, 100);
+}
+
+TEST(DataSet, AFileWithoutEndIsRefused) {
+  try {
+    loadDataSet("/dev/zero");
+    FAIL();
+  } catch (const DocumentError& error) {
+    EXPECT_STREQ(error.what(), "/dev/zero is larger than 256 MiB; expected a text file");
+  }
+}
+
 TEST(PressuresOf, ConvertsToPascalsAndTakesAMissingColumnAsVented) {
   const DataSet data = load("curvature_rad,pressure_3_kpa,pressure_1_kpa\n9,20,10.5\n9,0,-1\n");
   const Eigen::MatrixXd expected =

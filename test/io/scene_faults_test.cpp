@@ -1,5 +1,7 @@
 #include "scene_faults.hpp"
 
+#include <chrono>
+
 #include <gtest/gtest.h>
 
 #include "scene_text.hpp"
@@ -157,6 +159,42 @@ TEST(SceneFaults, ADocumentThatUnfoldsWithoutEndIsRefused) {
             std::vector<std::string>{":1 is nested too deeply or holds too many values"});
   EXPECT_EQ(faultsOf("a: &a [*a]\n"),
             std::vector<std::string>{":1 is nested too deeply or holds too many values"});
+}
+
+// Whatever it costs, it is known before a tree is made of it: these took seconds and gigabytes.
+TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
+  const auto repeated = [](const std::string& text, int times) {
+    std::string all;
+    for (int i = 0; i < times; ++i) all += text;
+    return all;
+  };
+  std::string keys;
+  for (int i = 0; i < 300'000; ++i) keys += "k" + std::to_string(i) + ": 1\n";
+  const std::string bombs[] = {
+      "a: [" + repeated("1,", 1'000'000) + "]\n",
+      repeated("[", 100'000),
+      repeated("{a: ", 50'000),
+      repeated("- ", 50'000) + "1\n",
+      keys,
+      "# " + repeated("x", 5'000'000) + "\nname: rig\n",
+      // One long text a hundred times.
+      "a: &a " + repeated("x", 100'000) + "\nb: [" + repeated("*a, ", 100) + "*a]\n",
+  };
+  for (const std::string& bomb : bombs) {
+    const auto start = std::chrono::steady_clock::now();
+    EXPECT_EQ(faultsOf(bomb),
+              std::vector<std::string>{":1 is nested too deeply or holds too many values"})
+        << bomb.substr(0, 40);
+    EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5))
+        << bomb.substr(0, 40);
+  }
+}
+
+TEST(SceneFaults, KeysAreNotRepeatedAtAnyLength) {
+  const std::string key(201, 'k');
+  EXPECT_EQ(faultsOf(kPlanarScene + key + ": 1\n"),
+            std::vector<std::string>{
+                ":11 the document has a key of 201 letters; expected a name of at most 200"});
 }
 
 TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {

@@ -22,6 +22,10 @@ Scene load(const std::string& text, const std::vector<Override>& overrides = {})
   return loadScene(test::TemporaryFile(text).path(), overrides);
 }
 
+regulator::SimulatedRegulatorConfig simulatedOf(const Scene& scene) {
+  return std::get<regulator::SimulatedRegulatorConfig>(scene.regulator.value());
+}
+
 Eigen::Matrix3d rx(double deg) {
   const double a = deg * kPi / 180;
   Eigen::Matrix3d R;
@@ -167,11 +171,11 @@ TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
   EXPECT_EQ(scene.looks[0].muscle_radius, 0.01);
   EXPECT_EQ(scene.looks[1].name, "upper");
   EXPECT_EQ(scene.looks[1].separators, SectionLook().separators);
-  ASSERT_TRUE(scene.regulator);
-  EXPECT_EQ(scene.regulator->time_constant, 0.2);
-  EXPECT_EQ(scene.regulator->supply_pressure, 450e3);
-  EXPECT_EQ(scene.regulator->noise, 2e3);
-  EXPECT_EQ(scene.regulator->seed, 7u);
+  const regulator::SimulatedRegulatorConfig regulator = simulatedOf(scene);
+  EXPECT_EQ(regulator.time_constant, 0.2);
+  EXPECT_EQ(regulator.supply_pressure, 450e3);
+  EXPECT_EQ(regulator.noise, 2e3);
+  EXPECT_EQ(regulator.seed, 7u);
   EXPECT_EQ(scene.safety.commander_timeout, 0.8);
 }
 
@@ -329,16 +333,15 @@ TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
   EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
   EXPECT_EQ(scene.looks[1].separators, 9);
-  EXPECT_EQ(scene.regulator->noise, 0);
-  EXPECT_EQ(scene.regulator->seed, 7u);
+  EXPECT_EQ(simulatedOf(scene).noise, 0);
+  EXPECT_EQ(simulatedOf(scene).seed, 7u);
 }
 
 TEST(SceneLoader, OverridesMakeTheMapsOnTheirWay) {
   const Scene scene =
       load(kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
-  ASSERT_TRUE(scene.regulator);
-  EXPECT_EQ(scene.regulator->seed, 3u);
-  EXPECT_EQ(scene.regulator->time_constant, SimulatedRegulatorConfig().time_constant);
+  EXPECT_EQ(simulatedOf(scene).seed, 3u);
+  EXPECT_EQ(simulatedOf(scene).time_constant, regulator::SimulatedRegulatorConfig().time_constant);
   EXPECT_EQ(scene.safety.commander_timeout, 2);
 }
 

@@ -166,10 +166,12 @@ const BrokenRule kKeys[] = {
       "cable or muscle"}},
     {"  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}",
      "  {}",
-     {":32 regulator.simulated is missing; expected a map: the one kind of regulator there is"}},
-    {"safety: {commander_timeout_s: 0.8}",
-     "safety: off",
-     {":34 safety is off; expected a map of commander_timeout_s"}},
+     {":32 regulator has none; expected exactly one of simulated, ascii_serial or modbus_tcp"}},
+    {"safety: {",
+     "safety: off  # {",
+     {":34 safety is off; expected a map of commander_timeout_s, target_timeout_s, "
+      "reading_timeout_s, slew_kpa_s, trip_margin_kpa, spike_time_s, min_supply_kpa, follow, "
+      "leak_drop_kpa, fault_action, hold_time_s, vented_below_kpa or vent_time_s"}},
     {"      ring: {count: 3, radius_m: 0.03, tilt_deg: 10, length_scale: 1, contraction: muscle, "
      "max_pressure_kpa: "
      "300}\n",

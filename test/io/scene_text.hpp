@@ -39,7 +39,7 @@ arm:
           stiffness: {K_gamma: 30, K_tau_m2: 2.0e-5, K_kappa_m2: 3.0e-4}
 regulator:
   simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}
-safety: {commander_timeout_s: 0.8}
+safety: {commander_timeout_s: 0.8, target_timeout_s: 2, reading_timeout_s: 0.4, slew_kpa_s: 200, trip_margin_kpa: 20, spike_time_s: 0.2, min_supply_kpa: 300, follow: {tolerance_kpa: 50, time_s: 1.5, time_constant_s: 0.3}, leak_drop_kpa: 15, fault_action: hold, hold_time_s: 5, vented_below_kpa: 12, vent_time_s: 4}
 tags:
   family: 25h9
   size_m: 0.02

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <set>
 
 #include <gtest/gtest.h>
@@ -14,6 +15,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/random.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -115,8 +117,49 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
     EXPECT_TRUE(scene.arm.tip(vented).translation.allFinite())
         << "a vented arm must be within the limits";
   }
-  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "helical_50", "loaded", "planar_101",
-                                          "planar_50", "planar_76", "spatial_101", "spatial_50"}));
+  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial",
+                                          "helical_50", "loaded", "planar_101", "planar_50",
+                                          "planar_76", "spatial_101", "spatial_50"}));
+}
+
+// The kinds of regulator that annotated.yaml has as comments: those of `#key: value`, indented.
+std::string annotatedWith(const std::string& kind) {
+  std::ifstream file(scenePath("annotated"));
+  std::string text, block;
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t at = line.find_first_not_of(' ');
+    const bool commented = at != std::string::npos && at > 0 && line[at] == '#' &&
+                           at + 1 < line.size() && line[at + 1] != ' ';
+    if (at == 0) block = line;
+    if (at == 2) block = line.substr(commented ? 3 : 2);
+    if (block == "simulated:") continue;
+    if (commented && block == kind + ":") line.erase(at, 1);
+    text += line + "\n";
+  }
+  return text;
+}
+
+TEST(ShippedScenes, TheAnnotatedRegulatorsAreRight) {
+  const test::TemporaryFile serial(annotatedWith("ascii_serial")),
+      modbus(annotatedWith("modbus_tcp"));
+  const Scene bus = loadScene(serial.path()), terminal = loadScene(modbus.path());
+  EXPECT_EQ(std::get<regulator::SerialConfig>(bus.regulator.value()).profile.name, "alicat");
+  EXPECT_EQ(std::get<regulator::SerialConfig>(bus.regulator.value()).addresses.size(), 6u);
+  EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).profile.name,
+            "festo_vtem");
+  EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).slots.size(), 6u);
+}
+
+// Every scene's rules are ones that the safety core takes, and a channel is each of its actuators.
+TEST(ShippedScenes, TheSafetyCoreTakesThem) {
+  for (const auto& entry :
+       std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
+    const Scene scene = loadScene(entry.path().string());
+    SCOPED_TRACE(scene.name);
+    ASSERT_EQ(scene.safety.channels.size(), static_cast<std::size_t>(scene.arm.actuatorCount()));
+    const control::SafetyCore core(scene.safety.channels, scene.safety.rules);
+    EXPECT_EQ(core.state(), control::SafetyState::kDisabled);
+  }
 }
 
 TEST(ShippedScenes, OnlyTwoAreLoaded) {

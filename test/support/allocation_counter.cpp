@@ -7,6 +7,17 @@ namespace {
 thread_local std::size_t allocations = 0;
 }  // namespace
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+// A sanitizer stands in malloc's place itself and tells of what passes there.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(  // NOLINT
+    void (*malloc_hook)(const volatile void*, std::size_t),
+    void (*free_hook)(const volatile void*));
+
+namespace {
+const int installed = __sanitizer_install_malloc_and_free_hooks(
+    [](const volatile void*, std::size_t) { ++allocations; }, [](const volatile void*) {});
+}  // namespace
+#else
 // glibc's own entry points: every allocation passes here, Eigen's and operator new's alike.
 extern "C" {
 void* __libc_malloc(std::size_t size);                           // NOLINT
@@ -36,6 +47,7 @@ int posix_memalign(void** block, std::size_t alignment, std::size_t size) {
   return *block == nullptr ? 12 : 0;  // ENOMEM
 }
 }
+#endif
 
 namespace helix_arm::test {
 

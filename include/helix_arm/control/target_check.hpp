@@ -23,8 +23,9 @@ enum class Fault {
   kUnknownMode,
   kOtherCommander,
   kNotConverged,
+  kNotEnabled,
 };
-inline constexpr int kFaultCount = 10;
+inline constexpr int kFaultCount = 11;
 
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);

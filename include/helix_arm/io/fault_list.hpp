@@ -14,6 +14,8 @@ class FaultList {
 
   /// @param line  counted from 1; 0 where a fault has no line of its own.
   void add(int line, const std::string& fault);
+  /// Adds the faults of another document, each with its own file.
+  void append(const FaultList& other);
   bool empty() const { return faults_.empty(); }
   const std::vector<std::string>& faults() const { return faults_; }
   /// @throws DocumentError with every fault when there are any.

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
@@ -11,7 +12,7 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/arm_model.hpp"
-#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
 #include "helix_arm/simulation/rig.hpp"
@@ -27,9 +28,6 @@ struct SectionLook {
   double separator_radius = 0.03;  ///< [m]
   double muscle_radius = 0.008;    ///< [m]
 };
-
-/// Of the simulated pressure regulator.
-using SimulatedRegulatorConfig = regulator::SimulatedRegulatorConfig;
 
 /// The camera that looks at the arm.
 struct CameraConfig {
@@ -48,6 +46,8 @@ struct SimulationConfig {
 /// The rules of the pressure path.
 struct SafetyConfig {
   double commander_timeout = 0.5;  ///< silence after which another commander may take over [s]
+  control::SafetyRules rules;
+  std::vector<control::ChannelRules> channels;  ///< (actuators); empty for an arm with tendons
 };
 
 /// One scene file: all there is to know of an arm and its rig. What the file leaves out is absent
@@ -62,7 +62,7 @@ struct Scene {
   /// The same arm with what loads it, behind the tier that the scene asks for or needs.
   model::ArmModel model;
   std::vector<SectionLook> looks;  ///< (sections)
-  std::optional<SimulatedRegulatorConfig> regulator;
+  std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;
   estimation::TagPrior tag_prior;  ///< how well their placements are known
   /// The frame F in which data sets give the poses of tags, seen from the base.

@@ -16,6 +16,7 @@
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
@@ -42,6 +43,7 @@ struct MonitorOptions {
 /// Subscribes
 /// - pressure_command, pressure_measured (PressureArray)
 /// - model, measured (ArmShape); model_error (ModelError); vision_status (VisionStatus)
+/// - safety_state (SafetyState): shown in each line
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): those of pressure_command in its namespace
 ///
 /// Service
@@ -50,7 +52,8 @@ struct MonitorOptions {
 /// Prints to stdout. Parameters: MonitorOptions.
 ///
 /// Ends with 0 when the pressures and shapes flowed to the end at ~min_rate or more, with finite
-/// numbers, diagnostics without error and no dropped target (but those of a second commander); else
+/// numbers, diagnostics without error and no dropped target (but those of a second
+/// commander, and while the arm was not enabled); else
 /// with 1, saying what was missing; 2 on a bad scene or parameter.
 class MonitorNode {
  public:
@@ -80,10 +83,12 @@ class MonitorNode {
   void onShape(const ArmShapeConstPtr& shape);
   void onModelError(const ModelErrorConstPtr& error);
   void onVisionStatus(const VisionStatusConstPtr& status);
+  void onSafety(const SafetyStateConstPtr& safety);
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& diagnostics);
   void onSecond(const ros::SteadyTimerEvent& event);
   void printLine(double seconds);
   std::string visionText() const;
+  std::string safetyText() const;
   std::vector<const Stream*> expected() const;
   double travel() const;  ///< diagonal of the box that the tip stayed in [m]
   std::vector<std::string> faults() const;
@@ -98,17 +103,18 @@ class MonitorNode {
   Eigen::AlignedBox3d reach_;                      ///< of all tips
   std::optional<ModelError> model_error_;          ///< the last one
   std::optional<VisionStatus> vision_;             ///< the last one
+  std::optional<SafetyState> safety_;              ///< the last one
   std::deque<double> tip_errors_;                  ///< of the latest model_error [m]
   bool diagnosed_ = false;
   std::uint64_t dropped_ = 0;  ///< since the node started
-  std::uint64_t refused_ = 0;  ///< of them, for a second commander
+  std::uint64_t refused_ = 0;  ///< of them, for a second commander or while it was not enabled
   std::string last_fault_;
   std::string error_;  ///< message of the last status at level ERROR
 
   ros::NodeHandle node_;
   ros::Subscriber command_subscriber_, measured_subscriber_, model_subscriber_;
   ros::Subscriber shape_subscriber_, error_subscriber_, vision_subscriber_;
-  ros::Subscriber diagnostics_subscriber_;
+  ros::Subscriber diagnostics_subscriber_, safety_subscriber_;
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer timer_;
 };

@@ -10,6 +10,7 @@ inline constexpr char kShapeTarget[] = "shape_target";
 inline constexpr char kTipTarget[] = "tip_target";
 inline constexpr char kPressureCommand[] = "pressure_command";
 inline constexpr char kPressureMeasured[] = "pressure_measured";
+inline constexpr char kSafetyState[] = "safety_state";
 inline constexpr char kModel[] = "model";
 inline constexpr char kTargetStatus[] = "target_status";
 inline constexpr char kMarkers[] = "markers";
@@ -31,6 +32,9 @@ inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots 
 
 // Services and actions, below the names of their nodes.
 inline constexpr char kReload[] = "reload";
+inline constexpr char kEnable[] = "enable";
+inline constexpr char kVent[] = "vent";
+inline constexpr char kEmergencyStop[] = "emergency_stop";
 inline constexpr char kCalibrate[] = "calibrate";
 inline constexpr char kFitContraction[] = "fit_contraction";
 inline constexpr char kRecordSample[] = "record_sample";
@@ -75,6 +79,9 @@ inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 inline constexpr char kTargetsStatus[] = "targets";
 inline constexpr char kLoopStatus[] = "loop";
 inline constexpr char kModelStatus[] = "model";
+inline constexpr char kSafetyStatus[] = "safety";
+inline constexpr char kRegulatorStatus[] = "regulator";
+inline constexpr char kChannelStatus[] = "channel ";  ///< followed by the actuator
 inline constexpr char kCameraStatus[] = "camera";
 inline constexpr char kMeasurementStatus[] = "measurement";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`

@@ -15,6 +15,7 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/inverse.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/ros_bridge/arm_frames.hpp"
 #include "helix_arm/ros_bridge/arm_markers.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
@@ -36,16 +37,25 @@ struct PressureCommandOptions {
   std::string world_frame;   ///< ~world_frame: "world"
   std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and model_*
   bool handle = true;        ///< ~handle: show the interactive marker
-  /// ~regulator: `scene` simulates the scene's regulator in this node; `topic` leaves the pressures
-  /// to another node, which reports them on pressure_measured.
+  /// ~regulator: `scene` drives the scene's regulator, hardware or simulated, from this node;
+  /// `topic` leaves the pressures to another node, which reports them on pressure_measured.
   std::string regulator = "scene";
+  /// ~auto_enable: a target enables the arm, at first and after the commander fell silent. Never
+  /// with hardware.
+  bool auto_enable = true;
+  /// ~allow_sim_time: drive hardware although ROS time is simulated; the safety rules run on the
+  /// steady clock in any case.
+  bool allow_sim_time = false;
 
   /// @throws ParameterError with every fault.
   static PressureCommandOptions load();
 };
 
-/// Brings the arm of a scene to pressures, shapes and tips, on a regulator that it simulates or
-/// that is another node's.
+/// Brings the arm of a scene to pressures, shapes and tips, on the scene's regulator, real or
+/// simulated, or on one that is another node's.
+///
+/// Between targets and regulator stands control::SafetyCore: whatever it finds wrong vents the arm,
+/// and nothing moves until it is enabled again.
 ///
 /// Subscribes
 /// - pressure_target (PressureArray): gauge [Pa]; names left out keep their command
@@ -55,33 +65,44 @@ struct PressureCommandOptions {
 /// - pressure_measured (PressureArray): with ~regulator `topic`; gauge [Pa], all actuators
 ///
 /// Publishes
-/// - pressure_command (PressureArray): in force [Pa]; at once on a target, and with every loop
-/// - pressure_measured (PressureArray): with ~regulator `scene`, with every loop [Pa]
+/// - pressure_command (PressureArray): in force [Pa], on its way to the target as fast as the
+/// scene's
+///   slew lets it, 0 where the arm is not enabled; at once on a target, and with every loop
+/// - pressure_measured (PressureArray): with ~regulator `scene`, as the regulator reads them [Pa]
+/// - safety_state (SafetyState): latched, on every change
 /// - model (ArmShape): with every pressure_measured, or the last where a tier is slower than they
 ///   come, the model's shape at the measured pressures clamped to the limits, under the scene's
 ///   load, with the stamp of that pressure_measured. On hardware, too, the measurement is all that
 ///   is known of the pressures.
 /// - target_status (TargetStatus): what became of each target
 /// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
-/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop` and
-///   `<node>: model` (its tier, and whether it finds a shape), 1 Hz
+/// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop`,
+///   `<node>: model` (its tier, and whether it finds a shape), `<node>: safety`,
+///   `<node>: regulator` and one `<node>: channel <actuator>` each, 1 Hz
 /// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
 ///
-/// Service
+/// Services
+/// - ~enable, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while true):
+/// their
+///   answers say what became of it, and why
 /// - ~reload (Reload): another file of the same rig. The command stays, and must be inside the new
-///   limits; the simulated regulator goes on as it is.
+///   limits; the regulator goes on as it is.
 ///
 /// Parameters: PressureCommandOptions.
 ///
 /// A bad target is dropped: counted, warned of once a fault and five seconds, answered on
 /// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
+/// A target while the arm is not enabled is dropped with the reason.
 /// Of several publishers the first to speak commands, until it has been silent for the scene's
 /// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
 /// neither stops the loop nor keeps a lease; the loop has a thread of its own, which no shape,
 /// target or reload delays. Without fresh measurements, and where the model finds
 /// no shape that holds the load, there is neither model nor drawing, and the diagnostics say so.
 ///
-/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
+/// However it ends, the arm vents: in an orderly end by this node's last words to the regulator;
+/// where it is killed, by a guard process (hardware), or by the regulator's node when the commands
+/// stop. Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter,
+/// such as simulated time with hardware.
 class PressureCommandNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
@@ -108,11 +129,11 @@ class PressureCommandNode {
   const T* admit(const Sender& sender, const control::Checked<T>& checked);
   void drop(const Sender& sender, const control::Refusal& refusal);
   void follow(const Sender& sender, const model::InverseResult& result);
-  void command(const Eigen::VectorXd& pressure);
+  /// Commands it; else drops the target and returns false.
+  bool command(const Sender& sender, const Eigen::VectorXd& pressure);
 
   void adopt(io::Scene next);
 
-  void onReading(const PressureArrayConstPtr& reading);
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
   bool measures() const;  ///< the last reading is fresh
 
@@ -121,6 +142,7 @@ class PressureCommandNode {
   void sendFrames(const ros::Time& stamp);
 
   void solve();  ///< the shape at the measured pressures
+  void refuseSimulatedTime() const;
   void tellTier() const;
   TargetStatus answerTo(const Sender& sender) const;
 
@@ -132,13 +154,11 @@ class PressureCommandNode {
   TargetLedger ledger_;
   ArmMarkers markers_;
 
-  Eigen::VectorXd command_;   ///< in force, inside the limits [Pa]
   Eigen::VectorXd measured_;  ///< last reading [Pa]
   model::Solution solution_;  ///< at the measured pressures, clamped
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
-  FaultCount bad_readings_;
   FaultCount unsolved_;                ///< readings at which the model finds no shape
   bool drawn_ = false;                 ///< the arm is on the screen
   FaultCount losses_;                  ///< of pressure_measured
@@ -151,9 +171,11 @@ class PressureCommandNode {
   tf2_ros::TransformBroadcaster tf_;
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;
-  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_, reading_subscriber_;
+  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
+  std::optional<regulator::GuardProcess>
+      guard_;                         ///< of hardware; before the loop, which it outlives
   std::optional<PressureLoop> loop_;  ///< last: its readings come to all of the above
 };
 

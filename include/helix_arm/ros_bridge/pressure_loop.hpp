@@ -6,66 +6,107 @@
 #include <functional>
 #include <mutex>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <ros/steady_timer.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
 
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/ros_bridge/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
 
-/// The pressure path of a node, in a thread of its own: nothing that the node computes delays it.
+/// The pressure path of a node, in a thread of its own: nothing that the node computes delays it,
+/// nor what stops it.
 ///
-/// Publishes pressure_command, at once on a new one and with every turn of the loop, and, where it
-/// simulates the regulator, pressure_measured. All times are of a steady clock.
+/// Publishes pressure_command, at once on a new target and with every turn; pressure_measured,
+/// where the regulator is the node's own; and safety_state, latched, on every change, with a line
+/// in the log. Serves ~enable, ~vent and ~emergency_stop. All times are of the steady clock,
+/// whatever ROS time does.
 class PressureLoop {
  public:
-  /// What the simulated regulator reported.
+  /// What was measured.
   struct Reading {
     Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
     ros::Time stamp;
   };
   using Take = std::function<void(const Reading&)>;
 
-  /// @param arm        whose actuators are named in the messages.
-  /// @param start      (n) first command, inside the limits [Pa].
-  /// @param rate       of the loop [Hz].
-  /// @param regulator  that is simulated here; none where another node reports the pressures.
-  /// @param take       gets the readings, in order, from the node's own callback queue; the last
-  /// alone where it cannot keep up.
-  PressureLoop(ros::NodeHandle node, const model::Arm& arm, const Eigen::VectorXd& start,
-               double rate, std::optional<regulator::SimulatedRegulator> regulator, Take take);
+  /// The pressure path at one moment.
+  struct Snapshot {
+    control::SafetyReport report;
+    std::string reason;
+    control::ValveOrders orders;
+    Eigen::VectorXd goal, reading;          ///< (n) [Pa]
+    std::optional<regulator::IoStatus> io;  ///< where the regulator is the node's own
+    std::uint64_t turns = 0;                ///< so far
+    FaultCount bad_readings;
+  };
+
+  /// @param arm          whose actuators are named in the messages.
+  /// @param rate         of the loop [Hz].
+  /// @param path         without I/O where another node regulates: its readings are then taken from
+  ///                     pressure_measured.
+  /// @param auto_enable  a target enables the path: at first, and when it has gone stale before.
+  /// @param take         gets the readings, in order, from the node's own callback queue; the last
+  ///                     alone where it cannot keep up.
+  PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
+               regulator::PressurePath path, bool auto_enable, Take take);
   ~PressureLoop();
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
-  /// In force from now on: (n), inside the limits [Pa].
-  void command(const Eigen::VectorXd& pressure);
+  /// Goes there from now on: (n), inside the limits [Pa].
+  /// @return why it does not; empty: it does.
+  std::string command(const Eigen::VectorXd& pressure);
 
-  /// Turns so far.
-  std::uint64_t turns() const { return turns_; }
+  /// Other rules of the same channels from now on.
+  /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
+  void adopt(std::vector<control::ChannelRules> channels, const control::SafetyRules& rules);
+
+  Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
+  Snapshot snapshot() const;
 
  private:
-  void turn();
-  void publishCommand(const ros::Time& stamp);
+  using Trigger = std_srvs::Trigger;
+  using SetBool = std_srvs::SetBool;
+
+  bool onEnable(Trigger::Request&, Trigger::Response& response);
+  bool onVent(Trigger::Request&, Trigger::Response& response);
+  bool onStop(SetBool::Request& request, SetBool::Response& response);
+  void onReading(const PressureArrayConstPtr& reading);
+
+  // All of these want the lock.
+  void turn(double now);
+  void publish(double now);
+  void tellChanges(const ros::Time& stamp);
+  void post(Reading reading);
+
   void takeWaiting();
 
   const model::Arm arm_;
+  const bool auto_enable_;
   const Take take_;
-  std::atomic<std::uint64_t> turns_{0};
 
-  std::mutex mutex_;  ///< of all that follows, and of the order of commands
-  Eigen::VectorXd command_;
-  std::optional<regulator::SimulatedRegulator> regulator_;
-  ros::SteadyTime last_step_;  ///< of the regulator
+  mutable std::mutex mutex_;  ///< of all that follows, and of the order of commands
+  regulator::PressurePath path_;
+  std::uint64_t turns_ = 0;
+  std::optional<std::uint64_t> changes_told_;
+  FaultCount bad_readings_;
   std::vector<Reading> waiting_;
 
-  ros::Publisher command_publisher_, measured_publisher_;
-  ros::CallbackQueue queue_;
+  ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
+  ros::CallbackQueue queue_;  ///< of what follows
+  ros::Subscriber reading_subscriber_;
+  ros::ServiceServer enable_server_, vent_server_, stop_server_;
   ros::SteadyTimer timer_;
   ros::AsyncSpinner spinner_;
 };

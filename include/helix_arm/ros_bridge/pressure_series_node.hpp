@@ -41,6 +41,9 @@ struct PressureSeriesOptions {
 ///
 /// Parameters: PressureSeriesOptions.
 ///
+/// While the arm is not enabled it asks for the pressures that the arm has, and goes on from there
+/// once it is.
+///
 /// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost or the commanded
 /// arm is not the scene's, 2 on a bad parameter, scene or data set, and when a row leaves the
 /// limits of the scene.
@@ -60,9 +63,10 @@ class PressureSeriesNode {
   const io::Scene scene_;
   const Eigen::MatrixXd rows_;                   ///< (rows x actuators) [Pa]
   std::optional<control::SeriesPlayer> player_;  ///< from the first command on
-  Eigen::VectorXd command_;                      ///< last one in force [Pa]
+  Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
+  bool disabled_ = false;  ///< the arm is
   ros::SteadyTime last_of_others_;
   ros::SteadyTime last_tick_;
 

@@ -24,6 +24,8 @@ struct SimulatedRigOptions {
   double rate = 100.0;        ///< ~rate: of the regulator, 1 to 1000 [Hz]
   double camera_rate = 15.0;  ///< ~camera_rate: of the pictures, 0.1 to 100 [Hz]
   std::string frame_prefix;   ///< ~frame_prefix: "", set before arm_base and camera_optical
+  /// ~command_timeout: without commands for so long the regulator vents by itself, 0.01 to 60 [s]
+  double command_timeout = 0.5;
   /// ~time_factor: 0 lives in the time of the other nodes; more makes this node their clock, which
   /// needs use_sim_time: so many seconds pass in one, 0.01 to 1000.
   double time_factor = 0.0;
@@ -36,7 +38,9 @@ struct SimulatedRigOptions {
 /// tags, the camera that looks at it.
 ///
 /// Subscribes
-/// - pressure_command (PressureArray): gauge [Pa]; names left out keep their command
+/// - pressure_command (PressureArray): gauge [Pa]; names left out keep their command, and all 0
+/// vents.
+///   Where it stops coming the regulator vents by itself
 ///
 /// Publishes
 /// - pressure_measured (PressureArray): with every loop [Pa]
@@ -74,6 +78,7 @@ class SimulatedRigNode {
 
   void onCommand(const PressureArrayConstPtr& command);
   void onLoop(const ros::SteadyTimerEvent& event);
+  void ventWhenSilent(const ros::SteadyTime& now);
   void publishClock();
   void takePictures();
   void publishPicture(simulation::SimulatedCamera& camera, vision::JpegEncoder& encoder);
@@ -84,7 +89,9 @@ class SimulatedRigNode {
   const simulation::TrueArm true_arm_;
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;  ///< of the regulator
-  ros::Time clock_;            ///< where ~time_factor is set
+  ros::SteadyTime last_command_;
+  bool silent_ = true;  ///< nobody commands, and it is vented
+  ros::Time clock_;     ///< where ~time_factor is set
   FaultCount bad_commands_, no_truths_;
 
   ros::NodeHandle node_;

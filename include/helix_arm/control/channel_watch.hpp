@@ -1,0 +1,69 @@
+#pragma once
+
+#include <limits>
+
+namespace helix_arm::control {
+
+struct ChannelRules;
+struct SafetyRules;
+
+/// Tells what lasts from a spike: what is wrong must be so on every look for a while.
+class Persistence {
+ public:
+  /// @param time  how long it may last [s].
+  void look(double now, bool wrong, double time);
+  void forget() { *this = {}; }
+  /// Whether it had lasted that long at the last look.
+  bool lasts() const { return lasts_; }
+
+ private:
+  double since_ = std::numeric_limits<double>::quiet_NaN();
+  bool lasts_ = false;
+};
+
+/// Watches what one channel of a regulator reads, against its set point and the rules that hold for
+/// it. All times are of one steady clock [s], all pressures gauge [Pa]. Nothing allocates or
+/// throws.
+class ChannelWatch {
+ public:
+  /// A vented channel begins to regulate at this set point.
+  void begin(double now, double set_point);
+  /// From now on its set point is this one.
+  void follow(double now, double set_point, const SafetyRules& rules);
+  /// A finite reading.
+  void measured(double now, double reading, const ChannelRules& channel, const SafetyRules& rules);
+
+  double reading() const { return reading_; }                  ///< the newest; NaN: none
+  double silence(double now) const { return now - read_at_; }  ///< since it [s]
+  /// How far its newest reading is from a first-order lag of the set point.
+  double deviation() const;
+  /// How much nearer to the atmosphere than the set point it reads.
+  double drop() const;
+  /// Whether its newest readings show no pressure, noise left aside, and are no older than allowed.
+  bool empty(double now, const SafetyRules& rules) const;
+
+  /// What lasted, as its newest reading had it.
+  bool overLimit() const { return over_limit_.lasts(); }
+  bool notFollowing() const { return not_following_.lasts(); }
+  bool leaks() const { return leak_.lasts(); }
+  bool standing() const { return standing_.lasts(); }  ///< pressure
+
+ private:
+  void pass(double now, const SafetyRules& rules);
+
+  double reading_ = std::numeric_limits<double>::quiet_NaN();
+  double read_at_ = -std::numeric_limits<double>::infinity();
+  double empty_at_ = -std::numeric_limits<double>::infinity();  // the newest that shows no pressure
+  double set_point_ = 0;
+  double reference_ = 0;  // what a healthy channel would read
+  double reference_at_ = -std::numeric_limits<double>::infinity();  // then
+  bool arrived_ = false;  // at the set point, since it stands
+  Persistence over_limit_, not_following_, leak_, standing_;
+};
+
+/// Pressures beyond which a reading is over the limits: the range of a channel and the atmosphere,
+/// widened by the margin. Nothing lies below a channel that is never evacuated.
+double highestReading(const ChannelRules& channel, const SafetyRules& rules);
+double lowestReading(const ChannelRules& channel, const SafetyRules& rules);
+
+}  // namespace helix_arm::control

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/modbus_profile.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
+
+namespace helix_arm::regulator {
+
+/// A regulator on a serial line that speaks in lines of text.
+struct SerialConfig {
+  SerialProfile profile;
+  std::string device;                  ///< /dev/ttyUSB0, or better /dev/serial/by-id/...
+  std::vector<std::string> addresses;  ///< (actuators) what the profile's {address} stands for
+};
+
+/// A regulator that is read and written by Modbus TCP.
+struct ModbusConfig {
+  ModbusProfile profile;
+  std::string host;        ///< name or address
+  int port = 502;
+  std::vector<int> slots;  ///< (actuators) place in the device, from 0
+};
+
+/// The regulator of a scene.
+using Config = std::variant<SimulatedRegulatorConfig, SerialConfig, ModbusConfig>;
+
+/// "simulated", "ascii_serial" or "modbus_tcp", and which: "ascii_serial alicat at /dev/ttyUSB0".
+std::string describe(const Config& config);
+/// Whether air comes out of it.
+bool isHardware(const Config& config);
+/// Whether its channels can be closed: FaultAction::kClose.
+bool closesValves(const Config& config);
+
+/// The driver of a regulator with so many channels; it is not connected yet.
+/// @throws std::invalid_argument when the configuration is not one of that many channels.
+std::unique_ptr<Driver> makeDriver(const Config& config, int channels);
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <limits>
+#include <stdexcept>
+
+#include "helix_arm/control/valve_orders.hpp"
+
+namespace helix_arm::regulator {
+
+/// The link to a device is down, or the device is: connect again.
+class LinkError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// A device answered, but not in its language: garbage, half a line, the wrong unit. The exchange is
+/// lost, the link may still be good.
+class BadReply : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// What a device reads.
+struct Pressures {
+  explicit Pressures(int channels)
+      : pressure(Eigen::VectorXd::Constant(channels, std::numeric_limits<double>::quiet_NaN())) {}
+
+  Eigen::VectorXd pressure;  ///< (channels) gauge [Pa]; NaN: not read this time
+  double supply = std::numeric_limits<double>::quiet_NaN();  ///< gauge [Pa]; NaN: not measured
+};
+
+/// A pressure regulator as its line speaks it. Units are converted here, once: gauge pascals above.
+///
+/// One thread uses it. Calls block for at most the device's timeout each exchange.
+class Driver {
+ public:
+  virtual ~Driver() = default;
+
+  /// Opens the link and makes the device ready, vented; an open link is closed first.
+  /// @throws LinkError naming the device, the cause and the remedy.
+  virtual void connect() = 0;
+  /// Hands the orders to the device.
+  /// @throws LinkError, BadReply.
+  virtual void write(const control::ValveOrders& orders) = 0;
+  /// Readings of all channels, in the arm's order; of a device that answers one channel at a time
+  /// perhaps of some, the others NaN.
+  /// @throws LinkError, BadReply.
+  virtual void read(Pressures& pressures) = 0;
+  /// Vents every channel, with as few words as the device allows.
+  /// @throws LinkError, BadReply.
+  virtual void vent() = 0;
+  /// Closes the link, without a word to the device. Nothing to do where it is closed.
+  virtual void close() noexcept = 0;
+};
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+
+#include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+
+namespace helix_arm::regulator {
+
+/// From targets to the regulator's line, with the safety core between: the same for node, command
+/// and tests. Of one thread, or behind one lock.
+class PressurePath {
+ public:
+  /// @param io  null where somebody else regulates: hand its readings to measured() and the orders
+  /// to it.
+  PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io);
+
+  /// One turn at `now`, of steadyNow() [s]: takes readings in, lets the core decide, hands its
+  /// orders on. To be called often, and neither waits nor allocates.
+  const control::ValveOrders& turn(double now);
+  /// The same with a new target: (channels) gauge [Pa]. False, and without effect, unless enabled.
+  bool target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure);
+
+  /// The newest reading, when it came with the last turn; else null.
+  const Reading* news() const { return fresh_ ? &reading_ : nullptr; }
+
+  control::SafetyCore& core() { return core_; }
+  const control::SafetyCore& core() const { return core_; }
+  /// Null where somebody else regulates.
+  const RegulatorIo* io() const { return io_.get(); }
+
+ private:
+  control::SafetyCore core_;
+  Reading reading_;
+  bool fresh_ = false;
+  std::uint64_t drops_seen_ = 0;
+  std::unique_ptr<RegulatorIo> io_;
+};
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,115 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "helix_arm/control/valve_orders.hpp"
+#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/mailbox.hpp"
+
+namespace helix_arm::regulator {
+
+/// Seconds of the steady clock that all times of the pressure path are of.
+double steadyNow();
+
+/// How a driver is run.
+struct IoRules {
+  double period =
+      0.01;  ///< readings are at least so far apart, > 0 [s]; orders are written at once
+  double order_timeout = 0.25;    ///< without orders for so long it vents by itself, > 0 [s]
+  double first_back_off = 0.05;   ///< before the link is tried again, > 0 [s]; doubles each time
+  double longest_back_off = 1.0;  ///< >= first_back_off [s]
+  int most_bad_replies = 5;       ///< in a row, >= 1, until the link counts as no good
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// How the I/O has gone.
+struct IoStatus {
+  bool up = false;           ///< the link
+  std::uint64_t writes = 0;  ///< orders that the device took
+  std::uint64_t reads = 0;   ///< readings that it gave
+  std::uint64_t bad_replies = 0;
+  std::uint64_t connections = 0;  ///< that came about
+  std::uint64_t drops = 0;        ///< of the link
+  std::uint64_t own_vents = 0;    ///< for want of orders
+  std::string last_error;         ///< empty: none
+};
+
+/// What was read, and when.
+struct Reading {
+  explicit Reading(int channels) : pressures(channels) {}
+
+  Pressures pressures;
+  double time = 0;  ///< of steadyNow(), when the device was asked [s]
+};
+
+/// Runs a driver in a thread of its own: connects, and connects again after a growing pause; writes
+/// orders as they come, reads, and vents by itself when no orders come.
+///
+/// Whoever gives orders is never held up: a device that hangs is seen by its readings growing old.
+class RegulatorIo {
+ public:
+  /// @throws std::invalid_argument when a rule is broken or there is no driver.
+  RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules);
+  /// Vents, where the device can be reached, and closes the link.
+  ~RegulatorIo();
+  RegulatorIo(const RegulatorIo&) = delete;
+  RegulatorIo& operator=(const RegulatorIo&) = delete;
+
+  /// To be written as soon as the line is free, the newest alone. Of one thread; neither waits nor
+  /// allocates.
+  ///
+  /// @param drops  of the link that the orders know of: a device that has come back since may have
+  /// restarted, and orders from before are not written.
+  void order(const control::ValveOrders& orders, std::uint64_t drops);
+  /// The newest reading since the last call; false when none has come. As order().
+  bool take(Reading& reading);
+
+  bool up() const { return up_; }                 ///< the link
+  std::uint64_t drops() const { return drops_; }  ///< of the link
+  /// Waits for no device.
+  IoStatus status() const;
+
+ private:
+  struct Order {
+    control::ValveOrders valves;
+    std::uint64_t drops;
+  };
+
+  void run();
+  void connect();
+  void exchange();
+  void disconnect(const std::exception& error);
+  bool pause(double seconds);  ///< false when it is to stop
+  bool awaitOrder();           ///< false when there is none yet
+
+  const std::unique_ptr<Driver> driver_;
+  const IoRules rules_;
+  Mailbox<Order> orders_;
+  Mailbox<Reading> readings_;
+  const int wake_;  ///< event counter of orders
+
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> up_{false};
+  std::atomic<std::uint64_t> writes_{0}, reads_{0}, bad_replies_{0}, connections_{0}, drops_{0},
+      own_vents_{0};
+  mutable std::mutex error_mutex_;
+  std::string last_error_;
+
+  // Of the thread alone.
+  double back_off_;
+  double last_order_ = 0;  ///< when the last one came [s]
+  double last_read_ = 0;
+  int bad_in_a_row_ = 0;
+  bool vented_by_itself_ = true;
+
+  std::thread thread_;
+};
+
+}  // namespace helix_arm::regulator

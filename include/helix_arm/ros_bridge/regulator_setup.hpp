@@ -1,0 +1,24 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+
+/// How a node comes to the regulator of its scene.
+namespace helix_arm::ros_bridge {
+
+/// @throws std::invalid_argument when the scene has none.
+const regulator::Config& requireRegulator(const io::Scene& scene);
+
+/// The scene's regulator, on a line of its own. Tells of it.
+/// @param rate  of the loop that gives the orders [Hz].
+/// @throws std::invalid_argument as requireRegulator() and regulator::makeDriver().
+std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate);
+
+/// The command of the guard that vents the scene's regulator where this process is killed.
+std::vector<std::string> guardOf(const std::string& scene_path);
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace helix_arm::simulation {
+
+/// What an emulated pressure regulator does wrong, on demand.
+enum class DeviceFault {
+  kNone,
+  kSilence,    ///< takes nothing in and answers nothing
+  kGarbage,    ///< answers with random bytes
+  kHalfLine,   ///< answers end before they are complete
+  kWrongUnit,  ///< answers in another unit than its profile says
+  kSlow,       ///< answers later than the profile's timeout
+  kRestart,    ///< drops the link once, comes back vented, then is well again
+  kNanText,    ///< answers "nan", or the register of a sensor that is broken
+  kStuckValue,  ///< answers what it read when the fault began; the pressures go on
+};
+inline constexpr int kDeviceFaultCount = 9;
+
+/// "none", "silence", "garbage", "half_line", "wrong_unit", "slow", "restart", "nan_text" or
+/// "stuck_value".
+const char* nameOf(DeviceFault fault);
+/// The fault of a name; nothing where there is none.
+std::optional<DeviceFault> parseDeviceFault(const std::string& name);
+
+}  // namespace helix_arm::simulation

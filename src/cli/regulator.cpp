@@ -1,0 +1,318 @@
+#include <chrono>
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <limits>
+#include <sstream>
+#include <thread>
+#include <vector>
+
+#include "arguments.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "interrupt_watch.hpp"
+#include "output.hpp"
+#include "regulator_actions.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+using regulator::steadyNow;
+
+constexpr double kProbeSeconds = 1;
+constexpr double kLongest = 86400;  // [s]
+constexpr std::chrono::milliseconds kBetweenReadings(10);
+constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
+
+// Where a channel is in its device.
+std::string addressOf(const regulator::Config& config, int channel) {
+  const auto i = static_cast<std::size_t>(channel);
+  if (const auto* serial = std::get_if<regulator::SerialConfig>(&config)) {
+    return i < serial->addresses.size() ? serial->addresses[i] : std::to_string(channel);
+  }
+  if (const auto* modbus = std::get_if<regulator::ModbusConfig>(&config)) {
+    return std::to_string(modbus->slots[i]);
+  }
+  return std::to_string(channel);
+}
+
+struct Probe {
+  explicit Probe(int channels)
+      : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
+
+  Eigen::VectorXd pressure;   // last readings [Pa]
+  std::vector<int> readings;  // (channels)
+  double supply = kNoReading;
+  double seconds = 0;
+  std::string reason;  // what went wrong; empty: nothing
+};
+
+void readOnce(regulator::Driver& driver, Probe& probe) {
+  regulator::Pressures pressures(static_cast<int>(probe.pressure.size()));
+  driver.read(pressures);
+  for (Eigen::Index i = 0; i < probe.pressure.size(); ++i) {
+    if (!std::isfinite(pressures.pressure[i])) continue;
+    probe.pressure[i] = pressures.pressure[i];
+    ++probe.readings[static_cast<std::size_t>(i)];
+  }
+  if (std::isfinite(pressures.supply)) probe.supply = pressures.supply;
+}
+
+Probe probe(const io::Scene& scene, double seconds) {
+  const InterruptWatch watch;
+  Probe result(scene.arm.actuatorCount());
+  std::string bad_reply;
+  try {
+    const auto driver = driverOf(scene);
+    driver->connect();
+    const double begin = steadyNow();
+    while (!interrupted() && steadyNow() - begin < seconds) {
+      try {
+        readOnce(*driver, result);
+      } catch (const regulator::BadReply& error) {
+        bad_reply = error.what();
+        std::this_thread::sleep_for(kBetweenReadings);
+      }
+    }
+    result.seconds = steadyNow() - begin;
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+    return result;
+  }
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    if (result.readings[static_cast<std::size_t>(i)] > 0 || !result.reason.empty()) continue;
+    result.reason = scene.arm.actuator(i).name + " gives no reading" +
+                    (bad_reply.empty() ? "; look at its sensor and address" : ": " + bad_reply);
+  }
+  return result;
+}
+
+void printProbeText(const io::Scene& scene, const Probe& result) {
+  std::cout << regulator::describe(*scene.regulator)
+            << ": connected, which vents; nothing else was written\n"
+            << std::fixed;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const int readings = result.readings[static_cast<std::size_t>(i)];
+    std::cout << scene.arm.actuator(i).name << " at " << addressOf(*scene.regulator, i) << ": ";
+    if (readings == 0) {
+      std::cout << "no reading\n";
+    } else {
+      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa, "
+                << std::setprecision(1) << readings / result.seconds << " readings a second\n";
+    }
+  }
+  if (std::isfinite(result.supply)) {
+    std::cout << "supply: " << std::setprecision(2) << result.supply / 1e3 << " kPa\n";
+  } else {
+    std::cout << "supply: not measured\n";
+  }
+}
+
+void printProbe(const io::Scene& scene, const Probe& result, Format format) {
+  json channels = json::array();
+  CsvTable table;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const std::string& name = scene.arm.actuator(i).name;
+    const std::string address = addressOf(*scene.regulator, i);
+    const int readings = result.readings[static_cast<std::size_t>(i)];
+    channels.push_back({{"name", name},
+                        {"address", address},
+                        {"pressure_pa", readingsJson(result.pressure)[i]},
+                        {"readings", readings}});
+    table.add({{"name", name},
+               {"address", address},
+               {"pressure_pa", readingCell(result.pressure[i])},
+               {"readings", std::to_string(readings)},
+               {"supply_pa", readingCell(result.supply)}});
+  }
+  if (format == Format::kText && result.seconds > 0) printProbeText(scene, result);
+  if (format == Format::kCsv) table.print(std::cout);
+  if (format == Format::kJson) {
+    printJson({{"regulator", regulator::describe(*scene.regulator)},
+               {"channels", channels},
+               {"supply_pa", std::isfinite(result.supply) ? json(result.supply) : json(nullptr)},
+               {"seconds", result.seconds},
+               {"reason", result.reason.empty() ? json(nullptr) : json(result.reason)}});
+  }
+}
+
+}  // namespace
+
+io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOptions& global) {
+  io::Scene scene = loadScene(options.scene, global);
+  if (!scene.regulator) {
+    throw CallerError("scene " + scene.name +
+                      " has no regulator; add the section `regulator` to it");
+  }
+  return scene;
+}
+
+std::unique_ptr<regulator::Driver> driverOf(const io::Scene& scene) {
+  return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
+}
+
+Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
+  const int channels = scene.arm.actuatorCount();
+  const control::SafetyRules& rules = scene.safety.rules;
+  Vented result{Eigen::VectorXd::Constant(channels, kNoReading), {}};
+  const double end = steadyNow() + rules.vent_time;
+  for (;;) {
+    std::string bad_reply;
+    try {
+      driver.vent();
+      regulator::Pressures pressures(channels);
+      driver.read(pressures);
+      result.pressure =
+          pressures.pressure.array().isNaN().select(result.pressure, pressures.pressure);
+    } catch (const regulator::BadReply& error) {
+      bad_reply = error.what();
+    }
+    int full = 0;
+    while (full < channels && std::abs(result.pressure[full]) <= rules.vented_below) ++full;
+    if (full == channels) return result;
+    if (steadyNow() >= end) {
+      std::ostringstream text;
+      text << scene.arm.actuator(full).name;
+      if (std::isnan(result.pressure[full])) {
+        text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
+      } else {
+        text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
+             << " s; shut the supply and look for a valve that does not close";
+      }
+      result.reason = text.str();
+      return result;
+    }
+    std::this_thread::sleep_for(kBetweenReadings);
+  }
+}
+
+std::string pressureText(const io::Scene& scene, const Eigen::VectorXd& pressure) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(1);
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    text << (i > 0 ? ", " : "") << scene.arm.actuator(i).name;
+    if (std::isfinite(pressure[i])) {
+      text << " " << pressure[i] / 1e3 << " kPa";
+    } else {
+      text << " no reading";
+    }
+  }
+  return text.str();
+}
+
+json readingsJson(const Eigen::VectorXd& pressure) {
+  json result = json::array();
+  for (const double each : pressure) {
+    result.push_back(std::isfinite(each) ? json(each) : json(nullptr));
+  }
+  return result;
+}
+
+std::string readingCell(double pressure) {
+  return std::isfinite(pressure) ? exact(pressure) : std::string();
+}
+
+int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const Probe result = probe(scene, options.seconds.value_or(kProbeSeconds));
+  printProbe(scene, result, global.format);
+  if (result.reason.empty()) return kDone;
+  std::cerr << result.reason << "\n";
+  return kNotPossible;
+}
+
+int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
+  try {
+    const auto driver = driverOf(scene);
+    driver->connect();
+    result = ventAll(*driver, scene);
+  } catch (const regulator::LinkError& error) {
+    result.reason = error.what();
+  }
+  const bool vented = result.reason.empty();
+  if (global.format == Format::kJson) {
+    printJson({{"vented", vented},
+               {"pressure_pa", readingsJson(result.pressure)},
+               {"reason", vented ? json(nullptr) : json(result.reason)}});
+  }
+  if (global.format == Format::kCsv) {
+    CsvTable::Row row{{"vented", vented ? "true" : "false"}};
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      row.emplace_back("pressure_" + std::to_string(i + 1) + "_pa",
+                       readingCell(result.pressure[i]));
+    }
+    CsvTable table;
+    table.add(row);
+    table.print(std::cout);
+  }
+  if (global.format == Format::kText && vented) {
+    std::cout << "vented: " << pressureText(scene, result.pressure) << "\n";
+  }
+  if (vented) return kDone;
+  std::cerr << "not vented: " << result.reason << "\n";
+  return kNotPossible;
+}
+
+Subcommand addRegulator(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("regulator", "the scene's pressure regulator, brought up from a shell");
+  const auto options = std::make_shared<RegulatorOptions>();
+  command->add_option("SCENE", options->scene, "scene file")->required();
+  command->require_subcommand(1);
+  using Run = int (*)(const RegulatorOptions&, const GlobalOptions&);
+  struct Action {
+    CLI::App* app;
+    Run run;
+  };
+  std::vector<Action> actions;
+  const auto add = [&](const char* name, const char* help, Run run) {
+    actions.push_back({command->add_subcommand(name, help), run});
+    return actions.back().app;
+  };
+  const auto addSeconds = [&options](CLI::App* action, const char* help) {
+    action->add_option("--seconds", options->seconds, help)
+        ->type_name("S")
+        ->check(CLI::Range(0.01, kLongest));
+  };
+  addSeconds(
+      add("probe", "connect (which vents) and read: who answers, and how often", probeRegulator),
+      "how long to read; default 1");
+  CLI::App* set =
+      add("set", "go to pressures within limits and slew, stay, and vent", setRegulator);
+  set->add_option("--pressure-kpa", options->pressure_kpa,
+                  "one for each actuator, gauge, joined by commas")
+      ->required()
+      ->type_name("A,B,..");
+  set->add_flag("--yes", options->yes, "air may move: the arm is clear of people");
+  addSeconds(set, "how long to stay; default 5");
+  add("vent", "connect, vent, and wait until no channel has pressure", ventRegulator);
+  add("guard", "wait for the end of stdin, then vent; for the node that moves the arm",
+      guardRegulator);
+  addSeconds(
+      add("emulate", "stand in for the device, at its address on this machine", emulateRegulator),
+      "how long; default: until Ctrl-C");
+  command->footer(
+      "set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware moves "
+      "only with --yes.\n"
+      "guard ignores signals. A byte q on its stdin dismisses it; where stdin ends without one it "
+      "vents, trying for 10 s.\n"
+      "emulate takes names of faults on stdin, one a line: none, silence, garbage, half_line, "
+      "wrong_unit, slow, restart,\n"
+      "nan_text, stuck_value. It tells set points, pressures and valves every second.\n"
+      "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa, "
+      "seconds, reason;\n"
+      "set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, "
+      "reason.\n"
+      "Exit 0 done; 1 no link, no reading, a fault, or pressure that stands: the reason is in the "
+      "result and on stderr.");
+  return {command, [options, actions](const GlobalOptions& global) {
+            for (const Action& action : actions) {
+              if (action.app->parsed()) return action.run(*options, global);
+            }
+            return kCallerErred;
+          }};
+}
+
+}  // namespace helix_arm::cli

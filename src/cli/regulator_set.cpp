@@ -1,0 +1,151 @@
+#include <chrono>
+#include <cstdio>
+#include <iomanip>
+#include <iostream>
+#include <thread>
+
+#include "arguments.hpp"
+#include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/pressure_path.hpp"
+#include "interrupt_watch.hpp"
+#include "output.hpp"
+#include "regulator_actions.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using control::SafetyState;
+using nlohmann::json;
+using regulator::steadyNow;
+
+constexpr double kStay = 5;            // [s]
+constexpr double kBetweenLines = 0.5;  // [s]
+constexpr double kLinkTime = 5;        // for a regulator to answer [s]
+constexpr std::chrono::milliseconds kTurn(5);
+
+struct Outcome {
+  Eigen::VectorXd pressure;  // before it vented [Pa]
+  SafetyState state = SafetyState::kDisabled;
+  std::string reason;  // what went wrong; empty: nothing
+};
+
+class Session {
+ public:
+  Session(const io::Scene& scene, bool talks)
+      : scene_(scene),
+        talks_(talks),
+        path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
+              std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
+                                                       regulator::IoRules())) {}
+
+  Outcome run(const Eigen::VectorXd& target, double seconds) {
+    Outcome outcome;
+    outcome.reason = enable();
+    if (outcome.reason.empty()) outcome.reason = stay(target, seconds);
+    outcome.pressure = path_.core().reading();
+    const std::string pressure_left = vent();
+    if (outcome.reason.empty()) outcome.reason = pressure_left;
+    outcome.state = path_.core().state();
+    return outcome;
+  }
+
+ private:
+  // Turns until it holds; false where it does not in time.
+  template <class Condition>
+  bool turnUntil(double deadline, const Condition& condition) {
+    for (;;) {
+      path_.turn(steadyNow());
+      tell();
+      if (condition()) return true;
+      if (steadyNow() >= deadline) return false;
+      std::this_thread::sleep_for(kTurn);
+    }
+  }
+
+  // @return why not; empty where it is.
+  std::string enable() {
+    // What stood in the arm when the link came up is vented first.
+    const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
+    turnUntil(deadline,
+              [this] { return interrupted() || path_.core().refusal(steadyNow()).empty(); });
+    if (interrupted()) return "interrupted";
+    const std::string refusal = path_.core().enable(steadyNow());
+    const std::string error = path_.io()->status().last_error;
+    return refusal.empty() || error.empty() ? refusal : refusal + " (" + error + ")";
+  }
+
+  std::string stay(const Eigen::VectorXd& target, double seconds) {
+    turnUntil(steadyNow() + seconds,
+              [&] { return interrupted() || !path_.core().target(steadyNow(), target); });
+    if (path_.core().state() != SafetyState::kEnabled) return path_.core().reason();
+    return interrupted() ? "interrupted" : "";
+  }
+
+  std::string vent() {
+    path_.core().vent(steadyNow());
+    const control::SafetyRules& rules = scene_.safety.rules;
+    const bool vented =
+        turnUntil(steadyNow() + rules.vent_time + rules.hold_time + kLinkTime, [this] {
+          return path_.core().state() != SafetyState::kFault || path_.core().report().vent_overdue;
+        });
+    const bool overdue = path_.core().report().vent_overdue;
+    return vented && !overdue ? "" : path_.core().reason();
+  }
+
+  void tell() {
+    if (!talks_ || steadyNow() - told_ < kBetweenLines) return;
+    told_ = steadyNow();
+    std::cout << control::nameOf(path_.core().state()) << ": "
+              << pressureText(scene_, path_.core().reading()) << std::endl;
+  }
+
+  const io::Scene& scene_;
+  const bool talks_;
+  regulator::PressurePath path_;
+  double told_ = 0;
+};
+
+void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::VectorXd& target,
+                  Format format) {
+  if (format == Format::kJson) {
+    printJson({{"target_pa", toJson(target)},
+               {"pressure_pa", readingsJson(outcome.pressure)},
+               {"state", control::nameOf(outcome.state)},
+               {"reason", outcome.reason.empty() ? json(nullptr) : json(outcome.reason)}});
+  }
+  if (format == Format::kCsv) {
+    CsvTable table;
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      table.add({{"name", scene.arm.actuator(i).name},
+                 {"target_pa", exact(target[i])},
+                 {"pressure_pa", readingCell(outcome.pressure[i])},
+                 {"state", control::nameOf(outcome.state)}});
+    }
+    table.print(std::cout);
+  }
+  if (format == Format::kText) {
+    std::cout << "it had " << pressureText(scene, outcome.pressure) << "; now "
+              << control::nameOf(outcome.state) << "\n";
+  }
+}
+
+}  // namespace
+
+int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadRegulatedScene(options, global);
+  const Eigen::VectorXd target =
+      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
+  if (regulator::isHardware(*scene.regulator) && !options.yes) {
+    throw CallerError("set moves air at " + regulator::describe(*scene.regulator) +
+                      "; say --yes once nobody is within the arm's reach");
+  }
+  const InterruptWatch watch;
+  const Outcome outcome =
+      Session(scene, global.format == Format::kText).run(target, options.seconds.value_or(kStay));
+  printOutcome(outcome, scene, target, global.format);
+  if (outcome.reason.empty()) return kDone;
+  std::cerr << outcome.reason << "\n";
+  return kNotPossible;
+}
+
+}  // namespace helix_arm::cli

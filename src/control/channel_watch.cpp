@@ -1,0 +1,79 @@
+#include "helix_arm/control/channel_watch.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "helix_arm/control/safety.hpp"
+
+namespace helix_arm::control {
+
+void Persistence::look(double now, bool wrong, double time) {
+  if (!wrong) {
+    forget();
+    return;
+  }
+  if (std::isnan(since_)) since_ = now;
+  lasts_ = now - since_ >= time;
+}
+
+double highestReading(const ChannelRules& channel, const SafetyRules& rules) {
+  return std::max(channel.limits.upper, 0.0) + rules.trip_margin;
+}
+
+double lowestReading(const ChannelRules& channel, const SafetyRules& rules) {
+  return channel.limits.lower < 0 ? channel.limits.lower - rules.trip_margin
+                                  : -std::numeric_limits<double>::infinity();
+}
+
+void ChannelWatch::begin(double now, double set_point) {
+  set_point_ = set_point;
+  reference_ = 0;
+  reference_at_ = now;
+  arrived_ = false;
+  not_following_.forget();
+  leak_.forget();
+}
+
+void ChannelWatch::pass(double now, const SafetyRules& rules) {
+  const double covered = -std::expm1((reference_at_ - now) / rules.time_constant);
+  reference_ += covered * (set_point_ - reference_);
+  reference_at_ = now;
+}
+
+void ChannelWatch::follow(double now, double set_point, const SafetyRules& rules) {
+  pass(now, rules);
+  if (set_point != set_point_) {
+    arrived_ = false;
+    leak_.forget();
+  }
+  set_point_ = set_point;
+}
+
+double ChannelWatch::deviation() const { return std::abs(reading_ - reference_); }
+
+double ChannelWatch::drop() const {
+  return set_point_ >= 0 ? set_point_ - reading_ : reading_ - set_point_;
+}
+
+void ChannelWatch::measured(double now, double reading, const ChannelRules& channel,
+                            const SafetyRules& rules) {
+  pass(now, rules);
+  reading_ = reading;
+  read_at_ = now;
+  const bool has_pressure = std::abs(reading) > rules.vented_below;
+  if (!has_pressure) empty_at_ = now;
+  arrived_ = arrived_ || std::abs(reading - set_point_) <= rules.leak_drop / 2;
+  standing_.look(now, has_pressure, rules.spike_time);
+  over_limit_.look(
+      now, reading > highestReading(channel, rules) || reading < lowestReading(channel, rules),
+      rules.spike_time);
+  not_following_.look(now, deviation() > rules.follow_tolerance, rules.follow_time);
+  leak_.look(now, arrived_ && drop() > rules.leak_drop, rules.spike_time);
+}
+
+bool ChannelWatch::empty(double now, const SafetyRules& rules) const {
+  return silence(now) <= rules.reading_timeout && !standing() &&
+         (read_at_ == empty_at_ || read_at_ - empty_at_ < rules.spike_time);
+}
+
+}  // namespace helix_arm::control

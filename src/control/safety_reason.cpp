@@ -1,0 +1,205 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "helix_arm/control/safety.hpp"
+
+// What the safety core says of itself: culprit, value, rule and remedy.
+
+namespace helix_arm::control {
+namespace {
+
+template <class... Arguments>
+std::string format(const char* pattern, Arguments... arguments) {
+  char text[400];
+  std::snprintf(text, sizeof text, pattern, arguments...);
+  return text;
+}
+
+std::string readingAge(const char* who, double silence) {
+  if (std::isinf(silence)) return format("%s has not been read yet", who);
+  return format("%s was not read for %.2f s", who, silence);
+}
+
+const char* remedyOf(SafetyCause cause) {
+  switch (cause) {
+    case SafetyCause::kVentRequested:
+      return "call enable to go on";
+    case SafetyCause::kEmergencyStop:
+      return "make the arm safe, release the stop, then call enable";
+    case SafetyCause::kStaleTarget:
+      return "look for a commander that ended or a network that is cut, then call enable";
+    case SafetyCause::kStaleReading:
+      return "look at the regulator's power, cable and address, then call enable";
+    case SafetyCause::kRegulatorLost:
+      return "look at the regulator's power and cable, then call enable";
+    case SafetyCause::kOverLimit:
+      return "look for a valve that sticks or a sensor that drifts, then call enable";
+    case SafetyCause::kLowSupply:
+      return "look at compressor, tank and main valve, then call enable";
+    case SafetyCause::kNotFollowing:
+      return "look for a valve that sticks, a tube that is kinked or loose and a supply that is "
+             "too "
+             "weak, then call enable";
+    case SafetyCause::kLeak:
+      return "look for a burst muscle or a loose tube, mend it, then call enable";
+    case SafetyCause::kNotVenting:
+      return "shut the supply and look for a valve that does not close, then call enable";
+    case SafetyCause::kNone:
+      break;
+  }
+  return "call enable";
+}
+
+}  // namespace
+
+std::string SafetyCore::channelRefusal(int i, double now) const {
+  const char* const name = channels_[i].name.c_str();
+  const double silence = watch_[i].silence(now);
+  if (!(silence <= rules_.reading_timeout)) {
+    return readingAge(name, silence) +
+           format(
+               ", longer than %g s (safety.reading_timeout_s); look at the regulator's power, "
+               "cable and address",
+               rules_.reading_timeout);
+  }
+  if (watch_[i].empty(now, rules_)) return {};
+  return format(
+      "%s reads %.1f kPa, more than %g kPa from the atmosphere (safety.vented_below_kpa); wait for "
+      "it to vent, or look for a valve that does not close",
+      name, 1e-3 * watch_[i].reading(), 1e-3 * rules_.vented_below);
+}
+
+std::string SafetyCore::supplyRefusal(double now) const {
+  if (!rules_.min_supply) return {};
+  const double silence = now - supply_at_;
+  if (!(silence <= rules_.reading_timeout)) {
+    return readingAge("the supply", silence) +
+           format(
+               ", longer than %g s (safety.reading_timeout_s); look at the regulator, or leave "
+               "out safety.min_supply_kpa where it does not measure its supply",
+               rules_.reading_timeout);
+  }
+  if (supply_ >= *rules_.min_supply) return {};
+  return format(
+      "the supply reads %.1f kPa, less than %g kPa (safety.min_supply_kpa); look at compressor, "
+      "tank and main valve",
+      1e-3 * supply_, 1e-3 * *rules_.min_supply);
+}
+
+std::string SafetyCore::refusal(double now) const {
+  if (report_.state == SafetyState::kEnabled) return "it is enabled already; send targets";
+  if (report_.stopped) return "the emergency stop is engaged; make the arm safe and release it";
+  if (report_.state == SafetyState::kFault) return reason();
+  if (!link_up_) return "the regulator's link is down; look at its power and cable";
+  now = now >= now_ ? now : now_;  // as every other call has it; also where it is no number
+  for (int i = 0; i < count(); ++i) {
+    std::string refused = channelRefusal(i, now);
+    if (!refused.empty()) return refused;
+  }
+  return supplyRefusal(now);
+}
+
+std::string SafetyCore::causeText() const {
+  const char* const name =
+      report_.channel < 0 ? "the supply" : channels_[report_.channel].name.c_str();
+  const double value = report_.value, limit = report_.limit, spike = rules_.spike_time;
+  switch (report_.cause) {
+    case SafetyCause::kVentRequested:
+      return "a vent was requested";
+    case SafetyCause::kEmergencyStop:
+      return "the emergency stop was engaged";
+    case SafetyCause::kStaleTarget:
+      return format("no target came for %.2f s, longer than %g s (safety.target_timeout_s)", value,
+                    limit);
+    case SafetyCause::kStaleReading:
+      return readingAge(name, value) +
+             format(", longer than %g s (safety.reading_timeout_s)", limit);
+    case SafetyCause::kRegulatorLost:
+      return "the regulator's link went down";
+    case SafetyCause::kOverLimit:
+      return format(
+          "%s reads %.1f kPa, %s than %g kPa (its limit and safety.trip_margin_kpa) for "
+          "%g s",
+          name, 1e-3 * value, value > limit ? "more" : "less", 1e-3 * limit, spike);
+    case SafetyCause::kLowSupply:
+      return format("the supply reads %.1f kPa, less than %g kPa (safety.min_supply_kpa) for %g s",
+                    1e-3 * value, 1e-3 * limit, spike);
+    case SafetyCause::kNotFollowing:
+      return format(
+          "%s is %.1f kPa from where its set point should have brought it, more than %g kPa "
+          "(safety.follow.tolerance_kpa) for %g s",
+          name, 1e-3 * value, 1e-3 * limit, rules_.follow_time);
+    case SafetyCause::kLeak:
+      return format(
+          "%s fell %.1f kPa below its set point, which stood: more than %g kPa "
+          "(safety.leak_drop_kpa) for %g s",
+          name, 1e-3 * value, 1e-3 * limit, spike);
+    case SafetyCause::kNotVenting:
+      return format(
+          "%s reads %.1f kPa though it was vented, more than %g kPa from the atmosphere "
+          "(safety.vented_below_kpa) for %g s",
+          name, 1e-3 * value, 1e-3 * limit, spike);
+    case SafetyCause::kNone:
+      break;
+  }
+  return {};
+}
+
+std::string SafetyCore::actionText() const {
+  std::string held;
+  int acting = 0;
+  for (int i = 0; i < count(); ++i) {
+    const Valve valve = orders_.valve[i];
+    if (valve == Valve::kVent) continue;
+    held += (acting++ ? ", " : "") + channels_[i].name +
+            (valve == Valve::kClose ? " is closed" : " holds");
+  }
+  if (acting == 0) return "all channels vent";
+  return held + format(" for %g s (safety.hold_time_s)", rules_.hold_time) +
+         (acting < count() ? ", the others vent" : "");
+}
+
+std::string SafetyCore::overdueText() const {
+  if (!report_.vent_overdue) return {};
+  for (int i = 0; i < count(); ++i) {
+    const bool due = now_ - vents_since_[i] > rules_.vent_time;
+    if (orders_.valve[i] != Valve::kVent || watch_[i].empty(now_, rules_) || !due) continue;
+    const char* const name = channels_[i].name.c_str();
+    const double silence = watch_[i].silence(now_);
+    return "; " +
+           (silence > rules_.reading_timeout
+                ? readingAge(name, silence)
+                : format("%s still reads %.1f kPa", name, 1e-3 * reading_[i])) +
+           format(
+               ", %.1f s after it began to vent (safety.vent_time_s is %g): shut the supply and "
+               "open the relief valve by hand",
+               now_ - vents_since_[i], rules_.vent_time);
+  }
+  return {};
+}
+
+std::string SafetyCore::reason() const {
+  const std::string state = nameOf(report_.state);
+  switch (report_.state) {
+    case SafetyState::kEnabled:
+      return state + ": follows targets";
+    case SafetyState::kDisabled: {
+      const std::string refused = refusal(now_);
+      return state + ": all channels vent; " +
+             (refused.empty() ? "call enable" : "it cannot be enabled: " + refused);
+    }
+    case SafetyState::kFault:
+      return state + ": " + causeText() + ": " + actionText() + overdueText() + "; " +
+             remedyOf(report_.cause);
+    case SafetyState::kVented:
+      break;
+  }
+  return state + ": no pressure stands after " + causeText() + "; " +
+         (report_.stopped && report_.cause != SafetyCause::kEmergencyStop
+              ? std::string("release the emergency stop; ")
+              : std::string()) +
+         remedyOf(report_.cause);
+}
+
+}  // namespace helix_arm::control

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <optional>
+
+#include "arm_reader.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+/// Reads `safety`; defaults where the scene says nothing.
+/// @param arm        null where it has faults: then there are no channels.
+/// @param regulator  absent where there is none, or where it has faults.
+SafetyConfig readSafety(const MapReader& scene, const Value& document, const ArmParts* arm,
+                        const std::optional<regulator::Config>& regulator, FaultList& faults);
+
+}  // namespace helix_arm::io

@@ -1,0 +1,361 @@
+#include "helix_arm/regulator/ascii_serial_driver.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+
+#include "helix_arm/control/quote.hpp"
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using Clock = SerialPort::Clock;
+
+// Outside of these there is no air: a sensor that is broken, or a device that speaks another unit.
+constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
+
+const SerialProfile& valid(const SerialProfile& profile) {
+  profile.validate();
+  return profile;
+}
+
+Clock::duration spanOf(double seconds) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+Clock::time_point after(double seconds) { return Clock::now() + spanOf(seconds); }
+
+std::string milliseconds(double seconds) {
+  return std::to_string(std::llround(seconds * 1e3)) + " ms";
+}
+
+const LineFormat* addressOf(const std::optional<LineFormat>& line) {
+  return line ? &*line : nullptr;
+}
+
+}  // namespace
+
+AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
+    : profile_(valid(config.profile)), lines_(profile_), device_(config.device), count_(channels) {
+  constexpr const char* kCulprit = "ascii serial regulator";
+  model::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
+  model::require(!device_.empty(), kCulprit,
+                 ": device is empty; expected one such as /dev/ttyUSB0");
+  const bool addressed = lines_.write->has("{address}");
+  const std::vector<std::string>& addresses = config.addresses;
+  if (addressed) {
+    model::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
+                        "the number of addresses", addresses.size(),
+                        "one a channel, " + std::to_string(channels));
+  } else {
+    model::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
+                        "none: the profile's lines have no {address}");
+    model::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
+                   " channels, but the profile's lines have no {address} to tell them apart");
+  }
+  for (std::size_t i = 0; i < addresses.size(); ++i) {
+    const std::string& address = addresses[i];
+    const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
+                                                      [](char c) { return c > ' ' && c <= '~'; });
+    model::require(word, kCulprit, ": address ", i, " is \"", control::quoted(address),
+                   "\"; expected a word without blanks");
+    model::require(std::find(addresses.begin(), addresses.end(), address) ==
+                       addresses.begin() + static_cast<std::ptrdiff_t>(i),
+                   kCulprit, ": address ", address, " is given twice; expected one a channel");
+  }
+  channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
+  for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
+    channels_[i].address = addresses[i];
+  }
+}
+
+void AsciiSerialDriver::connect() {
+  port_.open(device_, profile_.baud);
+  try {
+    ready();
+  } catch (...) {
+    close();
+    throw;
+  }
+}
+
+void AsciiSerialDriver::ready() {
+  for (Channel& channel : channels_) {
+    channel.state = State::kUnknown;
+    channel.sent.reset();
+    channel.readings.clear();
+  }
+  supply_.reset();
+  for (const LineFormat& line : lines_.start) {
+    port_.send(line.line("", {}) + profile_.terminator, after(profile_.timeout));
+  }
+  if (lines_.read) awaitQuiet();
+  vent();
+  if (lines_.read) {
+    ask();
+  } else {
+    awaitReading();
+  }
+}
+
+// An answer that is on its way from before must not pass for the first one of now.
+void AsciiSerialDriver::awaitQuiet() {
+  const Clock::time_point deadline = after(3 * profile_.timeout);
+  Clock::time_point quiet = after(profile_.timeout);
+  while (Clock::now() < quiet) {
+    // Keeps waiting where half a line came, too.
+    const std::optional<std::string> line =
+        port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
+    if (port_.discardInput() || line) quiet = after(profile_.timeout);
+    if (Clock::now() >= deadline) {
+      throw LinkError(device_ + " does not stop talking, but its profile " + profile_.name +
+                      " says that it speaks on being asked; switch its streaming off, or use "
+                      "another profile");
+    }
+  }
+}
+
+void AsciiSerialDriver::awaitReading() {
+  const Clock::time_point deadline = after(3 * profile_.timeout);
+  std::exception_ptr error;
+  while (Clock::now() < deadline) {
+    try {
+      if (listen(deadline)) return;
+    } catch (const BadReply&) {  // the first line may be the end of one
+      error = std::current_exception();
+    }
+  }
+  if (error) std::rethrow_exception(error);
+  throw LinkError(device_ + " sends no readings within " + milliseconds(3 * profile_.timeout) +
+                  "; check its power, its baud rate and the profile " + profile_.name);
+}
+
+void AsciiSerialDriver::eachChannel(const std::function<void(Channel&, int)>& call) {
+  std::exception_ptr first;
+  for (std::size_t i = 0; i < channels_.size(); ++i) {
+    try {
+      call(channels_[i], static_cast<int>(i));
+    } catch (const std::runtime_error&) {
+      if (!first) first = std::current_exception();
+    }
+  }
+  if (first) std::rethrow_exception(first);
+}
+
+LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineFormat* reply,
+                                       Channel& channel, const LineFields& values) {
+  const Clock::time_point deadline = after(profile_.timeout);
+  if (lines_.read) port_.discardInput();
+  const std::string line = command.line(channel.address, values);
+  port_.send(line + profile_.terminator, deadline);
+  if (reply == nullptr) return {};
+  const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
+  if (!answer && !port_.unfinished().empty()) {
+    throw BadReply(device_ + " ends its answer to \"" + line + "\" half-way: \"" +
+                   control::quoted(port_.unfinished()) + "\"");
+  }
+  if (!answer) {
+    throw LinkError(
+        device_ + " does not answer \"" + line + "\" within " + milliseconds(profile_.timeout) +
+        "; check its power, its address, its baud rate and the profile " + profile_.name);
+  }
+  try {
+    return reply->parse(*answer, channel.address, static_cast<std::size_t>(count_));
+  } catch (const BadReply& error) {
+    throw BadReply(device_ + " answers \"" + line + "\": " + error.what());
+  }
+}
+
+double AsciiSerialDriver::reading(double number) const {
+  const double pressure = profile_.toPascals(number);
+  if (pressure >= kLowestPressure && pressure <= kHighestPressure) return pressure;
+  throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
+                 " kPa (gauge), which no air has; check its sensor and its unit");
+}
+
+void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
+  if (fields.supply) supply_ = reading(*fields.supply);
+  if (fields.set_point && channel.sent) {
+    // Devices round to digits of their own; another unit, or another one who sets it, is further
+    // off.
+    const double tolerance =
+        std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
+    if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
+      throw BadReply(device_ + " " + channel.address + " holds the set point " +
+                     std::to_string(*fields.set_point) + ", but was sent " +
+                     std::to_string(*channel.sent) +
+                     "; check its unit, its range and that it takes set points from the line");
+    }
+  }
+  if (fields.pressures.empty()) return;
+  std::vector<double> readings;
+  for (const double number : fields.pressures) readings.push_back(reading(number));
+  channel.readings = std::move(readings);
+  channel.heard = Clock::now();
+}
+
+double AsciiSerialDriver::numberOf(double pressure) const {
+  // Down, so that the device gets no more than was ordered; a millionth of a digit is arithmetic.
+  const double scale = std::pow(10.0, profile_.decimals);
+  return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
+}
+
+void AsciiSerialDriver::exchangeAll(const std::vector<LineFormat>& commands, Channel& channel) {
+  for (const LineFormat& command : commands) {
+    note(exchange(command, addressOf(lines_.vent_reply), channel), channel);
+  }
+}
+
+void AsciiSerialDriver::ventChannel(Channel& channel) {
+  const bool vented = channel.state == State::kVented;
+  channel.sent.reset();
+  channel.state = State::kUnknown;
+  std::exception_ptr first;
+  // Whatever became of one line, the next may yet let the air out.
+  for (std::size_t i = vented ? lines_.vent.size() - 1 : 0; i < lines_.vent.size(); ++i) {
+    try {
+      note(exchange(lines_.vent[i], addressOf(lines_.vent_reply), channel), channel);
+    } catch (const std::runtime_error&) {
+      if (!first) first = std::current_exception();
+    }
+  }
+  if (first) std::rethrow_exception(first);
+  channel.state = State::kVented;
+}
+
+void AsciiSerialDriver::closeChannel(Channel& channel) {
+  channel.sent.reset();
+  channel.state = State::kUnknown;
+  exchangeAll(lines_.close, channel);
+  channel.state = State::kClosed;
+}
+
+void AsciiSerialDriver::regulate(Channel& channel, const LineFields& values) {
+  const bool regulated = channel.state == State::kRegulates;
+  channel.state = State::kUnknown;
+  note(exchange(*lines_.write, addressOf(lines_.write_reply), channel, values), channel);
+  if (!regulated) exchangeAll(lines_.resume, channel);
+  channel.state = State::kRegulates;
+}
+
+void AsciiSerialDriver::writeChannel(Channel& channel, control::Valve valve, double set_point) {
+  if (valve == control::Valve::kRegulate) {
+    channel.sent = numberOf(set_point);
+    regulate(channel, {{*channel.sent}, {}, {}});
+  } else if (valve == control::Valve::kClose && !lines_.close.empty()) {
+    closeChannel(channel);
+  } else {
+    ventChannel(channel);
+  }
+}
+
+void AsciiSerialDriver::writeTogether(const control::ValveOrders& orders) {
+  Channel& all = channels_.front();
+  const bool regulates = std::find(orders.valve.begin(), orders.valve.end(),
+                                   control::Valve::kRegulate) != orders.valve.end();
+  if (!regulates) return ventChannel(all);
+  LineFields values;
+  for (std::size_t i = 0; i < orders.valve.size(); ++i) {
+    const bool vented = orders.valve[i] != control::Valve::kRegulate;
+    values.pressures.push_back(numberOf(vented ? 0.0 : orders.set_point[static_cast<int>(i)]));
+  }
+  regulate(all, values);
+}
+
+void AsciiSerialDriver::write(const control::ValveOrders& orders) {
+  const auto size = static_cast<std::size_t>(count_);
+  model::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
+                      "ascii serial regulator", "the number of orders", orders.valve.size(),
+                      "one a channel");
+  model::require(orders.set_point.allFinite(),
+                 "ascii serial regulator: a set point is not finite; expected pascals");
+  if (!profile_.one_by_one) return writeTogether(orders);
+  eachChannel([&](Channel& channel, int i) {
+    writeChannel(channel, orders.valve[static_cast<std::size_t>(i)], orders.set_point[i]);
+  });
+}
+
+void AsciiSerialDriver::vent() {
+  eachChannel([this](Channel& channel, int) { ventChannel(channel); });
+}
+
+// Takes the lines that have come, waiting for the first until the deadline; whether one of them was
+// a reading.
+bool AsciiSerialDriver::listen(Clock::time_point deadline) {
+  const auto channels = static_cast<std::size_t>(count_);
+  bool heard = false;
+  std::exception_ptr error;
+  for (std::optional<std::string> line = port_.receiveLine(profile_.terminator, deadline); line;
+       line = port_.receiveLine(profile_.terminator, Clock::time_point())) {
+    const auto fits = [&](const LineFormat& format) {
+      return format.match(*line, "", channels).has_value();
+    };
+    if (line->find_first_not_of("\r\n \t") == std::string::npos) continue;
+    if (std::any_of(lines_.skip.begin(), lines_.skip.end(), fits)) continue;
+    const bool supply = lines_.supply_line && fits(*lines_.supply_line);
+    const LineFormat& format = supply ? *lines_.supply_line : *lines_.reply;
+    try {
+      note(format.parse(*line, "", channels), channels_.front());
+      heard = heard || !supply;
+    } catch (const BadReply& fault) {
+      error = std::make_exception_ptr(BadReply(device_ + " sends " + fault.what()));
+    }
+  }
+  if (!heard && error) std::rethrow_exception(error);
+  return heard;
+}
+
+void AsciiSerialDriver::ask() {
+  // What a write brought is a reading of now only for so long.
+  const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
+  eachChannel([&](Channel& channel, int) {
+    if (channel.heard > oldest && !channel.readings.empty()) return;
+    channel.readings.clear();
+    note(exchange(*lines_.read, &*lines_.reply, channel), channel);
+  });
+}
+
+void AsciiSerialDriver::overhear() {
+  if (listen(Clock::time_point())) return;
+  const Channel& all = channels_.front();
+  if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
+  if (!port_.unfinished().empty()) {
+    throw BadReply(device_ + " has ended no line for " + milliseconds(profile_.timeout) + ": \"" +
+                   control::quoted(port_.unfinished()) + "\"");
+  }
+  throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
+                  "; check its power and the profile " + profile_.name);
+}
+
+void AsciiSerialDriver::read(Pressures& pressures) {
+  model::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
+                      "the number of readings", pressures.pressure.size(), "one a channel");
+  pressures = Pressures(count_);
+  std::exception_ptr error;
+  try {
+    if (lines_.read) {
+      ask();
+    } else {
+      overhear();
+    }
+  } catch (const std::runtime_error&) {  // the other channels' readings are good
+    error = std::current_exception();
+  }
+  int i = 0;
+  for (Channel& channel : channels_) {
+    const int wanted = profile_.one_by_one ? 1 : count_;
+    for (int k = 0; k < static_cast<int>(channel.readings.size()); ++k) {
+      pressures.pressure[i + k] = channel.readings[static_cast<std::size_t>(k)];
+    }
+    channel.readings.clear();
+    i += wanted;
+  }
+  if (supply_) pressures.supply = *supply_;
+  supply_.reset();
+  if (error) std::rethrow_exception(error);
+}
+
+void AsciiSerialDriver::close() noexcept { port_.close(); }
+
+}  // namespace helix_arm::regulator

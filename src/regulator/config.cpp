@@ -1,0 +1,64 @@
+#include "helix_arm/regulator/config.hpp"
+
+#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/regulator/ascii_serial_driver.hpp"
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "helix_arm/regulator/simulated_driver.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+template <class... Cases>
+struct Overloaded : Cases... {
+  using Cases::operator()...;
+};
+template <class... Cases>
+Overloaded(Cases...) -> Overloaded<Cases...>;
+
+}  // namespace
+
+std::string describe(const Config& config) {
+  return std::visit(
+      Overloaded{[](const SimulatedRegulatorConfig&) { return std::string("simulated"); },
+                 [](const SerialConfig& serial) {
+                   return "ascii_serial " + serial.profile.name + " at " + serial.device;
+                 },
+                 [](const ModbusConfig& modbus) {
+                   return "modbus_tcp " + modbus.profile.name + " at " + modbus.host + ":" +
+                          std::to_string(modbus.port);
+                 }},
+      config);
+}
+
+bool isHardware(const Config& config) {
+  return !std::holds_alternative<SimulatedRegulatorConfig>(config);
+}
+
+bool closesValves(const Config& config) {
+  return std::visit(
+      Overloaded{[](const SimulatedRegulatorConfig&) { return true; },
+                 [](const SerialConfig& serial) { return !serial.profile.close.empty(); },
+                 [](const ModbusConfig& modbus) { return modbus.profile.app.has_value(); }},
+      config);
+}
+
+std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
+  const auto checked = [channels](std::unique_ptr<Driver> driver, std::size_t configured) {
+    model::require(configured == static_cast<std::size_t>(channels), "a regulator of ", configured,
+                   " channels for ", channels, " actuators; expected one each");
+    return driver;
+  };
+  return std::visit(
+      Overloaded{[&](const SimulatedRegulatorConfig& simulated) -> std::unique_ptr<Driver> {
+                   return std::make_unique<SimulatedDriver>(channels, simulated);
+                 },
+                 [&](const SerialConfig& serial) -> std::unique_ptr<Driver> {
+                   return std::make_unique<AsciiSerialDriver>(serial, channels);
+                 },
+                 [&](const ModbusConfig& modbus) -> std::unique_ptr<Driver> {
+                   return checked(std::make_unique<ModbusTcpDriver>(modbus), modbus.slots.size());
+                 }},
+      config);
+}
+
+}  // namespace helix_arm::regulator

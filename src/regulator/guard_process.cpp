@@ -1,0 +1,73 @@
+#include "helix_arm/regulator/guard_process.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <stdexcept>
+
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+[[noreturn]] void fail(const std::string& what, int error) {
+  throw std::runtime_error("the guard that vents where this process is killed cannot be started: " +
+                           what + ": " + std::strerror(error));
+}
+
+}  // namespace
+
+GuardProcess::GuardProcess(const std::vector<std::string>& command) {
+  model::require(!command.empty(), "a guard without a command; expected a program");
+  int ends[2];
+  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair", errno);
+  std::vector<char*> arguments;
+  for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, ends[0], STDIN_FILENO);
+#if __GLIBC_PREREQ(2, 34)
+  // Peers of this process are to see their connections end with it.
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+#endif
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSID);
+  const int error =
+      posix_spawn(&pid_, arguments[0], &actions, &attributes, arguments.data(), environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  ::close(ends[0]);
+  line_ = ends[1];
+  if (error != 0) {
+    ::close(line_);
+    fail(command[0], error);
+  }
+}
+
+GuardProcess::~GuardProcess() {
+  if (stands()) {
+    const char dismissal = kDismissal;
+    // Fails only where the guard has just ended.
+    while (send(line_, &dismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
+    }
+  }
+  ::close(line_);
+  if (pid_ > 0) {
+    while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
+    }
+  }
+}
+
+bool GuardProcess::stands() {
+  if (pid_ > 0 && waitpid(pid_, nullptr, WNOHANG) == pid_) pid_ = -1;
+  return pid_ > 0;
+}
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,223 @@
+#include "helix_arm/regulator/regulator_io.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <system_error>
+#include <utility>
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "helix_arm/model/requirement.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+constexpr double kNone = -1e18;  // before any time
+
+int openCounter() {
+  const int counter = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+  if (counter < 0) throw std::system_error(errno, std::generic_category(), "eventfd");
+  return counter;
+}
+
+std::unique_ptr<Driver> requireDriver(std::unique_ptr<Driver> driver) {
+  model::require(driver != nullptr, "regulator I/O without a driver; expected one");
+  return driver;
+}
+
+const IoRules& valid(const IoRules& rules) {
+  rules.validate();
+  return rules;
+}
+
+}  // namespace
+
+double steadyNow() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void IoRules::validate() const {
+  const auto positive = [](const char* what, double value) {
+    model::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
+                        "a finite value > 0");
+  };
+  positive("the period [s]", period);
+  positive("the timeout of orders [s]", order_timeout);
+  positive("the first back-off [s]", first_back_off);
+  model::requireValue(std::isfinite(longest_back_off) && longest_back_off >= first_back_off,
+                      "regulator I/O", "the longest back-off [s]", longest_back_off,
+                      "at least the first");
+  model::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
+                      most_bad_replies, "at least 1");
+}
+
+RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)
+    : driver_(requireDriver(std::move(driver))),
+      rules_(valid(rules)),
+      orders_({control::ValveOrders(channels), 0}),
+      readings_(Reading(channels)),
+      wake_(openCounter()),
+      back_off_(rules.first_back_off),
+      thread_([this] { run(); }) {}
+
+RegulatorIo::~RegulatorIo() {
+  stop_ = true;
+  eventfd_write(wake_, 1);
+  thread_.join();
+  ::close(wake_);
+}
+
+void RegulatorIo::order(const control::ValveOrders& orders, std::uint64_t drops) {
+  orders_.draft().valves = orders;
+  orders_.draft().drops = drops;
+  orders_.post();
+  eventfd_write(wake_, 1);  // fails only where 2^64 orders are not waited for
+}
+
+bool RegulatorIo::take(Reading& reading) {
+  if (!readings_.fetch()) return false;
+  reading = readings_.held();
+  return true;
+}
+
+IoStatus RegulatorIo::status() const {
+  IoStatus out;
+  out.up = up_;
+  out.writes = writes_;
+  out.reads = reads_;
+  out.bad_replies = bad_replies_;
+  out.connections = connections_;
+  out.drops = drops_;
+  out.own_vents = own_vents_;
+  const std::lock_guard<std::mutex> lock(error_mutex_);
+  out.last_error = last_error_;
+  return out;
+}
+
+void RegulatorIo::run() {
+  last_order_ = kNone;
+  while (!stop_) {
+    if (!up_) {
+      connect();
+      continue;
+    }
+    try {
+      exchange();
+      bad_in_a_row_ = 0;
+    } catch (const BadReply& error) {
+      ++bad_replies_;
+      if (++bad_in_a_row_ >= rules_.most_bad_replies) {
+        disconnect(error);
+      } else {
+        const std::lock_guard<std::mutex> lock(error_mutex_);
+        last_error_ = error.what();
+      }
+    } catch (const std::exception& error) {
+      disconnect(error);
+    }
+  }
+  if (up_) {
+    try {
+      driver_->vent();
+    } catch (const std::exception& error) {
+      disconnect(error);
+    }
+  }
+  driver_->close();
+}
+
+void RegulatorIo::connect() {
+  try {
+    driver_->connect();
+  } catch (const std::exception& error) {
+    driver_->close();
+    {
+      const std::lock_guard<std::mutex> lock(error_mutex_);
+      last_error_ = error.what();
+    }
+    if (pause(back_off_)) back_off_ = std::min(2 * back_off_, rules_.longest_back_off);
+    return;
+  }
+  back_off_ = rules_.first_back_off;
+  bad_in_a_row_ = 0;
+  vented_by_itself_ = true;
+  last_read_ = kNone;
+  ++connections_;
+  up_ = true;
+}
+
+void RegulatorIo::disconnect(const std::exception& error) {
+  // A device whose answers are lost may hear all the same.
+  try {
+    driver_->vent();
+  } catch (const std::exception&) {  // as was to be expected
+  }
+  driver_->close();
+  {
+    const std::lock_guard<std::mutex> lock(error_mutex_);
+    last_error_ = error.what();
+  }
+  ++drops_;
+  up_ = false;
+}
+
+void RegulatorIo::exchange() {
+  if (awaitOrder()) {
+    last_order_ = steadyNow();
+    vented_by_itself_ = false;
+    driver_->write(orders_.held().valves);
+    ++writes_;
+  } else if (!vented_by_itself_ && steadyNow() - last_order_ >= rules_.order_timeout) {
+    driver_->vent();
+    vented_by_itself_ = true;
+    ++own_vents_;
+  }
+  const double now = steadyNow();
+  if (now - last_read_ < rules_.period) return;
+  last_read_ = now;
+  Reading& reading = readings_.draft();
+  reading.time = now;
+  reading.pressures.pressure.setConstant(std::numeric_limits<double>::quiet_NaN());
+  try {
+    driver_->read(reading.pressures);
+  } catch (const BadReply&) {
+    readings_.post();  // the other channels' readings are good
+    throw;
+  }
+  readings_.post();
+  ++reads_;
+}
+
+bool RegulatorIo::awaitOrder() {
+  const double now = steadyNow();
+  double until = last_read_ + rules_.period;
+  if (!vented_by_itself_) until = std::min(until, last_order_ + rules_.order_timeout);
+  const double left = std::clamp(until - now, 0.0, rules_.order_timeout);
+  pollfd waited{wake_, POLLIN, 0};
+  const auto nanoseconds = static_cast<long>(1e9 * left);
+  const timespec timeout{nanoseconds / 1000000000, nanoseconds % 1000000000};
+  ppoll(&waited, 1, &timeout, nullptr);
+  eventfd_t count = 0;
+  eventfd_read(wake_, &count);
+  return orders_.fetch() && orders_.held().drops == drops_;
+}
+
+bool RegulatorIo::pause(double seconds) {
+  const double end = steadyNow() + seconds;
+  while (!stop_) {
+    const double left = end - steadyNow();
+    if (left <= 0) return true;
+    pollfd waited{wake_, POLLIN, 0};
+    poll(&waited, 1, static_cast<int>(std::ceil(1e3 * left)));
+    eventfd_t count = 0;
+    eventfd_read(wake_, &count);
+  }
+  return false;
+}
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,213 @@
+#include "helix_arm/regulator/serial_port.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include "helix_arm/control/quote.hpp"
+#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/line_format.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+constexpr const char* kUnplugged =
+    "hung up: it was unplugged or switched off; check its cable and power";
+
+std::string openingFault(int error) {
+  switch (error) {
+    case ENOENT:
+    case ENODEV:
+    case ENXIO:
+      return "is not there; plug it in, or name it as `ls /dev/serial/by-id` does";
+    case EACCES:
+    case EPERM:
+      return "may not be opened; add yourself to the group dialout (sudo usermod -aG dialout "
+             "$USER) and log in again";
+    case EBUSY:
+      return "is held by another program; end that one (fuser tells which it is)";
+    case EISDIR:
+      return "is a folder; expected a serial line such as /dev/ttyUSB0";
+    default:
+      return std::string("cannot be opened: ") + std::strerror(error);
+  }
+}
+
+speed_t speedOf(int baud) {
+  switch (baud) {
+    case 1200:
+      return B1200;
+    case 2400:
+      return B2400;
+    case 4800:
+      return B4800;
+    case 9600:
+      return B9600;
+    case 19200:
+      return B19200;
+    case 38400:
+      return B38400;
+    case 57600:
+      return B57600;
+    case 115200:
+      return B115200;
+    case 230400:
+      return B230400;
+    case 460800:
+      return B460800;
+    case 500000:
+      return B500000;
+    case 921600:
+      return B921600;
+    case 1000000:
+      return B1000000;
+    case 2000000:
+      return B2000000;
+    default:
+      model::require(false, "serial port: baud is ", baud, "; expected a usual one, as 115200");
+  }
+  return B0;
+}
+
+// Rounded up: poll() of 0 ms before the deadline would spin.
+int millisecondsTo(SerialPort::Clock::time_point deadline) {
+  const auto left =
+      std::chrono::ceil<std::chrono::milliseconds>(deadline - SerialPort::Clock::now());
+  return static_cast<int>(std::clamp<std::int64_t>(left.count(), 0, 60000));
+}
+
+}  // namespace
+
+SerialPort::~SerialPort() { close(); }
+
+void SerialPort::fail(const std::string& cause) const {
+  throw LinkError(control::quoted(device_, 256) + " " + cause);
+}
+
+void SerialPort::open(const std::string& device, int baud) {
+  close();
+  const speed_t speed = speedOf(baud);
+  device_ = device;
+  file_ = ::open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  if (file_ < 0) fail(openingFault(errno));
+  termios settings{};
+  if (tcgetattr(file_, &settings) != 0) {
+    close();
+    fail("is no serial line; expected one such as /dev/ttyUSB0");
+  }
+  ioctl(file_, TIOCEXCL);  // not every kind of line has it
+  cfmakeraw(&settings);
+  settings.c_cflag |= CLOCAL | CREAD;
+  // A board that starts anew when the line drops keeps running, HUPCL off, from one program to the
+  // next.
+  settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | PARENB | CRTSCTS | HUPCL);
+  settings.c_iflag &= ~static_cast<tcflag_t>(IXOFF | IXANY);
+  settings.c_cc[VMIN] = 0;
+  settings.c_cc[VTIME] = 0;
+  if (cfsetspeed(&settings, speed) != 0 || tcsetattr(file_, TCSANOW, &settings) != 0) {
+    const int error = errno;
+    close();
+    fail("does not take " + std::to_string(baud) + " baud: " + std::strerror(error));
+  }
+}
+
+void SerialPort::close() noexcept {
+  if (file_ < 0) return;
+  ioctl(file_, TIOCNXCL);
+  tcflush(file_, TCOFLUSH);  // else closing waits for a line that takes nothing
+  ::close(file_);
+  file_ = -1;
+  input_.clear();
+}
+
+bool SerialPort::awaitInput(Clock::time_point deadline) const {
+  pollfd line{file_, POLLIN, 0};
+  const int ready = poll(&line, 1, millisecondsTo(deadline));
+  if (ready < 0 && errno != EINTR)
+    fail(std::string("cannot be waited for: ") + std::strerror(errno));
+  if (ready <= 0) return false;
+  if ((line.revents & POLLIN) == 0) fail(kUnplugged);
+  return true;
+}
+
+std::size_t SerialPort::takeInput() {
+  char bytes[256];
+  const ssize_t count = ::read(file_, bytes, sizeof bytes);
+  if (count > 0) {
+    input_.append(bytes, static_cast<std::size_t>(count));
+    return static_cast<std::size_t>(count);
+  }
+  if (count < 0 && (errno == EAGAIN || errno == EINTR)) return 0;
+  if (count == 0 || errno == EIO || errno == ENXIO || errno == ENODEV) fail(kUnplugged);
+  fail(std::string("cannot be read: ") + std::strerror(errno));
+}
+
+bool SerialPort::discardInput() {
+  bool any = !input_.empty();
+  if (file_ < 0) fail("is not open");
+  // A device that never stops is met by the line that does not fit.
+  for (std::size_t taken = 0; taken < 16 * kLongestLine && awaitInput(Clock::time_point());) {
+    const std::size_t count = takeInput();
+    if (count == 0) break;
+    taken += count;
+    any = true;
+    input_.clear();
+  }
+  input_.clear();
+  return any;
+}
+
+void SerialPort::send(const std::string& bytes, Clock::time_point deadline) {
+  if (file_ < 0) fail("is not open");
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    const ssize_t count = ::write(file_, bytes.data() + sent, bytes.size() - sent);
+    if (count > 0) {
+      sent += static_cast<std::size_t>(count);
+      continue;
+    }
+    if (count < 0 && errno != EAGAIN && errno != EINTR) {
+      fail(errno == EIO || errno == ENXIO || errno == ENODEV
+               ? kUnplugged
+               : std::string("cannot be written: ") + std::strerror(errno));
+    }
+    pollfd line{file_, POLLOUT, 0};
+    const int ready = poll(&line, 1, millisecondsTo(deadline));
+    if (ready > 0 && (line.revents & POLLOUT) == 0) fail(kUnplugged);
+    if (ready <= 0 && Clock::now() >= deadline) {
+      fail("takes no more lines; check its cable and whether it is switched on");
+    }
+  }
+}
+
+std::optional<std::string> SerialPort::receiveLine(const std::string& terminator,
+                                                   Clock::time_point deadline) {
+  if (file_ < 0) fail("is not open");
+  for (;;) {
+    const std::size_t end = input_.find(terminator);
+    if (end != std::string::npos && end <= kLongestLine) {
+      std::string line = input_.substr(0, end);
+      input_.erase(0, end + terminator.size());
+      return line;
+    }
+    if (input_.size() > kLongestLine) {
+      const std::string begin = control::quoted(input_, 32);
+      input_.clear();
+      throw BadReply(device_ + " sends a line of more than " + std::to_string(kLongestLine) +
+                     " bytes: \"" + begin + "\"");
+    }
+    if (awaitInput(deadline)) {
+      takeInput();
+    } else if (Clock::now() >= deadline) {
+      return std::nullopt;
+    }
+  }
+}
+
+}  // namespace helix_arm::regulator

@@ -1,0 +1,44 @@
+#include "helix_arm/ros_bridge/regulator_setup.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <stdexcept>
+
+#include <ros/console.h>
+
+#include "helix_arm/regulator/config.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kShare = 0.9;          // of a turn: a reading is there when the next one begins
+constexpr double kOrderTimeout = 0.25;  // [s]
+constexpr double kMissedTurns = 5;      // of a slow loop, before it counts as dead
+
+}  // namespace
+
+const regulator::Config& requireRegulator(const io::Scene& scene) {
+  if (!scene.regulator) {
+    throw std::invalid_argument("scene " + scene.name +
+                                " has no regulator; add the section `regulator` to it");
+  }
+  return *scene.regulator;
+}
+
+std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate) {
+  const regulator::Config& config = requireRegulator(scene);
+  regulator::IoRules rules;
+  rules.period = kShare / rate;
+  rules.order_timeout = std::max(kOrderTimeout, kMissedTurns / rate);
+  const int channels = scene.arm.actuatorCount();
+  ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
+  return std::make_unique<regulator::RegulatorIo>(regulator::makeDriver(config, channels), channels,
+                                                  rules);
+}
+
+std::vector<std::string> guardOf(const std::string& scene_path) {
+  const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";
+  return {program.string(), "regulator", scene_path, "guard"};
+}
+
+}  // namespace helix_arm::ros_bridge

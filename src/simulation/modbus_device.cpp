@@ -1,0 +1,378 @@
+#include "helix_arm/simulation/modbus_device.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "modbus/modbus.h"
+#include "modbus_image.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr int kBacklog = 16;
+constexpr double kRestartTime = 0.05;             // [s]
+constexpr std::uint32_t kRestOfRequest = 100000;  // longest wait for it [us]
+
+// An open file that is closed with the object.
+class File {
+ public:
+  explicit File(int number = -1) : number_(number) {}
+  File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+  File& operator=(File&& other) noexcept {
+    std::swap(number_, other.number_);
+    return *this;
+  }
+  ~File() {
+    if (number_ >= 0) close(number_);
+  }
+  int number() const { return number_; }
+
+ private:
+  int number_;
+};
+
+File openCounter() {
+  File counter(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+  if (counter.number() < 0) throw std::system_error(errno, std::generic_category(), "eventfd");
+  return counter;
+}
+
+struct Freer {
+  void operator()(modbus_t* context) const { modbus_free(context); }
+};
+using Context = std::unique_ptr<modbus_t, Freer>;
+
+Context newContext(int port) {
+  Context context(modbus_new_tcp("127.0.0.1", port));
+  if (!context) throw std::runtime_error(modbus_strerror(errno));
+  modbus_set_byte_timeout(context.get(), 0, kRestOfRequest);
+  // libmodbus waits so long before it answers some requests with an exception.
+  modbus_set_response_timeout(context.get(), 0, 1);
+  return context;
+}
+
+int word(const Bytes& bytes, std::size_t at) { return bytes[at] << 8 | bytes[at + 1]; }
+
+}  // namespace
+
+class ModbusDevice::Server {
+ public:
+  explicit Server(const ModbusDeviceConfig& config)
+      : timeout_(config.profile.timeout), image_(config), wake_(openCounter()) {
+    listen(config.port);
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, pair_.data()) != 0) {
+      throw std::system_error(errno, std::generic_category(), "socketpair");
+    }
+    ends_ = {File(pair_[0]), File(pair_[1])};
+    thread_ = std::thread([this] { run(); });
+  }
+  ~Server() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      stop_ = true;
+    }
+    eventfd_write(wake_.number(), 1);
+    thread_.join();
+  }
+
+  int port() const { return port_; }
+
+  void setFault(DeviceFault fault) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      image_.catchUp(regulator::steadyNow());
+      if (fault == DeviceFault::kStuckValue) image_.stick();
+      if (fault_ == DeviceFault::kSilence && fault != fault_) deaf_before_ = true;
+      fault_ = fault;
+    }
+    eventfd_write(wake_.number(), 1);
+  }
+
+  // What a caller asks of the device as it is now.
+  template <class Ask>
+  auto ask(const Ask& ask) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    image_.catchUp(regulator::steadyNow());
+    return ask(image_);
+  }
+  DeviceFault fault() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return fault_;
+  }
+  std::uint64_t writes() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return writes_;
+  }
+  double lastWrite() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return last_write_;
+  }
+  int connections() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return connections_;
+  }
+
+ private:
+  // An answer that is held back.
+  struct Late {
+    double due;
+    int client;
+    Bytes reply;
+  };
+
+  void listen(int port);
+  void run();
+  void restart();
+  void accept();
+  void drop(std::size_t client);
+  void dropAll();
+  void serve(std::size_t client);
+  Bytes answer(const Bytes& request, DeviceFault fault);
+  void reply(std::size_t client, Bytes reply, DeviceFault fault);
+  void sendLate();
+  void await(bool clients);
+
+  const double timeout_;
+  mutable std::mutex mutex_;  // of all to `stop_`
+  ModbusImage image_;
+  DeviceFault fault_ = DeviceFault::kNone;
+  bool deaf_before_ = false;  // it was silent
+  std::uint64_t writes_ = 0;
+  double last_write_ = -std::numeric_limits<double>::infinity();
+  int connections_ = 0;
+  bool stop_ = false;
+
+  File wake_, listener_;
+  int port_ = 0;
+  Context context_;
+  std::array<int, 2> pair_{};
+  std::array<File, 2> ends_;  // libmodbus writes its answers into the first
+  std::vector<File> clients_;
+  std::vector<pollfd> waited_;
+  std::vector<Late> late_;
+  std::mt19937 random_{1};
+  std::thread thread_;
+};
+
+void ModbusDevice::Server::listen(int port) {
+  context_ = newContext(port);
+  listener_ = File(modbus_tcp_listen(context_.get(), kBacklog));
+  if (listener_.number() < 0) {
+    throw std::runtime_error("cannot listen at 127.0.0.1:" + std::to_string(port) + ": " +
+                             modbus_strerror(errno) + "; choose another port, above 1023");
+  }
+  sockaddr_in address{};
+  socklen_t size = sizeof address;
+  getsockname(listener_.number(), reinterpret_cast<sockaddr*>(&address), &size);
+  port_ = ntohs(address.sin_port);
+}
+
+void ModbusDevice::Server::run() {
+  for (;;) {
+    DeviceFault fault;
+    bool deaf_before;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (stop_) break;
+      fault = fault_;
+      deaf_before = std::exchange(deaf_before_, false);
+    }
+    if (deaf_before) {
+      accept();
+      dropAll();
+    }
+    if (fault == DeviceFault::kRestart) {
+      restart();
+      continue;
+    }
+    const bool hears = fault != DeviceFault::kSilence;
+    await(hears);
+    sendLate();
+    if (!hears) continue;
+    for (std::size_t i = clients_.size(); i-- > 0;) {
+      if (waited_[i + 2].revents != 0) serve(i);
+    }
+    if (waited_[1].revents != 0) accept();
+  }
+}
+
+// Waits for a request, a late answer or a change.
+void ModbusDevice::Server::await(bool clients) {
+  waited_.assign({{wake_.number(), POLLIN, 0}});
+  if (clients) {
+    waited_.push_back({listener_.number(), POLLIN, 0});
+    for (const File& client : clients_) waited_.push_back({client.number(), POLLIN, 0});
+  }
+  double left = -1;
+  for (const Late& late : late_) {
+    const double until = std::max(0.0, late.due - regulator::steadyNow());
+    left = left < 0 ? until : std::min(left, until);
+  }
+  poll(waited_.data(), waited_.size(), left < 0 ? -1 : static_cast<int>(std::ceil(1e3 * left)));
+  eventfd_t count = 0;
+  eventfd_read(wake_.number(), &count);
+}
+
+void ModbusDevice::Server::restart() {
+  dropAll();
+  listener_ = File();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    image_.catchUp(regulator::steadyNow());
+    image_.restart();
+  }
+  std::this_thread::sleep_for(std::chrono::duration<double>(kRestartTime));
+  listen(port_);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (fault_ == DeviceFault::kRestart) fault_ = DeviceFault::kNone;
+}
+
+void ModbusDevice::Server::accept() {
+  pollfd waited{listener_.number(), POLLIN, 0};
+  while (poll(&waited, 1, 0) > 0) {
+    File client(accept4(listener_.number(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+    if (client.number() < 0 || client.number() >= FD_SETSIZE) return;
+    clients_.push_back(std::move(client));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++connections_;
+  }
+}
+
+void ModbusDevice::Server::drop(std::size_t client) {
+  const int number = clients_[client].number();
+  late_.erase(std::remove_if(late_.begin(), late_.end(),
+                             [number](const Late& late) { return late.client == number; }),
+              late_.end());
+  clients_.erase(clients_.begin() + static_cast<std::ptrdiff_t>(client));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  --connections_;
+}
+
+void ModbusDevice::Server::dropAll() {
+  while (!clients_.empty()) drop(clients_.size() - 1);
+}
+
+void ModbusDevice::Server::serve(std::size_t client) {
+  Bytes request(MODBUS_TCP_MAX_ADU_LENGTH);
+  modbus_set_socket(context_.get(), clients_[client].number());
+  const int size = modbus_receive(context_.get(), request.data());
+  if (size <= 0) {
+    drop(client);
+    return;
+  }
+  request.resize(static_cast<std::size_t>(size));
+  DeviceFault fault;
+  Bytes said;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    fault = fault_;
+    if (fault == DeviceFault::kSilence) return;
+    said = answer(request, fault);
+  }
+  reply(client, std::move(said), fault);
+}
+
+Bytes ModbusDevice::Server::answer(const Bytes& request, DeviceFault fault) {
+  const auto header = static_cast<std::size_t>(modbus_get_header_length(context_.get()));
+  const double now = regulator::steadyNow();
+  image_.catchUp(now);
+  image_.measure(fault);
+  modbus_set_socket(context_.get(), ends_[0].number());
+  const int function = request[header];
+  const int first = word(request, header + 1);
+  const int count = function == MODBUS_FC_WRITE_SINGLE_REGISTER ? 1 : word(request, header + 3);
+  const auto size = static_cast<int>(request.size());
+  if (!image_.allows(function, first, count)) {
+    modbus_reply_exception(context_.get(), request.data(), MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS);
+  } else if (modbus_reply(context_.get(), request.data(), size, image_.map()) > 0 &&
+             function != MODBUS_FC_READ_HOLDING_REGISTERS &&
+             function != MODBUS_FC_READ_INPUT_REGISTERS) {
+    image_.obey(now);
+    ++writes_;
+    last_write_ = now;
+  }
+  Bytes said(MODBUS_TCP_MAX_ADU_LENGTH);
+  const ssize_t got = recv(ends_[1].number(), said.data(), said.size(), 0);
+  said.resize(static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
+  return said;
+}
+
+void ModbusDevice::Server::reply(std::size_t client, Bytes reply, DeviceFault fault) {
+  if (fault == DeviceFault::kHalfLine) reply.resize(reply.size() / 2);
+  if (fault == DeviceFault::kGarbage) {
+    std::uniform_int_distribution<int> byte(0, 255);
+    for (std::uint8_t& each : reply) each = static_cast<std::uint8_t>(byte(random_));
+  }
+  const int number = clients_[client].number();
+  if (fault == DeviceFault::kSlow) {
+    late_.push_back({regulator::steadyNow() + 1.5 * timeout_, number, std::move(reply)});
+  } else if (send(number, reply.data(), reply.size(), MSG_NOSIGNAL) < 0) {
+    drop(client);
+  }
+}
+
+void ModbusDevice::Server::sendLate() {
+  const double now = regulator::steadyNow();
+  for (std::size_t i = late_.size(); i-- > 0;) {
+    if (late_[i].due > now) continue;
+    // To one that no longer listens: it is dropped when that is noticed.
+    send(late_[i].client, late_[i].reply.data(), late_[i].reply.size(), MSG_NOSIGNAL);
+    late_.erase(late_.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+}
+
+ModbusDevice::ModbusDevice(const ModbusDeviceConfig& config)
+    : server_(std::make_unique<Server>(config)) {}
+
+ModbusDevice::~ModbusDevice() = default;
+
+int ModbusDevice::port() const { return server_->port(); }
+
+void ModbusDevice::setFault(DeviceFault fault) { server_->setFault(fault); }
+
+DeviceFault ModbusDevice::fault() const { return server_->fault(); }
+
+void ModbusDevice::jam(int slot, bool jammed) {
+  server_->ask([slot, jammed](ModbusImage& image) { image.jam(slot, jammed); });
+}
+
+Eigen::VectorXd ModbusDevice::pressure() const {
+  return server_->ask([](const ModbusImage& image) -> Eigen::VectorXd { return image.pressure(); });
+}
+
+Eigen::VectorXd ModbusDevice::setPoint() const {
+  return server_->ask([](const ModbusImage& image) { return image.setPoint(); });
+}
+
+std::vector<control::Valve> ModbusDevice::valves() const {
+  return server_->ask([](const ModbusImage& image) { return image.valves(); });
+}
+
+std::uint64_t ModbusDevice::writes() const { return server_->writes(); }
+
+double ModbusDevice::lastWrite() const { return server_->lastWrite(); }
+
+int ModbusDevice::connections() const { return server_->connections(); }
+
+}  // namespace helix_arm::simulation

@@ -1,0 +1,88 @@
+#include "pseudo_terminal.hpp"
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <stdexcept>
+#include <system_error>
+
+#include <fcntl.h>
+#include <termios.h>
+#include <unistd.h>
+
+namespace helix_arm::simulation {
+namespace {
+
+[[noreturn]] void fail(const std::string& what) {
+  throw std::runtime_error(what + ": " + std::strerror(errno));
+}
+
+}  // namespace
+
+PseudoTerminal::PseudoTerminal() {
+  file_ = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  if (file_ < 0) fail("there is no pseudo terminal to be had");
+  char path[128];
+  if (grantpt(file_) != 0 || unlockpt(file_) != 0 || ptsname_r(file_, path, sizeof path) != 0) {
+    close(file_);
+    fail("a pseudo terminal cannot be opened up");
+  }
+  path_ = path;
+  // Raw from the first byte on, whatever program opens it; else it would echo.
+  const int other = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
+  termios settings{};
+  if (other < 0 || tcgetattr(other, &settings) != 0) {
+    close(file_);
+    fail(path_ + " cannot be opened");
+  }
+  cfmakeraw(&settings);
+  tcsetattr(other, TCSANOW, &settings);
+  close(other);
+}
+
+PseudoTerminal::~PseudoTerminal() { close(file_); }
+
+std::optional<std::string> PseudoTerminal::receive() {
+  char bytes[512];
+  const ssize_t count = read(file_, bytes, sizeof bytes);
+  if (count > 0) return std::string(bytes, static_cast<std::size_t>(count));
+  if (count < 0 && (errno == EAGAIN || errno == EINTR)) return std::string();
+  return std::nullopt;
+}
+
+void PseudoTerminal::send(const std::string& bytes) {
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    const ssize_t count = write(file_, bytes.data() + sent, bytes.size() - sent);
+    if (count <= 0) return;
+    sent += static_cast<std::size_t>(count);
+  }
+}
+
+DeviceLink::~DeviceLink() {
+  std::error_code ignored;
+  if (!path_.empty() && std::filesystem::read_symlink(path_, ignored) == target_) {
+    std::filesystem::remove(path_, ignored);
+  }
+}
+
+void DeviceLink::pointTo(const std::string& target) {
+  if (path_.empty()) return;
+  std::error_code ignored;
+  const auto there = std::filesystem::symlink_status(path_, ignored);
+  if (std::filesystem::exists(there) && !std::filesystem::is_symlink(there)) {
+    throw std::runtime_error(path_ + " is there and no symlink; expected a free place for one");
+  }
+  const std::string fresh = path_ + "." + std::to_string(getpid());
+  std::filesystem::remove(fresh, ignored);
+  if (symlink(target.c_str(), fresh.c_str()) != 0) fail(fresh + " cannot be made");
+  if (rename(fresh.c_str(), path_.c_str()) != 0) {
+    const int error = errno;
+    std::filesystem::remove(fresh, ignored);
+    errno = error;
+    fail(path_ + " cannot be made");
+  }
+  target_ = target;
+}
+
+}  // namespace helix_arm::simulation

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/control/valve_orders.hpp"
+#include "helix_arm/regulator/serial_profile.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/simulation/device_fault.hpp"
+#include "helix_arm/simulation/serial_device.hpp"
+
+namespace helix_arm::simulation {
+
+/// What an emulated device understands and answers, and what its valves do, without line or clock.
+class SerialDialogue {
+ public:
+  /// @throws std::invalid_argument naming what breaks its rule.
+  explicit SerialDialogue(const SerialDeviceConfig& config);
+
+  /// Lets time pass [s].
+  void step(double dt);
+  /// Does what a line says.
+  /// @return whether it was understood, whether it sets, and the answer to be sent, if any.
+  struct Outcome {
+    bool understood = false;
+    bool sets = false;
+    std::optional<std::string> answer;  // without a terminator
+  };
+  Outcome take(const std::string& line, DeviceFault fault);
+  /// What it says unasked, if it speaks.
+  std::optional<std::string> unasked(DeviceFault fault);
+  /// What its readings are stuck at, from now on.
+  void rememberReadings() { stuck_ = simulated_.pressure(); }
+  /// As after its power came back.
+  void restart();
+
+  const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
+  const Eigen::VectorXd& setPoint() const { return set_point_; }
+  const std::vector<control::Valve>& valves() const { return valves_; }
+
+ private:
+  std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
+  Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
+  void apply();
+
+  SerialDeviceConfig config_;
+  regulator::SerialLines lines_;
+  bool vents_by_mode_;  // by a line that is no set point
+  regulator::SimulatedRegulator simulated_;
+  Eigen::VectorXd set_point_;
+  std::vector<control::Valve> valves_;
+  std::vector<bool> held_;  // (channels) until it is told to resume
+  Eigen::VectorXd stuck_;
+  bool speaks_ = false;
+};
+
+}  // namespace helix_arm::simulation

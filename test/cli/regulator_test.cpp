@@ -1,0 +1,446 @@
+#include <algorithm>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <stdexcept>
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "command.hpp"
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "support/eventually.hpp"
+#include "support/modbus_profiles.hpp"
+#include "support/process.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using control::Valve;
+using simulation::DeviceFault;
+using simulation::ModbusDevice;
+
+simulation::ModbusDeviceConfig deviceConfig() {
+  simulation::ModbusDeviceConfig config;
+  config.profile = vtemProfile();
+  config.places = 4;
+  config.regulator.time_constant = 0.05;
+  config.regulator.noise = 0;
+  return config;
+}
+
+// The shipped demo of a Modbus device, at the port of one that stands in.
+std::vector<std::string> at(int port, std::vector<std::string> more) {
+  more.insert(more.begin(), {"regulator", scenePath("demo_modbus")});
+  more.insert(more.end(), {"--set", "regulator.modbus_tcp.port=" + std::to_string(port)});
+  return more;
+}
+
+Outcome run(int port, const std::vector<std::string>& more) { return runCommand(at(port, more)); }
+
+// Air in all channels, and nobody who holds it.
+void fill(const ModbusDevice& device) {
+  regulator::ModbusTcpDriver driver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
+  driver.connect();
+  control::ValveOrders orders(3);
+  orders.valve.assign(3, Valve::kRegulate);
+  orders.set_point.setConstant(2e5);
+  driver.write(orders);
+  ASSERT_TRUE(eventually([&] { return device.pressure().head(3).minCoeff() > 1.9e5; }));
+}
+
+double fullest(const ModbusDevice& device) { return device.pressure().maxCoeff(); }
+
+// A command with a pipe to its stdin.
+class Piped {
+ public:
+  explicit Piped(const std::vector<std::string>& arguments) {
+    int in[2];
+    int out[2];
+    if (pipe2(in, O_CLOEXEC) != 0 || pipe2(out, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    std::vector<std::string> words{HELIX_ARM_COMMAND};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    std::vector<char*> pointers;
+    for (std::string& word : words) pointers.push_back(word.data());
+    pointers.push_back(nullptr);
+    pid_ = fork();
+    if (pid_ == 0) {
+      dup2(in[0], STDIN_FILENO);
+      dup2(out[1], STDOUT_FILENO);
+      dup2(out[1], STDERR_FILENO);
+      execv(pointers.front(), pointers.data());
+      _exit(127);
+    }
+    close(in[0]);
+    close(out[1]);
+    line_ = in[1];
+    said_ = out[0];
+    fcntl(said_, F_SETFL, O_NONBLOCK);
+  }
+  ~Piped() {
+    end();
+    if (exit_code_ < 0) {
+      kill(pid_, SIGKILL);
+      waitpid(pid_, nullptr, 0);
+    }
+    close(said_);
+  }
+  Piped(const Piped&) = delete;
+  Piped& operator=(const Piped&) = delete;
+
+  void say(const std::string& text) const {
+    ASSERT_EQ(write(line_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+  }
+  /// Ends its stdin.
+  void end() {
+    if (line_ >= 0) close(line_);
+    line_ = -1;
+  }
+  void signal(int number) const { kill(pid_, number); }
+  bool runs() {
+    int status = 0;
+    if (exit_code_ < 0 && waitpid(pid_, &status, WNOHANG) == pid_) {
+      exit_code_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    }
+    return exit_code_ < 0;
+  }
+  /// -1 where it does not end.
+  int exitCode() {
+    eventually([this] { return !runs(); });
+    return exit_code_;
+  }
+  const std::string& output() {
+    char bytes[4096];
+    for (ssize_t size; (size = read(said_, bytes, sizeof bytes)) > 0;) {
+      output_.append(bytes, static_cast<std::size_t>(size));
+    }
+    return output_;
+  }
+  bool prints(const std::string& text) {
+    return eventually([&] { return output().find(text) != std::string::npos; });
+  }
+
+ private:
+  pid_t pid_ = -1;
+  int line_ = -1, said_ = -1, exit_code_ = -1;
+  std::string output_;
+};
+
+TEST(RegulatorProbe, TellsWhoAnswersAndHowOften) {
+  ModbusDevice device(deviceConfig());
+  const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.3", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.err, "");
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(result["regulator"],
+            "modbus_tcp festo_vtem at 127.0.0.1:" + std::to_string(device.port()));
+  ASSERT_EQ(result["channels"].size(), 3u);
+  for (int i = 0; i < 3; ++i) {
+    const nlohmann::json& channel = result["channels"][i];
+    EXPECT_EQ(channel["name"], "muscle_" + std::to_string(i + 1));
+    EXPECT_EQ(channel["address"], std::to_string(i));
+    EXPECT_EQ(channel["pressure_pa"], 0.0);
+    EXPECT_GT(channel["readings"].get<int>(), 3);
+  }
+  EXPECT_TRUE(result["supply_pa"].is_null());
+  EXPECT_TRUE(result["reason"].is_null());
+  EXPECT_EQ(device.writes(), 2u);  // what connecting takes, no more
+}
+
+TEST(RegulatorProbe, TextSaysThatConnectingVents) {
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.2"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  for (const char* part : {"connected, which vents; nothing else was written",
+                           "muscle_2 at 1: ", " readings a second", "supply: not measured"}) {
+    EXPECT_NE(outcome.out.find(part), std::string::npos) << outcome.out;
+  }
+  EXPECT_EQ(device.setPoint().maxCoeff(), 0);
+}
+
+TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
+  const int port = freePort();
+  const Outcome refused = run(port, {"probe", "--format", "json"});
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_NE(refused.json()["reason"].get<std::string>().find("cannot connect: Connection refused"),
+            std::string::npos);
+  EXPECT_TRUE(refused.json()["channels"][0]["pressure_pa"].is_null());
+  EXPECT_NE(refused.err.find("127.0.0.1:" + std::to_string(port)), std::string::npos);
+  ModbusDevice device(deviceConfig());
+  device.setFault(DeviceFault::kNanText);
+  const Outcome broken = run(device.port(), {"probe", "--seconds", "0.1"});
+  EXPECT_EQ(broken.exit_code, 1);
+  EXPECT_NE(broken.out.find("muscle_1 at 0: no reading"), std::string::npos) << broken.out;
+  EXPECT_NE(broken.err.find("muscle_1 gives no reading"), std::string::npos) << broken.err;
+}
+
+TEST(RegulatorProbe, CsvHasARowAChannel) {
+  ModbusDevice device(deviceConfig());
+  const auto rows =
+      csvRows(run(device.port(), {"probe", "--seconds", "0.1", "--format", "csv"}).out);
+  ASSERT_EQ(rows.size(), 4u);
+  EXPECT_EQ(rows[0],
+            (std::vector<std::string>{"name", "address", "pressure_pa", "readings", "supply_pa"}));
+  EXPECT_EQ(rows[3][0], "muscle_3");
+  EXPECT_EQ(std::stod(rows[3][2]), 0.0);
+}
+
+TEST(RegulatorSet, GoesThereAndVents) {
+  ModbusDevice device(deviceConfig());
+  const Outcome outcome = run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds",
+                                              "1.5", "--yes", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json result = outcome.json();
+  EXPECT_EQ(numbersOf(result["target_pa"]), (std::vector<double>{1e5, 0, 5e4}));
+  const std::vector<double> reached = numbersOf(result["pressure_pa"]);
+  EXPECT_NEAR(reached[0], 1e5, 200);
+  EXPECT_NEAR(reached[1], 0, 200);
+  EXPECT_NEAR(reached[2], 5e4, 200);
+  EXPECT_EQ(result["state"], "vented");
+  EXPECT_TRUE(result["reason"].is_null());
+  EXPECT_LT(fullest(device), 1e4);
+  EXPECT_EQ(device.setPoint().maxCoeff(), 0);
+}
+
+TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
+  ModbusDevice device(deviceConfig());
+  expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,50"}),
+                    "set moves air at modbus_tcp festo_vtem at 127.0.0.1:" +
+                        std::to_string(device.port()) + "; say --yes once nobody is within");
+  expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,301", "--yes"}),
+                    "asks muscle_3 for 301 kPa; its limits are 0 kPa to 300 kPa");
+  expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0", "--yes"}),
+                    "has 2 values");
+  EXPECT_EQ(device.writes(), 0u);
+}
+
+TEST(RegulatorSet, VentsWhenItIsInterrupted) {
+  for (const int number : {SIGINT, SIGTERM}) {
+    ModbusDevice device(deviceConfig());
+    Piped command(
+        at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"}));
+    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.output();
+    ASSERT_TRUE(command.prints("enabled: muscle_1 ")) << command.output();
+    command.signal(number);
+    EXPECT_EQ(command.exitCode(), 1);
+    EXPECT_LT(fullest(device), 1e4);
+    EXPECT_NE(command.output().find("interrupted"), std::string::npos) << command.output();
+    EXPECT_NE(command.output().find("now vented"), std::string::npos);
+  }
+}
+
+TEST(RegulatorSet, AFaultEndsItWithItsReason) {
+  ModbusDevice device(deviceConfig());
+  Piped command(
+      at(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1000", "--yes"}));
+  ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.output();
+  device.setFault(DeviceFault::kRestart);
+  EXPECT_EQ(command.exitCode(), 1);
+  EXPECT_NE(command.output().find("regulator"), std::string::npos) << command.output();
+  EXPECT_LT(fullest(device), 1e4);
+}
+
+TEST(RegulatorSet, WithoutADeviceItSaysWhy) {
+  const Outcome outcome = run(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes", "--format",
+                                           "json", "--set", "safety.vent_time_s=0.5"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_NE(outcome.json()["reason"].get<std::string>().find("Connection refused"),
+            std::string::npos)
+      << outcome.out;
+  EXPECT_EQ(outcome.json()["state"], "disabled");
+}
+
+TEST(RegulatorVent, EmptiesAnArmThatNobodyHolds) {
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  const Outcome outcome = run(device.port(), {"vent", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.json()["vented"], true);
+  for (const double each : numbersOf(outcome.json()["pressure_pa"])) EXPECT_LE(each, 1e4);
+  EXPECT_LT(fullest(device), 1e4);
+}
+
+TEST(RegulatorVent, WhatCannotBeVentedIsNamed) {
+  const Outcome nobody = run(freePort(), {"vent", "--format", "json"});
+  EXPECT_EQ(nobody.exit_code, 1);
+  EXPECT_EQ(nobody.json()["vented"], false);
+  EXPECT_NE(nobody.err.find("not vented: 127.0.0.1:"), std::string::npos) << nobody.err;
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  device.setFault(DeviceFault::kStuckValue);
+  const Outcome stuck = run(device.port(), {"vent", "--set", "safety.vent_time_s=0.3"});
+  EXPECT_EQ(stuck.exit_code, 1);
+  EXPECT_EQ(stuck.out, "");
+  EXPECT_NE(stuck.err.find("not vented: muscle_1 still has "), std::string::npos) << stuck.err;
+  EXPECT_NE(stuck.err.find("after 0.3 s; shut the supply"), std::string::npos) << stuck.err;
+}
+
+TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  const std::uint64_t before = device.writes();
+  Piped guard(at(device.port(), {"guard"}));
+  guard.say("q");
+  EXPECT_EQ(guard.exitCode(), 0);
+  EXPECT_EQ(guard.output(), "");
+  EXPECT_EQ(device.writes(), before);
+}
+
+// A process that holds the guard's stdin is killed, as the node would be.
+TEST(RegulatorGuard, VentsWithinASecondOfTheEndOfWhoeverMovedTheArm) {
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  int line[2];
+  ASSERT_EQ(pipe(line), 0);
+  const pid_t writer = fork();
+  if (writer == 0) {
+    close(line[0]);
+    for (;;) pause();
+  }
+  const TemporaryFolder folder;
+  const std::string errors = folder / "errors";
+  std::vector<std::string> words = at(device.port(), {"guard"});
+  words.insert(words.begin(), HELIX_ARM_COMMAND);
+  std::vector<char*> pointers;
+  for (std::string& word : words) pointers.push_back(word.data());
+  pointers.push_back(nullptr);
+  const pid_t guard = fork();
+  if (guard == 0) {
+    dup2(line[0], STDIN_FILENO);
+    close(line[0]);
+    close(line[1]);
+    const int file = open(errors.c_str(), O_WRONLY | O_CREAT, 0600);
+    dup2(file, STDERR_FILENO);
+    execv(pointers.front(), pointers.data());
+    _exit(127);
+  }
+  close(line[0]);
+  close(line[1]);
+  // It stands by once it ignores what would end it.
+  const auto ignores = [guard] {
+    const std::string status = contentOf("/proc/" + std::to_string(guard) + "/status");
+    const std::size_t found = status.find("SigIgn:");
+    if (found == std::string::npos) return false;
+    return (std::stoull(status.substr(found + 7), nullptr, 16) >> (SIGTERM - 1) & 1) == 1;
+  };
+  ASSERT_TRUE(eventually(ignores));
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) kill(guard, number);
+  EXPECT_GT(fullest(device), 1.9e5);
+
+  ASSERT_EQ(kill(writer, SIGKILL), 0);
+  const double killed = regulator::steadyNow();
+  waitpid(writer, nullptr, 0);
+  ASSERT_TRUE(eventually([&] { return fullest(device) < 1e4; }));
+  EXPECT_LT(regulator::steadyNow() - killed, 1.0);
+  int status = 0;
+  ASSERT_EQ(waitpid(guard, &status, 0), guard);
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  const std::string said = contentOf(errors);
+  EXPECT_EQ(said.find("guard: whoever moved the arm is gone; modbus_tcp festo_vtem"), 0u) << said;
+  EXPECT_NE(said.find(" is vented, after "), std::string::npos) << said;
+  EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
+}
+
+TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
+  auto device = std::make_unique<ModbusDevice>(deviceConfig());
+  const int port = device->port();
+  device.reset();
+  Piped guard(at(port, {"guard"}));
+  guard.end();
+  simulation::ModbusDeviceConfig config = deviceConfig();
+  config.port = port;
+  device = std::make_unique<ModbusDevice>(config);
+  EXPECT_EQ(guard.exitCode(), 0);
+  EXPECT_NE(guard.output().find(" is vented"), std::string::npos) << guard.output();
+  EXPECT_EQ(device->valves()[0], Valve::kVent);
+}
+
+TEST(RegulatorGuard, ABrokenSceneIsSaidAtOnce) {
+  expectCallerError(runCommand({"regulator", scenePath("no_such_scene"), "guard"}),
+                    "no_such_scene");
+}
+
+TEST(RegulatorEmulate, StandsInForTheDevice) {
+  const int port = freePort();
+  Piped device(at(port, {"emulate"}));
+  ASSERT_TRUE(device.prints("emulates modbus_tcp festo_vtem at 127.0.0.1:" + std::to_string(port)))
+      << device.output();
+  EXPECT_EQ(run(port, {"set", "--pressure-kpa", "100,0,50", "--seconds", "1.2", "--yes"}).exit_code,
+            0);
+  ASSERT_TRUE(device.prints("muscle_1 regulates: set 100.0, has ")) << device.output();
+  device.say("nan_text\nbeautiful\n");
+  ASSERT_TRUE(device.prints("fault: nan_text"));
+  ASSERT_TRUE(device.prints("there is no fault beautiful; expected one of none, silence, garbage"));
+  EXPECT_EQ(run(port, {"probe", "--seconds", "0.1"}).exit_code, 1);
+  device.end();
+  EXPECT_TRUE(device.runs());
+  device.signal(SIGINT);
+  EXPECT_EQ(device.exitCode(), 0);
+}
+
+TEST(RegulatorEmulate, ASerialDeviceIsALinkToATerminal) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "line";
+  const std::string scene = folder / "scene.yaml";
+  std::string text = contentOf(scenePath("demo_modbus"));
+  text.erase(text.find("regulator:\n"));
+  text +=
+      "regulator:\n  ascii_serial: {profile: alicat, device: " + path + ", addresses: [A, B, C]}\n";
+  FILE* file = fopen(scene.c_str(), "w");
+  fputs(text.c_str(), file);
+  fclose(file);
+  Piped device({"regulator", scene, "emulate"});
+  ASSERT_TRUE(device.prints("emulates ascii_serial alicat at " + path)) << device.output();
+  const Outcome probe = runCommand({"regulator", scene, "probe", "--format", "json"});
+  ASSERT_EQ(probe.exit_code, 0) << probe.err;
+  EXPECT_EQ(probe.json()["channels"][1]["address"], "B");
+  EXPECT_NEAR(probe.json()["channels"][2]["pressure_pa"].get<double>(), 0, 5e3);
+  device.signal(SIGTERM);
+  EXPECT_EQ(device.exitCode(), 0);
+  EXPECT_FALSE(std::filesystem::is_symlink(path));
+}
+
+TEST(RegulatorEmulate, EndsAfterItsTime) {
+  const Outcome outcome = run(freePort(), {"emulate", "--seconds", "0.1"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+}
+
+TEST(RegulatorEmulate, WhatItCannotBeIsRefused) {
+  expectCallerError(runCommand({"regulator", scenePath("demo"), "emulate"}),
+                    "scene demo has a simulated regulator");
+  expectCallerError(run(1502, {"emulate", "--set", "regulator.modbus_tcp.host=192.168.1.10"}),
+                    "emulate stands at 127.0.0.1, but the scene's regulator is at 192.168.1.10");
+  expectCallerError(run(1502, {"emulate", "--format", "json"}), "emulate prints text alone");
+  const ModbusDevice device(deviceConfig());
+  expectCallerError(run(device.port(), {"emulate"}), "cannot listen at 127.0.0.1");
+}
+
+TEST(Regulator, OfASimulatedSceneNeedsNoLeave) {
+  const Outcome outcome = runCommand({"regulator", scenePath("demo"), "set", "--pressure-kpa",
+                                      "50,0,50", "--seconds", "0.5", "--format", "csv"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const auto rows = csvRows(outcome.out);
+  ASSERT_EQ(rows.size(), 4u);
+  EXPECT_EQ(rows[0], (std::vector<std::string>{"name", "target_pa", "pressure_pa", "state"}));
+  EXPECT_EQ(rows[1][3], "vented");
+}
+
+TEST(Regulator, TheCallIsChecked) {
+  expectCallerError(runCommand({"regulator", scenePath("demo")}), "subcommand is required");
+  expectCallerError(runCommand({"regulator", scenePath("demo"), "set"}), "--pressure-kpa");
+  expectCallerError(runCommand({"regulator", scenePath("demo"), "probe", "--seconds", "-1"}),
+                    "--seconds");
+  expectCallerError(runCommand({"regulator", scenePath("annotated"), "probe", "--set", "x=1"}),
+                    "x is not a known key");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

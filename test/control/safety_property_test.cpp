@@ -1,0 +1,328 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/control/safety.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::control {
+namespace {
+
+using State = SafetyState;
+using Cause = SafetyCause;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr int kRuns = 400;
+constexpr int kTurns = 4000;
+
+struct Given {
+  SafetyRules rules;
+  std::vector<ChannelRules> channels;
+};
+
+Given randomRules(test::Random& random) {
+  Given given;
+  SafetyRules& rules = given.rules;
+  rules.target_timeout = random.integer(0, 5) == 0 ? kInfinity : random.logUniform(0.05, 3);
+  rules.reading_timeout = random.logUniform(0.1, 2);
+  rules.trip_margin = random.uniform(1.5e4, 6e4);
+  rules.spike_time = random.integer(0, 5) == 0 ? 0 : random.logUniform(0.01, 0.5);
+  if (random.integer(0, 1) == 0) rules.min_supply = random.uniform(1e5, 4e5);
+  rules.follow_tolerance = random.logUniform(2e4, 2e5);
+  rules.follow_time = random.logUniform(0.1, 2);
+  rules.time_constant = random.logUniform(0.05, 0.5);
+  rules.leak_drop = random.logUniform(1e4, 1e5);
+  rules.hold_time = random.integer(0, 5) == 0 ? 0 : random.logUniform(0.1, 5);
+  rules.vented_below = random.uniform(5e3, 1.4e4);
+  rules.vent_time = random.logUniform(0.5, 5);
+  const int count = random.integer(1, 6);
+  for (int i = 0; i < count; ++i) {
+    const double lower = std::array<double, 3>{0, 5e4, -6e4}[random.integer(0, 2)];
+    given.channels.push_back({"muscle_" + std::to_string(i + 1),
+                              {lower, lower + random.uniform(0, 4e5)},
+                              random.integer(0, 3) == 0 ? kInfinity : random.logUniform(1e4, 3e6),
+                              static_cast<FaultAction>(random.integer(0, 2))});
+  }
+  return given;
+}
+
+// A regulator that does as told, until something happens to it.
+struct Plant {
+  enum class Ill { kNo, kBurst, kStuckSensor, kUnread, kStuckValve };
+
+  Plant(int channels, test::Random& source)
+      : random(source),
+        pressure(Eigen::VectorXd::Zero(channels)),
+        stuck_at(pressure),
+        ill(static_cast<std::size_t>(channels), Ill::kNo),
+        lag(random.uniform(0.05, 0.3)),
+        noise(random.integer(0, 1) == 0 ? 0 : 3e3) {}
+
+  void step(double dt, const ValveOrders& orders) {
+    for (int i = 0; i < pressure.size(); ++i) {
+      const Ill what = ill[i];
+      double towards = orders.set_point[i], time = lag;
+      if (what == Ill::kBurst) towards = 0, time = 0.02;
+      if (what == Ill::kStuckValve) towards = 5.5e5, time = 0.5;
+      if (orders.valve[i] == Valve::kClose && what != Ill::kBurst) continue;
+      pressure[i] += -std::expm1(-dt / time) * (towards - pressure[i]);
+    }
+  }
+  void mishap() {
+    const int i = random.integer(0, static_cast<int>(pressure.size()) - 1);
+    ill[i] = random.integer(0, 2) == 0 ? static_cast<Ill>(random.integer(1, 4)) : Ill::kNo;
+    stuck_at[i] = pressure[i];
+  }
+  Eigen::VectorXd read() {
+    Eigen::VectorXd reading = pressure;
+    for (int i = 0; i < reading.size(); ++i) {
+      if (ill[i] == Ill::kStuckSensor) reading[i] = stuck_at[i];
+      reading[i] += noise * random.normal();
+      if (ill[i] == Ill::kUnread || random.integer(0, 199) == 0) reading[i] = std::nan("");
+    }
+    return reading;
+  }
+
+  test::Random& random;
+  Eigen::VectorXd pressure, stuck_at;
+  std::vector<Ill> ill;
+  double lag, noise;
+};
+
+// How long something has been so on every look.
+struct Spell {
+  double since = kInfinity;
+  void look(double now, bool so) { since = so ? std::min(since, now) : kInfinity; }
+  double lasted(double now) const { return std::isinf(since) ? -1 : now - since; }
+};
+
+// What anyone who sees the calls and the answers can hold against the core: none of its own numbers
+// but the rules.
+struct Witness {
+  Witness(const SafetyCore& watched, const Given& all)
+      : core(watched),
+        given(all),
+        read_at(all.channels.size(), -kInfinity),
+        over(all.channels.size()) {}
+
+  int count() const { return static_cast<int>(given.channels.size()); }
+
+  // After any call; `enabling` where it was an enable that was not refused.
+  void look(bool enabling, bool grave) {
+    const State state = core.state();
+    if (state != before) {
+      edges.emplace(before, state);
+      ASSERT_TRUE(state != State::kEnabled || enabling);
+      if (state == State::kFault) {
+        fault_at = now;
+        was_held.assign(given.channels.size(), true);
+        causes.insert(core.report().cause);
+      }
+    }
+    ASSERT_EQ(enabling, state == State::kEnabled && before != State::kEnabled);
+    before = state;
+    const ValveOrders& orders = core.orders();
+    for (int i = 0; i < count(); ++i) {
+      const model::Range& limits = given.channels[i].limits;
+      const Valve valve = orders.valve[i];
+      if (valve == Valve::kVent) {
+        ASSERT_EQ(orders.set_point[i], 0);
+      } else {
+        ASSERT_TRUE(limits.contains(orders.set_point[i])) << orders.set_point[i];
+      }
+      ASSERT_TRUE(!(state == State::kEnabled) || valve == Valve::kRegulate);
+      ASSERT_TRUE(!(state == State::kDisabled || state == State::kVented) || valve == Valve::kVent);
+      if (state != State::kFault) continue;
+      const FaultAction action = given.channels[i].action;
+      ASSERT_TRUE(!(grave || action == FaultAction::kVent) || valve == Valve::kVent);
+      ASSERT_TRUE(!(valve == Valve::kRegulate) || action == FaultAction::kHold);
+      ASSERT_TRUE(!(valve == Valve::kClose) || action == FaultAction::kClose);
+      ASSERT_TRUE(was_held[i] || valve == Valve::kVent) << "what vented is held again";
+      was_held[i] = valve != Valve::kVent;
+    }
+  }
+
+  void afterEnable() {
+    target_at.reset();
+    order_at = now;
+    last = core.orders().set_point;
+    for (int i = 0; i < count(); ++i) {
+      const model::Range& limits = given.channels[i].limits;
+      ASSERT_EQ(last[i], std::clamp(0.0, limits.lower, limits.upper));
+    }
+  }
+
+  void afterReading(const Eigen::VectorXd& reading, double supply) {
+    for (int i = 0; i < count(); ++i) {
+      if (!std::isfinite(reading[i])) continue;
+      read_at[i] = now;
+      over[i].look(now, reading[i] > std::max(0.0, given.channels[i].limits.upper) +
+                                         given.rules.trip_margin);
+      // At once, whatever the state, and with every valve.
+      if (over[i].lasted(now) < given.rules.spike_time) continue;
+      ASSERT_EQ(core.state(), State::kFault);
+      for (const Valve valve : core.orders().valve) ASSERT_EQ(valve, Valve::kVent);
+    }
+    if (std::isfinite(supply)) {
+      supply_low.look(now, given.rules.min_supply && supply < *given.rules.min_supply);
+      ASSERT_TRUE(core.state() != State::kEnabled ||
+                  supply_low.lasted(now) < given.rules.spike_time);
+    }
+  }
+
+  void afterTurn() {
+    const ValveOrders& orders = core.orders();
+    if (core.state() == State::kEnabled) {
+      ASSERT_FALSE(stopped);
+      ASSERT_TRUE(link_up);
+      ASSERT_LE(now - target_at.value_or(now), given.rules.target_timeout);
+      for (const double at : read_at) ASSERT_LE(now - at, given.rules.reading_timeout);
+      for (int i = 0; i < count(); ++i) {
+        const double slew = given.channels[i].slew;
+        if (std::isinf(slew)) continue;
+        const double step = slew * std::min(now - order_at, 0.1);
+        ASSERT_LE(std::abs(orders.set_point[i] - last[i]), step + 1e-6);
+      }
+      last = orders.set_point;
+      order_at = now;
+      ++regulated_turns;
+    }
+    for (int i = 0; core.state() == State::kFault && i < count(); ++i) {
+      if (orders.valve[i] == Valve::kVent) continue;
+      ++held_turns;
+      ASSERT_LT(now - fault_at, given.rules.hold_time);
+      ASSERT_EQ(orders.set_point[i], last[i]);  // the last that it regulated at
+    }
+  }
+
+  const SafetyCore& core;
+  const Given& given;
+  double now = 0;
+  State before = State::kDisabled;
+  std::vector<double> read_at;
+  std::vector<Spell> over;
+  Spell supply_low;
+  std::vector<bool> was_held;
+  std::optional<double> target_at;
+  Eigen::VectorXd last;
+  double order_at = 0, fault_at = 0;
+  bool stopped = false, link_up = true;
+  std::set<std::pair<State, State>> edges;
+  std::set<Cause> causes;
+  int regulated_turns = 0, held_turns = 0;
+};
+
+// One turn of a loop that is jostled: its clock stands, jumps back or is no number, the loop
+// stalls, and whoever may call does.
+void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random) {
+  const int clock = random.integer(0, 499);
+  const double dt = clock == 0 ? random.uniform(0, 2.5) : random.uniform(0, 0.03);
+  double told = witness.now + dt;
+  if (clock == 1) told = witness.now - random.uniform(0, 1e3);
+  if (clock == 2) told = std::nan("");
+  if (std::isfinite(told) && told > witness.now) witness.now = told;
+  plant.step(dt, core.orders());
+  if (random.integer(0, 299) == 0) plant.mishap();
+  const auto chance = [&](int one_in) { return random.integer(1, one_in) == 1; };
+
+  if (chance(400)) {
+    witness.link_up = !witness.link_up;
+    core.linked(told, witness.link_up);
+    witness.look(false, false);
+  } else if (!witness.link_up && chance(20)) {
+    witness.link_up = true;
+    core.linked(told, true);
+    witness.look(false, false);
+  }
+  if (chance(600)) {
+    witness.stopped = true;
+    core.emergencyStop(told, true);
+    witness.look(false, true);
+  } else if (witness.stopped && chance(30)) {
+    witness.stopped = false;
+    core.emergencyStop(told, false);
+    witness.look(false, false);
+  }
+  if (chance(600)) {
+    core.vent(told);
+    witness.look(false, true);
+  }
+  if (witness.link_up && !chance(25)) {
+    const Eigen::VectorXd reading = plant.read();
+    const double supply = chance(50) ? std::nan("") : chance(30) ? 0.5e5 : 5e5;
+    core.measured(told, reading, supply);
+    witness.look(false, false);
+    witness.afterReading(reading, supply);
+  }
+  if (chance(15)) {
+    const State was = core.state();
+    const bool enabled = core.enable(told).empty();
+    ASSERT_TRUE(!enabled || was == State::kDisabled || was == State::kVented);
+    ASSERT_FALSE(enabled && (witness.stopped || !witness.link_up));
+    witness.look(enabled, false);
+    if (enabled) witness.afterEnable();
+  }
+  if (chance(5)) {
+    Eigen::VectorXd target(witness.count() + (chance(50) ? 1 : 0));
+    for (double& pressure : target) {
+      pressure = chance(20) ? std::nan("") : random.uniform(-2e5, 7e5);
+      if (chance(50)) pressure = kInfinity;
+    }
+    if (core.target(told, target)) witness.target_at = witness.now;
+    witness.look(false, false);
+  }
+  core.advance(told);
+  witness.look(false, false);
+  witness.afterTurn();
+}
+
+TEST(SafetyProperty, NoSequenceOfEventsBreaksWhatTheCorePromises) {
+  std::set<std::pair<State, State>> edges;
+  std::set<Cause> causes;
+  long regulated = 0, held = 0;
+  for (unsigned seed = 1; seed <= kRuns; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    test::Random random(seed);
+    const Given given = randomRules(random);
+    SafetyCore core(given.channels, given.rules);
+    Plant plant(static_cast<int>(given.channels.size()), random);
+    Witness witness(core, given);
+    for (int k = 0; k < kTurns; ++k) {
+      turn(core, plant, witness, random);
+      if (testing::Test::HasFatalFailure()) FAIL() << "turn " << k << ": " << core.reason();
+    }
+    // Left alone, with the pressure let out, it comes to rest: everything vented.
+    plant.pressure.setZero();
+    std::fill(plant.ill.begin(), plant.ill.end(), Plant::Ill::kNo);
+    core.vent(witness.now);
+    for (int k = 0; k < 100; ++k) {
+      witness.now += 0.01;
+      core.measured(witness.now, Eigen::VectorXd::Zero(witness.count()), 5e5);
+      core.advance(witness.now);
+    }
+    ASSERT_TRUE(core.state() == State::kVented || core.state() == State::kDisabled)
+        << core.reason();
+    edges.insert(witness.edges.begin(), witness.edges.end());
+    causes.insert(witness.causes.begin(), witness.causes.end());
+    regulated += witness.regulated_turns;
+    held += witness.held_turns;
+  }
+  const std::set<std::pair<State, State>> documented = {
+      {State::kDisabled, State::kEnabled}, {State::kDisabled, State::kFault},
+      {State::kEnabled, State::kFault},    {State::kFault, State::kVented},
+      {State::kVented, State::kEnabled},   {State::kVented, State::kFault}};
+  EXPECT_EQ(edges, documented);
+  EXPECT_EQ(causes.size(), kSafetyCauseCount - 1u);
+  // The runs were about something.
+  EXPECT_GT(regulated, 100000);
+  EXPECT_GT(held, 10000);
+}
+
+}  // namespace
+}  // namespace helix_arm::control

@@ -1,0 +1,121 @@
+// Any bytes as what a Modbus device sends: whatever comes, the driver gives readings that are
+// numbers or none, or says that they are no good; it never hangs and never reads past its
+// registers.
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <mutex>
+#include <vector>
+
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "support/modbus_profiles.hpp"
+#include "support/reply_server.hpp"
+
+namespace {
+
+using namespace helix_arm;
+using Bytes = test::ReplyServer::Bytes;
+
+constexpr double kTimeout = 2e-3;  // [s]
+constexpr double kLongest = 5.0;   // of one call, on a machine that is busy [s]
+constexpr std::uint8_t kWrite = 16;
+constexpr int kChannels = 3;
+
+void demand(bool holds) {
+  if (!holds) std::abort();
+}
+
+// What the server says: to one request in two it keeps to the protocol up to the fuzzed part, so
+// that the bytes get past the header.
+class Script {
+ public:
+  void begin(const std::uint8_t* bytes, std::size_t size) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    bytes_.assign(bytes, bytes + size);
+    at_ = 0;
+  }
+  Bytes answer(const Bytes& request) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (request.size() < 12) return {};
+    const std::uint8_t mode = next();
+    Bytes reply(request.begin(), request.begin() + 8);
+    switch (mode % 4) {
+      case 0:  // the header of the request, then anything
+        append(next() % 64, reply);
+        reply[5] = static_cast<std::uint8_t>(reply.size() - 6);
+        break;
+      case 1:  // anything
+        reply.clear();
+        append(next() % 64, reply);
+        break;
+      default:  // as it should be, with any registers
+        if (request[7] == kWrite) {
+          reply.insert(reply.end(), request.begin() + 8, request.begin() + 12);
+        } else {
+          const int size = 2 * (request[10] << 8 | request[11]);
+          reply.push_back(static_cast<std::uint8_t>(size));
+          append(size, reply);
+        }
+        reply[5] = static_cast<std::uint8_t>(reply.size() - 6);
+    }
+    return reply;
+  }
+
+ private:
+  std::uint8_t next() { return at_ < bytes_.size() ? bytes_[at_++] : std::uint8_t{2}; }
+  void append(int count, Bytes& reply) {
+    for (int i = 0; i < count; ++i) reply.push_back(next());
+  }
+
+  std::mutex mutex_;
+  Bytes bytes_;
+  std::size_t at_ = 0;
+};
+
+// Done, or one of the two errors that a driver may have; and in time.
+void call(const std::function<void()>& call) {
+  const auto begin = std::chrono::steady_clock::now();
+  try {
+    call();
+  } catch (const regulator::BadReply& error) {
+    demand(*error.what() != '\0');
+  } catch (const regulator::LinkError& error) {
+    demand(*error.what() != '\0');
+  }
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+  demand(took.count() < kLongest);
+}
+
+regulator::ModbusConfig configOf(regulator::ModbusProfile profile, int port) {
+  profile.timeout = kTimeout;
+  if (profile.app) profile.app->activation_time = 0.01;
+  return {profile, "127.0.0.1", port, {0, 1, 2}};
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
+  static Script script;
+  static test::ReplyServer server([](const Bytes& request) { return script.answer(request); });
+  static regulator::ModbusTcpDriver mpa(configOf(test::mpaProfile(), server.port()));
+  static regulator::ModbusTcpDriver vtem(configOf(test::vtemProfile(), server.port()));
+  if (size == 0) return 0;
+  script.begin(bytes + 1, size - 1);
+  regulator::ModbusTcpDriver& driver = bytes[0] % 8 == 0 ? vtem : mpa;
+  call([&driver] { driver.connect(); });
+  for (int i = 0; i < 3; ++i) {
+    call([&driver] {
+      regulator::Pressures pressures(kChannels);
+      driver.read(pressures);
+      for (const double pressure : pressures.pressure) {
+        demand(std::isnan(pressure) || (pressure > -1.1e5 && pressure <= 32767 * 100.0));
+      }
+    });
+    call([&driver] { driver.vent(); });
+  }
+  driver.close();
+  return 0;
+}

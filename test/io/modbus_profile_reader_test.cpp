@@ -1,0 +1,225 @@
+// Every rule of a Modbus profile's file, broken once; and what the shipped ones hold.
+
+#include "modbus_profile_reader.hpp"
+
+#include <fstream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "support/modbus_profiles.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using regulator::ModbusProfile;
+
+struct ReadResult {
+  std::optional<ModbusProfile> profile;
+  std::vector<std::string> faults;
+};
+
+ReadResult readText(const std::string& text) {
+  FaultList faults("f");
+  const std::optional<Value> document = parseDocument(text, faults);
+  const Value* map = document ? document->find("modbus_tcp") : nullptr;
+  if (map == nullptr) return {std::nullopt, {"no map modbus_tcp"}};
+  ReadResult result;
+  result.profile = readModbusProfile(*map, "modbus_tcp", "mine", faults);
+  result.faults = faults.faults();
+  return result;
+}
+
+ReadResult readShipped(const std::string& name) {
+  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR "/config/regulators/") + name + ".yaml");
+  std::ostringstream text;
+  text << file.rdbuf();
+  return readText(text.str());
+}
+
+const char* const kAll = R"(modbus_tcp:
+  unit_id: 7
+  count_pa: 6.5
+  atmosphere_kpa: 101.3
+  highest_count: 4000
+  outlets: 3
+  outputs: {first: 100, stride: 5, pressure: 2}
+  inputs: {first: 200, stride: 4, pressure: 1, registers: input}
+  supply: 300
+  app: {command: 1, regulate: 10, off: 11, acknowledge: 12, status: 0, status_mask: 255, ready: 21, running: 22, activation_time_s: 3}
+  timeout_s: 0.25
+)";
+
+std::string replaced(const std::string& from, const std::string& to) {
+  std::string text = kAll;
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+TEST(ModbusProfileReader, EveryKeyIsRead) {
+  const ReadResult result = readText(kAll);
+  ASSERT_EQ(result.faults, std::vector<std::string>());
+  const ModbusProfile& profile = *result.profile;
+  EXPECT_EQ(profile.name, "mine");
+  EXPECT_EQ(profile.unit_id, 7);
+  EXPECT_EQ(profile.pascals, 6.5);
+  EXPECT_EQ(profile.atmosphere, 101.3e3);
+  EXPECT_EQ(profile.highest_count, 4000);
+  EXPECT_EQ(profile.outlets, 3);
+  EXPECT_EQ(profile.output_base, 100);
+  EXPECT_EQ(profile.output_stride, 5);
+  EXPECT_EQ(profile.output_pressure, 2);
+  EXPECT_EQ(profile.input_base, 200);
+  EXPECT_EQ(profile.input_stride, 4);
+  EXPECT_EQ(profile.input_pressure, 1);
+  EXPECT_TRUE(profile.input_registers);
+  EXPECT_EQ(profile.supply, 300);
+  ASSERT_TRUE(profile.app);
+  EXPECT_EQ(profile.app->command, 1);
+  EXPECT_EQ(profile.app->regulate, 10);
+  EXPECT_EQ(profile.app->off, 11);
+  EXPECT_EQ(profile.app->acknowledge, 12);
+  EXPECT_EQ(profile.app->status, 0);
+  EXPECT_EQ(profile.app->status_mask, 255);
+  EXPECT_EQ(profile.app->ready, 21);
+  EXPECT_EQ(profile.app->running, 22);
+  EXPECT_EQ(profile.app->activation_time, 3);
+  EXPECT_EQ(profile.timeout, 0.25);
+}
+
+TEST(ModbusProfileReader, WhatMayBeLeftOutHasItsDefault) {
+  const ReadResult result = readText(
+      "modbus_tcp:\n  count_pa: 100\n  highest_count: 1000\n"
+      "  outputs: {first: 0, stride: 1, pressure: 0}\n"
+      "  inputs: {first: 0, stride: 1, pressure: 0, registers: holding}\n");
+  ASSERT_EQ(result.faults, std::vector<std::string>());
+  EXPECT_EQ(result.profile->unit_id, 255);
+  EXPECT_EQ(result.profile->atmosphere, 0);
+  EXPECT_EQ(result.profile->outlets, 1);
+  EXPECT_FALSE(result.profile->input_registers);
+  EXPECT_FALSE(result.profile->supply);
+  EXPECT_FALSE(result.profile->app);
+  EXPECT_EQ(result.profile->timeout, 0.1);
+}
+
+TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
+  const struct {
+    const char *from, *to, *fault;
+  } kRules[] = {
+      {"unit_id: 7", "unit_id: 256",
+       "f:2 modbus_tcp.unit_id is 256; expected a whole number from 0 to 255"},
+      {"count_pa: 6.5", "count_pa: -1",
+       "f:3 modbus_tcp.count_pa is -1; expected a finite value > 0"},
+      {"count_pa: 6.5", "count_kpa: 6.5", ""},
+      {"atmosphere_kpa: 101.3", "atmosphere_kpa: 101300",
+       "f:4 modbus_tcp.atmosphere_kpa is 101300; expected 0 to 200 kPa"},
+      {"highest_count: 4000", "highest_count: 40000",
+       "f:5 modbus_tcp.highest_count is 40000; expected a whole number from 1 to 32767"},
+      {"outlets: 3", "outlets: 0",
+       "f:6 modbus_tcp.outlets is 0; expected a whole number from 1 to 64"},
+      {"outlets: 3", "outlets: 4",
+       "f:1 modbus_tcp: profile mine: outlets is 4; expected as many as set points fit into "
+       "outputs.stride"},
+      {"{first: 100, stride: 5, pressure: 2}", "[100, 5, 2]",
+       "f:7 modbus_tcp.outputs is a list; expected a map of first, stride or pressure"},
+      {"first: 100", "first: 1.5",
+       "f:7 modbus_tcp.outputs.first is 1.5; expected a whole number from 0 to 65535"},
+      {"stride: 5", "stride: 0",
+       "f:7 modbus_tcp.outputs.stride is 0; expected a whole number from 1 to 1024"},
+      {"pressure: 2", "pressure: nan",
+       "f:7 modbus_tcp.outputs.pressure is nan; expected a whole number from 0 to 1023"},
+      {"first: 200", "first: 65536",
+       "f:8 modbus_tcp.inputs.first is 65536; expected a whole number from 0 to 65535"},
+      {"stride: 4", "stride: -4",
+       "f:8 modbus_tcp.inputs.stride is -4; expected a whole number from 1 to 1024"},
+      {"pressure: 1,", "pressure: x,",
+       "f:8 modbus_tcp.inputs.pressure is x; expected a whole number from 0 to 1023"},
+      {"registers: input", "registers: coils",
+       "f:8 modbus_tcp.inputs.registers is coils; expected holding or input"},
+      {"supply: 300", "supply: -1",
+       "f:9 modbus_tcp.supply is -1; expected a whole number from 0 to 65535"},
+      {"command: 1", "comand: 1", ""},
+      {"regulate: 10", "regulate: 70000",
+       "f:10 modbus_tcp.app.regulate is 70000; expected a whole number from 0 to 65535"},
+      {"off: 11", "off: 10",
+       "f:1 modbus_tcp: profile mine: app.off is 10; expected another word than regulate"},
+      {"acknowledge: 12", "acknowledge: ''",
+       "f:10 modbus_tcp.app.acknowledge is \"\"; expected a whole number from 0 to 65535"},
+      {"status: 0", "status: 2",
+       "f:1 modbus_tcp: profile mine: app.status is 2; expected a register that is no reading"},
+      {"status_mask: 255", "status_mask: 0",
+       "f:10 modbus_tcp.app.status_mask is 0; expected a whole number from 1 to 65535"},
+      {"ready: 21", "ready: 256",
+       "f:1 modbus_tcp: profile mine: app.ready is 256; expected bits of app.status_mask alone"},
+      {"running: 22", "running: 21",
+       "f:1 modbus_tcp: profile mine: app.running is 21; expected another word than ready"},
+      {"activation_time_s: 3", "activation_time_s: 100",
+       "f:10 modbus_tcp.app.activation_time_s is 100; expected 0.01 to 60 s"},
+      {"timeout_s: 0.25", "timeout_s: 0",
+       "f:11 modbus_tcp.timeout_s is 0; expected a finite value > 0"},
+  };
+  for (const auto& rule : kRules) {
+    const ReadResult result = readText(replaced(rule.from, rule.to));
+    EXPECT_FALSE(result.profile) << rule.to;
+    ASSERT_FALSE(result.faults.empty()) << rule.to;
+    if (*rule.fault != '\0') {
+      EXPECT_EQ(result.faults, std::vector<std::string>{rule.fault});
+    }
+  }
+}
+
+TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {
+  EXPECT_EQ(readText(replaced("count_pa: 6.5", "count_kpa: 6.5")).faults,
+            (std::vector<std::string>{
+                "f:3 modbus_tcp.count_kpa is not a known key; did you mean count_pa?",
+                "f:1 modbus_tcp.count_pa is missing; expected a finite value > 0"}));
+  EXPECT_EQ(readText("modbus_tcp:\n  unit_id: 1\n").faults,
+            (std::vector<std::string>{
+                "f:1 modbus_tcp.count_pa is missing; expected a finite value > 0",
+                "f:1 modbus_tcp.highest_count is missing; expected a whole number from 1 to 32767",
+                "f:1 modbus_tcp.outputs is missing; expected a map of first, stride and pressure",
+                "f:1 modbus_tcp.inputs is missing; expected a map of first, stride, pressure and "
+                "registers"}));
+}
+
+void expectSame(const ModbusProfile& read, const ModbusProfile& expected) {
+  EXPECT_EQ(read.unit_id, expected.unit_id);
+  EXPECT_EQ(read.pascals, expected.pascals);
+  EXPECT_EQ(read.atmosphere, expected.atmosphere);
+  EXPECT_EQ(read.highest_count, expected.highest_count);
+  EXPECT_EQ(read.outlets, expected.outlets);
+  EXPECT_EQ(read.output_base, expected.output_base);
+  EXPECT_EQ(read.output_stride, expected.output_stride);
+  EXPECT_EQ(read.output_pressure, expected.output_pressure);
+  EXPECT_EQ(read.input_base, expected.input_base);
+  EXPECT_EQ(read.input_stride, expected.input_stride);
+  EXPECT_EQ(read.input_pressure, expected.input_pressure);
+  EXPECT_EQ(read.input_registers, expected.input_registers);
+  EXPECT_EQ(read.supply, expected.supply);
+  EXPECT_EQ(read.timeout, expected.timeout);
+  ASSERT_EQ(read.app.has_value(), expected.app.has_value());
+  if (!read.app) return;
+  EXPECT_EQ(read.app->command, expected.app->command);
+  EXPECT_EQ(read.app->regulate, expected.app->regulate);
+  EXPECT_EQ(read.app->off, expected.app->off);
+  EXPECT_EQ(read.app->acknowledge, expected.app->acknowledge);
+  EXPECT_EQ(read.app->status, expected.app->status);
+  EXPECT_EQ(read.app->status_mask, expected.app->status_mask);
+  EXPECT_EQ(read.app->ready, expected.app->ready);
+  EXPECT_EQ(read.app->running, expected.app->running);
+}
+
+// Those that the drivers' tests use are those that are shipped.
+TEST(ModbusProfileReader, TheShippedOnesHold) {
+  const ReadResult vtem = readShipped("festo_vtem");
+  ASSERT_EQ(vtem.faults, std::vector<std::string>());
+  expectSame(*vtem.profile, test::vtemProfile());
+  EXPECT_EQ(vtem.profile->app->activation_time, 2);
+  const ReadResult mpa = readShipped("festo_mpa");
+  ASSERT_EQ(mpa.faults, std::vector<std::string>());
+  expectSame(*mpa.profile, test::mpaProfile());
+}
+
+}  // namespace
+}  // namespace helix_arm::io

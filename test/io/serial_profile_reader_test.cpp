@@ -1,0 +1,196 @@
+// Every rule of a serial profile's file, broken once; and what the shipped ones hold.
+
+#include "serial_profile_reader.hpp"
+
+#include <fstream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "support/serial_profiles.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using regulator::SerialProfile;
+
+struct ReadResult {
+  std::optional<SerialProfile> profile;
+  std::vector<std::string> faults;
+};
+
+ReadResult readText(const std::string& text) {
+  FaultList faults("f");
+  const std::optional<Value> document = parseDocument(text, faults);
+  const Value* map = document ? document->find("ascii_serial") : nullptr;
+  if (map == nullptr) return {std::nullopt, {"no map ascii_serial"}};
+  ReadResult result;
+  result.profile = readSerialProfile(*map, "ascii_serial", "mine", faults);
+  result.faults = faults.faults();
+  return result;
+}
+
+ReadResult readShipped(const std::string& name) {
+  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR "/config/regulators/") + name + ".yaml");
+  std::ostringstream text;
+  text << file.rdbuf();
+  return readText(text.str());
+}
+
+const char* const kAll = R"(ascii_serial:
+  baud: 9600
+  terminator: crlf
+  unit: mbar
+  scale: 0.5
+  atmosphere_kpa: 101.325
+  unit_word: mbar
+  decimals: 3
+  separator: ","
+  reply_separator: " "
+  one_by_one: false
+  start: [hello, "echo off"]
+  write: "set {pressures}"
+  write_reply: ok
+  read: get
+  reply: "{pressures} {unit}"
+  vent: [stop, vent]
+  resume: go
+  vent_reply: done
+  timeout_s: 0.25
+)";
+
+std::vector<std::string> faultsWith(const std::string& from, const std::string& to) {
+  std::string text = kAll;
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return readText(text.replace(at, from.size(), to)).faults;
+}
+
+TEST(SerialProfileReader, EveryKeyIsRead) {
+  const ReadResult result = readText(kAll);
+  ASSERT_TRUE(result.profile) << result.faults.at(0);
+  const SerialProfile& profile = *result.profile;
+  EXPECT_EQ(profile.name, "mine");
+  EXPECT_EQ(profile.baud, 9600);
+  EXPECT_EQ(profile.terminator, "\r\n");
+  EXPECT_EQ(profile.pascals, 50.0);
+  EXPECT_EQ(profile.atmosphere, 101325.0);
+  EXPECT_EQ(profile.unit_word, "mbar");
+  EXPECT_EQ(profile.decimals, 3);
+  EXPECT_EQ(profile.separator, ",");
+  EXPECT_EQ(profile.reply_separator, " ");
+  EXPECT_FALSE(profile.one_by_one);
+  EXPECT_EQ(profile.start, (std::vector<std::string>{"hello", "echo off"}));
+  EXPECT_EQ(profile.write, "set {pressures}");
+  EXPECT_EQ(profile.write_reply, "ok");
+  EXPECT_EQ(profile.read, "get");
+  EXPECT_EQ(profile.reply, "{pressures} {unit}");
+  EXPECT_EQ(profile.vent, (std::vector<std::string>{"stop", "vent"}));
+  EXPECT_EQ(profile.resume, std::vector<std::string>{"go"});
+  EXPECT_EQ(profile.vent_reply, "done");
+  EXPECT_EQ(profile.timeout, 0.25);
+}
+
+TEST(SerialProfileReader, TheShippedOnesAreWhatTheTestsOfTheDriverUse) {
+  for (SerialProfile expected :
+       {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
+    SCOPED_TRACE(expected.name);
+    const ReadResult result = readShipped(expected.name);
+    ASSERT_TRUE(result.profile) << result.faults.at(0);
+    const SerialProfile& profile = *result.profile;
+    EXPECT_EQ(profile.baud, expected.baud);
+    EXPECT_EQ(profile.terminator, expected.terminator);
+    EXPECT_EQ(profile.pascals, expected.pascals);
+    EXPECT_EQ(profile.atmosphere, expected.atmosphere);
+    EXPECT_EQ(profile.unit_word, expected.unit_word);
+    EXPECT_EQ(profile.decimals, expected.decimals);
+    EXPECT_EQ(profile.separator, expected.separator);
+    EXPECT_EQ(profile.reply_separator, expected.reply_separator);
+    EXPECT_EQ(profile.one_by_one, expected.one_by_one);
+    EXPECT_EQ(profile.start, expected.start);
+    EXPECT_EQ(profile.write, expected.write);
+    EXPECT_EQ(profile.write_reply, expected.write_reply);
+    EXPECT_EQ(profile.read, expected.read);
+    EXPECT_EQ(profile.reply, expected.reply);
+    EXPECT_EQ(profile.supply_line, expected.supply_line);
+    EXPECT_EQ(profile.skip, expected.skip);
+    EXPECT_EQ(profile.vent, expected.vent);
+    EXPECT_EQ(profile.close, expected.close);
+    EXPECT_EQ(profile.resume, expected.resume);
+    EXPECT_EQ(profile.vent_reply, expected.vent_reply);
+  }
+}
+
+TEST(SerialProfileReader, BreakingARuleIsReported) {
+  const struct {
+    const char* from;
+    const char* to;
+    std::vector<std::string> faults;
+  } kCases[] = {
+      {"baud: 9600",
+       "baud: fast",
+       {"f:2 ascii_serial.baud is fast; expected a whole number from 1200 to 2000000"}},
+      {"baud: 9600",
+       "baud: 9601",
+       {"f:1 ascii_serial: serial profile: baud is 9601; expected 1200, 2400, 4800, 9600 and so on "
+        "up to 2000000"}},
+      {"baud: 9600",
+       "bauds: 9600",
+       {"f:2 ascii_serial.bauds is not a known key; did you mean baud?"}},
+      {"terminator: crlf",
+       "terminator: eol",
+       {"f:3 ascii_serial.terminator is eol; expected cr, lf or crlf"}},
+      {"  terminator: crlf\n",
+       "",
+       {"f:1 ascii_serial.terminator is missing; expected cr, lf or crlf"}},
+      {"unit: mbar",
+       "unit: MPa",
+       {"f:4 ascii_serial.unit is MPa; expected psi, kPa, bar, mbar or Pa"}},
+      {"scale: 0.5", "scale: 0", {"f:5 ascii_serial.scale is 0; expected a finite value > 0"}},
+      {"atmosphere_kpa: 101.325",
+       "atmosphere_kpa: 101325",
+       {"f:6 ascii_serial.atmosphere_kpa is 101325; expected 0 to 200 kPa"}},
+      {"unit_word: mbar",
+       "unit_word: []",
+       {"f:7 ascii_serial.unit_word is a list; expected a word"}},
+      {"  unit_word: mbar\n",
+       "",
+       {"f:1 ascii_serial: serial profile: reply \"{pressures} {unit}\" has {unit}, but there is "
+        "no "
+        "word for it"}},
+      {"decimals: 3",
+       "decimals: 7",
+       {"f:8 ascii_serial.decimals is 7; expected a whole number from 0 to 6"}},
+      {"separator: \",\"",
+       "separator: \"\"",
+       {"f:9 ascii_serial.separator is \"\"; expected what parts numbers"}},
+      {"one_by_one: false",
+       "one_by_one: 0",
+       {"f:11 ascii_serial.one_by_one is 0; expected true or false"}},
+      {"start: [hello, \"echo off\"]",
+       "start: [hello, []]",
+       {"f:12 ascii_serial.start[1] is a list; expected a line of text"}},
+      {"  write: \"set {pressures}\"\n",
+       "",
+       {"f:1 ascii_serial.write is missing; expected a line of text"}},
+      {"write: \"set {pressures}\"",
+       "write: \"set {pressure}\"",
+       {"f:1 ascii_serial: serial profile: write has no {pressures}"}},
+      {"  reply: \"{pressures} {unit}\"\n",
+       "",
+       {"f:1 ascii_serial.reply is missing; expected a line of text"}},
+      {"  vent: [stop, vent]\n",
+       "",
+       {"f:1 ascii_serial.vent is missing; expected a line of text, or a list of them"}},
+      {"vent: [stop, vent]",
+       "vent: {a: b}",
+       {"f:17 ascii_serial.vent is a map; expected a line of text, or a list of them"}},
+      {"timeout_s: 0.25",
+       "timeout_s: 11",
+       {"f:20 ascii_serial.timeout_s is 11; expected 0.001 to 10 s"}},
+  };
+  for (const auto& entry : kCases) EXPECT_EQ(faultsWith(entry.from, entry.to), entry.faults);
+}
+
+}  // namespace
+}  // namespace helix_arm::io

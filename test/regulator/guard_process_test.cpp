@@ -1,0 +1,79 @@
+#include "helix_arm/regulator/guard_process.hpp"
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "support/eventually.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A guard that notes what it was told until its input ended.
+class Noting : public ::testing::Test {
+ protected:
+  std::string told() const {
+    std::ostringstream text;
+    text << std::ifstream(note()).rdbuf();
+    return text.str();
+  }
+  std::string note() const { return folder_ / "told"; }
+  std::string done() const { return folder_ / "done"; }
+  std::vector<std::string> command() const {
+    return {"/bin/sh", "-c", "cat > \"$0\"; : > \"$1\"", note(), done()};
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
+  {
+    GuardProcess guard(command());
+    EXPECT_TRUE(guard.stands());
+  }
+  EXPECT_TRUE(fs::exists(done()));
+  EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
+}
+
+TEST_F(Noting, OutlivesAKilledProcessGroupAndHearsOfIt) {
+  const pid_t ward = fork();
+  if (ward == 0) {
+    setpgid(0, 0);
+    const GuardProcess guard(command());
+    while (true) pause();
+  }
+  setpgid(ward, ward);
+  ASSERT_TRUE(test::eventually([&] { return fs::exists(note()); }));
+  EXPECT_FALSE(fs::exists(done()));
+  ASSERT_EQ(kill(-ward, SIGKILL), 0);
+  int status = 0;
+  ASSERT_EQ(waitpid(ward, &status, 0), ward);
+  ASSERT_TRUE(WIFSIGNALED(status));
+  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_EQ(told(), "");
+}
+
+TEST_F(Noting, ThatHasEndedNoLongerStands) {
+  GuardProcess guard({"/bin/true"});
+  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+}
+
+TEST(GuardProcess, ThatCannotBeStartedIsNamed) {
+  try {
+    const GuardProcess guard({"/no/such/program"});
+    FAIL() << "started";
+  } catch (const std::runtime_error& error) {
+    EXPECT_NE(std::string(error.what()).find("/no/such/program"), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

@@ -1,0 +1,260 @@
+#include "helix_arm/regulator/line_format.hpp"
+
+#include <cmath>
+#include <limits>
+#include <locale>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/regulator/driver.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using test::refusal;
+
+const LineStyle kStyle{";", "kPa", 2};
+
+std::optional<double> numberOf(const std::string& text) {
+  const auto fields = LineFormat("p={pressure}").match("p=" + text, "", 1);
+  return fields ? std::optional(fields->pressures.at(0)) : std::nullopt;
+}
+
+std::string badReply(const LineFormat& format, const std::string& line,
+                     const std::string& address = "A", std::size_t pressures = 1) {
+  return refusal<BadReply>([&] { format.parse(line, address, pressures); });
+}
+
+TEST(LineFormat, FieldsAreFilledIn) {
+  const LineFormat format("p{address}={pressure} {unit} of {supply} to {set_point}", kStyle);
+  EXPECT_EQ(format.line("7", {{12.345}, 100.0, 600.0}), "p7=12.35 kPa of 600.00 to 100.00");
+  EXPECT_EQ(LineFormat("set;0;{pressures}", kStyle).line("", {{1, 0.5, -2}, {}, {}}),
+            "set;0;1.00;0.50;-2.00");
+}
+
+TEST(LineFormat, NumbersAreWrittenWithTheirDecimals) {
+  const struct {
+    double value;
+    int decimals;
+    const char* text;
+  } kCases[] = {{0, 2, "0.00"},
+                {-0.001, 2, "0.00"},
+                {0.005, 3, "0.005"},
+                {-1.5, 0, "-2"},
+                {413.6856, 3, "413.686"},
+                {0.07, 2, "0.07"},
+                {999999999, 6, "999999999.000000"}};
+  for (const auto& entry : kCases) {
+    EXPECT_EQ(LineFormat("{pressure}", {";", "", entry.decimals}).line("", {{entry.value}, {}, {}}),
+              entry.text);
+  }
+}
+
+TEST(LineFormat, WhatItWritesItReads) {
+  test::Random random(3);
+  for (int decimals = 0; decimals <= 6; ++decimals) {
+    const LineFormat format("{address} {pressures} {set_point}{words}", {",", "", decimals});
+    for (int k = 0; k < 200; ++k) {
+      LineFields fields;
+      const int count = random.integer(1, 8);
+      for (int i = 0; i < count; ++i) fields.pressures.push_back(random.uniform(-1e3, 1e3));
+      fields.set_point = random.uniform(-1e6, 1e6);
+      const auto size = static_cast<std::size_t>(count);
+      const auto read = format.match(format.line("B", fields), "B", size);
+      ASSERT_TRUE(read);
+      ASSERT_EQ(read->pressures.size(), size);
+      const double half = 0.5 * std::pow(10.0, -decimals) * (1 + 1e-6);
+      for (std::size_t i = 0; i < size; ++i) {
+        EXPECT_NEAR(read->pressures[i], fields.pressures[i], half);
+      }
+      EXPECT_NEAR(*read->set_point, *fields.set_point, half);
+    }
+  }
+}
+
+TEST(LineFormat, DecimalNumbersAreReadExactly) {
+  const struct {
+    const char* text;
+    double value;
+  } kCases[] = {{"0", 0},
+                {"+014.70", 14.7},
+                {"-3", -3},
+                {".5", 0.5},
+                {"5.", 5},
+                {"1e2", 100},
+                {"1.5E-3", 0.0015},
+                {"000000000000000001", 1},
+                {"-0.07", -0.07},
+                {"413.6856", 413.6856},
+                {"123456789012345", 123456789012345.0},
+                {"0.000000000000001", 1e-15}};
+  for (const auto& entry : kCases) EXPECT_EQ(numberOf(entry.text), entry.value) << entry.text;
+}
+
+TEST(LineFormat, WhatIsNoDecimalNumberIsRefused) {
+  for (const char* text : {"",
+                           "nan",
+                           "NaN",
+                           "-nan",
+                           "inf",
+                           "-inf",
+                           "infinity",
+                           "0x10",
+                           "1e",
+                           "1e+",
+                           "1e400",
+                           "1e999999999",
+                           "1e-400",
+                           "1e2147483648",
+                           ".",
+                           "+",
+                           "-",
+                           "+-1",
+                           "--1",
+                           "1,5",
+                           "1 5",
+                           "1.2.3",
+                           "1'000",
+                           "1234567890123456",
+                           "1.2345678901234567",
+                           "0000000000000000000000000000001",
+                           "1f",
+                           "1d",
+                           "one",
+                           "\xd9\xa1"}) {
+    EXPECT_FALSE(numberOf(text)) << text;
+  }
+}
+
+class DecimalComma : public std::numpunct<char> {
+  char do_decimal_point() const override { return ','; }
+  char do_thousands_sep() const override { return '.'; }
+  std::string do_grouping() const override { return "\3"; }
+};
+
+TEST(LineFormat, TheLocaleDoesNotMatter) {
+  const std::locale before = std::locale::global(std::locale(std::locale(), new DecimalComma));
+  EXPECT_EQ(numberOf("1234.5"), 1234.5);
+  EXPECT_FALSE(numberOf("1,5"));
+  EXPECT_FALSE(numberOf("1.234,5"));
+  EXPECT_EQ(LineFormat("{pressure}").line("", {{1234.5}, {}, {}}), "1234.50");
+  std::locale::global(before);
+}
+
+TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatter) {
+  const LineFormat format("{address} {pressure} {set_point}{words}");
+  for (const char* line : {"A +014.70 +020.00", "  A  +014.70\t+020.00  ", "\nA +014.70 +020.00\r",
+                           "A +014.70 +020.00   HLD LCK", "A 14.7 20 HLD\r\n"}) {
+    const auto fields = format.match(line, "A", 1);
+    ASSERT_TRUE(fields) << line;
+    EXPECT_EQ(fields->pressures, std::vector<double>{14.7});
+    EXPECT_EQ(fields->set_point, 20.0);
+  }
+}
+
+TEST(LineFormat, AnotherLineIsNoReading) {
+  const LineFormat format("{address} {pressure} {set_point}{words}");
+  for (const char* line :
+       {"", "?", "A", "A +014.70", "B +014.70 +020.00", "A +014.70 +020.00 1",
+        "A +014.70 +020.00HLD", "A +014.70 +020.00 HL2", "A+014.70 +020.00", "A +014.70 nan",
+        "A nan +020.00", "AA +014.70 +020.00", "A +014.70 +020.00 HLD;", "A +014.70 +02"}) {
+    const bool half = std::string(line) == "A +014.70 +02";  // nothing shows that it is half a line
+    EXPECT_EQ(format.match(line, "A", 1).has_value(), half) << line;
+  }
+}
+
+TEST(LineFormat, BytesThatAreNoTextAreRefused) {
+  const LineFormat any("{*} {...}");
+  const std::string good = "one two";
+  ASSERT_TRUE(any.match(good, "", 0));
+  for (int byte = 0; byte < 256; ++byte) {
+    std::string line = good;
+    line[5] = static_cast<char>(byte);
+    EXPECT_EQ(any.match(line, "", 0).has_value(), (byte >= ' ' && byte <= '~') || byte == '\t')
+        << byte;
+  }
+}
+
+TEST(LineFormat, ALineThatIsTooLongIsRefused) {
+  const LineFormat any("{...}");
+  EXPECT_TRUE(any.match(std::string(kLongestLine, 'x'), "", 0));
+  EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
+}
+
+TEST(LineFormat, EveryChannelMustBeThereAndNoMore) {
+  const LineFormat format("{*}\t1\t{pressures}", {"\t", "", 2});
+  EXPECT_TRUE(format.match("120\t1\t1.0\t2.0\t3.0\t", "", 3));
+  EXPECT_FALSE(format.match("120\t1\t1.0\t2.0", "", 3));
+  EXPECT_FALSE(format.match("120\t1\t1.0\t2.0\t3.0\t4.0", "", 3));
+  EXPECT_FALSE(format.match("120\t0\t1.0\t2.0\t3.0", "", 3));
+  EXPECT_FALSE(LineFormat("{pressures}").match("1;2;", "", 3));
+  EXPECT_FALSE(LineFormat("{pressures}").match("1;;2", "", 3));
+}
+
+TEST(LineFormat, AnotherUnitIsRefused) {
+  const LineFormat format("p={pressure} {unit}", kStyle);
+  EXPECT_TRUE(format.match("p=1.0 kPa", "", 1));
+  for (const char* line : {"p=1.0 psi", "p=1.0 kPaa", "p=1.0 kP", "p=1.0", "p=1.0 kpa"}) {
+    EXPECT_FALSE(format.match(line, "", 1)) << line;
+  }
+}
+
+TEST(LineFormat, ABadReplySaysWhereItPartsFromTheTemplate) {
+  const LineFormat format("p{address}={pressure} {unit}", kStyle);
+  EXPECT_EQ(
+      badReply(format, "pA=nan kPa"),
+      "\"pA=nan kPa\" is no \"p{address}={pressure} {unit}\": expected a number at \"nan kPa\"");
+  EXPECT_EQ(
+      badReply(format, "pA=1.0 psi"),
+      "\"pA=1.0 psi\" is no \"p{address}={pressure} {unit}\": expected the unit kPa at \"psi\"");
+  EXPECT_EQ(badReply(format, "pA=1.0"),
+            "\"pA=1.0\" is no \"p{address}={pressure} {unit}\": expected a blank at its end");
+  EXPECT_EQ(badReply(format, std::string("pA=1\0.0 kPa", 11)),
+            "\"pA=1?.0 kPa\" is no \"p{address}={pressure} {unit}\": expected printable ASCII at "
+            "\"?.0 kPa\"");
+  EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
+            "\"1;2\" is no \"{pressures}\": expected 3 pressures, but 2 are all at its end");
+}
+
+TEST(LineFormat, FaultyTemplatesAreRefused) {
+  const struct {
+    const char* text;
+    const char* fault;
+  } kCases[] = {
+      {"", "\"\" is empty; expected a line of text"},
+      {"p={presure}",
+       "\"p={presure}\" has {presure}; expected {address}, {pressure}, {pressures}, {set_point}, "
+       "{supply}, {unit}, {*}, {words} or {...}"},
+      {"p={pressure", "\"p={pressure\" has a { without a }"},
+      {"p=pressure}", "\"p=pressure}\" has a } without a {"},
+      {" p", "\" p\" begins or ends with a blank; blanks at the ends of lines are not looked at"},
+      {"p\n", "\"p?\" has a byte that is neither printable ASCII nor a tab"},
+      {"{pressure}{supply}",
+       "\"{pressure}{supply}\" has nothing before {supply} that parts it from the field in front"},
+      {"{words} x", "\"{words} x\" has {words} before its end"},
+      {"{pressure} {pressure}", "\"{pressure} {pressure}\" has {pressure} twice"},
+      {"{pressure} {pressures}", "\"{pressure} {pressures}\" has both {pressure} and {pressures}"},
+      {"{unit}", "\"{unit}\" has {unit}, but there is no word for it"},
+  };
+  for (const auto& entry : kCases) {
+    EXPECT_EQ(refusal([&] { LineFormat format(entry.text); }), entry.fault);
+  }
+}
+
+TEST(LineFormat, ValuesThatCannotBeWrittenAreRefused) {
+  const LineFormat format("{pressure}");
+  EXPECT_EQ(refusal([&] {
+              format.line("", {{1e9}, {}, {}});
+            }),
+            "a line cannot hold the number 1e+09; expected one below 1e9");
+  EXPECT_EQ(refusal([&] {
+              format.line("", {{1, 2}, {}, {}});
+            }),
+            "\"{pressure}\" wants {pressure}, which is not given");
+  EXPECT_EQ(format.line("", {{std::numeric_limits<double>::quiet_NaN()}, {}, {}}), "nan");
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

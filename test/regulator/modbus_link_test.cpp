@@ -1,0 +1,406 @@
+// What befalls a link, and how long a call takes at most.
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "support/eventually.hpp"
+#include "support/modbus_profiles.hpp"
+#include "support/process.hpp"
+#include "support/refusal.hpp"
+#include "support/reply_server.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using simulation::DeviceFault;
+using simulation::ModbusDevice;
+using simulation::ModbusDeviceConfig;
+using test::eventually;
+using test::mpaProfile;
+using test::refusal;
+using test::ReplyServer;
+using test::vtemProfile;
+using Bytes = ReplyServer::Bytes;
+
+// Far above the timeout of 0.1 s, and far below anything that would hold up an arm.
+constexpr double kBounded = 1.5;
+
+ModbusDeviceConfig deviceOf(const ModbusProfile& profile) {
+  ModbusDeviceConfig config;
+  config.profile = profile;
+  config.places = 3;
+  config.regulator.time_constant = 0.01;
+  config.regulator.noise = 0;
+  return config;
+}
+
+ModbusConfig configOf(const ModbusProfile& profile, int port) {
+  return {profile, "127.0.0.1", port, {0, 1, 2}};
+}
+
+control::ValveOrders regulate(double pressure) {
+  control::ValveOrders orders(3);
+  orders.valve.assign(3, control::Valve::kRegulate);
+  orders.set_point.setConstant(pressure);
+  return orders;
+}
+
+enum class End { kDone, kBadReply, kLinkError };
+
+End endOf(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const BadReply& error) {
+    EXPECT_STRNE(error.what(), "");
+    return End::kBadReply;
+  } catch (const LinkError& error) {
+    EXPECT_STRNE(error.what(), "");
+    return End::kLinkError;
+  }
+  return End::kDone;
+}
+
+double secondsOf(const std::function<void()>& call) {
+  const auto begin = std::chrono::steady_clock::now();
+  call();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+int openFiles() {
+  int count = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    ++count;
+  }
+  return count;
+}
+
+// A device of each profile, 2 bar in it, with a driver connected.
+class Link : public testing::TestWithParam<const char*> {
+ protected:
+  Link()
+      : profile_(std::string(GetParam()) == "festo_vtem" ? vtemProfile() : mpaProfile()),
+        device_(deviceOf(profile_)),
+        driver_(configOf(profile_, device_.port())) {
+    driver_.connect();
+    driver_.write(regulate(2e5));
+    EXPECT_TRUE(eventually([this] { return std::abs(device_.pressure()[2] - 2e5) < 1; }));
+  }
+  Eigen::VectorXd read() {
+    Pressures pressures(3);
+    driver_.read(pressures);
+    return pressures.pressure;
+  }
+  // Connects until the device is there again.
+  void reconnect() {
+    ASSERT_TRUE(eventually([this] { return endOf([this] { driver_.connect(); }) == End::kDone; }));
+  }
+
+  ModbusProfile profile_;
+  ModbusDevice device_;
+  ModbusTcpDriver driver_;
+};
+
+INSTANTIATE_TEST_SUITE_P(Profiles, Link, testing::Values("festo_vtem", "festo_mpa"),
+                         [](const auto& parameter) { return std::string(parameter.param); });
+
+TEST_P(Link, SilenceIsALostLinkWithinTheTimeout) {
+  device_.setFault(DeviceFault::kSilence);
+  const double seconds = secondsOf([this] {
+    const std::string error = refusal<LinkError>([this] { read(); });
+    EXPECT_NE(error.find("127.0.0.1:" + std::to_string(device_.port())), std::string::npos);
+    EXPECT_NE(error.find("timed out"), std::string::npos) << error;
+    EXPECT_NE(error.find("is it on"), std::string::npos) << error;
+  });
+  EXPECT_GE(seconds, 0.09);
+  EXPECT_LT(seconds, kBounded);
+  // What was lost stays lost until it is connected anew.
+  EXPECT_NE(refusal<LinkError>([this] { driver_.vent(); }).find("there is no link"),
+            std::string::npos);
+  // The port is open, so it connects, and then there is no answer.
+  EXPECT_LT(secondsOf([this] { EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError); }),
+            kBounded);
+  device_.setFault(DeviceFault::kNone);
+  reconnect();
+  EXPECT_EQ(device_.setPoint().head(3), Eigen::Vector3d(0, 0, 0));
+}
+
+TEST_P(Link, ASlowDeviceIsALostLinkAndItsLateRepliesAreNoOthers) {
+  device_.setFault(DeviceFault::kSlow);
+  EXPECT_LT(secondsOf([this] { EXPECT_EQ(endOf([this] { read(); }), End::kLinkError); }), kBounded);
+  device_.setFault(DeviceFault::kNone);
+  reconnect();
+  driver_.write(regulate(1e5));
+  ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[0] - 1e5) < 1; }));
+  EXPECT_EQ(read(), Eigen::Vector3d(1e5, 1e5, 1e5));
+}
+
+TEST_P(Link, HalfAReplyIsALostLink) {
+  device_.setFault(DeviceFault::kHalfLine);
+  EXPECT_LT(secondsOf([this] { EXPECT_EQ(endOf([this] { read(); }), End::kLinkError); }), kBounded);
+  device_.setFault(DeviceFault::kNone);
+  reconnect();
+  EXPECT_TRUE(read().allFinite());
+}
+
+TEST_P(Link, GarbageIsNeverAReading) {
+  device_.setFault(DeviceFault::kGarbage);
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_LT(secondsOf([this] { EXPECT_NE(endOf([this] { read(); }), End::kDone); }), kBounded);
+    EXPECT_LT(secondsOf([this] { EXPECT_NE(endOf([this] { driver_.vent(); }), End::kDone); }),
+              kBounded);
+    EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError);
+  }
+  device_.setFault(DeviceFault::kNone);
+  reconnect();
+  EXPECT_TRUE(read().allFinite());
+}
+
+TEST_P(Link, AnotherUnitReadsOtherPressures) {
+  device_.setFault(DeviceFault::kWrongUnit);
+  EXPECT_EQ(read(), Eigen::Vector3d(2e4, 2e4, 2e4));
+}
+
+TEST_P(Link, ABrokenSensorGivesNoReading) {
+  device_.setFault(DeviceFault::kNanText);
+  EXPECT_TRUE(read().array().isNaN().all());
+  device_.setFault(DeviceFault::kNone);
+  EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5));
+}
+
+TEST_P(Link, AStuckValueStandsWhileThePressureGoes) {
+  device_.setFault(DeviceFault::kStuckValue);
+  driver_.vent();
+  ASSERT_TRUE(eventually([this] { return device_.pressure().maxCoeff() < 1e3; }));
+  EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5));
+}
+
+TEST_P(Link, ARestartedDeviceIsConnectedAnewAndVented) {
+  device_.setFault(DeviceFault::kRestart);
+  ASSERT_TRUE(eventually([this] { return endOf([this] { read(); }) == End::kLinkError; }));
+  EXPECT_EQ(endOf([this] { driver_.write(regulate(2e5)); }), End::kLinkError);  // not by itself
+  reconnect();
+  EXPECT_EQ(device_.fault(), DeviceFault::kNone);
+  EXPECT_EQ(read(), Eigen::Vector3d(0, 0, 0));
+  driver_.write(regulate(2e5));
+  ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[2] - 2e5) < 1; }));
+  EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5));
+}
+
+TEST_P(Link, ReconnectingLeavesNothingOpen) {
+  driver_.connect();
+  ASSERT_TRUE(eventually([this] { return device_.connections() == 1; }));
+  const int before = openFiles();
+  for (int i = 0; i < 200; ++i) driver_.connect();
+  device_.setFault(DeviceFault::kGarbage);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError);
+  device_.setFault(DeviceFault::kNone);
+  driver_.connect();
+  ASSERT_TRUE(eventually([this] { return device_.connections() == 1; }));
+  EXPECT_EQ(openFiles(), before);
+  driver_.close();
+  driver_.close();
+  EXPECT_TRUE(eventually([this] { return device_.connections() == 0; }));
+}
+
+std::string connectRefusal(const std::string& host, int port) {
+  ModbusTcpDriver driver({mpaProfile(), host, port, {0}});
+  return refusal<LinkError>([&driver] { driver.connect(); });
+}
+
+TEST(ModbusConnecting, WithoutALinkNothingIsSaid) {
+  ModbusTcpDriver driver({mpaProfile(), "127.0.0.1", 502, {0, 1, 2}});
+  Pressures pressures(3);
+  for (const auto& call : std::vector<std::function<void()>>{[&] { driver.write(regulate(0)); },
+                                                             [&] { driver.vent(); },
+                                                             [&] { driver.read(pressures); }}) {
+    EXPECT_NE(refusal<LinkError>(call).find("127.0.0.1:502: there is no link; connect first"),
+              std::string::npos);
+  }
+}
+
+TEST(ModbusConnecting, ARefusalSaysWhatToLookAt) {
+  const int port = test::freePort();
+  EXPECT_EQ(connectRefusal("127.0.0.1", port),
+            "127.0.0.1:" + std::to_string(port) +
+                ": cannot connect: Connection refused; is its Modbus server on, and is this its "
+                "port?");
+  EXPECT_EQ(connectRefusal("::1", port).find("[::1]:" + std::to_string(port) + ": cannot connect"),
+            0u);
+}
+
+TEST(ModbusConnecting, AnUnknownNameDoesNotHoldItUp) {
+  std::string error;
+  EXPECT_LT(secondsOf([&error] { error = connectRefusal("no-such-regulator.invalid", 502); }),
+            kBounded);
+  EXPECT_NE(error.find("give an address such as 192.168.1.10 as host"), std::string::npos) << error;
+}
+
+// A listener that accepts nobody, its queue full: further connections are not answered at all.
+TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
+  const int listener = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  auto* const generic = reinterpret_cast<sockaddr*>(&address);
+  ASSERT_EQ(bind(listener, generic, size), 0);
+  ASSERT_EQ(listen(listener, 0), 0);
+  ASSERT_EQ(getsockname(listener, generic, &size), 0);
+  std::vector<int> queue;
+  for (int i = 0; i < 4; ++i) {
+    queue.push_back(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
+    connect(queue.back(), generic, size);
+  }
+  std::string error;
+  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", ntohs(address.sin_port)); }),
+            kBounded);
+  EXPECT_NE(error.find("cannot connect: Connection timed out; is it switched on"),
+            std::string::npos)
+      << error;
+  for (const int each : queue) close(each);
+  close(listener);
+}
+
+// The header of the request's reply with these bytes behind it.
+Bytes framed(const Bytes& request, const Bytes& rest) {
+  Bytes reply(request.begin(), request.begin() + 4);
+  reply.push_back(0);
+  reply.push_back(static_cast<std::uint8_t>(1 + rest.size()));
+  reply.push_back(request[6]);
+  reply.insert(reply.end(), rest.begin(), rest.end());
+  return reply;
+}
+
+constexpr std::uint8_t kWrite = 16;
+
+// Takes every write, and answers the request to read one register in its own way.
+class Answered {
+ public:
+  explicit Answered(std::function<Bytes(const Bytes&)> answer)
+      : server_([answer](const Bytes& request) {
+          if (request[7] != kWrite) return answer(request);
+          return framed(request, Bytes(request.begin() + 7, request.begin() + 12));
+        }),
+        driver_({mpaProfile(), "127.0.0.1", server_.port(), {0}}) {
+    driver_.connect();
+  }
+  double read() {
+    Pressures pressures(1);
+    driver_.read(pressures);
+    return pressures.pressure[0];
+  }
+
+ private:
+  ReplyServer server_;
+  ModbusTcpDriver driver_;
+};
+
+TEST(ModbusReplies, ARegisterIsANumberWithASign) {
+  const auto reading = [](std::uint8_t high, std::uint8_t low) {
+    return Answered([=](const Bytes& request) {
+             return framed(request, {3, 2, high, low});
+           })
+        .read();
+  };
+  EXPECT_EQ(reading(0x03, 0xe8), 100e3);
+  EXPECT_EQ(reading(0xff, 0x9c), -10e3);
+  EXPECT_EQ(reading(0x7f, 0xff), 3276.7e3);
+  EXPECT_TRUE(std::isnan(reading(0x80, 0x00)));
+}
+
+TEST(ModbusReplies, NoPressureIsBelowVacuum) {
+  Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_NE(error.find("register 45395 of festo_mpa reads -3276.7 kPa; expected no less than "
+                       "vacuum"),
+            std::string::npos)
+      << error;
+}
+
+TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {
+  int asked = 0;
+  Answered device([&asked](const Bytes& request) {
+    return ++asked == 1 ? framed(request, {0x83, 2}) : framed(request, {3, 2, 0, 10});
+  });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_NE(error.find("festo_mpa gives no readings: Illegal data address; are its registers"),
+            std::string::npos)
+      << error;
+  EXPECT_EQ(device.read(), 1e3);
+}
+
+TEST(ModbusReplies, AnotherNumberOfRegistersIsABadReply) {
+  Answered device([](const Bytes& request) { return framed(request, {3, 4, 0, 10, 0, 10}); });
+  EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
+  Answered none([](const Bytes& request) { return framed(request, {3, 0}); });
+  EXPECT_EQ(endOf([&] { none.read(); }), End::kBadReply);
+}
+
+TEST(ModbusReplies, TheAnswerToAnotherRequestIsABadReply) {
+  Answered device([](const Bytes& request) {
+    Bytes reply = framed(request, {3, 2, 0, 10});
+    reply[1] ^= 1;
+    return reply;
+  });
+  EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
+}
+
+TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
+  int asked = 0;
+  Answered device([&asked](const Bytes& request) {
+    Bytes reply = framed(request, {3, 2, 0, 10});
+    if (++asked == 1) {
+      reply[7] = 4;  // another function
+      const Bytes more = framed(request, {3, 2, 0, 99});
+      reply.insert(reply.end(), more.begin(), more.end());
+    }
+    return reply;
+  });
+  EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
+  EXPECT_EQ(device.read(), 1e3);
+}
+
+// A byte at a time, each of them within the timeout: it holds for all of them.
+TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
+  const int listener = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  auto* const generic = reinterpret_cast<sockaddr*>(&address);
+  ASSERT_EQ(bind(listener, generic, size), 0);
+  ASSERT_EQ(listen(listener, 1), 0);
+  ASSERT_EQ(getsockname(listener, generic, &size), 0);
+  std::thread dripping([listener] {
+    const int client = accept(listener, nullptr, nullptr);
+    char request[64];
+    recv(client, request, sizeof request, 0);
+    // The beginning of a frame that says it is long.
+    for (const char byte :
+         {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
+      if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(80));
+    }
+    close(client);
+  });
+  EXPECT_LT(secondsOf([&] {
+              EXPECT_NE(connectRefusal("127.0.0.1", ntohs(address.sin_port)), "accepted");
+            }),
+            kBounded);
+  dripping.join();
+  close(listener);
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

@@ -1,0 +1,313 @@
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "support/eventually.hpp"
+#include "support/modbus_profiles.hpp"
+#include "support/raw_modbus.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using control::Valve;
+using control::ValveOrders;
+using simulation::ModbusDevice;
+using simulation::ModbusDeviceConfig;
+using test::eventually;
+using test::mpaProfile;
+using test::RawModbus;
+using test::vtemProfile;
+using Words = RawModbus::Words;
+
+// Without noise: what it reads is what it has.
+ModbusDeviceConfig deviceOf(const ModbusProfile& profile, int places) {
+  ModbusDeviceConfig config;
+  config.profile = profile;
+  config.places = places;
+  config.regulator.time_constant = 0.01;
+  config.regulator.noise = 0;
+  return config;
+}
+
+ModbusConfig configOf(const ModbusProfile& profile, int port, std::vector<int> places) {
+  return {profile, "127.0.0.1", port, std::move(places)};
+}
+
+ValveOrders regulate(const std::vector<double>& set_points) {
+  ValveOrders orders(static_cast<int>(set_points.size()));
+  for (std::size_t i = 0; i < set_points.size(); ++i) {
+    orders.valve[i] = Valve::kRegulate;
+    orders.set_point[static_cast<Eigen::Index>(i)] = set_points[i];
+  }
+  return orders;
+}
+
+Eigen::VectorXd readingOf(Driver& driver, int channels) {
+  Pressures pressures(channels);
+  driver.read(pressures);
+  return pressures.pressure;
+}
+
+template <class Error>
+std::string refusal(const std::function<void()>& call) {
+  return test::refusal<Error>(call);
+}
+
+void expectHas(const std::string& text, const std::vector<std::string>& parts) {
+  for (const std::string& part : parts) {
+    EXPECT_NE(text.find(part), std::string::npos) << text << "\nlacks: " << part;
+  }
+}
+
+// Set points of 100, 25.7 and 699.95 kPa are 1000, 257 and 6999.5 mbar.
+TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
+  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 4}));
+  driver.connect();
+  const RawModbus raw(device.port());
+  EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
+  driver.write(regulate({1e5, 25.7e3, 699.95e3}));
+  EXPECT_EQ(raw.read(40003, 9), (Words{195, 1000, 257, 0, 0, 0, 195, 6999, 0}));
+  driver.vent();
+  EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
+}
+
+TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
+  ModbusDevice device(deviceOf(mpaProfile(), 4));
+  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {3, 0}));
+  driver.connect();
+  driver.write(regulate({1e5, 25.7e3}));
+  const RawModbus raw(device.port());
+  EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 1000}));
+  driver.vent();
+  EXPECT_EQ(raw.read(40003, 4), (Words{0, 0, 0, 0}));
+}
+
+TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
+  for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
+    ModbusDevice device(deviceOf(profile, 6));
+    ModbusTcpDriver driver(configOf(profile, device.port(), {5, 0, 2}));
+    driver.connect();
+    driver.write(regulate({3e5, 1e5, 2e5}));
+    // The lag of 0.01 s leaves less than half a count after 20 of it.
+    ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[5] - 3e5) < 1e-3; }));
+    EXPECT_EQ(readingOf(driver, 3), Eigen::Vector3d(3e5, 1e5, 2e5)) << profile.name;
+  }
+}
+
+TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
+  for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
+    ModbusDevice device(deviceOf(profile, 4));
+    ModbusTcpDriver first(configOf(profile, device.port(), {0, 1, 2, 3}));
+    first.connect();
+    first.write(regulate({3e5, 3e5, 3e5, 3e5}));
+    ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 2.9e5; }));
+    // Of a slot that it uses, the outlet as well that it does not.
+    ModbusTcpDriver second(configOf(profile, device.port(), {0, 2}));
+    second.connect();
+    const int used = profile.outlets == 2 ? 1 : 0;
+    EXPECT_TRUE(
+        eventually([&] { return device.pressure()[0] < 1e3 && device.pressure()[2] < 1e3; }));
+    EXPECT_EQ(device.setPoint()[1], used == 1 ? 0 : 3e5) << profile.name;
+  }
+}
+
+TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
+  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  const RawModbus raw(device.port());
+  ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
+  ASSERT_TRUE(raw.write(40006, {195, 1234, 567}));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 4}));
+  driver.connect();
+  driver.write(regulate({1e5, 1e5}));
+  driver.vent();
+  EXPECT_EQ(raw.read(40006, 3), (Words{195, 1234, 567}));
+}
+
+TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayWithinWhatTheDeviceTakes) {
+  ModbusDevice device(deviceOf(mpaProfile(), 6));
+  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
+  driver.connect();
+  driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
+  const RawModbus raw(device.port());
+  EXPECT_EQ(raw.read(40003, 6), (Words{0, 10000, 999, 1000, 3, 0}));
+}
+
+TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
+  ModbusProfile profile = mpaProfile();
+  profile.atmosphere = 101.3e3;
+  ModbusDevice device(deviceOf(profile, 1));
+  ModbusTcpDriver driver(configOf(profile, device.port(), {0}));
+  driver.connect();
+  driver.write(regulate({1e5}));
+  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{2013}));
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 1e5) < 1e-3; }));
+  EXPECT_NEAR(readingOf(driver, 1)[0], 1e5, 1e-6);
+}
+
+TEST(ModbusTcpDriver, TheSupplyIsReadWhereTheProfileHasIt) {
+  ModbusProfile profile = mpaProfile();
+  profile.supply = 45390;
+  ModbusDeviceConfig config = deviceOf(profile, 2);
+  config.regulator.supply_pressure = 6.1e5;
+  ModbusDevice device(config);
+  ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
+  driver.connect();
+  Pressures pressures(2);
+  driver.read(pressures);
+  EXPECT_EQ(pressures.supply, 6.1e5);
+}
+
+TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
+  ModbusProfile profile = mpaProfile();
+  profile.input_registers = true;
+  profile.input_base = 0;
+  ModbusDevice device(deviceOf(profile, 2));
+  ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
+  driver.connect();
+  driver.write(regulate({1e5, 2e5}));
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[1] - 2e5) < 1e-3; }));
+  EXPECT_EQ(readingOf(driver, 2), Eigen::Vector2d(1e5, 2e5));
+}
+
+// 125 registers a request to read, 123 a request to write: 300 set points are 3 requests.
+TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
+  constexpr int kChannels = 300;
+  ModbusDevice device(deviceOf(mpaProfile(), kChannels));
+  std::vector<int> places(kChannels);
+  std::vector<double> set_points(kChannels);
+  for (int i = 0; i < kChannels; ++i) {
+    places[static_cast<std::size_t>(i)] = kChannels - 1 - i;
+    set_points[static_cast<std::size_t>(i)] = 1e3 * i;
+  }
+  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), places));
+  driver.connect();
+  const std::uint64_t before = device.writes();
+  driver.write(regulate(set_points));
+  EXPECT_EQ(device.writes(), before + 3);
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 299e3) < 1e-3; }));
+  const Eigen::VectorXd reading = readingOf(driver, kChannels);
+  for (int i = 0; i < kChannels; ++i) EXPECT_EQ(reading[i], 1e3 * i) << i;
+}
+
+TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
+  ModbusDevice device(deviceOf(vtemProfile(), 8));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3, 4, 5, 6, 7}));
+  driver.connect();
+  const std::uint64_t before = device.writes();
+  driver.write(regulate(std::vector<double>(8, 1e5)));
+  EXPECT_EQ(device.writes(), before + 1);
+}
+
+TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
+  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  EXPECT_EQ(device.valves(), std::vector<Valve>(4, Valve::kClose));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 3}));
+  driver.connect();
+  EXPECT_EQ(device.valves(), std::vector<Valve>(4, Valve::kVent));
+}
+
+TEST(ModbusTcpDriver, ASlotThatDoesNotGetReadyIsNamed) {
+  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  device.jam(2, true);
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 4}));
+  const std::string error = refusal<LinkError>([&] { driver.connect(); });
+  expectHas(error, {"127.0.0.1:" + std::to_string(device.port()), "slot 2 of festo_vtem",
+                    "does not get ready within 0.3 s", "expected 0x007d"});
+  EXPECT_EQ(refusal<LinkError>([&] { readingOf(driver, 2); }).find("slot"), std::string::npos);
+  EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
+  device.jam(2, false);
+  driver.connect();
+  EXPECT_EQ(device.valves()[4], Valve::kVent);
+}
+
+TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
+  ModbusDeviceConfig config = deviceOf(vtemProfile(), 2);
+  config.activation_time = 1e6;
+  ModbusDevice device(config);
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1}));
+  expectHas(refusal<LinkError>([&] { driver.connect(); }),
+            {"slot 0 of festo_vtem does not start to regulate within 0.3 s",
+             "its status is 0x007d, expected 0x0083"});
+}
+
+TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
+  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 2}));
+  driver.connect();
+  driver.write(regulate({1e5, 1e5}));
+  readingOf(driver, 2);
+  device.jam(1, true);
+  std::string error;
+  ASSERT_TRUE(eventually([&] {
+    error = refusal<LinkError>([&] { readingOf(driver, 2); });
+    return error != "accepted";
+  }));
+  expectHas(error, {"slot 1 of festo_vtem has stopped to regulate", "expected 0x0083"});
+  expectHas(refusal<LinkError>([&] { driver.vent(); }), {"there is no link"});
+}
+
+TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
+  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3}));
+  driver.connect();
+  driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
+  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 0.99e5; }));
+  ValveOrders orders = regulate({1e5, 1e5, 1e5, 1e5});
+  orders.valve[0] = orders.valve[1] = orders.valve[2] = Valve::kClose;
+  driver.write(orders);
+  EXPECT_EQ(device.valves(),
+            (std::vector<Valve>{Valve::kClose, Valve::kClose, Valve::kVent, Valve::kRegulate}));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[2] < 1e3; }));
+  EXPECT_GT(device.pressure()[0], 0.98e5);
+  EXPECT_NO_THROW(readingOf(driver, 4));  // an app that was told to end is no fault
+  driver.vent();
+  EXPECT_TRUE(eventually([&] { return device.pressure().maxCoeff() < 1e3; }));
+  EXPECT_NO_THROW(readingOf(driver, 4));
+}
+
+TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
+  ModbusDevice device(deviceOf(mpaProfile(), 2));
+  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
+  driver.connect();
+  ValveOrders orders = regulate({1e5, 1e5});
+  orders.valve[0] = Valve::kClose;
+  driver.write(orders);
+  EXPECT_EQ(device.setPoint(), Eigen::Vector2d(0, 1e5));
+}
+
+TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
+  ModbusDevice device(deviceOf(mpaProfile(), 2));
+  ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
+  driver.connect();
+  const std::uint64_t before = device.writes();
+  EXPECT_THROW(driver.write(regulate({1e5})), std::invalid_argument);
+  EXPECT_THROW(driver.write(regulate({1e5, std::nan("")})), std::invalid_argument);
+  EXPECT_THROW(readingOf(driver, 3), std::invalid_argument);
+  EXPECT_EQ(device.writes(), before);
+}
+
+TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
+  const auto said = [](const ModbusProfile& profile, std::vector<int> places) {
+    return refusal<std::invalid_argument>(
+        [&] { ModbusTcpDriver driver(configOf(profile, 502, std::move(places))); });
+  };
+  expectHas(said(mpaProfile(), {}), {"festo_mpa", "slots are none; expected one a channel"});
+  expectHas(said(mpaProfile(), {-1}), {"slot is -1; expected a number >= 0"});
+  expectHas(said(vtemProfile(), {0, 1, 0}), {"slot is 0; expected slots that differ"});
+  expectHas(said(mpaProfile(), {7000}), {"slot is 7000; expected one whose registers are below"});
+  ModbusProfile broken = mpaProfile();
+  broken.pascals = 0;
+  expectHas(said(broken, {0}), {"profile festo_mpa: count_pa is 0"});
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

@@ -1,0 +1,119 @@
+#include "helix_arm/regulator/pressure_path.hpp"
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/eventually.hpp"
+#include "support/scripted_driver.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using control::SafetyCause;
+using control::SafetyCore;
+using control::SafetyState;
+using control::Valve;
+using test::eventually;
+using test::ScriptedDevice;
+using test::ScriptedDriver;
+
+constexpr int kChannels = 2;
+
+SafetyCore coreOfTwo() {
+  control::SafetyRules rules;
+  rules.target_timeout = 60;
+  rules.follow_time = 60;  // the scripted device does not follow
+  return {{{"left", {0, 3e5}}, {"right", {0, 3e5}}}, rules};
+}
+
+class Path : public ::testing::Test {
+ protected:
+  Path() {
+    IoRules rules;
+    rules.period = 0.001;
+    rules.first_back_off = rules.longest_back_off = 0.001;
+    path_.emplace(coreOfTwo(), std::make_unique<RegulatorIo>(
+                                   std::make_unique<ScriptedDriver>(device_), kChannels, rules));
+  }
+
+  bool turnUntil(const std::function<bool()>& condition) {
+    return eventually([&] {
+      path_->turn(steadyNow());
+      return condition();
+    });
+  }
+  void enable() {
+    ASSERT_TRUE(turnUntil([&] { return path_->core().enable(steadyNow()).empty(); }))
+        << path_->core().refusal(steadyNow());
+  }
+
+  ScriptedDevice device_{kChannels};
+  std::optional<PressurePath> path_;
+};
+
+TEST_F(Path, ATargetReachesTheDeviceOnceEnabled) {
+  const Eigen::Vector2d wanted(1e5, 2e5);
+  EXPECT_FALSE(path_->target(steadyNow(), wanted));
+  enable();
+  ASSERT_TRUE(path_->target(steadyNow(), wanted));
+  ASSERT_TRUE(turnUntil([&] { return device_.taken().set_point == wanted; }));
+  EXPECT_EQ(device_.taken().valve, std::vector<Valve>(kChannels, Valve::kRegulate));
+}
+
+TEST_F(Path, ReadingsComeToTheCore) {
+  device_.read(Eigen::Vector2d(2e3, 3e3));
+  ASSERT_TRUE(turnUntil([&] {
+    return path_->news() != nullptr && path_->core().reading() == Eigen::Vector2d(2e3, 3e3);
+  }));
+}
+
+TEST_F(Path, ALinkThatDropsAndComesBackBetweenTwoTurnsHasDropped) {
+  enable();
+  const std::uint64_t drops = path_->io()->drops();
+  device_.mute = true;
+  ASSERT_TRUE(eventually([&] { return path_->io()->drops() > drops; }));
+  device_.mute = false;
+  ASSERT_TRUE(eventually([&] { return path_->io()->up(); }));
+  path_->turn(steadyNow());
+  EXPECT_EQ(path_->core().report().cause, SafetyCause::kRegulatorLost);
+  ASSERT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kVented; }));
+}
+
+TEST_F(Path, ADeviceThatHangsIsAFault) {
+  enable();
+  device_.hangs = true;
+  EXPECT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kFault; }));
+  EXPECT_EQ(path_->core().report().cause, SafetyCause::kStaleReading);
+  device_.hangs = false;
+  ASSERT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kVented; }));
+  EXPECT_TRUE(eventually([&] { return device_.taken().valve[0] == Valve::kVent; }));
+}
+
+TEST(PressurePath, WithoutIoTheOrdersAreForSomebodyElse) {
+  PressurePath path(coreOfTwo(), nullptr);
+  path.core().measured(0, Eigen::Vector2d::Zero());
+  ASSERT_EQ(path.core().enable(0), "");
+  ASSERT_TRUE(path.target(0.001, Eigen::Vector2d(1e5, 2e5)));
+  EXPECT_EQ(path.turn(0.002).set_point, Eigen::Vector2d(1e5, 2e5));
+  EXPECT_EQ(path.news(), nullptr);
+}
+
+TEST(PressurePath, ATurnDoesNotAllocate) {
+  ScriptedDevice device(kChannels);
+  PressurePath path(coreOfTwo(),
+                    std::make_unique<RegulatorIo>(std::make_unique<ScriptedDriver>(device),
+                                                  kChannels, IoRules()));
+  ASSERT_TRUE(eventually([&] {
+    path.turn(steadyNow());
+    return path.core().enable(steadyNow()).empty();
+  }));
+  const Eigen::Vector2d wanted(1e5, 2e5);
+  int taken = 0;
+  const test::AllocationCounter counter;
+  for (int i = 0; i < 1000; ++i) taken += path.target(steadyNow(), wanted);
+  EXPECT_EQ(counter.count(), 0u);
+  EXPECT_EQ(taken, 1000);
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

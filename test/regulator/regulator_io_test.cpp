@@ -1,0 +1,242 @@
+#include "helix_arm/regulator/regulator_io.hpp"
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/refusal.hpp"
+#include "support/eventually.hpp"
+#include "support/scripted_driver.hpp"
+
+namespace helix_arm::regulator {
+namespace {
+
+using control::Valve;
+using control::ValveOrders;
+using test::eventually;
+using test::ScriptedDevice;
+using test::ScriptedDriver;
+
+constexpr int kChannels = 2;
+constexpr double kOrderTimeout = 0.2;  // [s]
+
+IoRules briskRules() {
+  IoRules rules;
+  rules.period = 0.002;
+  rules.order_timeout = kOrderTimeout;
+  rules.first_back_off = 0.01;
+  rules.longest_back_off = 0.04;
+  rules.most_bad_replies = 3;
+  return rules;
+}
+
+ValveOrders ordersOf(double first, double second) {
+  ValveOrders orders(kChannels);
+  orders.valve.assign(kChannels, Valve::kRegulate);
+  orders.set_point << first, second;
+  return orders;
+}
+
+class Io : public ::testing::Test {
+ protected:
+  Io() : io_(std::make_unique<ScriptedDriver>(device_), kChannels, briskRules()) {}
+
+  bool regulates(double first) const {
+    const ValveOrders taken = device_.taken();
+    return taken.valve[0] == Valve::kRegulate && taken.set_point[0] == first;
+  }
+  bool vents() const {
+    const ValveOrders taken = device_.taken();
+    return taken.valve == std::vector<Valve>(kChannels, Valve::kVent);
+  }
+  // Gives the orders until the condition holds.
+  bool keepOrdering(const ValveOrders& orders, const std::function<bool()>& condition) {
+    return eventually([&] {
+      io_.order(orders, io_.drops());
+      return condition();
+    });
+  }
+
+  ScriptedDevice device_{kChannels};
+  RegulatorIo io_;
+};
+
+TEST_F(Io, WritesTheNewestOrdersAndReads) {
+  device_.read(Eigen::Vector2d(1e5, 2e5));
+  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
+  ASSERT_TRUE(keepOrdering(ordersOf(5e4, 4e4), [&] { return regulates(5e4); }));
+  Reading reading(kChannels);
+  const double asked = steadyNow();
+  ASSERT_TRUE(eventually([&] { return io_.take(reading) && reading.time >= asked; }));
+  EXPECT_EQ(reading.pressures.pressure, Eigen::Vector2d(1e5, 2e5));
+  EXPECT_LE(reading.time, steadyNow());
+  const IoStatus status = io_.status();
+  EXPECT_TRUE(status.up);
+  EXPECT_EQ(status.connections, 1u);
+  EXPECT_GT(status.writes, 1u);
+  EXPECT_GT(status.reads, 0u);
+  EXPECT_EQ(status.drops, 0u);
+}
+
+TEST_F(Io, WithoutOrdersItVentsByItself) {
+  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
+  const double last_order = steadyNow();
+  ASSERT_TRUE(eventually([&] { return vents(); }));
+  EXPECT_GE(steadyNow() - last_order, 0.9 * kOrderTimeout);
+  EXPECT_EQ(io_.status().own_vents, 1u);
+  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
+}
+
+TEST_F(Io, AHangingDeviceHoldsNobodyUp) {
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+  device_.hangs = true;
+  for (int i = 0; i < 1000; ++i) io_.order(ordersOf(i, i), io_.drops());
+  Reading reading(kChannels);
+  io_.take(reading);
+  io_.status();
+  device_.hangs = false;
+  ASSERT_TRUE(keepOrdering(ordersOf(7e4, 0), [&] { return regulates(7e4); }));
+}
+
+TEST_F(Io, ALostLinkIsTriedAgainWithGrowingPauses) {
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+  device_.mute = true;
+  ASSERT_TRUE(eventually([&] { return !io_.up(); }));
+  EXPECT_EQ(io_.drops(), 1u);
+  const int attempts = device_.attempts;
+  const double begin = steadyNow();
+  ASSERT_TRUE(eventually([&] { return device_.attempts >= attempts + 6; }));
+  // 10, 20, 40, 40, 40 ms between six attempts.
+  EXPECT_GE(steadyNow() - begin, 0.14);
+  EXPECT_EQ(io_.status().last_error, "refused");
+  device_.mute = false;
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+  EXPECT_EQ(io_.status().connections, 2u);
+}
+
+TEST_F(Io, OrdersFromBeforeALossAreNotWritten) {
+  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
+  device_.mute = true;
+  ASSERT_TRUE(eventually([&] { return io_.drops() == 1; }));
+  device_.mute = false;
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+  const int writes = device_.writes;
+  Reading reading(kChannels);
+  for (int i = 0; i < 20; ++i) {  // whoever gives them has not heard of the loss yet
+    io_.order(ordersOf(3e4, 4e4), 0);
+    ASSERT_TRUE(eventually([&] { return io_.take(reading); }));
+  }
+  EXPECT_EQ(device_.writes, writes);
+  EXPECT_TRUE(vents());
+  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
+}
+
+TEST_F(Io, FewBadRepliesAreCountedAndManyEndTheLink) {
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+  device_.bad_replies = 2;
+  ASSERT_TRUE(eventually([&] { return io_.status().bad_replies == 2; }));
+  const std::uint64_t reads = io_.status().reads;
+  ASSERT_TRUE(eventually([&] { return io_.status().reads > reads; }));
+  EXPECT_EQ(io_.drops(), 0u);
+  EXPECT_EQ(io_.status().last_error, "garbage");
+  device_.bad_replies = 3;
+  ASSERT_TRUE(eventually([&] { return io_.drops() == 1; }));
+  ASSERT_TRUE(eventually([&] { return io_.up(); }));
+}
+
+TEST(RegulatorIo, VentsAndClosesAtItsEnd) {
+  ScriptedDevice device(kChannels);
+  {
+    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
+    ASSERT_TRUE(eventually([&] {
+      io.order(ordersOf(3e4, 4e4), 0);
+      return device.taken().valve[0] == Valve::kRegulate;
+    }));
+  }
+  EXPECT_EQ(device.taken().valve, std::vector<Valve>(kChannels, Valve::kVent));
+  EXPECT_EQ(device.vents, 1);
+  EXPECT_EQ(device.closings, 1);
+}
+
+TEST(RegulatorIo, EndsWithoutADeviceToo) {
+  ScriptedDevice device(kChannels);
+  device.refuses = true;
+  {
+    const RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
+    ASSERT_TRUE(eventually([&] { return device.attempts > 1; }));
+    EXPECT_FALSE(io.up());
+  }
+  EXPECT_EQ(device.connections, 0);
+  EXPECT_EQ(device.vents, 0);
+}
+
+TEST(RegulatorIo, OrderingAndTakingDoNotAllocate) {
+  ScriptedDevice device(kChannels);
+  device.refuses = true;  // the thread of the line is asleep, or nearly
+  IoRules rules = briskRules();
+  rules.first_back_off = rules.longest_back_off = 60;
+  RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, rules);
+  ASSERT_TRUE(eventually([&] { return !io.status().last_error.empty(); }));
+  const ValveOrders orders = ordersOf(1e5, 2e5);
+  Reading reading(kChannels);
+  const test::AllocationCounter counter;
+  for (int i = 0; i < 1000; ++i) {
+    io.order(orders, 0);
+    io.take(reading);
+  }
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST(RegulatorIo, RefusesRulesThatCannotBe) {
+  const auto refused = [](const std::function<void(IoRules&)>& spoil) {
+    IoRules rules = briskRules();
+    spoil(rules);
+    return test::refusal([&] { rules.validate(); });
+  };
+  EXPECT_NE(refused([](IoRules& r) { r.period = 0; }).find("period"), std::string::npos);
+  EXPECT_NE(refused([](IoRules& r) { r.order_timeout = -1; }).find("orders"), std::string::npos);
+  EXPECT_NE(refused([](IoRules& r) { r.longest_back_off = 0.001; }).find("longest"),
+            std::string::npos);
+  EXPECT_NE(refused([](IoRules& r) { r.most_bad_replies = 0; }).find("bad replies"),
+            std::string::npos);
+  EXPECT_THROW(RegulatorIo(nullptr, kChannels, briskRules()), std::invalid_argument);
+}
+
+TEST(Mailbox, TheReceiverSeesTheNewestAndNoneTwice) {
+  Mailbox<int> box(0);
+  EXPECT_FALSE(box.fetch());
+  for (int i = 1; i <= 3; ++i) {
+    box.draft() = i;
+    box.post();
+  }
+  ASSERT_TRUE(box.fetch());
+  EXPECT_EQ(box.held(), 3);
+  EXPECT_FALSE(box.fetch());
+  EXPECT_EQ(box.held(), 3);
+}
+
+TEST(Mailbox, WhatIsFetchedIsWholeAndNeverOlder) {
+  struct Pair {
+    std::uint64_t first = 0, second = 0;
+  };
+  constexpr std::uint64_t kPosts = 1000000;
+  Mailbox<Pair> box({});
+  std::thread sender([&] {
+    for (std::uint64_t i = 1; i <= kPosts; ++i) {
+      box.draft() = {i, ~i};
+      box.post();
+    }
+  });
+  std::uint64_t last = 0, torn = 0, older = 0;
+  while (last < kPosts) {
+    if (!box.fetch()) continue;
+    torn += box.held().second != ~box.held().first;
+    older += box.held().first <= last;
+    last = box.held().first;
+  }
+  sender.join();
+  EXPECT_EQ(torn, 0u);
+  EXPECT_EQ(older, 0u);
+}
+
+}  // namespace
+}  // namespace helix_arm::regulator

@@ -1,0 +1,106 @@
+// The fault matrix of the ROS master and of simulated time, each with a master of its own.
+#include <csignal>
+#include <cstdio>
+
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+
+#include "helix_arm/PressureArray.h"
+#include "support/emulated_regulator.hpp"
+#include "support/process.hpp"
+#include "support/eventually.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+const std::string kTarget = "[150000.0, 100000.0, 50000.0]";
+const std::string kNode = "/pressure_command";
+
+class DeadMaster : public ::testing::Test {
+ protected:
+  std::vector<std::string> node(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> out = {HELIX_ARM_PRESSURE_COMMAND, "_scene:=" + regulator_.scene()};
+    out.insert(out.end(), more.begin(), more.end());
+    return out;
+  }
+  Process commander() const {
+    return Process({"rostopic", "pub", "-r", "20", "/pressure_target", "helix_arm/PressureArray",
+                    "pressure: " + kTarget},
+                   master_.variables());
+  }
+  void call(const std::vector<std::string>& arguments, const std::string& answer) const {
+    std::vector<std::string> command = {"rosservice", "call", "--wait"};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Process process(command, master_.variables());
+    EXPECT_EQ(process.exitCode(), 0) << process.output();
+    EXPECT_NE(process.output().find(answer), std::string::npos) << process.output();
+  }
+  void enable() const { call({kNode + "/enable"}, "success: True"); }
+  bool inflates() const {
+    return eventually([this] { return regulator_.pressure()[0] > 1.4e5; }, 20);
+  }
+  bool vents(double deadline) const {
+    return eventually([this] { return regulator_.vents(); }, deadline);
+  }
+
+  EmulatedRegulator regulator_{EmulatedRegulator::Line::kModbus};
+  Master master_;
+};
+
+TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
+  Process arm(node(), master_.variables());
+  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
+  Process hand = commander();
+  enable();
+  ASSERT_TRUE(inflates()) << arm.output();
+  const double begin = regulator::steadyNow();
+  master_.stop();
+  EXPECT_EQ(arm.exitCode(10), 1) << arm.output();
+  EXPECT_TRUE(vents(1));
+  std::printf("[  FIGURE  ] master lost: the node has ended, the regulator vents after %.0f ms\n",
+              1e3 * (regulator::steadyNow() - begin));
+}
+
+TEST_F(DeadMaster, HardwareRefusesSimulatedTime) {
+  Process set({"rosparam", "set", "/use_sim_time", "true"}, master_.variables());
+  ASSERT_EQ(set.exitCode(), 0) << set.output();
+  Process arm(node(), master_.variables());
+  EXPECT_EQ(arm.exitCode(), 2) << arm.output();
+  for (const char* words : {"/use_sim_time", "~allow_sim_time"}) {
+    EXPECT_NE(arm.output().find(words), std::string::npos) << words << " in " << arm.output();
+  }
+}
+
+TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "targets.bag";
+  {
+    rosbag::Bag bag(path, rosbag::bagmode::Write);
+    PressureArray target;
+    target.pressure = {1.5e5, 1e5, 5e4};
+    for (int i = 0; i < 1200; ++i) {  // a minute at 20 Hz
+      target.header.stamp = ros::Time(1e9 + 0.05 * i);
+      bag.write("/pressure_target", target.header.stamp, target);
+    }
+  }
+  Process set({"rosparam", "set", "/use_sim_time", "true"}, master_.variables());
+  ASSERT_EQ(set.exitCode(), 0) << set.output();
+  Process player({"rosbag", "play", "--clock", "--quiet", path, "__name:=player"},
+                 master_.variables());
+  Process arm(node({"_allow_sim_time:=true"}), master_.variables());
+  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
+  enable();
+  ASSERT_TRUE(inflates()) << arm.output();
+  const double begin = regulator::steadyNow();
+  call({"/player/pause_playback", "true"}, "success: True");
+  ASSERT_TRUE(vents(3));
+  std::printf(
+      "[  FIGURE  ] recording paused (and simulated time with it): the regulator vents "
+      "%.0f ms after the call began\n",
+      1e3 * (regulator::steadyNow() - begin));
+  EXPECT_TRUE(arm.prints("stale", 5) || arm.output().find("target_timeout") != std::string::npos)
+      << arm.output();
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,189 @@
+#include "helix_arm/simulation/modbus_device.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "support/eventually.hpp"
+#include "support/modbus_profiles.hpp"
+#include "support/raw_modbus.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+using control::Valve;
+using regulator::ModbusProfile;
+using test::eventually;
+using test::mpaProfile;
+using test::RawModbus;
+using test::vtemProfile;
+using Words = RawModbus::Words;
+
+ModbusDeviceConfig configOf(const ModbusProfile& profile, int places) {
+  ModbusDeviceConfig config;
+  config.profile = profile;
+  config.places = places;
+  config.regulator.time_constant = 0.02;
+  config.regulator.noise = 0;
+  return config;
+}
+
+TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
+  ModbusDeviceConfig config = configOf(mpaProfile(), 2);
+  config.regulator.time_constant = 0.3;
+  ModbusDevice device(config);
+  const RawModbus raw(device.port());
+  EXPECT_EQ(raw.read(45395, 6), (Words{0, 0, 0, 0, 0, 0}));
+  ASSERT_TRUE(raw.write(40003, {2000, 500}));
+  const double begin = device.lastWrite();
+  const double before = regulator::steadyNow();
+  const Eigen::VectorXd pressure = device.pressure();
+  const double after = regulator::steadyNow();
+  EXPECT_GE(pressure[0], 2e5 * -std::expm1(-(before - begin) / 0.3) - 1e-6);
+  EXPECT_LE(pressure[0], 2e5 * -std::expm1(-(after - begin) / 0.3) + 1e-6);
+  EXPECT_NEAR(pressure[1], pressure[0] / 4, 1e-6);
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 2e5) < 1; }));
+  EXPECT_EQ(raw.read(45395, 6), (Words{2000, 0, 0, 500, 0, 0}));
+  EXPECT_EQ(device.setPoint(), Eigen::Vector2d(2e5, 5e4));
+  EXPECT_EQ(device.valves(), (std::vector<Valve>{Valve::kRegulate, Valve::kRegulate}));
+}
+
+TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
+  ModbusDevice device(configOf(vtemProfile(), 2));
+  const RawModbus raw(device.port());
+  const auto status = [&raw] { return raw.read(45395, 1).at(0); };
+  EXPECT_NE(status(), 125);
+  ASSERT_TRUE(raw.write(40003, {195, 1000, 500}));  // not acknowledged
+  EXPECT_NE(status(), 125);
+  EXPECT_EQ(device.valves()[0], Valve::kClose);
+  ASSERT_TRUE(raw.write(40003, {126, 0, 0}));
+  EXPECT_EQ(status(), 125);
+  ASSERT_TRUE(raw.write(40003, {195, 1000, 500}));
+  ASSERT_TRUE(eventually([&] { return status() == 131; }));
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 1e5) < 1; }));
+  EXPECT_EQ(raw.read(45395, 3), (Words{131, 1000, 500}));
+  ASSERT_TRUE(raw.write(40003, {61, 0, 0}));  // its app ends, its air stays
+  EXPECT_EQ(status(), 125);
+  EXPECT_EQ(device.valves(), (std::vector<Valve>{Valve::kClose, Valve::kClose}));
+  const double kept = device.pressure()[0];
+  std::this_thread::sleep_for(std::chrono::milliseconds(60));
+  EXPECT_NEAR(device.pressure()[0], kept, 1e-3);
+  EXPECT_GT(kept, 0.99e5);
+}
+
+TEST(ModbusDevice, AJammedSlotDoesNotStart) {
+  ModbusDevice device(configOf(vtemProfile(), 4));
+  device.jam(1, true);
+  const RawModbus raw(device.port());
+  ASSERT_TRUE(raw.write(40003, {126, 0, 0, 126, 0, 0}));
+  EXPECT_EQ(raw.read(45395, 1), (Words{125}));
+  EXPECT_NE(raw.read(45398, 1), (Words{125}));
+  device.jam(1, false);
+  ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
+  EXPECT_EQ(raw.read(45398, 1), (Words{125}));
+}
+
+TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
+  ModbusDevice device(configOf(mpaProfile(), 2));
+  const RawModbus raw(device.port());
+  EXPECT_TRUE(raw.read(40002, 1).empty());
+  EXPECT_TRUE(raw.read(40003, 3).empty());
+  EXPECT_TRUE(raw.read(45394, 2).empty());
+  EXPECT_TRUE(raw.readInputs(45395, 1).empty());
+  EXPECT_FALSE(raw.write(40005, {1}));
+  EXPECT_FALSE(raw.write(45395, {1}));
+  EXPECT_EQ(device.writes(), 0u);
+  EXPECT_TRUE(std::isinf(device.lastWrite()));
+  EXPECT_EQ(raw.read(40003, 2), (Words{0, 0}));  // and it is still there
+}
+
+TEST(ModbusDevice, ServesSeveralAtOnce) {
+  ModbusDevice device(configOf(mpaProfile(), 1));
+  std::vector<std::unique_ptr<RawModbus>> clients;
+  for (int i = 0; i < 5; ++i) clients.push_back(std::make_unique<RawModbus>(device.port()));
+  for (int round = 0; round < 3; ++round) {
+    for (std::size_t i = 0; i < clients.size(); ++i) {
+      const auto count = static_cast<std::uint16_t>(100 * (i + 1));
+      ASSERT_TRUE(clients[i]->write(40003, {count}));
+      EXPECT_EQ(clients[(i + 1) % clients.size()]->read(40003, 1), (Words{count}));
+    }
+  }
+  EXPECT_EQ(device.connections(), 5);
+  EXPECT_EQ(device.writes(), 15u);
+  clients.resize(2);
+  EXPECT_TRUE(eventually([&] { return device.connections() == 2; }));
+}
+
+TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
+  ModbusDeviceConfig config = configOf(mpaProfile(), 1);
+  config.regulator.noise = 5e3;
+  ModbusDevice device(config);
+  const RawModbus raw(device.port());
+  std::set<std::uint16_t> seen;
+  for (int i = 0; i < 50; ++i) seen.insert(raw.read(45395, 1).at(0));
+  EXPECT_GT(seen.size(), 10u);
+  EXPECT_TRUE(std::any_of(seen.begin(), seen.end(), [](int word) { return word > 0x7fff; }));
+}
+
+TEST(ModbusDevice, SilenceTakesNothingIn) {
+  ModbusDevice device(configOf(mpaProfile(), 1));
+  const RawModbus raw(device.port());
+  ASSERT_TRUE(raw.write(40003, {1000}));
+  device.setFault(DeviceFault::kSilence);
+  std::thread asking([&raw] { EXPECT_FALSE(raw.write(40003, {3000})); });
+  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kSilence; }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // the request may be on its way
+  device.setFault(DeviceFault::kNone);
+  asking.join();
+  EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
+  EXPECT_EQ(device.setPoint()[0], 1e5);
+  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{1000}));
+}
+
+TEST(ModbusDevice, ARestartEndsAllConnectionsAndVents) {
+  ModbusDevice device(configOf(mpaProfile(), 1));
+  const int port = device.port();
+  const RawModbus raw(port);
+  ASSERT_TRUE(raw.write(40003, {1000}));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 0.9e5; }));
+  device.setFault(DeviceFault::kRestart);
+  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kNone; }));
+  EXPECT_TRUE(raw.read(40003, 1).empty());
+  EXPECT_EQ(device.port(), port);
+  EXPECT_EQ(device.setPoint()[0], 0);
+  EXPECT_EQ(device.pressure()[0], 0);
+  EXPECT_EQ(RawModbus(port).read(40003, 1), (Words{0}));
+}
+
+TEST(ModbusDevice, WhatItCannotBeIsRefused) {
+  ModbusDevice first(configOf(mpaProfile(), 1));
+  ModbusDeviceConfig config = configOf(mpaProfile(), 1);
+  config.port = first.port();
+  EXPECT_NE(test::refusal<std::runtime_error>([&] {
+              ModbusDevice second(config);
+            }).find("cannot listen at 127.0.0.1:" + std::to_string(first.port())),
+            std::string::npos);
+  config.port = 0;
+  config.places = 0;
+  EXPECT_NE(test::refusal([&] {
+              ModbusDevice none(config);
+            }).find("the number of places is 0; expected at least 1"),
+            std::string::npos);
+  config.places = 100000;
+  EXPECT_NE(test::refusal([&] { ModbusDevice many(config); }).find("registers below 65536"),
+            std::string::npos);
+  config.places = 1;
+  config.activation_time = -1;
+  EXPECT_THROW(ModbusDevice device(config), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::simulation

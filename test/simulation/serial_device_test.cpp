@@ -1,0 +1,233 @@
+// The emulated device against a bare line, without a driver.
+
+#include "helix_arm/simulation/serial_device.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <set>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/serial_port.hpp"
+#include "support/refusal.hpp"
+#include "support/serial_profiles.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+using control::Valve;
+using regulator::SerialPort;
+using regulator::SerialProfile;
+using test::refusal;
+using Clock = SerialPort::Clock;
+
+constexpr double kTau = 0.02;  // [s]
+
+bool within(double time, const std::function<bool()>& holds) {
+  const Clock::time_point begin = Clock::now();
+  while (!holds()) {
+    if (std::chrono::duration<double>(Clock::now() - begin).count() > time) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return true;
+}
+
+SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::string> addresses,
+                            int channels) {
+  SerialDeviceConfig config;
+  config.profile = profile;
+  config.addresses = std::move(addresses);
+  config.channels = channels;
+  config.regulator = {kTau, 6e5, 0.0, 1};
+  return config;
+}
+
+// Somebody who types.
+class Terminal {
+ public:
+  Terminal(const SerialDevice& device, std::string terminator)
+      : terminator_(std::move(terminator)) {
+    port_.open(device.path(), 115200);
+  }
+  void say(const std::string& line) { port_.send(line + terminator_, soon()); }
+  std::optional<std::string> hear() { return port_.receiveLine(terminator_, soon()); }
+  std::string ask(const std::string& line) {
+    say(line);
+    return hear().value_or("silence");
+  }
+
+ private:
+  static Clock::time_point soon() { return Clock::now() + std::chrono::milliseconds(700); }
+
+  SerialPort port_;
+  std::string terminator_;
+};
+
+TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
+  const SerialDevice device(configOf(test::alicatProfile(), {"A", "B"}, 2));
+  Terminal terminal(device, "\r");
+  EXPECT_EQ(terminal.ask("A"), "A 0.00 0.00");
+  EXPECT_EQ(terminal.ask("BS20.00"), "B 0.00 20.00");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[1] > 20 * 6894.757 - 1; }));
+  EXPECT_EQ(terminal.ask("B"), "B 20.00 20.00");
+  EXPECT_EQ(terminal.ask("C"), "?");
+  EXPECT_EQ(device.pressure()[0], 0.0);
+  EXPECT_NEAR(device.setPoint()[1], 20 * 6894.757293168, 1e-6);
+}
+
+TEST(SerialDevice, AHeldAlicatTakesSetPointsButFollowsThemOnlyWhenReleased) {
+  const SerialDevice device(configOf(test::alicatProfile(), {"A"}, 1));
+  Terminal terminal(device, "\r");
+  terminal.ask("AS20.00");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] > 1.378e5; }));
+  terminal.ask("AHC");
+  EXPECT_EQ(device.valves(), std::vector<Valve>{Valve::kClose});
+  terminal.ask("AS0.00");
+  within(5 * kTau, [] { return false; });
+  EXPECT_GT(device.pressure()[0], 1.378e5);
+  terminal.ask("AC");
+  EXPECT_TRUE(within(1.0, [&] { return device.pressure()[0] < 100; }));
+}
+
+TEST(SerialDevice, ACtrlPSpeaksOnceItIsSwitchedOnAndVentsByItsMode) {
+  SerialDeviceConfig config = configOf(test::ctrlPProfile(), {}, 3);
+  const SerialDevice device(config);
+  Terminal terminal(device, "\n");
+  EXPECT_FALSE(terminal.hear());
+  terminal.say("on");
+  EXPECT_EQ(terminal.hear(), "0\t1\t0.00\t0.00\t0.00");
+  terminal.say("set;0;100;50;25");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] > 9.99e4; }));
+  terminal.say("mode;0");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] < 100; }));
+  terminal.say("set;0;100;50;25");
+  ASSERT_TRUE(within(1.0, [&] { return device.setPoint()[0] == 1e5; }));
+  EXPECT_EQ(device.valves(), std::vector<Valve>(3, Valve::kVent));
+  terminal.say("mode;1");
+  EXPECT_TRUE(within(1.0, [&] { return device.pressure()[2] > 2.49e4; }));
+}
+
+TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  config.regulator.time_constant = 0.3;
+  const SerialDevice device(config);
+  Terminal terminal(device, "\n");
+  EXPECT_TRUE(std::isnan(device.lastSetTime()));
+  const double before = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  terminal.ask("p0=200.00");
+  const double after = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  EXPECT_GE(device.lastSetTime(), before);
+  EXPECT_LE(device.lastSetTime(), after);
+  within(0.2, [] { return false; });
+  const double early = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double pressure = device.pressure()[0];
+  const double late = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const auto lag = [](double t) { return 2e5 * -std::expm1(-t / 0.3); };
+  EXPECT_GE(pressure, lag(early - after) - 1);
+  EXPECT_LE(pressure, lag(late - before) + 1);
+}
+
+TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
+  SerialProfile profile = test::genericProfile();
+  SerialDevice device(configOf(profile, {"0"}, 1));
+  Terminal terminal(device, "\n");
+  terminal.ask("p0=200.00");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] > 2e5 - 1; }));
+  ASSERT_EQ(terminal.ask("p0?"), "p0=200.00 kPa");
+
+  device.setFault(DeviceFault::kWrongUnit);
+  EXPECT_EQ(terminal.ask("p0?"), "p0=29.01 psi");  // 200 kPa / 6.894757 kPa
+  device.setFault(DeviceFault::kNanText);
+  EXPECT_EQ(terminal.ask("p0?"), "p0=nan kPa");
+  device.setFault(DeviceFault::kStuckValue);
+  terminal.ask("p0=100.00");
+  ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] < 1e5 + 1; }));
+  EXPECT_EQ(terminal.ask("p0?"), "p0=200.00 kPa");
+  device.setFault(DeviceFault::kHalfLine);
+  EXPECT_EQ(terminal.ask("p0?"), "silence");
+  device.setFault(DeviceFault::kNone);
+  EXPECT_EQ(terminal.ask("p0?"), "p0=100p0=100.00 kPa");  // and what came of the half line before
+
+  device.setFault(DeviceFault::kSilence);
+  const std::uint64_t lines = device.lines();
+  EXPECT_EQ(terminal.ask("p0=50.00"), "silence");
+  EXPECT_EQ(device.lines(), lines);
+  EXPECT_EQ(device.setPoint()[0], 1e5);
+  device.setFault(DeviceFault::kSlow);
+  const Clock::time_point asked = Clock::now();
+  EXPECT_EQ(terminal.ask("p0?"), "p0=100.00 kPa");
+  EXPECT_GT(std::chrono::duration<double>(Clock::now() - asked).count(), profile.timeout);
+  device.setFault(DeviceFault::kGarbage);
+  terminal.say("p0?");
+  EXPECT_NE(terminal.hear(), "p0=100.00 kPa");
+}
+
+TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
+  const test::TemporaryFolder folder;
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  config.link = folder / "regulator";
+  {
+    SerialDevice device(config);
+    EXPECT_EQ(device.path(), config.link);
+    Terminal before(device, "\n");
+    before.ask("p0=200.00");
+    ASSERT_TRUE(within(1.0, [&] { return device.pressure()[0] > 1.9e5; }));
+    device.setFault(DeviceFault::kRestart);
+    ASSERT_TRUE(within(1.0, [&] { return device.restarts() == 1; }));
+    EXPECT_EQ(device.fault(), DeviceFault::kNone);
+    EXPECT_THROW(before.ask("p0?"), regulator::LinkError);
+    EXPECT_TRUE(within(1.0, [&] { return device.pressure()[0] < 1e3; }));
+    Terminal after(device, "\n");
+    EXPECT_EQ(after.ask("p0?").substr(0, 3), "p0=");
+  }
+  EXPECT_FALSE(std::filesystem::is_symlink(config.link));
+}
+
+TEST(SerialDevice, WhatIsInTheLinksPlaceIsNotReplacedUnlessItIsALink) {
+  const test::TemporaryFolder folder;
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  config.link = folder / "file";
+  std::ofstream(config.link) << "precious";
+  EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice device(config); }),
+            config.link + " is there and no symlink; expected a free place for one");
+  config.link = folder / "stale";
+  std::filesystem::create_symlink("/dev/pts/nowhere", config.link);
+  const SerialDevice device(config);
+  Terminal terminal(device, "\n");
+  EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
+}
+
+TEST(SerialDevice, FaultyConfigurationsAreRefused) {
+  const auto refused = [](const SerialDeviceConfig& config) {
+    return refusal([&] { SerialDevice device(config); });
+  };
+  EXPECT_EQ(refused(configOf(test::genericProfile(), {"0"}, 2)),
+            "serial device: the number of addresses is 1; expected one a channel where the profile "
+            "has {address}, else none");
+  EXPECT_EQ(refused(configOf(test::ctrlPProfile(), {}, 0)),
+            "serial device: the number of channels is 0; expected at least 1");
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  config.period = 0;
+  EXPECT_EQ(refused(config), "serial device: the period [s] is 0; expected a value > 0");
+}
+
+TEST(DeviceFault, EveryNameIsItsOwnAndIsUnderstood) {
+  std::set<std::string> names;
+  for (int i = 0; i < kDeviceFaultCount; ++i) {
+    const auto fault = static_cast<DeviceFault>(i);
+    names.insert(nameOf(fault));
+    EXPECT_EQ(parseDeviceFault(nameOf(fault)), fault);
+  }
+  EXPECT_EQ(names.size(), static_cast<std::size_t>(kDeviceFaultCount));
+  EXPECT_EQ(names.count("half_line"), 1u);
+  EXPECT_FALSE(parseDeviceFault("halfline"));
+}
+
+}  // namespace
+}  // namespace helix_arm::simulation

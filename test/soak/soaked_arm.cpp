@@ -1,0 +1,211 @@
+#include "soaked_arm.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "helix_arm/regulator/config.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using control::SafetyState;
+using simulation::DeviceFault;
+
+constexpr double kRate = 1000;          // of targets [Hz]
+constexpr double kOrderTimeout = 0.25;  // [s]
+// Of a machine with other things to do: a turn, a thread or a reading that comes late [s].
+constexpr double kSlack = 0.5;
+constexpr double kStranded = 30;  // without getting it enabled again [s]
+
+std::unique_ptr<regulator::RegulatorIo> startIo(const io::Scene& scene) {
+  regulator::IoRules rules;
+  rules.period = 0.005;
+  rules.order_timeout = kOrderTimeout;
+  const int channels = scene.arm.actuatorCount();
+  return std::make_unique<regulator::RegulatorIo>(regulator::makeDriver(*scene.regulator, channels),
+                                                  channels, rules);
+}
+
+bool isDevices(int trouble) { return trouble < simulation::kDeviceFaultCount; }
+
+// Nothing can be told to a device, or nothing that it says be believed, while it lasts.
+bool silences(int trouble) {
+  switch (static_cast<DeviceFault>(trouble)) {
+    case DeviceFault::kSilence:
+    case DeviceFault::kGarbage:
+    case DeviceFault::kHalfLine:
+    case DeviceFault::kSlow:
+    case DeviceFault::kNanText:
+      return true;
+    default:
+      return false;
+  }
+}
+
+}  // namespace
+
+const char* troubleName(int trouble) {
+  constexpr const char* kOthers[] = {"silent commander", "emergency stop", "vent asked for"};
+  return isDevices(trouble) ? simulation::nameOf(static_cast<DeviceFault>(trouble))
+                            : kOthers[trouble - kSilentCommander];
+}
+
+SoakedArm::SoakedArm(const io::Scene& scene, SoakedDevice device, unsigned seed)
+    : device_(std::move(device)),
+      random_(seed),
+      path_({scene.safety.channels, scene.safety.rules}, startIo(scene)),
+      rules_(scene.safety.rules),
+      goal_(Eigen::VectorXd::Zero(scene.arm.actuatorCount())),
+      true_pressure_(goal_) {}
+
+void SoakedArm::run(const std::atomic<bool>& stop) {
+  now_ = regulator::steadyNow();
+  trouble_ended_ = now_;
+  enter(Phase::kRecover, kStranded);
+  auto next = std::chrono::steady_clock::now();
+  while (!stop && tally_.stranded == 0) {
+    next += std::chrono::microseconds(static_cast<int>(1e6 / kRate));
+    std::this_thread::sleep_until(next);
+    turn();
+  }
+}
+
+void SoakedArm::enter(Phase phase, double lasts) {
+  phase_ = phase;
+  phase_began_ = now_;
+  phase_ends_ = now_ + lasts;
+}
+
+void SoakedArm::turn() {
+  now_ = regulator::steadyNow();
+  if (now_ >= next_goal_) {
+    for (int i = 0; i < goal_.size(); ++i) {
+      const model::Range& limits = path_.core().channels()[static_cast<std::size_t>(i)].limits;
+      goal_[i] = random_.uniform(limits.lower, limits.upper);
+    }
+    next_goal_ = now_ + random_.uniform(0.2, 2);
+  }
+  const bool speaks = !(phase_ == Phase::kTrouble && trouble_ == kSilentCommander);
+  if (speaks && path_.target(now_, goal_)) {
+    ++tally_.targets;
+    if (pending_target_ == 0 && phase_ == Phase::kFollow) pending_target_ = now_;
+  } else {
+    path_.turn(now_);
+  }
+  true_pressure_ = device_.pressure().head(goal_.size());
+  for (int i = 0; i < goal_.size(); ++i) {
+    const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
+    tally_.highest = std::max(tally_.highest, true_pressure_[i] / limit);
+  }
+  if (phase_ == Phase::kFollow) follow();
+  if (phase_ == Phase::kTrouble) endure();
+  if (phase_ == Phase::kRecover) recover();
+}
+
+bool SoakedArm::empty() const { return true_pressure_.maxCoeff() < rules_.vented_below; }
+
+void SoakedArm::follow() {
+  const double written = device_.last_write();
+  if (pending_target_ > 0 && written > pending_target_) {
+    tally_.writes.add(written - pending_target_);
+    pending_target_ = 0;
+  }
+  if (!enabled()) {
+    ++tally_.unprovoked;
+    trouble_ = -1;
+    trouble_ended_ = now_;
+    tally_.last_reason =
+        "without trouble: " + path_.core().reason() + " (" + path_.io()->status().last_error + ")";
+    enter(Phase::kRecover, kStranded);
+  } else if (now_ >= phase_ends_) {
+    begin(random_.integer(1, kTroubleCount - 1));
+  }
+}
+
+void SoakedArm::begin(int trouble) {
+  trouble_ = trouble;
+  trouble_began_ = now_;
+  decided_ = emptied_ = missed_ = false;
+  pending_target_ = 0;
+  ++tally_.troubles[static_cast<std::size_t>(trouble)].injected;
+  if (isDevices(trouble)) device_.setFault(static_cast<DeviceFault>(trouble));
+  if (trouble == kStopEngaged) path_.core().emergencyStop(now_, true);
+  if (trouble == kVentAsked) path_.core().vent(now_);
+  enter(Phase::kTrouble, random_.logUniform(0.05, 5));
+}
+
+// When at the latest the trouble ends kEnabled, if it lasts.
+double SoakedArm::mustDecide() const {
+  if (trouble_ == kStopEngaged || trouble_ == kVentAsked) return trouble_began_;
+  if (trouble_ == kSilentCommander) return trouble_began_ + rules_.target_timeout + kSlack;
+  if (silences(trouble_)) return trouble_began_ + rules_.reading_timeout + kSlack;
+  return std::numeric_limits<double>::infinity();
+}
+
+// Times of the trouble's tally, once each.
+void SoakedArm::note() {
+  if (trouble_ < 0) return;
+  TroubleTally& tally = tally_.troubles[static_cast<std::size_t>(trouble_)];
+  if (!decided_ && !enabled()) {
+    decided_ = true;
+    left_enabled_ = now_;
+    tally.decided.add(now_ - trouble_began_);
+  }
+  if (decided_ && !emptied_ && empty()) {
+    emptied_ = true;
+    tally.empty.add(now_ - trouble_began_);
+  }
+}
+
+void SoakedArm::miss(const std::string& what) {
+  if (missed_) return;
+  missed_ = true;
+  if (trouble_ >= 0) ++tally_.troubles[static_cast<std::size_t>(trouble_)].missed;
+  tally_.last_reason = std::string(trouble_ < 0 ? "no trouble" : troubleName(trouble_)) + ": " +
+                       what + "; " + path_.core().reason();
+}
+
+void SoakedArm::endure() {
+  note();
+  if (!decided_ && now_ > mustDecide()) miss("still enabled");
+  // The device hears: whatever it says of itself, it is to be empty in time.
+  const bool hears = !isDevices(trouble_);
+  if (hears && decided_ && !emptied_ && now_ > left_enabled_ + rules_.vent_time + kSlack) {
+    miss("pressure stands");
+  }
+  if (now_ < phase_ends_) return;
+  if (isDevices(trouble_)) device_.setFault(DeviceFault::kNone);
+  if (trouble_ == kStopEngaged) path_.core().emergencyStop(now_, false);
+  trouble_ended_ = now_;
+  enter(Phase::kRecover, kStranded);
+}
+
+void SoakedArm::recover() {
+  note();
+  if (phase_began_ == now_) return;  // what was said to the device has its first turn yet
+  // Silent for the last of its time, the link is found dead only now.
+  const bool settles = now_ < trouble_ended_ + rules_.reading_timeout + kSlack;
+  if (enabled()) {
+    if (settles) return;
+    if (trouble_ >= 0 && !decided_) ++tally_.troubles[static_cast<std::size_t>(trouble_)].endured;
+    enter(Phase::kFollow, random_.uniform(0.5, 3));
+    return;
+  }
+  const regulator::IoRules io;
+  const double reachable = trouble_ >= 0 && isDevices(trouble_) ? io.longest_back_off + 1 : 0;
+  const double left = std::max(trouble_ended_, decided_ ? left_enabled_ : trouble_ended_);
+  if (!empty() && now_ > left + reachable + rules_.vent_time + kSlack) miss("pressure stands");
+  if (trouble_ >= 0 && decided_ && !emptied_) return;
+  if (path_.core().enable(now_).empty()) {
+    trouble_ = -1;
+    enter(Phase::kFollow, random_.uniform(0.5, 3));
+  } else if (now_ >= phase_ends_) {
+    ++tally_.stranded;
+    miss("cannot be enabled: " + path_.core().refusal(now_) + " (" +
+         path_.io()->status().last_error + ")");
+  }
+}
+
+}  // namespace helix_arm::test

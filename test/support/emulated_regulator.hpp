@@ -1,0 +1,107 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "helix_arm/simulation/serial_device.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+
+/// An emulated pressure regulator, whichever line it is on.
+class EmulatedRegulator {
+ public:
+  static constexpr int kChannels = 3;
+  enum class Line { kSerial, kModbus };
+
+  explicit EmulatedRegulator(Line line) {
+    // The profile is the scene's: what the driver speaks, the device does.
+    const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
+    regulator::SimulatedRegulatorConfig valves;
+    valves.time_constant = 0.05;
+    valves.noise = 100;
+    if (line == Line::kSerial) {
+      const auto& config = std::get<regulator::SerialConfig>(*scene.regulator);
+      simulation::SerialDeviceConfig device;
+      device.profile = config.profile;
+      device.addresses = config.addresses;
+      device.channels = kChannels;
+      device.regulator = valves;
+      device.link = folder_ / "line";
+      serial_ = std::make_unique<simulation::SerialDevice>(device);
+    } else {
+      simulation::ModbusDeviceConfig device;
+      device.profile = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
+      device.regulator = valves;
+      modbus_ = std::make_unique<simulation::ModbusDevice>(device);
+    }
+    scene_.emplace(sceneText(line, folder_ / "line", modbus_ ? modbus_->port() : 1));
+  }
+
+  const std::string& scene() const { return scene_->path(); }
+  void setFault(simulation::DeviceFault fault) {
+    if (serial_) serial_->setFault(fault);
+    if (modbus_) modbus_->setFault(fault);
+  }
+  Eigen::VectorXd setPoint() const {
+    return (serial_ ? serial_->setPoint() : modbus_->setPoint()).head(kChannels);
+  }
+  /// When the last set point came, of regulator::steadyNow() [s].
+  double lastSetTime() const { return serial_ ? serial_->lastSetTime() : modbus_->lastWrite(); }
+  Eigen::VectorXd pressure() const {
+    return (serial_ ? serial_->pressure() : modbus_->pressure()).head(kChannels);
+  }
+  /// Whether every channel lets its air out, by its valve or by its set point.
+  bool vents() const {
+    const auto valves = serial_ ? serial_->valves() : modbus_->valves();
+    const Eigen::VectorXd set_point = setPoint();
+    for (int i = 0; i < kChannels; ++i) {
+      const bool lets_out = valves[i] == control::Valve::kVent ||
+                            (valves[i] == control::Valve::kRegulate && set_point[i] == 0);
+      if (!lets_out) return false;
+    }
+    return true;
+  }
+
+ private:
+  static std::string sceneText(Line line, const std::string& device, int port) {
+    const std::string regulator =
+        line == Line::kSerial
+            ? "ascii_serial: {profile: generic, device: " + device + ", addresses: [0, 1, 2]}"
+            : "modbus_tcp: {profile: festo_vtem, host: 127.0.0.1, port: " + std::to_string(port) +
+                  "}";
+    return R"(name: hardware
+contractions:
+  muscle:
+    table: {pressure_kpa: [0, 200, 400], length_m: [0.40, 0.36, 0.30]}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections:
+    - name: arm
+      ring: {count: 3, radius_m: 0.03, contraction: muscle, max_pressure_kpa: 300}
+regulator:
+  )" + regulator +
+           R"(
+safety:
+  target_timeout_s: 0.5
+  reading_timeout_s: 0.4
+  slew_kpa_s: 2000
+  follow: {tolerance_kpa: 30, time_s: 0.4, time_constant_s: 0.05}
+  vent_time_s: 2
+)";
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<simulation::SerialDevice> serial_;
+  std::unique_ptr<simulation::ModbusDevice> modbus_;
+  std::optional<TemporaryFile> scene_;
+};
+
+}  // namespace helix_arm::test

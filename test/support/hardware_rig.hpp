@@ -1,0 +1,89 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
+
+#include "helix_arm/SafetyState.h"
+#include "support/emulated_regulator.hpp"
+#include "support/process.hpp"
+#include "support/ros_rig.hpp"
+
+namespace helix_arm::test {
+
+/// One pressure_command process, and a commander of it in this one.
+class HardwareRig {
+ public:
+  HardwareRig(EmulatedRegulator& device, const std::string& ns)
+      : regulator(device),
+        node({HELIX_ARM_PRESSURE_COMMAND, "__ns:=/" + ns, "_scene:=" + device.scene(),
+              "_frame_prefix:=" + ns + "_"}),
+        node_("/" + ns),
+        services_("/" + ns + "/pressure_command"),
+        targets_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
+        safety(node_, names::kSafetyState),
+        status(node_, names::kTargetStatus),
+        timer_(node_.createSteadyTimer(ros::WallDuration(0.02), &HardwareRig::send, this)) {}
+
+  /// Whether the latched state is this one, within the deadline [s].
+  bool comesTo(const std::string& state, double deadline = 20) {
+    return waitFor([&] { return !safety.all().empty() && safety.last().state == state; }, deadline);
+  }
+
+  std_srvs::TriggerResponse trigger(const std::string& service) {
+    std_srvs::Trigger call;
+    services_.serviceClient<std_srvs::Trigger>(service).call(call);
+    return call.response;
+  }
+  std_srvs::SetBoolResponse stop(bool engaged) {
+    std_srvs::SetBool call;
+    call.request.data = engaged;
+    services_.serviceClient<std_srvs::SetBool>(names::kEmergencyStop).call(call);
+    return call.response;
+  }
+
+  /// Enables it, whatever it takes, and commands until the device is at the pressures [Pa].
+  bool bringTo(const Eigen::Vector3d& pressure) {
+    if (!ros::service::waitForService(services_.getNamespace() + "/" + names::kEnable,
+                                      ros::Duration(20))) {
+      return false;
+    }
+    command(pressure);
+    return waitFor([&] {
+             const bool enabled = !safety.all().empty() && safety.last().state == "enabled";
+             return enabled || trigger(names::kEnable).success;
+           }) &&
+           waitFor([&] { return (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3; });
+  }
+  /// Sends these at 50 Hz from now on [Pa].
+  void command(const Eigen::Vector3d& pressure) { wanted_ = pressure; }
+  void fallSilent() { wanted_.reset(); }
+
+  EmulatedRegulator& regulator;
+  Process node;
+
+ private:
+  void send(const ros::SteadyTimerEvent&) {
+    if (!wanted_) return;
+    PressureArray target;
+    target.header.stamp = ros::Time::now();
+    target.pressure.assign(wanted_->begin(), wanted_->end());
+    targets_.publish(target);
+  }
+
+  ros::NodeHandle node_, services_;
+  ros::Publisher targets_;
+  std::optional<Eigen::Vector3d> wanted_;
+
+ public:
+  Inbox<SafetyState> safety;
+  Inbox<TargetStatus> status;
+
+ private:
+  ros::SteadyTimer timer_;
+};
+
+}  // namespace helix_arm::test

@@ -1,0 +1,42 @@
+#pragma once
+
+#include "helix_arm/regulator/modbus_profile.hpp"
+
+namespace helix_arm::test {
+
+/// As config/regulators/festo_vtem.yaml has it, with a shorter wait for its apps.
+inline regulator::ModbusProfile vtemProfile() {
+  regulator::ModbusProfile profile;
+  profile.name = "festo_vtem";
+  profile.highest_count = 7000;
+  profile.outlets = 2;
+  profile.output_base = 40003;
+  profile.output_stride = 3;
+  profile.output_pressure = 1;
+  profile.input_base = 45395;
+  profile.input_stride = 3;
+  profile.input_pressure = 1;
+  regulator::ModbusApp app;
+  app.regulate = 195;
+  app.off = 61;
+  app.acknowledge = 126;
+  app.status_mask = 255;
+  app.ready = 125;
+  app.running = 131;
+  app.activation_time = 0.3;
+  profile.app = app;
+  return profile;
+}
+
+/// As config/regulators/festo_mpa.yaml has it.
+inline regulator::ModbusProfile mpaProfile() {
+  regulator::ModbusProfile profile;
+  profile.name = "festo_mpa";
+  profile.highest_count = 10000;
+  profile.output_base = 40003;
+  profile.input_base = 45395;
+  profile.input_stride = 3;
+  return profile;
+}
+
+}  // namespace helix_arm::test

@@ -1,0 +1,60 @@
+#include "support/reply_server.hpp"
+
+#include <stdexcept>
+#include <utility>
+
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+namespace helix_arm::test {
+
+ReplyServer::ReplyServer(Answer answer) : answer_(std::move(answer)) {
+  listener_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  stop_ = eventfd(0, EFD_CLOEXEC);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  auto* const generic = reinterpret_cast<sockaddr*>(&address);
+  if (listener_ < 0 || stop_ < 0 || bind(listener_, generic, size) != 0 ||
+      listen(listener_, 8) != 0 || getsockname(listener_, generic, &size) != 0) {
+    throw std::runtime_error("no server to reply");
+  }
+  port_ = ntohs(address.sin_port);
+  thread_ = std::thread([this] { run(); });
+}
+
+ReplyServer::~ReplyServer() {
+  eventfd_write(stop_, 1);
+  thread_.join();
+  close(listener_);
+  close(stop_);
+}
+
+void ReplyServer::run() {
+  int client = -1;
+  for (;;) {
+    pollfd waited[] = {{stop_, POLLIN, 0}, {client < 0 ? listener_ : client, POLLIN, 0}};
+    if (poll(waited, 2, -1) < 0 || waited[0].revents != 0) break;
+    if (client < 0) {
+      client = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
+      continue;
+    }
+    Bytes request(512);
+    const ssize_t got = recv(client, request.data(), request.size(), 0);
+    if (got <= 0) {
+      close(client);
+      client = -1;
+      continue;
+    }
+    request.resize(static_cast<std::size_t>(got));
+    const Bytes reply = answer_(request);
+    if (!reply.empty()) send(client, reply.data(), reply.size(), MSG_NOSIGNAL);
+  }
+  if (client >= 0) close(client);
+}
+
+}  // namespace helix_arm::test

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <thread>
+#include <vector>
+
+namespace helix_arm::test {
+
+/// A TCP server on 127.0.0.1 that answers every request of one connection after the other with the
+/// bytes that a function gives; without any where it gives none.
+class ReplyServer {
+ public:
+  using Bytes = std::vector<std::uint8_t>;
+  using Answer = std::function<Bytes(const Bytes& request)>;
+
+  explicit ReplyServer(Answer answer);
+  ~ReplyServer();
+  ReplyServer(const ReplyServer&) = delete;
+  ReplyServer& operator=(const ReplyServer&) = delete;
+
+  int port() const { return port_; }
+
+ private:
+  void run();
+
+  Answer answer_;
+  int listener_ = -1;
+  int stop_ = -1;  // event counter
+  int port_ = 0;
+  std::thread thread_;
+};
+
+}  // namespace helix_arm::test

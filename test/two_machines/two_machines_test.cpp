@@ -1,0 +1,160 @@
+// launch/two_machines.launch on two machines, each a network namespace of this one: the camera
+// machine commands the arm, its cable is pulled and put back.
+#include <algorithm>
+#include <optional>
+
+#include <gtest/gtest.h>
+#include <ros/master.h>
+#include <ros/ros.h>
+#include <std_srvs/Trigger.h>
+
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/io/scene.hpp"
+#include "support/process.hpp"
+#include "support/ros_rig.hpp"
+#include "support/temporary_file.hpp"
+#include "two_networks.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr double kTargetTimeout = 1.0;  // [s]
+constexpr double kVentTime = 3.0;       // [s]
+constexpr double kMoves = 3e4;          // far above what a series sends while it waits [Pa]
+
+std::optional<TwoNetworks>& networks() {
+  static std::optional<TwoNetworks> instance;
+  return instance;
+}
+
+// The demo's rig, which lets nobody command it for longer than kTargetTimeout after falling silent.
+std::string sceneText() {
+  return io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml",
+                       {{"safety.target_timeout_s", "1"}, {"safety.vent_time_s", "3"}});
+}
+
+// One of the two launches, with the environment of its machine.
+class Machine {
+ public:
+  Machine(const std::string& role, const std::string& address, const std::string& scene,
+          const std::vector<std::string>& arguments)
+      : process_(command(role, address, scene, arguments),
+                 {{"ROS_MASTER_URI", "http://" + std::string(TwoNetworks::kControl) + ":11311"},
+                  {"ROS_HOSTNAME", address}}) {}
+
+  const std::string& output() {
+    process_.prints("(nothing prints this)", 0.2);
+    return process_.output();
+  }
+
+ private:
+  static std::vector<std::string> command(const std::string& role, const std::string& address,
+                                          const std::string& scene,
+                                          const std::vector<std::string>& arguments) {
+    std::vector<std::string> all = {"roslaunch",           "--wait",        "helix_arm",
+                                    "two_machines.launch", "role:=" + role, "host:=" + address,
+                                    "scene:=" + scene};
+    if (role == "control") all.erase(all.begin() + 1);  // the master is its own
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    return role == "control" ? all : networks()->onCamera(all);
+  }
+
+  Process process_;
+};
+
+bool moves(const PressureArray& command) {
+  return !command.pressure.empty() &&
+         *std::max_element(command.pressure.begin(), command.pressure.end()) > kMoves;
+}
+
+bool rests(const PressureArray& command) {
+  return std::all_of(command.pressure.begin(), command.pressure.end(),
+                     [](double pressure) { return pressure == 0; });
+}
+
+void enable() {
+  std_srvs::Trigger trigger;
+  ros::service::call("/pressure_command/enable", trigger);
+}
+
+TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root makes network namespaces";
+  try {
+    networks().emplace();
+  } catch (const std::runtime_error& error) {
+    GTEST_SKIP() << "no network namespaces here: " << error.what();
+  }
+  networks()->enterControl();
+  const TemporaryFile scene(sceneText());
+  Machine control("control", TwoNetworks::kControl, scene.path(), {"rig:=true"});
+  Machine camera("camera", TwoNetworks::kCamera, scene.path(), {"commander:=true"});
+  const auto told = [&] { return "control:\n" + control.output() + "camera:\n" + camera.output(); };
+
+  setenv("ROS_MASTER_URI", ("http://" + std::string(TwoNetworks::kControl) + ":11311").c_str(), 1);
+  setenv("ROS_HOSTNAME", TwoNetworks::kControl, 1);
+  ros::init(ros::M_string(), "two_machines_test");
+  ASSERT_TRUE(waitFor([] { return ros::master::check(); }, 60)) << told();
+  ros::NodeHandle node;
+  Inbox<SafetyState> safety(node, names::kSafetyState);
+  Inbox<PressureArray> command(node, names::kPressureCommand);
+  Inbox<TargetStatus> status(node, names::kTargetStatus);
+  Inbox<PressureArray> targets(node, names::kPressureTarget);
+  Inbox<ArmShape> measured(node, names::kMeasured);
+  const auto state = [&] { return safety.all().empty() ? "" : safety.last().state; };
+
+  // On a busy machine a link of the chain may be late, which vents it: again, then.
+  const auto goesOn = [&] {
+    if (state() != "enabled") enable();
+    return state() == "enabled" && moves(command.last());
+  };
+
+  // Nothing moves before it is enabled, although the commander commands.
+  ASSERT_TRUE(waitFor([&] { return !status.all().empty() && !measured.all().empty(); }, 60))
+      << told();
+  EXPECT_EQ(status.last().outcome, TargetStatus::DROPPED);
+  EXPECT_EQ(state(), "disabled");
+  ASSERT_TRUE(std::all_of(command.all().begin(), command.all().end(),
+                          [](const auto& message) { return rests(*message); }));
+  ASSERT_TRUE(waitFor(goesOn, 60)) << told();
+
+  networks()->cut();
+  const ros::Time cut = ros::Time::now();
+  // A second more than the rules allow, for the messages.
+  ASSERT_TRUE(waitFor([&] { return state() == "vented"; }, kTargetTimeout + kVentTime + 1))
+      << told();
+  std::cout << "vented " << (safety.last().header.stamp - cut).toSec() << " s after the cut\n";
+  EXPECT_EQ(safety.last().cause, "stale_target");
+  EXPECT_LE((safety.last().header.stamp - cut).toSec(), kTargetTimeout + kVentTime);
+
+  const std::size_t commands_before = command.all().size(), states_before = safety.all().size();
+  const std::size_t answers_before = status.all().size(), targets_before = targets.all().size();
+  const ros::Time heal = ros::Time::now();
+  networks()->heal();
+  // What the commander sends from now on is answered again, and pictures come.
+  ASSERT_TRUE(waitFor(
+      [&] { return status.all().size() > answers_before && status.last().target_stamp > heal; },
+      60))
+      << told();
+  ASSERT_TRUE(waitFor([&] { return measured.last().header.stamp > heal; }, 60)) << told();
+  const auto backlog =
+      std::count_if(targets.all().begin() + static_cast<std::ptrdiff_t>(targets_before),
+                    targets.all().end(), [&](const auto& target) {
+                      return target->header.stamp > cut && target->header.stamp < heal;
+                    });
+  std::cout << backlog << " targets of the time of the cut came late\n";
+  EXPECT_GT(backlog, 0);
+  for (std::size_t i = answers_before; i < status.all().size(); ++i) {
+    EXPECT_EQ(status.all()[i]->outcome, TargetStatus::DROPPED);
+  }
+  ASSERT_GT(command.all().size(), commands_before);
+  EXPECT_TRUE(std::all_of(command.all().begin() + static_cast<std::ptrdiff_t>(commands_before),
+                          command.all().end(),
+                          [](const auto& message) { return rests(*message); }));
+  EXPECT_EQ(safety.all().size(), states_before) << "last: " << safety.last();
+
+  EXPECT_TRUE(waitFor(goesOn, 60)) << told();
+  ros::shutdown();
+}
+
+}  // namespace
+}  // namespace helix_arm::test
