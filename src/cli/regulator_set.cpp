@@ -1,11 +1,16 @@
 #include <chrono>
+#include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <iomanip>
 #include <iostream>
+#include <optional>
 #include <thread>
+#include <vector>
 
 #include "arguments.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
@@ -129,6 +134,16 @@ void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::V
   }
 }
 
+std::vector<std::string> guardCommand(const RegulatorOptions& options,
+                                      const GlobalOptions& global) {
+  std::vector<std::string> out = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                                  "regulator", options.scene, "guard"};
+  for (const std::string& change : global.overrides) {
+    out.insert(out.end(), {"--set", change});
+  }
+  return out;
+}
+
 }  // namespace
 
 int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
@@ -140,8 +155,12 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
                       "; say --yes once nobody is within the arm's reach");
   }
   const InterruptWatch watch;
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is no reason to leave the pressure
+  std::optional<regulator::GuardProcess> guard;
+  if (regulator::isHardware(*scene.regulator)) guard.emplace(guardCommand(options, global));
   const Outcome outcome =
       Session(scene, global.format == Format::kText).run(target, options.seconds.value_or(kStay));
+  if (guard && outcome.state == control::SafetyState::kVented) guard->dismiss();
   printOutcome(outcome, scene, target, global.format);
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";

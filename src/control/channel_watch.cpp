@@ -6,6 +6,11 @@
 #include "helix_arm/control/safety.hpp"
 
 namespace helix_arm::control {
+namespace {
+
+constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less stands
+
+}  // namespace
 
 void Persistence::look(double now, bool wrong, double time) {
   if (!wrong) {
@@ -26,7 +31,7 @@ double lowestReading(const ChannelRules& channel, const SafetyRules& rules) {
 }
 
 void ChannelWatch::begin(double now, double set_point) {
-  set_point_ = set_point;
+  set_point_ = stands_at_ = set_point;
   reference_ = 0;
   reference_at_ = now;
   arrived_ = false;
@@ -42,7 +47,9 @@ void ChannelWatch::pass(double now, const SafetyRules& rules) {
 
 void ChannelWatch::follow(double now, double set_point, const SafetyRules& rules) {
   pass(now, rules);
-  if (set_point != set_point_) {
+  // A commander that trembles does not hide a leak.
+  if (std::abs(set_point - stands_at_) > kTremble * rules.leak_drop) {
+    stands_at_ = set_point;
     arrived_ = false;
     leak_.forget();
   }

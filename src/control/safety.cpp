@@ -37,6 +37,7 @@ bool isGrave(SafetyCause cause) {
   switch (cause) {
     case SafetyCause::kVentRequested:
     case SafetyCause::kEmergencyStop:
+    case SafetyCause::kRegulatorLost:  // whatever comes back knows nothing of what was held
     case SafetyCause::kOverLimit:
     case SafetyCause::kLeak:
     case SafetyCause::kNotVenting:
@@ -264,7 +265,8 @@ void SafetyCore::watchReadings() {
 void SafetyCore::linked(double now, bool up) {
   pass(now);
   link_up_ = up;
-  if (!up && report_.state == SafetyState::kEnabled) raise(SafetyCause::kRegulatorLost, -1, 0, 0);
+  const bool acts = report_.state == SafetyState::kEnabled || report_.state == SafetyState::kFault;
+  if (!up && acts) raise(SafetyCause::kRegulatorLost, -1, 0, 0);
 }
 
 const ValveOrders& SafetyCore::advance(double now) {
@@ -309,8 +311,13 @@ void SafetyCore::regulate(double dt) {
 }
 
 void SafetyCore::endHold() {
-  if (now_ - report_.since < rules_.hold_time) return;
-  for (int i = 0; i < count(); ++i) release(i);
+  const bool over = now_ - report_.since >= rules_.hold_time;
+  for (int i = 0; i < count(); ++i) {
+    // Nobody holds what cannot be seen, or what does not hold.
+    const bool unseen = watch_[i].silence(now_) > rules_.reading_timeout;
+    const bool astray = orders_.valve[i] == Valve::kRegulate && watch_[i].notFollowing();
+    if (over || unseen || astray) release(i);
+  }
 }
 
 void SafetyCore::endFault() {

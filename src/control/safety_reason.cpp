@@ -21,6 +21,12 @@ std::string readingAge(const char* who, double silence) {
   return format("%s was not read for %.2f s", who, silence);
 }
 
+std::string tooOld(const char* who, double silence, double limit) {
+  const std::string age = readingAge(who, silence);
+  if (std::isinf(silence)) return age;
+  return age + format(", longer than %g s (safety.reading_timeout_s)", limit);
+}
+
 const char* remedyOf(SafetyCause cause) {
   switch (cause) {
     case SafetyCause::kVentRequested:
@@ -57,11 +63,8 @@ std::string SafetyCore::channelRefusal(int i, double now) const {
   const char* const name = channels_[i].name.c_str();
   const double silence = watch_[i].silence(now);
   if (!(silence <= rules_.reading_timeout)) {
-    return readingAge(name, silence) +
-           format(
-               ", longer than %g s (safety.reading_timeout_s); look at the regulator's power, "
-               "cable and address",
-               rules_.reading_timeout);
+    return tooOld(name, silence, rules_.reading_timeout) +
+           "; look at the regulator's power, cable and address";
   }
   if (watch_[i].empty(now, rules_)) return {};
   return format(
@@ -74,11 +77,9 @@ std::string SafetyCore::supplyRefusal(double now) const {
   if (!rules_.min_supply) return {};
   const double silence = now - supply_at_;
   if (!(silence <= rules_.reading_timeout)) {
-    return readingAge("the supply", silence) +
-           format(
-               ", longer than %g s (safety.reading_timeout_s); look at the regulator, or leave "
-               "out safety.min_supply_kpa where it does not measure its supply",
-               rules_.reading_timeout);
+    return tooOld("the supply", silence, rules_.reading_timeout) +
+           "; look at the regulator, or leave out safety.min_supply_kpa where it does not measure "
+           "its supply";
   }
   if (supply_ >= *rules_.min_supply) return {};
   return format(
@@ -113,10 +114,9 @@ std::string SafetyCore::causeText() const {
       return format("no target came for %.2f s, longer than %g s (safety.target_timeout_s)", value,
                     limit);
     case SafetyCause::kStaleReading:
-      return readingAge(name, value) +
-             format(", longer than %g s (safety.reading_timeout_s)", limit);
+      return tooOld(name, value, limit);
     case SafetyCause::kRegulatorLost:
-      return "the regulator's link went down";
+      return "the regulator's link went down, or orders did not reach it in time";
     case SafetyCause::kOverLimit:
       return format(
           "%s reads %.1f kPa, %s than %g kPa (its limit and safety.trip_margin_kpa) for "
@@ -184,11 +184,8 @@ std::string SafetyCore::reason() const {
   switch (report_.state) {
     case SafetyState::kEnabled:
       return state + ": follows targets";
-    case SafetyState::kDisabled: {
-      const std::string refused = refusal(now_);
-      return state + ": all channels vent; " +
-             (refused.empty() ? "call enable" : "it cannot be enabled: " + refused);
-    }
+    case SafetyState::kDisabled:
+      return state + ": all channels vent; call enable";
     case SafetyState::kFault:
       return state + ": " + causeText() + ": " + actionText() + overdueText() + "; " +
              remedyOf(report_.cause);

@@ -11,9 +11,9 @@ namespace helix_arm::control {
 namespace {
 
 constexpr std::array<const char*, kFaultCount> kNames = {
-    "not_finite",  "wrong_size",          "unknown_name", "duplicate_name",  "out_of_range",
-    "wrong_frame", "not_unit_quaternion", "unknown_mode", "other_commander", "not_converged",
-    "not_enabled"};
+    "not_finite",      "wrong_size",    "unknown_name",        "duplicate_name",
+    "out_of_range",    "wrong_frame",   "not_unit_quaternion", "unknown_mode",
+    "other_commander", "not_converged", "not_enabled",         "stale"};
 
 template <class... Parts>
 Refusal refuse(Fault fault, const Parts&... parts) {
@@ -81,6 +81,12 @@ Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::Inpu
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure) {
   return assign(arm, command, name, pressure, Bounds::kLimits);
+}
+
+std::optional<Refusal> checkAge(double age, double timeout) {
+  if (!(age > timeout)) return std::nullopt;
+  return refuse(Fault::kStale, "the target is stamped ", age, " s ago, more than ", timeout,
+                " s (safety.target_timeout_s); send fresh ones, and set the clocks alike");
 }
 
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,

@@ -74,6 +74,9 @@ void AsciiSerialDriver::connect() {
   port_.open(device_, profile_.baud);
   try {
     ready();
+  } catch (const BadReply& error) {
+    close();
+    throw LinkError(error.what());
   } catch (...) {
     close();
     throw;

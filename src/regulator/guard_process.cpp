@@ -51,18 +51,18 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command) {
   }
 }
 
-GuardProcess::~GuardProcess() {
-  if (stands()) {
-    const char dismissal = kDismissal;
-    // Fails only where the guard has just ended.
-    while (send(line_, &dismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
-    }
+GuardProcess::~GuardProcess() { ::close(line_); }
+
+void GuardProcess::dismiss() {
+  if (!stands()) return;
+  const char dismissal = kDismissal;
+  // Fails only where the guard has just ended.
+  while (send(line_, &dismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
   }
-  ::close(line_);
-  if (pid_ > 0) {
-    while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
-    }
+  shutdown(line_, SHUT_WR);
+  while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
   }
+  pid_ = -1;
 }
 
 bool GuardProcess::stands() {

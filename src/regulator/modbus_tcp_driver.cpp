@@ -135,6 +135,7 @@ class ModbusTcpDriver::Link {
   }
   std::uint16_t countOf(double pressure) const;
   double pressureOf(int place, std::uint16_t word) const;
+  void clearOutputs();
   void send();
   void fetch();
   void check(bool done, const char* what);
@@ -174,7 +175,7 @@ void ModbusTcpDriver::Link::open() {
 void ModbusTcpDriver::Link::connect() {
   close();
   open();
-  outputs_.clear();
+  clearOutputs();
   try {
     if (profile_.app) {
       // A slot that regulates already goes on, at no pressure: to acknowledge ends its app, and an
@@ -254,6 +255,16 @@ double ModbusTcpDriver::Link::pressureOf(int place, std::uint16_t word) const {
   return pressure;
 }
 
+// No app, and no pressure: the atmosphere, also in a device that counts from vacuum.
+void ModbusTcpDriver::Link::clearOutputs() {
+  outputs_.clear();
+  for (const Slot& slot : slots_) {
+    for (int i = 0; i < profile_.outlets; ++i) {
+      outputs_.at(profile_.setPoint(slot.number * profile_.outlets + i)) = countOf(0);
+    }
+  }
+}
+
 void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
   model::require(orders.valve.size() == places_.size() &&
                      orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
@@ -262,7 +273,7 @@ void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
   model::require(orders.set_point.allFinite(), "regulator ", profile_.name,
                  ": a set point is not finite; expected all to be");
   context();
-  outputs_.clear();
+  clearOutputs();
   for (Slot& slot : slots_) {
     bool closes = profile_.app.has_value();
     for (std::size_t i = 0; i < places_.size(); ++i) {
@@ -279,7 +290,7 @@ void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
 
 void ModbusTcpDriver::Link::vent() {
   context();
-  outputs_.clear();
+  clearOutputs();
   if (profile_.app) commandAll(profile_.app->regulate);
   send();
 }

@@ -2,27 +2,40 @@
 
 #include <utility>
 
+#include "helix_arm/model/requirement.hpp"
+
 namespace helix_arm::regulator {
 
-PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io)
+PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io,
+                           double longest_gap)
     : core_(std::move(core)),
       reading_(static_cast<int>(core_.channels().size())),
-      io_(std::move(io)) {}
+      longest_gap_(longest_gap),
+      io_(std::move(io)) {
+  model::requireValue(longest_gap > 0, "pressure path", "the longest gap [s]", longest_gap,
+                      "a value > 0");
+}
 
 const control::ValveOrders& PressurePath::turn(double now) {
   fresh_ = false;
+  if (now - last_turn_ > longest_gap_) {
+    core_.linked(now, false);
+    core_.linked(now, true);
+  }
+  last_turn_ = now;
   if (io_) {
-    // A link that dropped and came back between two turns has dropped all the same: the device may
-    // have restarted.
-    const std::uint64_t drops = io_->drops();
-    if (drops != drops_seen_) core_.linked(now, false);
-    drops_seen_ = drops;
+    // A link that dropped and came back between two turns has dropped all the same.
+    const std::uint64_t breaks = io_->breaks();
+    if (breaks != breaks_seen_) core_.linked(now, false);
+    breaks_seen_ = breaks;
     core_.linked(now, io_->up());
     fresh_ = io_->take(reading_);
-    if (fresh_) core_.measured(now, reading_.pressures.pressure, reading_.pressures.supply);
+    // One that was long on its way, or waited for a turn that did not come, tells nothing of now.
+    const bool of_now = fresh_ && now - reading_.time <= core_.rules().reading_timeout;
+    if (of_now) core_.measured(now, reading_.pressures.pressure, reading_.pressures.supply);
   }
   const control::ValveOrders& orders = core_.advance(now);
-  if (io_) io_->order(orders, drops_seen_);
+  if (io_) io_->order(orders, breaks_seen_);
   return orders;
 }
 

@@ -66,15 +66,20 @@ RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoR
       thread_([this] { run(); }) {}
 
 RegulatorIo::~RegulatorIo() {
-  stop_ = true;
-  eventfd_write(wake_, 1);
-  thread_.join();
+  end();
   ::close(wake_);
 }
 
-void RegulatorIo::order(const control::ValveOrders& orders, std::uint64_t drops) {
+bool RegulatorIo::end() {
+  stop_ = true;
+  eventfd_write(wake_, 1);
+  if (thread_.joinable()) thread_.join();
+  return vented_at_end_;
+}
+
+void RegulatorIo::order(const control::ValveOrders& orders, std::uint64_t breaks) {
   orders_.draft().valves = orders;
-  orders_.draft().drops = drops;
+  orders_.draft().breaks = breaks;
   orders_.post();
   eventfd_write(wake_, 1);  // fails only where 2^64 orders are not waited for
 }
@@ -92,7 +97,7 @@ IoStatus RegulatorIo::status() const {
   out.reads = reads_;
   out.bad_replies = bad_replies_;
   out.connections = connections_;
-  out.drops = drops_;
+  out.breaks = breaks_;
   out.own_vents = own_vents_;
   const std::lock_guard<std::mutex> lock(error_mutex_);
   out.last_error = last_error_;
@@ -124,10 +129,12 @@ void RegulatorIo::run() {
   if (up_) {
     try {
       driver_->vent();
+      vented_at_end_ = true;
     } catch (const std::exception& error) {
       disconnect(error);
     }
   }
+  up_ = false;
   driver_->close();
 }
 
@@ -162,7 +169,7 @@ void RegulatorIo::disconnect(const std::exception& error) {
     const std::lock_guard<std::mutex> lock(error_mutex_);
     last_error_ = error.what();
   }
-  ++drops_;
+  ++breaks_;
   up_ = false;
 }
 
@@ -176,6 +183,7 @@ void RegulatorIo::exchange() {
     driver_->vent();
     vented_by_itself_ = true;
     ++own_vents_;
+    ++breaks_;
   }
   const double now = steadyNow();
   if (now - last_read_ < rules_.period) return;
@@ -204,7 +212,7 @@ bool RegulatorIo::awaitOrder() {
   ppoll(&waited, 1, &timeout, nullptr);
   eventfd_t count = 0;
   eventfd_read(wake_, &count);
-  return orders_.fetch() && orders_.held().drops == drops_;
+  return orders_.fetch() && orders_.held().breaks == breaks_;
 }
 
 bool RegulatorIo::pause(double seconds) {

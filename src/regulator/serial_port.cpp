@@ -18,6 +18,7 @@
 namespace helix_arm::regulator {
 namespace {
 
+constexpr std::chrono::milliseconds kLastWords(200);
 constexpr const char* kUnplugged =
     "hung up: it was unplugged or switched off; check its cable and power";
 
@@ -121,10 +122,20 @@ void SerialPort::open(const std::string& device, int baud) {
 void SerialPort::close() noexcept {
   if (file_ < 0) return;
   ioctl(file_, TIOCNXCL);
+  awaitSent();
   tcflush(file_, TCOFLUSH);  // else closing waits for a line that takes nothing
   ::close(file_);
   file_ = -1;
   input_.clear();
+}
+
+// The last words may be a vent.
+void SerialPort::awaitSent() const noexcept {
+  const auto end = Clock::now() + kLastWords;
+  int waiting = 0;
+  while (ioctl(file_, TIOCOUTQ, &waiting) == 0 && waiting > 0 && Clock::now() < end) {
+    poll(nullptr, 0, 1);
+  }
 }
 
 bool SerialPort::awaitInput(Clock::time_point deadline) const {

@@ -41,7 +41,7 @@ PressureCommandOptions PressureCommandOptions::load() {
   out.frame_prefix = reader.frame("frame_prefix", "");
   out.handle = reader.flag("handle", out.handle);
   out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
-  out.auto_enable = reader.flag("auto_enable", out.auto_enable);
+  out.auto_enable = reader.flag("auto_enable", out.regulator == "scene");
   out.allow_sim_time = reader.flag("allow_sim_time", out.allow_sim_time);
   reader.finish();
   return out;
@@ -50,6 +50,7 @@ PressureCommandOptions PressureCommandOptions::load() {
 PressureCommandNode::PressureCommandNode()
     : options_(PressureCommandOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
+      first_safety_(scene_.safety),
       frames_(options_.world_frame, options_.frame_prefix, names::kModelFrames, options_.frames),
       solver_(scene_.model),
       lease_(scene_.safety.commander_timeout),
@@ -67,7 +68,8 @@ PressureCommandNode::PressureCommandNode()
     const double size = std::clamp(4.0 * scene_.looks.back().separator_radius, 0.1, 0.15);
     handle_ = std::make_unique<TipHandle>(
         frames_.base, scene_.planar.has_value(), size, [this](const TipTarget& target) {
-          aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp}, target);
+          aimTip({names::kTipTarget, names::kInteractiveMarker, target.header.stamp},
+                 fromMsg(target, frames_.base));
         });
   }
 
@@ -96,7 +98,8 @@ PressureCommandNode::PressureCommandNode()
   if (own) io = startRegulator(scene_, options_.rate);
   loop_.emplace(
       node_, scene_.arm, options_.rate,
-      regulator::PressurePath({scene_.safety.channels, scene_.safety.rules}, std::move(io)),
+      regulator::PressurePath({scene_.safety.channels, scene_.safety.rules}, std::move(io),
+                              longestGap(options_.rate)),
       options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
       [this](const PressureLoop::Reading& reading) { take(reading.pressure, reading.stamp); });
   draw_timer_ = every(options_.draw_rate, &Node::onDraw);
@@ -104,6 +107,11 @@ PressureCommandNode::PressureCommandNode()
   ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
            scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
   tellTier();
+}
+
+PressureCommandNode::~PressureCommandNode() {
+  const bool vented = loop_->end();
+  if (guard_ && vented) guard_->dismiss();
 }
 
 void PressureCommandNode::refuseSimulatedTime() const {
@@ -139,7 +147,7 @@ void PressureCommandNode::solve() {
 void PressureCommandNode::onPressureTarget(const ros::MessageEvent<const PressureArray>& event) {
   const PressureArray& target = *event.getMessage();
   const Sender sender{names::kPressureTarget, event.getPublisherName(), target.header.stamp};
-  const auto checked = fromMsg(target, scene_.arm, loop_->goal());
+  const auto checked = fresh(sender, fromMsg(target, scene_.arm, loop_->goal()));
   const Eigen::VectorXd* pressure = admit(sender, checked);
   if (pressure != nullptr && command(sender, *pressure)) {
     ledger_.taken();
@@ -150,7 +158,7 @@ void PressureCommandNode::onPressureTarget(const ros::MessageEvent<const Pressur
 void PressureCommandNode::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
   const ShapeTarget& target = *event.getMessage();
   const Sender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
-  const auto checked = fromMsg(target, scene_.arm.sectionCount());
+  const auto checked = fresh(sender, fromMsg(target, scene_.arm.sectionCount()));
   if (const model::Twists* twists = admit(sender, checked)) {
     follow(sender, solver_.toTwists(*twists, loop_->goal()));
   }
@@ -158,16 +166,25 @@ void PressureCommandNode::onShapeTarget(const ros::MessageEvent<const ShapeTarge
 
 void PressureCommandNode::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
   const TipTarget& target = *event.getMessage();
-  aimTip({names::kTipTarget, event.getPublisherName(), target.header.stamp}, target);
+  const Sender sender{names::kTipTarget, event.getPublisherName(), target.header.stamp};
+  aimTip(sender, fresh(sender, fromMsg(target, frames_.base)));
 }
 
-void PressureCommandNode::aimTip(const Sender& sender, const TipTarget& target) {
-  const auto checked = fromMsg(target, frames_.base);
+void PressureCommandNode::aimTip(const Sender& sender, const control::Checked<TipGoal>& checked) {
   if (const TipGoal* goal = admit(sender, checked)) {
     const Eigen::VectorXd from = loop_->goal();
     follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, from)
                                        : solver_.toPosition(goal->X_BT.translation, from));
   }
+}
+
+template <class T>
+control::Checked<T> PressureCommandNode::fresh(const Sender& sender,
+                                               control::Checked<T> checked) const {
+  if (sender.stamp.isZero()) return checked;
+  const double age = (ros::Time::now() - sender.stamp).toSec();
+  auto refusal = control::checkAge(age, scene_.safety.rules.target_timeout);
+  return refusal ? control::Checked<T>(*refusal) : checked;
 }
 
 template <class T>
@@ -232,10 +249,29 @@ bool PressureCommandNode::command(const Sender& sender, const Eigen::VectorXd& p
   return refusal.empty();
 }
 
+void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
+  const auto describe = [](const io::Scene& scene) {
+    return scene.regulator ? regulator::describe(*scene.regulator) : std::string("none");
+  };
+  if (describe(scene_) != describe(next)) {
+    throw std::invalid_argument("scene " + next.name + " has another regulator: " + describe(next) +
+                                ", expected " + describe(scene_) + "; end the nodes to change it");
+  }
+  if (!guard_) return;
+  const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
+                                               next.safety.channels, next.safety.rules);
+  if (!looser.empty()) {
+    throw std::invalid_argument("scene " + next.name +
+                                " is less safe than the one this node began with: " + looser +
+                                "; end the nodes to change that");
+  }
+}
+
 void PressureCommandNode::adopt(io::Scene next) {
   next = requirePneumatic(std::move(next));
   requireSameRig(scene_, next);
-  loop_->adopt(next.safety.channels, next.safety.rules);
+  requireSameRegulator(next);
+  loop_->adopt(next.arm, next.safety.channels, next.safety.rules);
   if (next.safety.commander_timeout != lease_.timeout()) {
     const std::string holder = lease_.holder();
     lease_ = control::CommanderLease(next.safety.commander_timeout);
@@ -344,7 +380,10 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
     msg.status.push_back(std::move(status));
   }
   if (guard_ && !guard_->stands()) {
-    ROS_ERROR("the guard, which vents where this node is killed, has ended: starting another");
+    ROS_ERROR(
+        "the guard, which vents where this node is killed, has ended: the arm vents, and another "
+        "guard is started");
+    loop_->vent();
     guard_.emplace(guardOf(options_.scene));
   }
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;

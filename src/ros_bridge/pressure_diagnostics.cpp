@@ -52,7 +52,7 @@ DiagnosticStatus regulatorStatus(const std::string& node, const io::Scene& scene
   addValue(out, "reads", std::to_string(io.reads));
   addValue(out, "bad_replies", std::to_string(io.bad_replies));
   addValue(out, "connections", std::to_string(io.connections));
-  addValue(out, "drops", std::to_string(io.drops));
+  addValue(out, "breaks", std::to_string(io.breaks));
   addValue(out, "own_vents", std::to_string(io.own_vents));
   addValue(out, "last_error", io.last_error);
   return out;

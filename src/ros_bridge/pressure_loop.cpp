@@ -72,9 +72,9 @@ void tell(const control::SafetyReport& report, const std::string& reason) {
 
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
                            regulator::PressurePath path, bool auto_enable, Take take)
-    : arm_(arm),
-      auto_enable_(auto_enable),
+    : auto_enable_(auto_enable),
       take_(std::move(take)),
+      arm_(arm),
       path_(std::move(path)),
       command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
       safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
@@ -93,36 +93,56 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
   stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
   timer_ =
       node.createSteadyTimer(ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        ++turns_;
-        turn(steadyNow());
+        {
+          const std::lock_guard<std::mutex> lock(mutex_);
+          ++turns_;
+          turn(steadyNow());
+        }
+        tellChanges();
       });
   spinner_.start();
 }
 
 PressureLoop::~PressureLoop() {
-  timer_.stop();
-  spinner_.stop();
+  end();
   ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
 }
 
-std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  const double now = steadyNow();
-  control::SafetyCore& core = path_.core();
-  if (auto_enable_ && mayEnableItself(core.report())) {
-    const std::string refusal = core.enable(now);
-    if (!refusal.empty()) return refusal;
-  }
-  if (!path_.target(now, pressure)) return core.reason();
-  publish(now);
-  return "";
+bool PressureLoop::end() {
+  timer_.stop();
+  spinner_.stop();
+  return path_.end();
 }
 
-void PressureLoop::adopt(std::vector<control::ChannelRules> channels,
+std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
+  std::string refusal;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const double now = steadyNow();
+    control::SafetyCore& core = path_.core();
+    if (auto_enable_ && mayEnableItself(core.report())) refusal = core.enable(now);
+    if (refusal.empty() && !path_.target(now, pressure)) refusal = core.reason();
+    publish(now);
+  }
+  tellChanges();
+  return refusal;
+}
+
+void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
                          const control::SafetyRules& rules) {
   const std::lock_guard<std::mutex> lock(mutex_);
   path_.core().adopt(std::move(channels), rules);
+  arm_ = arm;
+}
+
+void PressureLoop::vent() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const double now = steadyNow();
+    path_.core().vent(now);
+    turn(now);
+  }
+  tellChanges();
 }
 
 Eigen::VectorXd PressureLoop::goal() const {
@@ -140,38 +160,41 @@ PressureLoop::Snapshot PressureLoop::snapshot() const {
 }
 
 bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  const double now = steadyNow();
-  const std::string refusal = path_.core().enable(now);
-  turn(now);
-  response.success = refusal.empty();
-  response.message = refusal.empty() ? path_.core().reason() : refusal;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const double now = steadyNow();
+    const std::string refusal = path_.core().enable(now);
+    turn(now);
+    response.success = refusal.empty();
+    response.message = refusal.empty() ? path_.core().reason() : refusal;
+  }
+  tellChanges();
   return true;
 }
 
 bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  const double now = steadyNow();
-  path_.core().vent(now);
-  turn(now);
+  vent();
   response.success = true;
-  response.message = path_.core().reason();
+  response.message = snapshot().reason;
   return true;
 }
 
 bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  const double now = steadyNow();
-  path_.core().emergencyStop(now, request.data);
-  turn(now);
-  response.success = true;
-  response.message = path_.core().reason();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const double now = steadyNow();
+    path_.core().emergencyStop(now, request.data);
+    turn(now);
+    response.success = true;
+    response.message = path_.core().reason();
+  }
+  tellChanges();
   return true;
 }
 
 void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
-  const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
   const std::lock_guard<std::mutex> lock(mutex_);
+  const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
   if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
     path_.core().measured(steadyNow(), *measured);
     post({*measured, reading->header.stamp});
@@ -190,7 +213,7 @@ void PressureLoop::publish(double now) {
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
-  tellChanges(header.stamp);
+  noteChanges(header.stamp);
   const regulator::Reading* news = path_.news();
   if (news == nullptr || !news->pressures.pressure.allFinite()) return;
   // Simulated time may stand still, or not have begun.
@@ -199,13 +222,22 @@ void PressureLoop::publish(double now) {
   post({news->pressures.pressure, header.stamp});
 }
 
-void PressureLoop::tellChanges(const ros::Time& stamp) {
+void PressureLoop::noteChanges(const ros::Time& stamp) {
   const control::SafetyCore& core = path_.core();
-  if (changes_told_ == core.report().changes) return;
-  changes_told_ = core.report().changes;
+  if (changes_noted_ == core.report().changes) return;
+  changes_noted_ = core.report().changes;
   const helix_arm::SafetyState message = toSafetyMsg(stamp, core);
   safety_publisher_.publish(message);
-  tell(core.report(), message.reason);
+  untold_.emplace_back(core.report(), message.reason);
+}
+
+void PressureLoop::tellChanges() {
+  decltype(untold_) changes;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    changes.swap(untold_);
+  }
+  for (const auto& [report, reason] : changes) tell(report, reason);
 }
 
 void PressureLoop::post(Reading reading) {

@@ -11,9 +11,10 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kShare = 0.9;          // of a turn: a reading is there when the next one begins
-constexpr double kOrderTimeout = 0.25;  // [s]
-constexpr double kMissedTurns = 5;      // of a slow loop, before it counts as dead
+constexpr double kShare = 0.9;       // of a turn: a reading is there when the next one begins
+constexpr double kLongestGap = 0.4;  // between turns [s]
+constexpr double kMissedTurns = 4;   // of a slow loop, before it counts as dead
+constexpr double kPatience = 1.25;   // of the line: the core is to see a gap first
 
 }  // namespace
 
@@ -29,12 +30,14 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
   const regulator::Config& config = requireRegulator(scene);
   regulator::IoRules rules;
   rules.period = kShare / rate;
-  rules.order_timeout = std::max(kOrderTimeout, kMissedTurns / rate);
+  rules.order_timeout = kPatience * longestGap(rate);
   const int channels = scene.arm.actuatorCount();
   ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   return std::make_unique<regulator::RegulatorIo>(regulator::makeDriver(config, channels), channels,
                                                   rules);
 }
+
+double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
 std::vector<std::string> guardOf(const std::string& scene_path) {
   const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";

@@ -144,6 +144,7 @@ class ModbusDevice::Server {
   void listen(int port);
   void run();
   void restart();
+  bool stopped() const;
   void accept();
   void drop(std::size_t client);
   void dropAll();
@@ -242,10 +243,21 @@ void ModbusDevice::Server::restart() {
     image_.catchUp(regulator::steadyNow());
     image_.restart();
   }
-  std::this_thread::sleep_for(std::chrono::duration<double>(kRestartTime));
-  listen(port_);
+  for (bool listens = false; !listens && !stopped();) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(kRestartTime));
+    try {
+      listen(port_);
+      listens = true;
+    } catch (const std::runtime_error&) {  // somebody has taken the port: until it is free again
+    }
+  }
   const std::lock_guard<std::mutex> lock(mutex_);
   if (fault_ == DeviceFault::kRestart) fault_ = DeviceFault::kNone;
+}
+
+bool ModbusDevice::Server::stopped() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return stop_;
 }
 
 void ModbusDevice::Server::accept() {

@@ -25,7 +25,9 @@ PseudoTerminal::PseudoTerminal() {
   if (file_ < 0) fail("there is no pseudo terminal to be had");
   char path[128];
   if (grantpt(file_) != 0 || unlockpt(file_) != 0 || ptsname_r(file_, path, sizeof path) != 0) {
+    const int error = errno;
     close(file_);
+    errno = error;
     fail("a pseudo terminal cannot be opened up");
   }
   path_ = path;
@@ -33,7 +35,10 @@ PseudoTerminal::PseudoTerminal() {
   const int other = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
   termios settings{};
   if (other < 0 || tcgetattr(other, &settings) != 0) {
+    const int error = errno;
+    if (other >= 0) close(other);
     close(file_);
+    errno = error;
     fail(path_ + " cannot be opened");
   }
   cfmakeraw(&settings);

@@ -4,9 +4,11 @@
 #include <atomic>
 #include <chrono>
 #include <limits>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <random>
+#include <stdexcept>
 #include <thread>
 
 #include <poll.h>
@@ -21,8 +23,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::milliseconds kEmptyLine{2};  // between looks whether somebody has come
-constexpr double kSlowness = 2.5;                   // of an answer, in timeouts
+constexpr std::chrono::milliseconds kEmptyLine{2};    // between looks whether somebody has come
+constexpr std::chrono::milliseconds kNoTerminal{50};  // between tries to get one
+constexpr double kSlowness = 2.5;                     // of an answer, in timeouts
 
 double seconds(Clock::duration span) { return std::chrono::duration<double>(span).count(); }
 Clock::duration spanOf(double s) {
@@ -38,7 +41,7 @@ class SerialDevice::Worker {
       : config_(std::move(config)),
         dialogue_(config_),
         link_(config_.link),
-        terminal_(std::in_place),
+        terminal_(std::make_unique<PseudoTerminal>()),
         generator_(config_.seed),
         last_step_(Clock::now()),
         wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
@@ -116,23 +119,34 @@ class SerialDevice::Worker {
     [[maybe_unused]] const ssize_t ignored = read(wake_, &count, sizeof count);
   }
 
-  void restart() {
+  // False where there is no terminal to be had, or no place for its link, just now.
+  bool restart() {
     const std::lock_guard<std::mutex> lock(mutex_);
+    std::unique_ptr<PseudoTerminal> fresh;
+    try {
+      fresh = std::make_unique<PseudoTerminal>();
+      link_.pointTo(fresh->path());
+    } catch (const std::runtime_error&) {
+      return false;
+    }
     advance();
     fault_ = DeviceFault::kNone;
     dialogue_.restart();
-    terminal_.emplace();
-    link_.pointTo(terminal_->path());
+    terminal_ = std::move(fresh);
     input_.clear();
     delayed_.clear();
     ++restarts_;
+    return true;
   }
 
   void run() {
     Clock::time_point next_unasked = Clock::now();
     while (!ended_) {
       const DeviceFault now_fault = fault();
-      if (now_fault == DeviceFault::kRestart) restart();
+      if (now_fault == DeviceFault::kRestart && !restart()) {
+        waitUntil(Clock::now() + kNoTerminal, false);
+        continue;
+      }
       const std::optional<std::string> bytes = terminal_->receive();
       if (bytes && now_fault != DeviceFault::kSilence) {
         input_ += *bytes;
@@ -143,7 +157,8 @@ class SerialDevice::Worker {
         speakUnasked();
         next_unasked = now + spanOf(config_.period);
       }
-      sendDelayed(now);
+      // Once it is no longer busy, what it still owes comes at once.
+      sendDelayed(fault() == DeviceFault::kSlow ? now : Clock::time_point::max());
       Clock::time_point next = now + std::chrono::milliseconds(1000);
       if (config_.profile.read.empty()) next = std::min(next, next_unasked);
       if (!delayed_.empty()) next = std::min(next, delayed_.front().first);
@@ -213,7 +228,7 @@ class SerialDevice::Worker {
   mutable std::mutex mutex_;  // of what is next
   SerialDialogue dialogue_;
   DeviceLink link_;
-  std::optional<PseudoTerminal> terminal_;  // changed by the thread alone
+  std::unique_ptr<PseudoTerminal> terminal_;  // changed by the thread alone
   DeviceFault fault_ = DeviceFault::kNone;
 
   // Of the thread alone.

@@ -1,17 +1,12 @@
 // From a target to what the regulator has taken in: through safety core, I/O thread and line, for
 // each kind of emulated device, beside the bare exchange on the same line. Prints p50 and p99.
 #include <algorithm>
-#include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
-#include <string>
+#include <thread>
 #include <utility>
-#include <variant>
 #include <vector>
-
-#include <modbus/modbus.h>
-#include <poll.h>
-#include <unistd.h>
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
@@ -28,7 +23,8 @@ using Line = EmulatedRegulator::Line;
 
 constexpr int kTargets = 2000;
 constexpr int kWarmUp = 100;
-constexpr double kRate = 1000;  // of the turns between targets [Hz]
+constexpr double kDeadline = 1;  // of a target [s]
+constexpr double kRate = 1000;   // of the turns between targets [Hz]
 
 struct Times {
   double p50, p99;  // [us]
@@ -37,6 +33,13 @@ struct Times {
 Times quantiles(std::vector<double> seconds) {
   std::sort(seconds.begin(), seconds.end());
   return {1e6 * seconds[seconds.size() / 2], 1e6 * seconds[seconds.size() * 99 / 100]};
+}
+
+double setPointOf(int i) { return 1e4 + 100 * (i & 1); }  // [Pa]
+
+Times fail(const regulator::PressurePath& path) {
+  std::fprintf(stderr, "%s\n", path.core().reason().c_str());
+  std::exit(1);
 }
 
 // Targets through the whole path.
@@ -52,16 +55,19 @@ Times pathTimes(EmulatedRegulator& device) {
   std::vector<control::ChannelRules> channels = scene.safety.channels;
   for (control::ChannelRules& channel : channels) channel.slew = 1e12;
   regulator::PressurePath path({channels, safety}, std::move(io));
-  eventually([&] {
+  const bool enabled = eventually([&] {
     path.turn(steadyNow());
     return path.core().enable(steadyNow()).empty();
   });
+  if (!enabled) return fail(path);
   std::vector<double> seconds;
   for (int i = -kWarmUp; i < kTargets; ++i) {
-    const Eigen::Vector3d wanted = Eigen::Vector3d::Constant(1e4 + 100 * (i % 2));
+    const Eigen::Vector3d wanted = Eigen::Vector3d::Constant(setPointOf(i));
     const double sent = steadyNow();
-    path.target(sent, wanted);
-    while (device.setPoint()[2] != wanted[2]) std::this_thread::yield();
+    const auto arrived = [&] { return device.setPoint()[2] == wanted[2]; };
+    if (!path.target(sent, wanted)) return fail(path);
+    while (!arrived() && steadyNow() - sent < kDeadline) std::this_thread::yield();
+    if (!arrived()) return fail(path);
     if (i >= 0) seconds.push_back(device.lastSetTime() - sent);
     for (const double end = sent + 1 / kRate; steadyNow() < end;) std::this_thread::yield();
     path.turn(steadyNow());
@@ -69,21 +75,21 @@ Times pathTimes(EmulatedRegulator& device) {
   return quantiles(std::move(seconds));
 }
 
-// One bare write and read of three registers.
-Times modbusTimes(int port, int first) {
-  modbus_t* link = modbus_new_tcp("127.0.0.1", port);
+// The driver alone: neither safety core nor thread.
+Times driverTimes(EmulatedRegulator& device) {
+  const io::Scene scene = io::loadScene(device.scene());
+  const auto driver = regulator::makeDriver(*scene.regulator, EmulatedRegulator::kChannels);
+  driver->connect();
+  control::ValveOrders orders(EmulatedRegulator::kChannels);
+  orders.valve.assign(orders.valve.size(), control::Valve::kRegulate);
   std::vector<double> seconds;
-  std::array<std::uint16_t, 3> words{};
-  if (modbus_connect(link) == 0) {
-    for (int i = -kWarmUp; i < kTargets; ++i) {
-      const double sent = steadyNow();
-      if (modbus_read_registers(link, first, 3, words.data()) != 3) break;
-      if (i >= 0) seconds.push_back(steadyNow() - sent);
-    }
-    modbus_close(link);
+  for (int i = -kWarmUp; i < kTargets; ++i) {
+    orders.set_point.setConstant(setPointOf(i));
+    const double sent = steadyNow();
+    driver->write(orders);
+    if (i >= 0) seconds.push_back(device.lastSetTime() - sent);
   }
-  modbus_free(link);
-  if (seconds.empty()) return {-1, -1};
+  driver->vent();
   return quantiles(std::move(seconds));
 }
 
@@ -100,9 +106,7 @@ int main() {
               kTargets, 1e3 / kRate);
   EmulatedRegulator serial(Line::kSerial), modbus(Line::kModbus);
   tell("ascii_serial generic on a pseudo terminal, three lines", pathTimes(serial));
-  tell("modbus_tcp festo_vtem on loopback, one write", pathTimes(modbus));
-  const io::Scene scene = io::loadScene(modbus.scene());
-  const auto& config = std::get<regulator::ModbusConfig>(*scene.regulator);
-  tell("bare libmodbus, one read of three registers",
-       modbusTimes(config.port, config.profile.reading(0)));
+  tell("  its driver alone", driverTimes(serial));
+  tell("modbus_tcp festo_vtem on loopback, one request", pathTimes(modbus));
+  tell("  its driver alone", driverTimes(modbus));
 }

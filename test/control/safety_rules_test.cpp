@@ -118,10 +118,20 @@ TEST(SafetyRules, APressureThatHasNotArrivedYetDoesNotLeak) {
   }
 }
 
+TEST(SafetyRules, ASetPointThatTremblesHidesNoLeak) {
+  Bench bench = enabledBench();
+  bench.readsAs(1, 7e4);
+  for (int k = 0; k < 20; ++k) {
+    bench.goal.setConstant(1e5 + 4e3 * (k % 2));
+    bench.turn();
+  }
+  EXPECT_EQ(bench.cause(), Cause::kLeak);
+}
+
 TEST(SafetyRules, ASetPointThatMovesIsNoLeak) {
   Bench bench = enabledBench();
   for (int k = 0; k < 20; ++k) {
-    bench.goal.setConstant(1e5 + (k % 2));  // by a pascal
+    bench.goal.setConstant(1e5 + 6e3 * (k % 2));  // by more than a fifth of leak_drop
     bench.readsAs(1, 7e4);
     bench.turn();
     ASSERT_EQ(bench.state(), State::kEnabled);

@@ -104,9 +104,15 @@ TEST(SafetyTimes, AChannelThatAnswersInTurnsIsRead) {
   EXPECT_EQ(bench.core.reading(), bench.pressure);  // the newest of each, and they stand
 }
 
+// A fault in which every channel does what its action says.
+void starve(Bench& bench) {
+  bench.supply = 1e5;
+  ASSERT_TRUE(bench.reach(State::kFault));
+}
+
 TEST(SafetyTimes, WhatHoldsIsHeldForTheHoldTimeOnly) {
   Bench bench = enabledBench();
-  bench.core.linked(bench.now, false);
+  starve(bench);
   const double begin = bench.now;
   const double held = bench.core.orders().set_point[1];
   while (bench.now < begin + 8 - kTurn) {
@@ -125,11 +131,14 @@ TEST(SafetyTimes, WhatHoldsStaysWhereItWasOnItsWay) {
   bench.goal.setConstant(1e5);
   bench.turn();
   ASSERT_EQ(bench.core.enable(bench.now), "");
-  bench.turns(50);
-  bench.core.linked(bench.now, false);
+  bench.turns(42);
+  const double before = bench.now;
+  starve(bench);
+  const double way = 6.4e4 * (bench.now - before) + 42e3;
   bench.run(2);
   ASSERT_EQ(bench.orders(), "vrc");
-  EXPECT_NEAR(bench.core.orders().set_point[1], 5e4, 1e3);
+  EXPECT_NEAR(bench.core.orders().set_point[1], way, 2e3);
+  EXPECT_LT(way, 6e4);
 }
 
 TEST(SafetyTimes, AVentIsOverdueWhilePressureStandsBeyondItsTime) {
@@ -154,7 +163,7 @@ TEST(SafetyTimes, AVentIsOverdueWhilePressureStandsBeyondItsTime) {
 
 TEST(SafetyTimes, AHeldChannelIsOverdueOnlyAfterItsOwnVent) {
   Bench bench = enabledBench();
-  bench.core.linked(bench.now, false);
+  starve(bench);
   bench.run(8);  // then what held begins to vent
   bench.readsAs(1, 5e4);
   bench.run(3);

@@ -158,5 +158,16 @@ TEST(PoseCheck, OthersAreRefused) {
   EXPECT_EQ(faultOfPose({0, 0, -kInfinity}, unit), Fault::kNotFinite);
 }
 
+TEST(TargetCheck, ATargetThatHasWaitedLongerThanItsTimeoutIsStale) {
+  EXPECT_FALSE(checkAge(0.99, 1));
+  EXPECT_FALSE(checkAge(1, 1));
+  EXPECT_FALSE(checkAge(-5, 1));
+  EXPECT_FALSE(checkAge(1e9, std::numeric_limits<double>::infinity()));
+  const auto refusal = checkAge(1.01, 1);
+  ASSERT_TRUE(refusal);
+  EXPECT_EQ(refusal->fault, Fault::kStale);
+  EXPECT_NE(refusal->message.find("1.01 s ago"), std::string::npos) << refusal->message;
+}
+
 }  // namespace
 }  // namespace helix_arm::control

@@ -318,7 +318,7 @@ TEST(PressureScene, AVacuumIsWithinTheLimits) {
   EXPECT_EQ(
       faultsOf(replaced(kPlanarScene, "pressure_kpa: [0, 400]", "pressure_kpa: [-60, 0]") + tight),
       std::vector<std::string>{
-          ":11 safety.vented_below_kpa is 10 by default; expected less than 5, "
+          ":11 safety.vented_below_kpa is 15 by default; expected less than 5, "
           "where muscle_1 is beyond its limits by safety.trip_margin_kpa"});
 }
 

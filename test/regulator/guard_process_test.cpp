@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -38,14 +39,23 @@ TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
   {
     GuardProcess guard(command());
     EXPECT_TRUE(guard.stands());
+    guard.dismiss();
+    EXPECT_FALSE(guard.stands());
   }
   EXPECT_TRUE(fs::exists(done()));
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
 }
 
+TEST_F(Noting, IsLeftToItsTaskWhereNobodyDismissesIt) {
+  { const GuardProcess guard(command()); }
+  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_EQ(told(), "");
+}
+
 TEST_F(Noting, OutlivesAKilledProcessGroupAndHearsOfIt) {
   const pid_t ward = fork();
   if (ward == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
     setpgid(0, 0);
     const GuardProcess guard(command());
     while (true) pause();

@@ -69,9 +69,9 @@ TEST_F(Path, ReadingsComeToTheCore) {
 
 TEST_F(Path, ALinkThatDropsAndComesBackBetweenTwoTurnsHasDropped) {
   enable();
-  const std::uint64_t drops = path_->io()->drops();
+  const std::uint64_t breaks = path_->io()->breaks();
   device_.mute = true;
-  ASSERT_TRUE(eventually([&] { return path_->io()->drops() > drops; }));
+  ASSERT_TRUE(eventually([&] { return path_->io()->breaks() > breaks; }));
   device_.mute = false;
   ASSERT_TRUE(eventually([&] { return path_->io()->up(); }));
   path_->turn(steadyNow());
@@ -87,6 +87,19 @@ TEST_F(Path, ADeviceThatHangsIsAFault) {
   device_.hangs = false;
   ASSERT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kVented; }));
   EXPECT_TRUE(eventually([&] { return device_.taken().valve[0] == Valve::kVent; }));
+}
+
+TEST(PressurePath, TurnsThatAreTooFarApartAreALostLink) {
+  for (const double gap : {0.39, 0.41}) {
+    PressurePath path(coreOfTwo(), nullptr, 0.4);
+    path.core().measured(0, Eigen::Vector2d::Zero());
+    ASSERT_EQ(path.core().enable(0), "");
+    path.turn(0.001);
+    path.turn(0.001 + gap);
+    EXPECT_EQ(path.core().report().cause,
+              gap > 0.4 ? SafetyCause::kRegulatorLost : SafetyCause::kNone);
+  }
+  EXPECT_THROW(PressurePath(coreOfTwo(), nullptr, 0), std::invalid_argument);
 }
 
 TEST(PressurePath, WithoutIoTheOrdersAreForSomebodyElse) {

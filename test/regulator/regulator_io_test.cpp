@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
-#include "support/refusal.hpp"
 #include "support/eventually.hpp"
+#include "support/refusal.hpp"
 #include "support/scripted_driver.hpp"
 
 namespace helix_arm::regulator {
@@ -51,7 +51,7 @@ class Io : public ::testing::Test {
   // Gives the orders until the condition holds.
   bool keepOrdering(const ValveOrders& orders, const std::function<bool()>& condition) {
     return eventually([&] {
-      io_.order(orders, io_.drops());
+      io_.order(orders, io_.breaks());
       return condition();
     });
   }
@@ -74,22 +74,29 @@ TEST_F(Io, WritesTheNewestOrdersAndReads) {
   EXPECT_EQ(status.connections, 1u);
   EXPECT_GT(status.writes, 1u);
   EXPECT_GT(status.reads, 0u);
-  EXPECT_EQ(status.drops, 0u);
+  EXPECT_EQ(status.breaks, 0u);
 }
 
 TEST_F(Io, WithoutOrdersItVentsByItself) {
-  ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
-  const double last_order = steadyNow();
+  double last_order = 0;
+  ASSERT_TRUE(eventually([&] {
+    last_order = steadyNow();
+    io_.order(ordersOf(3e4, 4e4), io_.breaks());
+    return regulates(3e4);
+  }));
+  const IoStatus before = io_.status();
   ASSERT_TRUE(eventually([&] { return vents(); }));
-  EXPECT_GE(steadyNow() - last_order, 0.9 * kOrderTimeout);
-  EXPECT_EQ(io_.status().own_vents, 1u);
+  EXPECT_GE(steadyNow() - last_order, kOrderTimeout);
+  EXPECT_EQ(io_.status().own_vents, before.own_vents + 1);
+  EXPECT_EQ(io_.breaks(), before.breaks + 1);
+  EXPECT_TRUE(io_.up());
   ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
 }
 
 TEST_F(Io, AHangingDeviceHoldsNobodyUp) {
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
   device_.hangs = true;
-  for (int i = 0; i < 1000; ++i) io_.order(ordersOf(i, i), io_.drops());
+  for (int i = 0; i < 1000; ++i) io_.order(ordersOf(i, i), io_.breaks());
   Reading reading(kChannels);
   io_.take(reading);
   io_.status();
@@ -101,7 +108,7 @@ TEST_F(Io, ALostLinkIsTriedAgainWithGrowingPauses) {
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
   device_.mute = true;
   ASSERT_TRUE(eventually([&] { return !io_.up(); }));
-  EXPECT_EQ(io_.drops(), 1u);
+  EXPECT_EQ(io_.breaks(), 1u);
   const int attempts = device_.attempts;
   const double begin = steadyNow();
   ASSERT_TRUE(eventually([&] { return device_.attempts >= attempts + 6; }));
@@ -116,7 +123,7 @@ TEST_F(Io, ALostLinkIsTriedAgainWithGrowingPauses) {
 TEST_F(Io, OrdersFromBeforeALossAreNotWritten) {
   ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
   device_.mute = true;
-  ASSERT_TRUE(eventually([&] { return io_.drops() == 1; }));
+  ASSERT_TRUE(eventually([&] { return io_.breaks() == 1; }));
   device_.mute = false;
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
   const int writes = device_.writes;
@@ -136,10 +143,10 @@ TEST_F(Io, FewBadRepliesAreCountedAndManyEndTheLink) {
   ASSERT_TRUE(eventually([&] { return io_.status().bad_replies == 2; }));
   const std::uint64_t reads = io_.status().reads;
   ASSERT_TRUE(eventually([&] { return io_.status().reads > reads; }));
-  EXPECT_EQ(io_.drops(), 0u);
+  EXPECT_EQ(io_.breaks(), 0u);
   EXPECT_EQ(io_.status().last_error, "garbage");
   device_.bad_replies = 3;
-  ASSERT_TRUE(eventually([&] { return io_.drops() == 1; }));
+  ASSERT_TRUE(eventually([&] { return io_.breaks() == 1; }));
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
 }
 
@@ -151,6 +158,7 @@ TEST(RegulatorIo, VentsAndClosesAtItsEnd) {
       io.order(ordersOf(3e4, 4e4), 0);
       return device.taken().valve[0] == Valve::kRegulate;
     }));
+    EXPECT_TRUE(io.end());
   }
   EXPECT_EQ(device.taken().valve, std::vector<Valve>(kChannels, Valve::kVent));
   EXPECT_EQ(device.vents, 1);
@@ -161,9 +169,10 @@ TEST(RegulatorIo, EndsWithoutADeviceToo) {
   ScriptedDevice device(kChannels);
   device.refuses = true;
   {
-    const RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
+    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
     ASSERT_TRUE(eventually([&] { return device.attempts > 1; }));
     EXPECT_FALSE(io.up());
+    EXPECT_FALSE(io.end());
   }
   EXPECT_EQ(device.connections, 0);
   EXPECT_EQ(device.vents, 0);

@@ -20,6 +20,7 @@ const std::vector<double> kHeld = {1.1e5, 1.2e5, 1.3e5};  // in force before eac
 class BadInput : public ::testing::Test {
  protected:
   void SetUp() override {
+    rig_.keepOn();
     ASSERT_TRUE(rig_.connect());
     ASSERT_EQ(rig_.sendPressures(kHeld).outcome, TargetStatus::TAKEN);
   }

@@ -163,12 +163,12 @@ TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
   expectRamps(first_command_);
 }
 
-TEST_F(CalibrationFaults, WithoutMeasurementsItRampsDownAndSaysSo) {
+TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
   startRun();
   rig_process_->signal(SIGINT);
   ASSERT_TRUE(ends());
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("stands still"), std::string::npos)
+  EXPECT_NE(client_->getResult()->message.find("was not read"), std::string::npos)
       << client_->getResult()->message;
   EXPECT_TRUE(atRest());
 }

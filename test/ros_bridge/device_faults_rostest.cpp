@@ -1,6 +1,7 @@
 // The fault matrix of the regulators: what an emulated device does wrong, which state the arm comes
 // to and within which time.
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <set>
 
@@ -17,12 +18,12 @@ using Causes = std::set<std::string>;
 
 const Eigen::Vector3d kBefore(1.5e5, 1e5, 5e4);  // [Pa]
 const Eigen::Vector3d kAfter(2e5, 0.5e5, 1.2e5);
+constexpr double kHang = 5;  // longer than any rule of the scene, and a busy machine [s]
 
 struct Row {
   Line line;
   DeviceFault fault;
   Causes causes;      ///< any of them: it depends on which rule is the first to see it
-  double fault_time;  ///< from the cause to the state `fault` [s]
   bool hears = true;  ///< the device still takes orders in
 };
 
@@ -76,7 +77,7 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
   rig_.regulator.setFault(row.fault);
   rig_.command(kAfter);
   const std::size_t before = rig_.safety.all().size();
-  timeTo([&] { return rig_.safety.all().size() > before; }, row.fault_time, "the fault");
+  timeTo([&] { return rig_.safety.all().size() > before; }, kHang, "the fault");
   const double to_fault = regulator::steadyNow() - begin;
   const SafetyState fault = *rig_.safety.all().at(before);
   EXPECT_EQ(fault.state, "fault");
@@ -84,7 +85,7 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
 
   // A device that is deaf is told as soon as it hears.
   if (!row.hears) rig_.regulator.setFault(DeviceFault::kNone);
-  timeTo([&] { return rig_.regulator.vents(); }, 1.0, "the vent");
+  timeTo([&] { return rig_.regulator.vents(); }, kHang, "the vent");
   const double to_vent = regulator::steadyNow() - begin;
   rig_.regulator.setFault(DeviceFault::kNone);
   EXPECT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
@@ -92,6 +93,10 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
   std::printf("[  FIGURE  ] %s: %s after %.0f ms, the device vents after %.0f ms%s\n",
               ::testing::UnitTest::GetInstance()->current_test_info()->name(), fault.cause.c_str(),
               1e3 * to_fault, 1e3 * to_vent, row.hears ? "" : " (it had to hear again first)");
+
+  RecordProperty("cause", fault.cause);
+  RecordProperty("fault_after_ms", std::to_string(std::lround(1e3 * to_fault)));
+  RecordProperty("vents_after_ms", std::to_string(std::lround(1e3 * to_vent)));
 
   // The commander goes on all the while.
   const std::size_t answers = rig_.status.all().size();
@@ -104,25 +109,24 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
 const Causes kLine = {"stale_reading", "regulator_lost"};
 const Causes kReading = {"not_following", "leak"};
 
-// Bounds: the scene's timeouts (0.4 s readings, 0.4 s following) and a busy machine's slack.
-INSTANTIATE_TEST_SUITE_P(
-    , DeviceFaults,
-    ::testing::Values(Row{Line::kSerial, DeviceFault::kSilence, kLine, 1.5, false},
-                      Row{Line::kSerial, DeviceFault::kGarbage, kLine, 1.5},
-                      Row{Line::kSerial, DeviceFault::kHalfLine, kLine, 1.5},
-                      Row{Line::kSerial, DeviceFault::kSlow, kLine, 1.5},
-                      Row{Line::kSerial, DeviceFault::kRestart, kLine, 1.5},
-                      Row{Line::kSerial, DeviceFault::kNanText, kLine, 1.5},
-                      Row{Line::kSerial, DeviceFault::kStuckValue, kReading, 2.0},
-                      Row{Line::kModbus, DeviceFault::kSilence, kLine, 1.5, false},
-                      Row{Line::kModbus, DeviceFault::kGarbage, kLine, 1.5},
-                      Row{Line::kModbus, DeviceFault::kHalfLine, kLine, 1.5},
-                      Row{Line::kModbus, DeviceFault::kWrongUnit, kReading, 2.0},
-                      Row{Line::kModbus, DeviceFault::kSlow, kLine, 1.5},
-                      Row{Line::kModbus, DeviceFault::kRestart, kLine, 1.5},
-                      Row{Line::kModbus, DeviceFault::kNanText, kLine, 1.5},
-                      Row{Line::kModbus, DeviceFault::kStuckValue, kReading, 2.0}),
-    nameOfRow);
+INSTANTIATE_TEST_SUITE_P(, DeviceFaults,
+                         ::testing::Values(Row{Line::kSerial, DeviceFault::kWrongUnit, kLine},
+                                           Row{Line::kSerial, DeviceFault::kSilence, kLine, false},
+                                           Row{Line::kSerial, DeviceFault::kGarbage, kLine},
+                                           Row{Line::kSerial, DeviceFault::kHalfLine, kLine},
+                                           Row{Line::kSerial, DeviceFault::kSlow, kLine},
+                                           Row{Line::kSerial, DeviceFault::kRestart, kLine},
+                                           Row{Line::kSerial, DeviceFault::kNanText, kLine},
+                                           Row{Line::kSerial, DeviceFault::kStuckValue, kReading},
+                                           Row{Line::kModbus, DeviceFault::kSilence, kLine, false},
+                                           Row{Line::kModbus, DeviceFault::kGarbage, kLine},
+                                           Row{Line::kModbus, DeviceFault::kHalfLine, kLine},
+                                           Row{Line::kModbus, DeviceFault::kWrongUnit, kReading},
+                                           Row{Line::kModbus, DeviceFault::kSlow, kLine},
+                                           Row{Line::kModbus, DeviceFault::kRestart, kLine},
+                                           Row{Line::kModbus, DeviceFault::kNanText, kLine},
+                                           Row{Line::kModbus, DeviceFault::kStuckValue, kReading}),
+                         nameOfRow);
 
 }  // namespace
 }  // namespace helix_arm::test

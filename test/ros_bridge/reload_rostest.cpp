@@ -34,7 +34,10 @@ Reload::Response reload(const std::string& node, const std::string& scene) {
 
 class Reloading : public ::testing::Test {
  protected:
-  void SetUp() override { ASSERT_TRUE(rig_.connect()); }
+  void SetUp() override {
+    rig_.keepOn();
+    ASSERT_TRUE(rig_.connect());
+  }
   // The nodes of all tests go on with the demo's scene.
   void TearDown() override {
     ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
@@ -42,6 +45,12 @@ class Reloading : public ::testing::Test {
       const Reload::Response response = reload(node, "demo");
       EXPECT_TRUE(response.success) << response.message;
     }
+  }
+
+  // As fast as the scene's slew lets it.
+  bool comesTo(const std::vector<double>& pressure) {
+    return nullptr !=
+           rig_.command.next([&](const PressureArray& c) { return c.pressure == pressure; });
   }
 
   Rig rig_;
@@ -70,9 +79,7 @@ TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
   const Reload::Response response = reload(kPressureCommand, file.path());
   EXPECT_TRUE(response.success) << response.message;
   EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(stiffer, rig_, m); }));
-  const auto command = rig_.command.next([](const PressureArray&) { return true; });
-  ASSERT_TRUE(command);
-  EXPECT_EQ(command->pressure, (std::vector<double>{3e5, 0, 0}));
+  EXPECT_TRUE(comesTo({3e5, 0, 0}));
   // Without a path, the file that the node has now: it may have changed.
   std::ofstream(file.path()) << demoWith({});
   EXPECT_TRUE(reload(kPressureCommand, "").success);
@@ -114,7 +121,7 @@ TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {
   const Reload::Response refused = reload(kPressureCommand, file.path());
   EXPECT_FALSE(refused.success);
   EXPECT_NE(refused.message.find("muscle_2"), std::string::npos) << refused.message;
-  EXPECT_EQ(rig_.command.next([](const PressureArray&) { return true; })->pressure[1], 2.5e5);
+  EXPECT_TRUE(comesTo({0, 2.5e5, 0}));
   ASSERT_EQ(rig_.sendPressures({0, 1.9e5, 0}).outcome, TargetStatus::TAKEN);
   const Reload::Response taken = reload(kPressureCommand, file.path());
   EXPECT_TRUE(taken.success) << taken.message;

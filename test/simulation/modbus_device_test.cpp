@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "support/eventually.hpp"
@@ -138,11 +139,9 @@ TEST(ModbusDevice, SilenceTakesNothingIn) {
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40003, {1000}));
   device.setFault(DeviceFault::kSilence);
-  std::thread asking([&raw] { EXPECT_FALSE(raw.write(40003, {3000})); });
-  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kSilence; }));
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // the request may be on its way
+  ASSERT_TRUE(raw.order(40003, 3000));
+  ASSERT_TRUE(eventually([&raw] { return raw.delivered(); }));
   device.setFault(DeviceFault::kNone);
-  asking.join();
   EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
   EXPECT_EQ(device.setPoint()[0], 1e5);
   EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{1000}));
@@ -161,6 +160,23 @@ TEST(ModbusDevice, ARestartEndsAllConnectionsAndVents) {
   EXPECT_EQ(device.setPoint()[0], 0);
   EXPECT_EQ(device.pressure()[0], 0);
   EXPECT_EQ(RawModbus(port).read(40003, 1), (Words{0}));
+}
+
+TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
+  ModbusDevice device(configOf(mpaProfile(), 1));
+  std::unique_ptr<modbus_t, void (*)(modbus_t*)> thief(modbus_new_tcp("127.0.0.1", device.port()),
+                                                       modbus_free);
+  int listener = -1;
+  ASSERT_TRUE(eventually([&] {
+    device.setFault(DeviceFault::kRestart);
+    listener = modbus_tcp_listen(thief.get(), 1);
+    return listener >= 0;
+  }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));  // it has tried in vain by now
+  EXPECT_EQ(device.fault(), DeviceFault::kRestart);
+  close(listener);
+  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kNone; }));
+  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{0}));
 }
 
 TEST(ModbusDevice, WhatItCannotBeIsRefused) {

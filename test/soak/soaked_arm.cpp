@@ -13,8 +13,7 @@ namespace {
 using control::SafetyState;
 using simulation::DeviceFault;
 
-constexpr double kRate = 1000;          // of targets [Hz]
-constexpr double kOrderTimeout = 0.25;  // [s]
+constexpr double kRate = 1000;  // of targets [Hz]
 // Of a machine with other things to do: a turn, a thread or a reading that comes late [s].
 constexpr double kSlack = 0.5;
 constexpr double kStranded = 30;  // without getting it enabled again [s]
@@ -22,7 +21,6 @@ constexpr double kStranded = 30;  // without getting it enabled again [s]
 std::unique_ptr<regulator::RegulatorIo> startIo(const io::Scene& scene) {
   regulator::IoRules rules;
   rules.period = 0.005;
-  rules.order_timeout = kOrderTimeout;
   const int channels = scene.arm.actuatorCount();
   return std::make_unique<regulator::RegulatorIo>(regulator::makeDriver(*scene.regulator, channels),
                                                   channels, rules);
@@ -43,6 +41,9 @@ bool silences(int trouble) {
       return false;
   }
 }
+
+// All that it was told is lost, and every link, however short it was away.
+bool restarts(int trouble) { return trouble == static_cast<int>(DeviceFault::kRestart); }
 
 }  // namespace
 
@@ -98,6 +99,7 @@ void SoakedArm::turn() {
   for (int i = 0; i < goal_.size(); ++i) {
     const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
     tally_.highest = std::max(tally_.highest, true_pressure_[i] / limit);
+    if (true_pressure_[i] > limit + rules_.trip_margin) tally_.burst = true;
   }
   if (phase_ == Phase::kFollow) follow();
   if (phase_ == Phase::kTrouble) endure();
@@ -116,6 +118,7 @@ void SoakedArm::follow() {
     ++tally_.unprovoked;
     trouble_ = -1;
     trouble_ended_ = now_;
+    pending_target_ = 0;
     tally_.last_reason =
         "without trouble: " + path_.core().reason() + " (" + path_.io()->status().last_error + ")";
     enter(Phase::kRecover, kStranded);
@@ -136,11 +139,13 @@ void SoakedArm::begin(int trouble) {
   enter(Phase::kTrouble, random_.logUniform(0.05, 5));
 }
 
-// When at the latest the trouble ends kEnabled, if it lasts.
+// When at the latest the trouble ends kEnabled, if it lasts. A stuck value or one of another unit
+// has no such time: it may be one that the arm has.
 double SoakedArm::mustDecide() const {
   if (trouble_ == kStopEngaged || trouble_ == kVentAsked) return trouble_began_;
   if (trouble_ == kSilentCommander) return trouble_began_ + rules_.target_timeout + kSlack;
-  if (silences(trouble_)) return trouble_began_ + rules_.reading_timeout + kSlack;
+  if (silences(trouble_) || restarts(trouble_))
+    return trouble_began_ + rules_.reading_timeout + kSlack;
   return std::numeric_limits<double>::infinity();
 }
 
@@ -189,7 +194,11 @@ void SoakedArm::recover() {
   const bool settles = now_ < trouble_ended_ + rules_.reading_timeout + kSlack;
   if (enabled()) {
     if (settles) return;
-    if (trouble_ >= 0 && !decided_) ++tally_.troubles[static_cast<std::size_t>(trouble_)].endured;
+    if (restarts(trouble_) && !decided_) {
+      miss("still enabled");
+    } else if (trouble_ >= 0 && !decided_) {
+      ++tally_.troubles[static_cast<std::size_t>(trouble_)].endured;
+    }
     enter(Phase::kFollow, random_.uniform(0.5, 3));
     return;
   }

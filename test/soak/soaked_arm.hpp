@@ -46,6 +46,7 @@ struct SoakTally {
   int unprovoked = 0;         ///< faults without a trouble
   int stranded = 0;           ///< troubles after which it could not be enabled again
   double highest = 0;         ///< true pressure of any channel, of its limit
+  bool burst = false;         ///< it went beyond the limit by more than the margin of the rules
   std::string last_reason;    ///< of the last miss
 };
 

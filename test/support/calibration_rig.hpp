@@ -46,6 +46,7 @@ class CalibrationRig : public ::testing::Test {
   explicit CalibrationRig(const std::string& rig_scene) : rig_scene_(rig_scene) {}
 
   void SetUp() override {
+    rig_.keepOn();
     startRig();
     startCalibration();
     ASSERT_TRUE(waitFor([] { return !ros::Time::now().isZero(); })) << rig_process_->output();
@@ -57,7 +58,8 @@ class CalibrationRig : public ::testing::Test {
   }
 
   /// Lets the lease of this test's own targets run out.
-  void freeTheArm() const {
+  void freeTheArm() {
+    rig_.fallSilent();
     const ros::SteadyTime last = ros::SteadyTime::now();
     waitFor([&] { return (ros::SteadyTime::now() - last).toSec() > 0.6; });
   }
@@ -107,7 +109,8 @@ class CalibrationRig : public ::testing::Test {
       const double change = (vectorOf(commands[k]->pressure) - vectorOf(commands[k - 1]->pressure))
                                 .cwiseAbs()
                                 .maxCoeff();
-      // A command says what came before it was sent, up to the longest step of a ramp and two loops.
+      // A command says what came before it was sent, up to the longest step of a ramp and two
+      // loops.
       EXPECT_LE(change, kRamp * (dt + 0.15));
     }
   }

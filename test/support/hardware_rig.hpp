@@ -53,14 +53,15 @@ class HardwareRig {
     }
     command(pressure);
     return waitFor([&] {
-             const bool enabled = !safety.all().empty() && safety.last().state == "enabled";
-             return enabled || trigger(names::kEnable).success;
-           }) &&
-           waitFor([&] { return (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3; });
+      const bool enabled = !safety.all().empty() && safety.last().state == "enabled";
+      if (!enabled) trigger(names::kEnable);  // a busy machine trips the brisk rules of the scene
+      return enabled && (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3;
+    });
   }
   /// Sends these at 50 Hz from now on [Pa].
   void command(const Eigen::Vector3d& pressure) { wanted_ = pressure; }
   void fallSilent() { wanted_.reset(); }
+  double lastTarget() const { return last_target_; }  ///< when, of regulator::steadyNow() [s]
 
   EmulatedRegulator& regulator;
   Process node;
@@ -71,12 +72,14 @@ class HardwareRig {
     PressureArray target;
     target.header.stamp = ros::Time::now();
     target.pressure.assign(wanted_->begin(), wanted_->end());
+    last_target_ = regulator::steadyNow();
     targets_.publish(target);
   }
 
   ros::NodeHandle node_, services_;
   ros::Publisher targets_;
   std::optional<Eigen::Vector3d> wanted_;
+  double last_target_ = 0;
 
  public:
   Inbox<SafetyState> safety;

@@ -10,7 +10,8 @@
 namespace helix_arm::test {
 
 /// A child process with a group of its own, whose stdout and stderr are collected; it does not
-/// outlive the object.
+/// outlive the object, and is asked to end where this process is killed. The thread that makes one
+/// lives as long as it.
 class Process {
  public:
   using Variables = std::map<std::string, std::string>;

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include <sys/ioctl.h>
+
 #include "modbus/modbus.h"
 
 namespace helix_arm::test {
@@ -37,6 +39,23 @@ class RawModbus {
   bool write(int first, const Words& words) const {
     const auto count = static_cast<int>(words.size());
     return modbus_write_registers(context_.get(), first, count, words.data()) == count;
+  }
+  /// Sends the order to write a holding register, and does not wait for an answer.
+  bool order(int register_number, std::uint16_t word) const {
+    const auto high = [](int number) { return static_cast<std::uint8_t>(number >> 8); };
+    const auto low = [](int number) { return static_cast<std::uint8_t>(number); };
+    const std::uint8_t request[] = {MODBUS_TCP_SLAVE,
+                                    MODBUS_FC_WRITE_SINGLE_REGISTER,
+                                    high(register_number),
+                                    low(register_number),
+                                    high(word),
+                                    low(word)};
+    return modbus_send_raw_request(context_.get(), request, sizeof request) > 0;
+  }
+  /// Whether all that was sent has come to the server's machine.
+  bool delivered() const {
+    int waiting = 0;
+    return ioctl(modbus_get_socket(context_.get()), TIOCOUTQ, &waiting) == 0 && waiting == 0;
   }
 
  private:

@@ -51,8 +51,12 @@ void ReplyServer::run() {
       continue;
     }
     request.resize(static_cast<std::size_t>(got));
-    const Bytes reply = answer_(request);
-    if (!reply.empty()) send(client, reply.data(), reply.size(), MSG_NOSIGNAL);
+    const auto [said, hangs_up] = answer_(request);
+    if (!said.empty()) send(client, said.data(), said.size(), MSG_NOSIGNAL);
+    if (hangs_up) {
+      close(client);
+      client = -1;
+    }
   }
   if (client >= 0) close(client);
 }

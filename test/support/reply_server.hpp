@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace helix_arm::test {
@@ -13,7 +14,13 @@ namespace helix_arm::test {
 class ReplyServer {
  public:
   using Bytes = std::vector<std::uint8_t>;
-  using Answer = std::function<Bytes(const Bytes& request)>;
+  struct Reply {
+    Reply(Bytes said, bool last = false) : bytes(std::move(said)), hangs_up(last) {}
+
+    Bytes bytes;
+    bool hangs_up;  ///< after them
+  };
+  using Answer = std::function<Reply(const Bytes& request)>;
 
   explicit ReplyServer(Answer answer);
   ~ReplyServer();

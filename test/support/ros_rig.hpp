@@ -1,14 +1,20 @@
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
 #include <functional>
+#include <mutex>
+#include <optional>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
+#include <std_srvs/Trigger.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
@@ -63,6 +69,44 @@ class Inbox {
   ros::Subscriber subscriber_;
 };
 
+/// Repeats a target from a thread of its own, so that a test may do what takes long.
+class Heartbeat {
+ public:
+  explicit Heartbeat(ros::Publisher publisher)
+      : publisher_(std::move(publisher)), thread_([this] { beat(); }) {}
+  ~Heartbeat() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      stop_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+  }
+
+  /// From now on this one, or none.
+  void repeat(std::optional<PressureArray> target) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    target_ = std::move(target);
+  }
+
+ private:
+  void beat() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (!wake_.wait_for(lock, std::chrono::milliseconds(200), [this] { return stop_; })) {
+      if (!target_) continue;
+      target_->header.stamp = ros::Time::now();
+      publisher_.publish(*target_);
+    }
+  }
+
+  const ros::Publisher publisher_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool stop_ = false;
+  std::optional<PressureArray> target_;
+  std::thread thread_;
+};
+
 /// A user of one pressure_command node: sends targets and reads the answers.
 class Rig {
  public:
@@ -78,7 +122,7 @@ class Rig {
         status(node_, names::kTargetStatus),
         diagnostics(node_, names::kDiagnostics) {}
 
-  /// True when every topic is connected both ways.
+  /// True when every topic is connected both ways, and the arm is enabled.
   bool connect() {
     return waitFor([this] {
       return pressure_target_.getNumSubscribers() > 0 && shape_target_.getNumSubscribers() > 0 &&
@@ -86,6 +130,10 @@ class Rig {
              !measured.all().empty() && !model.all().empty() && answered();
     });
   }
+
+  /// From now on pressures that were taken are repeated, as the watchdog of targets wants it.
+  void keepOn() { keeps_on_ = true; }
+  void fallSilent() { heartbeat_.repeat({}); }
 
   /// Sends a target and returns the node's answer to it; an answer without outcome (255) when none
   /// came.
@@ -98,7 +146,9 @@ class Rig {
     PressureArray target;
     target.name = name;
     target.pressure = pressure;
-    return send(target);
+    const TargetStatus answer = send(target);
+    if (keeps_on_ && answer.outcome == TargetStatus::TAKEN) heartbeat_.repeat(target);
+    return answer;
   }
 
   /// The command in force after the answer was given, empty when none came. Topics may overtake
@@ -130,11 +180,17 @@ class Rig {
   // The node may not have accepted the first subscription yet, so the first target is sent more
   // than once.
   bool answered() {
-    if (!status.all().empty()) return true;
+    if (taken()) return true;
+    std_srvs::Trigger enable;  // refused where it is enabled already, or not vented yet
+    const std::string node = node_.resolveName(names::kPressureCommandNode);
+    ros::service::call(node + "/" + names::kEnable, enable);
     PressureArray same = command.last();
     same.header.stamp = ros::Time::now();
     pressure_target_.publish(same);
-    return waitFor([this] { return !status.all().empty(); }, 0.2);
+    return waitFor([this] { return taken(); }, 0.2);
+  }
+  bool taken() const {
+    return !status.all().empty() && status.last().outcome != TargetStatus::DROPPED;
   }
 
   template <class Target>
@@ -154,6 +210,8 @@ class Rig {
 
   ros::NodeHandle node_;
   ros::Publisher pressure_target_, shape_target_, tip_target_;
+  Heartbeat heartbeat_{pressure_target_};
+  bool keeps_on_ = false;
   ros::Time last_stamp_;
 
  public:

@@ -1,6 +1,8 @@
 // launch/two_machines.launch on two machines, each a network namespace of this one: the camera
 // machine commands the arm, its cable is pulled and put back.
 #include <algorithm>
+#include <chrono>
+#include <csignal>
 #include <optional>
 
 #include <gtest/gtest.h>
@@ -21,6 +23,10 @@ namespace {
 constexpr double kTargetTimeout = 1.0;  // [s]
 constexpr double kVentTime = 3.0;       // [s]
 constexpr double kMoves = 3e4;          // far above what a series sends while it waits [Pa]
+// Of all waits together, and of a roslaunch to end: it gives a node 15 s before it kills it, and a
+// node outlives the roslaunch that is killed. Below the TIMEOUT of ctest [s].
+constexpr double kAllWaits = 170;
+constexpr double kEnd = 18;
 
 std::optional<TwoNetworks>& networks() {
   static std::optional<TwoNetworks> instance;
@@ -41,7 +47,10 @@ class Machine {
       : process_(command(role, address, scene, arguments),
                  {{"ROS_MASTER_URI", "http://" + std::string(TwoNetworks::kControl) + ":11311"},
                   {"ROS_HOSTNAME", address}}) {}
-
+  ~Machine() {
+    process_.signal(SIGINT);
+    process_.exitCode(kEnd);
+  }
   const std::string& output() {
     process_.prints("(nothing prints this)", 0.2);
     return process_.output();
@@ -78,11 +87,15 @@ void enable() {
 }
 
 TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
-  if (geteuid() != 0) GTEST_SKIP() << "only root makes network namespaces";
+  const auto begin = std::chrono::steady_clock::now();
+  const auto left = [begin] {
+    const std::chrono::duration<double> gone = std::chrono::steady_clock::now() - begin;
+    return kAllWaits - gone.count();
+  };
   try {
     networks().emplace();
-  } catch (const std::runtime_error& error) {
-    GTEST_SKIP() << "no network namespaces here: " << error.what();
+  } catch (const NoNetworks& error) {
+    GTEST_SKIP() << error.what();
   }
   networks()->enterControl();
   const TemporaryFile scene(sceneText());
@@ -93,7 +106,7 @@ TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
   setenv("ROS_MASTER_URI", ("http://" + std::string(TwoNetworks::kControl) + ":11311").c_str(), 1);
   setenv("ROS_HOSTNAME", TwoNetworks::kControl, 1);
   ros::init(ros::M_string(), "two_machines_test");
-  ASSERT_TRUE(waitFor([] { return ros::master::check(); }, 60)) << told();
+  ASSERT_TRUE(waitFor([] { return ros::master::check(); }, left())) << told();
   ros::NodeHandle node;
   Inbox<SafetyState> safety(node, names::kSafetyState);
   Inbox<PressureArray> command(node, names::kPressureCommand);
@@ -109,13 +122,18 @@ TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
   };
 
   // Nothing moves before it is enabled, although the commander commands.
-  ASSERT_TRUE(waitFor([&] { return !status.all().empty() && !measured.all().empty(); }, 60))
+  ASSERT_TRUE(waitFor(
+      [&] {
+        return !status.all().empty() && !measured.all().empty() && !command.all().empty() &&
+               !targets.all().empty() && !safety.all().empty();
+      },
+      left()))
       << told();
   EXPECT_EQ(status.last().outcome, TargetStatus::DROPPED);
   EXPECT_EQ(state(), "disabled");
   ASSERT_TRUE(std::all_of(command.all().begin(), command.all().end(),
                           [](const auto& message) { return rests(*message); }));
-  ASSERT_TRUE(waitFor(goesOn, 60)) << told();
+  ASSERT_TRUE(waitFor(goesOn, left())) << told();
 
   networks()->cut();
   const ros::Time cut = ros::Time::now();
@@ -133,9 +151,9 @@ TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
   // What the commander sends from now on is answered again, and pictures come.
   ASSERT_TRUE(waitFor(
       [&] { return status.all().size() > answers_before && status.last().target_stamp > heal; },
-      60))
+      left()))
       << told();
-  ASSERT_TRUE(waitFor([&] { return measured.last().header.stamp > heal; }, 60)) << told();
+  ASSERT_TRUE(waitFor([&] { return measured.last().header.stamp > heal; }, left())) << told();
   const auto backlog =
       std::count_if(targets.all().begin() + static_cast<std::ptrdiff_t>(targets_before),
                     targets.all().end(), [&](const auto& target) {
@@ -152,7 +170,7 @@ TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
                           [](const auto& message) { return rests(*message); }));
   EXPECT_EQ(safety.all().size(), states_before) << "last: " << safety.last();
 
-  EXPECT_TRUE(waitFor(goesOn, 60)) << told();
+  EXPECT_TRUE(waitFor(goesOn, left())) << told();
   ros::shutdown();
 }
 

@@ -55,6 +55,7 @@ class ChannelWatch {
   double read_at_ = -std::numeric_limits<double>::infinity();
   double empty_at_ = -std::numeric_limits<double>::infinity();  // the newest that shows no pressure
   double set_point_ = 0;
+  double stands_at_ = 0;  // the set point, but for its trembling
   double reference_ = 0;  // what a healthy channel would read
   double reference_at_ = -std::numeric_limits<double>::infinity();  // then
   bool arrived_ = false;  // at the set point, since it stands

@@ -75,13 +75,19 @@ struct SafetyRules {
   double time_constant = 0.2;  ///< of a healthy channel, > 0 [s]
   /// How far a reading may fall below a set point that stands and that it had reached, > 0 [Pa].
   double leak_drop = 2.5e4;
-  double hold_time = 10.0;    ///< of FaultAction::kHold and kClose, >= 0 [s]
-  double vented_below = 1e4;  ///< a reading within this of the atmosphere is no pressure, > 0 [Pa]
-  double vent_time = 3.0;     ///< a channel that vents is to be empty by then, > 0 [s]
+  double hold_time = 10.0;  ///< of FaultAction::kHold and kClose, >= 0 [s]
+  double vented_below =
+      1.5e4;               ///< a reading within this of the atmosphere is no pressure, > 0 [Pa]
+  double vent_time = 3.0;  ///< a channel that vents is to be empty by then, > 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
+
+/// The first rule that is looser in `next` than in these: what would let more pressure stand, or
+/// longer. Names it with both values; empty: none is. The channels are the same ones.
+std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRules& rules,
+                     const std::vector<ChannelRules>& next_channels, const SafetyRules& next);
 
 /// How the pressure path came to where it stands.
 struct SafetyReport {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -24,8 +25,9 @@ enum class Fault {
   kOtherCommander,
   kNotConverged,
   kNotEnabled,
+  kStale,
 };
-inline constexpr int kFaultCount = 11;
+inline constexpr int kFaultCount = 12;
 
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);
@@ -47,6 +49,11 @@ using Checked = std::variant<T, Refusal>;
 Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure);
+
+/// Refuses a target that was stamped longer ago than its timeout: it has waited in some queue.
+///
+/// @param age  of its stamp [s].
+std::optional<Refusal> checkAge(double age, double timeout);
 
 /// What an instrument reads of all the arm's pressures: (n) gauge [Pa]. Unlike a target it may lie
 /// outside the limits.

@@ -10,8 +10,8 @@ namespace helix_arm::regulator {
 /// A process that outlives this one, to vent the arm where this one is killed.
 ///
 /// It is started in a session of its own, so that no signal to this process's group reaches it, and
-/// its standard input ends with this process, however that ends. Before an orderly end the guard is
-/// told to go.
+/// its standard input ends with this process, however that ends. Once the arm is vented for certain
+/// the guard is dismissed.
 class GuardProcess {
  public:
   /// What the guard reads when it is to go, and nothing else.
@@ -20,13 +20,15 @@ class GuardProcess {
   /// @param command  program by its path, and its arguments.
   /// @throws std::runtime_error naming the program when it cannot be started.
   explicit GuardProcess(const std::vector<std::string>& command);
-  /// Dismisses it and waits for its end.
+  /// Leaves it to its task, unless it was dismissed.
   ~GuardProcess();
   GuardProcess(const GuardProcess&) = delete;
   GuardProcess& operator=(const GuardProcess&) = delete;
 
   /// Whether it still stands by.
   bool stands();
+  /// Tells it to go, and waits for its end.
+  void dismiss();
 
  private:
   pid_t pid_ = -1;

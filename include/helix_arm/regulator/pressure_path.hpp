@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <memory>
 
 #include "helix_arm/control/safety.hpp"
@@ -13,9 +14,12 @@ namespace helix_arm::regulator {
 /// and tests. Of one thread, or behind one lock.
 class PressurePath {
  public:
-  /// @param io  null where somebody else regulates: hand its readings to measured() and the orders
-  /// to it.
-  PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io);
+  /// @param io           null where somebody else regulates: hand its readings to the core and the
+  ///                     orders to it.
+  /// @param longest_gap  between turns: after a longer one whoever regulates may have vented by
+  ///                     itself, and the link counts as lost, > 0 [s].
+  /// @throws std::invalid_argument naming the value and its rule.
+  PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io, double longest_gap = 0.4);
 
   /// One turn at `now`, of steadyNow() [s]: takes readings in, lets the core decide, hands its
   /// orders on. To be called often, and neither waits nor allocates.
@@ -30,12 +34,16 @@ class PressurePath {
   const control::SafetyCore& core() const { return core_; }
   /// Null where somebody else regulates.
   const RegulatorIo* io() const { return io_.get(); }
+  /// As RegulatorIo::end(); false where somebody else regulates.
+  bool end() { return io_ && io_->end(); }
 
  private:
   control::SafetyCore core_;
   Reading reading_;
   bool fresh_ = false;
-  std::uint64_t drops_seen_ = 0;
+  double longest_gap_;
+  double last_turn_ = std::numeric_limits<double>::infinity();  // so far none [s]
+  std::uint64_t breaks_seen_ = 0;
   std::unique_ptr<RegulatorIo> io_;
 };
 

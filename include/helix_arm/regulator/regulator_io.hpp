@@ -20,7 +20,7 @@ double steadyNow();
 struct IoRules {
   double period =
       0.01;  ///< readings are at least so far apart, > 0 [s]; orders are written at once
-  double order_timeout = 0.25;    ///< without orders for so long it vents by itself, > 0 [s]
+  double order_timeout = 0.5;     ///< without orders for so long it vents by itself, > 0 [s]
   double first_back_off = 0.05;   ///< before the link is tried again, > 0 [s]; doubles each time
   double longest_back_off = 1.0;  ///< >= first_back_off [s]
   int most_bad_replies = 5;       ///< in a row, >= 1, until the link counts as no good
@@ -36,7 +36,7 @@ struct IoStatus {
   std::uint64_t reads = 0;   ///< readings that it gave
   std::uint64_t bad_replies = 0;
   std::uint64_t connections = 0;  ///< that came about
-  std::uint64_t drops = 0;        ///< of the link
+  std::uint64_t breaks = 0;       ///< as breaks()
   std::uint64_t own_vents = 0;    ///< for want of orders
   std::string last_error;         ///< empty: none
 };
@@ -57,7 +57,7 @@ class RegulatorIo {
  public:
   /// @throws std::invalid_argument when a rule is broken or there is no driver.
   RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules);
-  /// Vents, where the device can be reached, and closes the link.
+  /// As end().
   ~RegulatorIo();
   RegulatorIo(const RegulatorIo&) = delete;
   RegulatorIo& operator=(const RegulatorIo&) = delete;
@@ -65,21 +65,26 @@ class RegulatorIo {
   /// To be written as soon as the line is free, the newest alone. Of one thread; neither waits nor
   /// allocates.
   ///
-  /// @param drops  of the link that the orders know of: a device that has come back since may have
-  /// restarted, and orders from before are not written.
-  void order(const control::ValveOrders& orders, std::uint64_t drops);
+  /// @param breaks  that the orders know of: those from before the last one are not written.
+  void order(const control::ValveOrders& orders, std::uint64_t breaks);
   /// The newest reading since the last call; false when none has come. As order().
   bool take(Reading& reading);
 
-  bool up() const { return up_; }                 ///< the link
-  std::uint64_t drops() const { return drops_; }  ///< of the link
+  bool up() const { return up_; }  ///< the link
+  /// How often the device has been vented behind the back of whoever gives orders: the link
+  /// dropped, or orders did not come.
+  std::uint64_t breaks() const { return breaks_; }
   /// Waits for no device.
   IoStatus status() const;
+
+  /// Vents, where the device can be reached, closes the link, and does nothing from then on.
+  /// @return whether the device has taken the vent.
+  bool end();
 
  private:
   struct Order {
     control::ValveOrders valves;
-    std::uint64_t drops;
+    std::uint64_t breaks;
   };
 
   void run();
@@ -97,7 +102,8 @@ class RegulatorIo {
 
   std::atomic<bool> stop_{false};
   std::atomic<bool> up_{false};
-  std::atomic<std::uint64_t> writes_{0}, reads_{0}, bad_replies_{0}, connections_{0}, drops_{0},
+  std::atomic<bool> vented_at_end_{false};
+  std::atomic<std::uint64_t> writes_{0}, reads_{0}, bad_replies_{0}, connections_{0}, breaks_{0},
       own_vents_{0};
   mutable std::mutex error_mutex_;
   std::string last_error_;

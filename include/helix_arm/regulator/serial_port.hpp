@@ -38,6 +38,7 @@ class SerialPort {
   const std::string& unfinished() const { return input_; }
 
  private:
+  void awaitSent() const noexcept;
   bool awaitInput(Clock::time_point deadline) const;
   std::size_t takeInput();
   [[noreturn]] void fail(const std::string& cause) const;

@@ -40,8 +40,8 @@ struct PressureCommandOptions {
   /// ~regulator: `scene` drives the scene's regulator, hardware or simulated, from this node;
   /// `topic` leaves the pressures to another node, which reports them on pressure_measured.
   std::string regulator = "scene";
-  /// ~auto_enable: a target enables the arm, at first and after the commander fell silent. Never
-  /// with hardware.
+  /// ~auto_enable: a target enables the arm, at first and after the commander fell silent. By
+  /// default with ~regulator `scene`; never with hardware.
   bool auto_enable = true;
   /// ~allow_sim_time: drive hardware although ROS time is simulated; the safety rules run on the
   /// steady clock in any case.
@@ -85,8 +85,8 @@ struct PressureCommandOptions {
 /// - ~enable, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while true):
 /// their
 ///   answers say what became of it, and why
-/// - ~reload (Reload): another file of the same rig. The command stays, and must be inside the new
-///   limits; the regulator goes on as it is.
+/// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
+///   inside the new limits; with hardware no rule may be looser than when the node began.
 ///
 /// Parameters: PressureCommandOptions.
 ///
@@ -107,6 +107,7 @@ class PressureCommandNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   PressureCommandNode();
+  ~PressureCommandNode();
 
   int finish() const { return kDone; }
 
@@ -121,7 +122,10 @@ class PressureCommandNode {
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
-  void aimTip(const Sender& sender, const TipTarget& target);
+  void aimTip(const Sender& sender, const control::Checked<TipGoal>& checked);
+  /// What was checked, unless its stamp says that it waited in some queue.
+  template <class T>
+  control::Checked<T> fresh(const Sender& sender, control::Checked<T> checked) const;
 
   /// The target's value when it is sound and its sender may command; else drops it and returns
   /// null.
@@ -132,6 +136,7 @@ class PressureCommandNode {
   /// Commands it; else drops the target and returns false.
   bool command(const Sender& sender, const Eigen::VectorXd& pressure);
 
+  void requireSameRegulator(const io::Scene& next) const;
   void adopt(io::Scene next);
 
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
@@ -148,6 +153,7 @@ class PressureCommandNode {
 
   const PressureCommandOptions options_;
   io::Scene scene_;
+  const io::SafetyConfig first_safety_;  ///< what no other file may loosen, with hardware
   const FrameNames frames_;
   model::InverseSolver solver_;
   control::CommanderLease lease_;

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <ros/callback_queue.h>
@@ -68,9 +69,15 @@ class PressureLoop {
   /// @return why it does not; empty: it does.
   std::string command(const Eigen::VectorXd& pressure);
 
-  /// Other rules of the same channels from now on.
+  /// Other rules of the same channels from now on, and another arm of the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
-  void adopt(std::vector<control::ChannelRules> channels, const control::SafetyRules& rules);
+  void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
+             const control::SafetyRules& rules);
+
+  void vent();
+  /// Vents, where the regulator is the node's own, and does nothing from then on.
+  /// @return whether the regulator has taken the vent.
+  bool end();
 
   Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
   Snapshot snapshot() const;
@@ -87,19 +94,22 @@ class PressureLoop {
   // All of these want the lock.
   void turn(double now);
   void publish(double now);
-  void tellChanges(const ros::Time& stamp);
+  void noteChanges(const ros::Time& stamp);
   void post(Reading reading);
 
+  // None of these does: a log that is held up holds up nobody else.
+  void tellChanges();
   void takeWaiting();
 
-  const model::Arm arm_;
   const bool auto_enable_;
   const Take take_;
 
   mutable std::mutex mutex_;  ///< of all that follows, and of the order of commands
+  model::Arm arm_;
   regulator::PressurePath path_;
   std::uint64_t turns_ = 0;
-  std::optional<std::uint64_t> changes_told_;
+  std::optional<std::uint64_t> changes_noted_;
+  std::vector<std::pair<control::SafetyReport, std::string>> untold_;
   FaultCount bad_readings_;
   std::vector<Reading> waiting_;
 

@@ -18,6 +18,10 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 /// @throws std::invalid_argument as requireRegulator() and regulator::makeDriver().
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate);
 
+/// Longest gap between two turns of a loop at this rate [Hz] before whoever takes its orders may
+/// have vented by itself [s].
+double longestGap(double rate);
+
 /// The command of the guard that vents the scene's regulator where this process is killed.
 std::vector<std::string> guardOf(const std::string& scene_path);
 
