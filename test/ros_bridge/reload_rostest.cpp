@@ -123,6 +123,7 @@ TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {
   EXPECT_NE(refused.message.find("muscle_2"), std::string::npos) << refused.message;
   EXPECT_TRUE(comesTo({0, 2.5e5, 0}));
   ASSERT_EQ(rig_.sendPressures({0, 1.9e5, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_TRUE(comesTo({0, 1.9e5, 0}));
   const Reload::Response taken = reload(kPressureCommand, file.path());
   EXPECT_TRUE(taken.success) << taken.message;
   EXPECT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::DROPPED);
