@@ -50,11 +50,12 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const control::Safety
   return out;
 }
 
-// Before it is enabled for the first time, and after a commander who fell silent, nothing speaks
-// against going on.
+// Before it is enabled for the first time, and after what has passed by itself.
 bool mayEnableItself(const control::SafetyReport& report) {
-  return report.state == SafetyState::kDisabled ||
-         (report.state == SafetyState::kVented && report.cause == SafetyCause::kStaleTarget);
+  if (report.state == SafetyState::kDisabled) return true;
+  return report.state == SafetyState::kVented &&
+         (report.cause == SafetyCause::kStaleTarget || report.cause == SafetyCause::kStaleReading ||
+          report.cause == SafetyCause::kRegulatorLost);
 }
 
 void tell(const control::SafetyReport& report, const std::string& reason) {

@@ -40,8 +40,8 @@ struct PressureCommandOptions {
   /// ~regulator: `scene` drives the scene's regulator, hardware or simulated, from this node;
   /// `topic` leaves the pressures to another node, which reports them on pressure_measured.
   std::string regulator = "scene";
-  /// ~auto_enable: a target enables the arm, at first and after the commander fell silent. By
-  /// default with ~regulator `scene`; never with hardware.
+  /// ~auto_enable: a target enables the arm, at first and after commander or regulator fell silent.
+  /// By default with ~regulator `scene`; never with hardware.
   bool auto_enable = true;
   /// ~allow_sim_time: drive hardware although ROS time is simulated; the safety rules run on the
   /// steady clock in any case.

@@ -56,7 +56,9 @@ class PressureLoop {
   /// @param rate         of the loop [Hz].
   /// @param path         without I/O where another node regulates: its readings are then taken from
   ///                     pressure_measured.
-  /// @param auto_enable  a target enables the path: at first, and when it has gone stale before.
+  /// @param auto_enable  a target enables the path: at first, and after targets, readings or the
+  /// link
+  ///                     had failed.
   /// @param take         gets the readings, in order, from the node's own callback queue; the last
   ///                     alone where it cannot keep up.
   PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
