@@ -7,13 +7,12 @@
 
 #include "helix_arm/PressureArray.h"
 #include "support/emulated_regulator.hpp"
-#include "support/process.hpp"
 #include "support/eventually.hpp"
+#include "support/process.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-const std::string kTarget = "[150000.0, 100000.0, 50000.0]";
 const std::string kNode = "/pressure_command";
 
 class DeadMaster : public ::testing::Test {
@@ -23,9 +22,10 @@ class DeadMaster : public ::testing::Test {
     out.insert(out.end(), more.begin(), more.end());
     return out;
   }
+  // Goes through pressures above 140 kPa on every muscle.
   Process commander() const {
-    return Process({"rostopic", "pub", "-r", "20", "/pressure_target", "helix_arm/PressureArray",
-                    "pressure: " + kTarget},
+    return Process({HELIX_ARM_SERIES, "_scene:=" + regulator_.scene(), "_loop:=true",
+                    "_ramp_s:=0.2", "_hold_s:=1"},
                    master_.variables());
   }
   void call(const std::vector<std::string>& arguments, const std::string& answer) const {

@@ -109,12 +109,9 @@ TEST_P(DeadParts, ANodeThatIsAskedToEndVentsFirst) {
 }
 
 TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
-  Process second(
-      {"rostopic", "pub", "-r", "50",
-       "/" + std::string(GetParam() == Line::kSerial ? "serial" : "modbus") + "/pressure_target",
-       "helix_arm/PressureArray", "pressure: [0, 0, 0]"});
-  ASSERT_TRUE(waitFor(
-      [&] { return !rig_.status.all().empty() && rig_.status.last().fault == "other_commander"; }));
+  const std::string ns = GetParam() == Line::kSerial ? "/serial" : "/modbus";
+  Process second({HELIX_ARM_SERIES, "__ns:=" + ns, "_scene:=" + regulator_.scene()});
+  ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
   EXPECT_EQ(rig_.safety.last().state, "enabled");
   EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
 }
