@@ -7,8 +7,8 @@
 #include "helix_arm/lie/coefficients.hpp"
 
 // Debian's binaries are baseline x86-64: the loops below exist once for each instruction set, and
-// the loader picks.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+// the loader picks. Not under the thread sanitizer: the picking runs before the sanitizer does.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
 #define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
 #else
 #define HELIX_ARM_CLONES
