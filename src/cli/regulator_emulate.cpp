@@ -117,17 +117,16 @@ void tell(const Emulated& emulated, const io::Scene& scene) {
 }
 
 void obey(const std::string& word, const Emulated& emulated) {
-  std::string known;
-  for (int i = 0; i < simulation::kDeviceFaultCount; ++i) {
-    const auto fault = static_cast<DeviceFault>(i);
-    if (word == simulation::nameOf(fault)) {
-      emulated.setFault(fault);
-      std::cout << "fault: " << word << std::endl;
-      return;
-    }
-    known += (i > 0 ? ", " : "") + std::string(simulation::nameOf(fault));
+  if (const auto fault = simulation::parseDeviceFault(word)) {
+    emulated.setFault(*fault);
+    std::cout << "fault: " << word << std::endl;
+    return;
   }
-  std::cerr << "there is no fault " << word << "; expected one of " << known << "\n";
+  std::cerr << "there is no fault " << word << "; expected one of";
+  for (int i = 0; i < simulation::kDeviceFaultCount; ++i) {
+    std::cerr << (i > 0 ? ", " : " ") << simulation::nameOf(static_cast<DeviceFault>(i));
+  }
+  std::cerr << "\n";
 }
 
 // The lines of stdin, as they come; at its end no more.

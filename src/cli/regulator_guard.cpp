@@ -1,10 +1,13 @@
 #include <cerrno>
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <iostream>
 #include <sstream>
 #include <thread>
 
+#include <poll.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "helix_arm/regulator/guard_process.hpp"
@@ -19,15 +22,38 @@ using regulator::steadyNow;
 constexpr double kTrying = 10;  // [s]
 constexpr std::chrono::milliseconds kBetweenTries(50);
 
-// Reads stdin to its end; true where it was told to go.
-bool dismissed() {
-  char byte = 0;
+// How whoever moves the arm has come to its end.
+enum class End { kDismissesGuard, kIsGone, kStandsStill };
+
+// Reads stdin until then. Whole periods without a beat are counted, not the time: a machine that
+// was suspended has lost one period.
+End awaitEnd() {
+  using regulator::GuardProcess;
+  constexpr int kPeriod = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
+  bool beats = false;
+  int missed = 0;
   for (;;) {
-    const ssize_t size = read(STDIN_FILENO, &byte, 1);
+    pollfd waited{STDIN_FILENO, POLLIN, 0};
+    const int ready = poll(&waited, 1, beats ? kPeriod : -1);
+    if (ready == 0 && ++missed == GuardProcess::kMissedBeats) return End::kStandsStill;
+    if (ready <= 0) continue;
+    char bytes[64];
+    const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
     if (size < 0 && errno == EINTR) continue;
-    if (size <= 0) return false;
-    if (byte == regulator::GuardProcess::kDismissal) return true;
+    if (size <= 0) return End::kIsGone;
+    if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
+      return End::kDismissesGuard;
+    }
+    beats = true;
+    missed = 0;
   }
+}
+
+// So that it neither holds the line nor wakes up and moves the arm on.
+void endWard() {
+  ucred ward{};
+  socklen_t size = sizeof ward;
+  if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
 }
 
 // Connects and vents until that is done, for a while.
@@ -52,11 +78,15 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
   const auto driver = driverOf(scene);  // what it needs is there before it is needed
-  if (dismissed()) return kDone;
+  const End end = awaitEnd();
+  if (end == End::kDismissesGuard) return kDone;
+  if (end == End::kStandsStill) endWard();
   const double begin = steadyNow();
   const Vented result = vent(*driver, scene);
   std::ostringstream line;
-  line << "guard: whoever moved the arm is gone; " << regulator::describe(*scene.regulator);
+  line << "guard: whoever moved the arm "
+       << (end == End::kStandsStill ? "stood still and was killed; " : "is gone; ")
+       << regulator::describe(*scene.regulator);
   if (result.reason.empty()) {
     line << " is vented, after " << steadyNow() - begin << " s\n";
   } else {

@@ -1,6 +1,7 @@
 #include "helix_arm/regulator/guard_process.hpp"
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <stdexcept>
 
@@ -49,15 +50,35 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command) {
     ::close(line_);
     fail(command[0], error);
   }
+  beat();  // from now on silence counts
+  beats_ = std::thread([this] { keepBeating(); });
 }
 
-GuardProcess::~GuardProcess() { ::close(line_); }
+GuardProcess::~GuardProcess() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ended_ = true;
+  }
+  ends_.notify_one();
+  beats_.join();
+  ::close(line_);
+}
+
+void GuardProcess::beat() const {
+  // Fails where the guard has ended or does not listen: who looks at stands() sees to it.
+  send(line_, &kBeat, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+void GuardProcess::keepBeating() {
+  const std::chrono::duration<double> period(kBeatPeriod);
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (!ends_.wait_for(lock, period, [this] { return ended_; })) beat();
+}
 
 void GuardProcess::dismiss() {
   if (!stands()) return;
-  const char dismissal = kDismissal;
   // Fails only where the guard has just ended.
-  while (send(line_, &dismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
+  while (send(line_, &kDismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
   }
   shutdown(line_, SHUT_WR);
   while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {

@@ -5,8 +5,7 @@
 namespace helix_arm::regulator {
 
 SimulatedDriver::SimulatedDriver(int channels, const SimulatedRegulatorConfig& config)
-    : supply_(config.supply_pressure),
-      regulator_(channels, config),
+    : regulator_(channels, config),
       valve_(static_cast<std::size_t>(channels), control::Valve::kVent),
       set_point_(Eigen::VectorXd::Zero(channels)),
       time_(steadyNow()) {}
@@ -30,7 +29,7 @@ void SimulatedDriver::write(const control::ValveOrders& orders) {
 void SimulatedDriver::read(Pressures& pressures) {
   catchUp();
   pressures.pressure = regulator_.measure();
-  pressures.supply = supply_;
+  pressures.supply = regulator_.supply();
 }
 
 void SimulatedDriver::vent() {

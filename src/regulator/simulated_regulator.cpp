@@ -7,6 +7,8 @@
 namespace helix_arm::regulator {
 namespace {
 
+constexpr double kLowSupply = 0.1;  // of the supply
+
 void require(bool holds, const char* what, double value, const char* rule) {
   model::requireValue(holds, "simulated regulator", what, value, rule);
 }
@@ -40,13 +42,22 @@ void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_po
   for (int i = 0; i < set_point.size(); ++i) {
     require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }
-  set_point_ = set_point.cwiseMax(0.0).cwiseMin(config_.supply_pressure);
+  set_point_ = set_point.cwiseMax(0.0);
 }
 
 void SimulatedRegulator::step(double dt) {
   require(dt >= 0, "the time step [s]", dt, "a value >= 0");
   const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
-  pressure_ += covered * (set_point_ - pressure_);
+  const double first = pressure_[0];
+  pressure_ += covered * (set_point_.cwiseMin(supply()) - pressure_);
+  if (fault_ == AirFault::kBurst) pressure_[0] = (1 - covered) * first;
+  if (fault_ == AirFault::kStuckOpen) pressure_[0] = first + covered * (supply() - first);
+  if (fault_ == AirFault::kStuckShut) pressure_[0] = first;
+}
+
+double SimulatedRegulator::supply() const {
+  return fault_ == AirFault::kLowSupply ? kLowSupply * config_.supply_pressure
+                                        : config_.supply_pressure;
 }
 
 Eigen::VectorXd SimulatedRegulator::measure() {

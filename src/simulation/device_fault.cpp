@@ -22,6 +22,14 @@ const char* nameOf(DeviceFault fault) {
       return "nan_text";
     case DeviceFault::kStuckValue:
       return "stuck_value";
+    case DeviceFault::kBurst:
+      return "burst";
+    case DeviceFault::kStuckOpen:
+      return "stuck_open";
+    case DeviceFault::kStuckShut:
+      return "stuck_shut";
+    case DeviceFault::kLowSupply:
+      return "low_supply";
   }
   return "?";
 }
@@ -32,6 +40,21 @@ std::optional<DeviceFault> parseDeviceFault(const std::string& name) {
     if (name == nameOf(fault)) return fault;
   }
   return std::nullopt;
+}
+
+regulator::AirFault airFaultOf(DeviceFault fault) {
+  switch (fault) {
+    case DeviceFault::kBurst:
+      return regulator::AirFault::kBurst;
+    case DeviceFault::kStuckOpen:
+      return regulator::AirFault::kStuckOpen;
+    case DeviceFault::kStuckShut:
+      return regulator::AirFault::kStuckShut;
+    case DeviceFault::kLowSupply:
+      return regulator::AirFault::kLowSupply;
+    default:
+      return regulator::AirFault::kNone;
+  }
 }
 
 }  // namespace helix_arm::simulation

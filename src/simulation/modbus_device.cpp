@@ -104,6 +104,7 @@ class ModbusDevice::Server {
       image_.catchUp(regulator::steadyNow());
       if (fault == DeviceFault::kStuckValue) image_.stick();
       if (fault_ == DeviceFault::kSilence && fault != fault_) deaf_before_ = true;
+      image_.fail(airFaultOf(fault));
       fault_ = fault;
     }
     eventfd_write(wake_.number(), 1);

@@ -88,18 +88,28 @@ std::uint16_t& ModbusImage::input(int number) const {
 }
 
 bool ModbusImage::allows(int function, int first, int count) const {
-  const auto inside = [first, count](int from, int size) {
-    return first >= from && first + count <= from + size;
+  const auto inside = [](int number, int from, int size) {
+    return number >= from && number < from + size;
   };
-  const bool outputs = inside(profile_.output_base, slots() * profile_.output_stride);
-  const bool inputs = inside(profile_.input_base, slots() * profile_.input_stride) ||
-                      (profile_.supply && inside(*profile_.supply, 1));
-  if (function == MODBUS_FC_READ_INPUT_REGISTERS) return profile_.input_registers && inputs;
-  if (function == MODBUS_FC_READ_HOLDING_REGISTERS) {
-    return outputs || (!profile_.input_registers && inputs);
+  const auto isOutput = [&](int number) {
+    return inside(number, profile_.output_base, slots() * profile_.output_stride);
+  };
+  const auto isInput = [&](int number) {
+    return inside(number, profile_.input_base, slots() * profile_.input_stride) ||
+           number == profile_.supply;
+  };
+  const bool reads_inputs = function == MODBUS_FC_READ_INPUT_REGISTERS;
+  const bool reads_holding = function == MODBUS_FC_READ_HOLDING_REGISTERS;
+  const bool writes =
+      function == MODBUS_FC_WRITE_SINGLE_REGISTER || function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS;
+  for (int number = first; number < first + count; ++number) {
+    const bool allowed = reads_inputs ? profile_.input_registers && isInput(number)
+                         : reads_holding
+                             ? isOutput(number) || (!profile_.input_registers && isInput(number))
+                             : writes && isOutput(number);
+    if (!allowed) return false;
   }
-  return outputs && (function == MODBUS_FC_WRITE_SINGLE_REGISTER ||
-                     function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS);
+  return count > 0;
 }
 
 void ModbusImage::catchUp(double now) {
@@ -132,7 +142,7 @@ void ModbusImage::measure(DeviceFault fault) {
       number = word(reading[place]);
     }
   }
-  if (profile_.supply) input(*profile_.supply) = word(rules_.supply_pressure);
+  if (profile_.supply) input(*profile_.supply) = word(regulator_.supply());
   for (int i = 0; profile_.app && i < slots(); ++i) {
     const App app = slots_[static_cast<std::size_t>(i)].app;
     const int status = app == App::kRunning    ? profile_.app->running

@@ -30,6 +30,7 @@ class ModbusImage {
   void measure(DeviceFault fault);
   /// From now on read what is read now, under kStuckValue.
   void stick();
+  void fail(regulator::AirFault fault) { regulator_.fail(fault); }
   /// Does what the output registers say.
   void obey(double now);
 

@@ -71,6 +71,7 @@ class SerialDevice::Worker {
       const std::lock_guard<std::mutex> lock(mutex_);
       advance();
       if (fault == DeviceFault::kStuckValue) dialogue_.rememberReadings();
+      dialogue_.fail(airFaultOf(fault));
       fault_ = fault;
     }
     wake();

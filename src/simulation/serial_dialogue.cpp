@@ -86,7 +86,7 @@ std::string SerialDialogue::readings(const LineFormat& format, int channel, Devi
                                    : number(pressures[i]));
   }
   fields.set_point = number(set_point_[channel]);
-  fields.supply = number(config_.regulator.supply_pressure);
+  fields.supply = number(simulated_.supply());
   const std::string address = config_.addresses.empty()
                                   ? std::string()
                                   : config_.addresses[static_cast<std::size_t>(channel)];

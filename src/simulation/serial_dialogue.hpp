@@ -33,6 +33,7 @@ class SerialDialogue {
   std::optional<std::string> unasked(DeviceFault fault);
   /// What its readings are stuck at, from now on.
   void rememberReadings() { stuck_ = simulated_.pressure(); }
+  void fail(regulator::AirFault fault) { simulated_.fail(fault); }
   /// As after its power came back.
   void restart();
 

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "command.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/modbus_tcp_driver.hpp"
 #include "helix_arm/simulation/modbus_device.hpp"
 #include "support/eventually.hpp"
@@ -358,6 +359,27 @@ TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
   EXPECT_EQ(said.find("guard: whoever moved the arm is gone; modbus_tcp festo_vtem"), 0u) << said;
   EXPECT_NE(said.find(" is vented, after "), std::string::npos) << said;
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
+}
+
+TEST(RegulatorGuard, EndsWhoeverStandsStillAndVents) {
+  ModbusDevice device(deviceConfig());
+  fill(device);
+  std::vector<std::string> words = at(device.port(), {"guard"});
+  words.insert(words.begin(), HELIX_ARM_COMMAND);
+  const pid_t parent = getpid();
+  const pid_t ward = fork();
+  if (ward == 0) {
+    endWith(parent);
+    const regulator::GuardProcess guard(words);
+    raise(SIGSTOP);
+    for (;;) pause();
+  }
+  ASSERT_GT(ward, 0);
+  ASSERT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 10.0));
+  int status = 0;
+  ASSERT_EQ(waitpid(ward, &status, 0), ward);
+  EXPECT_TRUE(WIFSIGNALED(status));
+  EXPECT_EQ(WTERMSIG(status), SIGKILL);
 }
 
 TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {

@@ -1,5 +1,6 @@
 #include "helix_arm/regulator/guard_process.hpp"
 
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -18,14 +19,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A guard that notes what it was told until its input ended.
+// A guard that notes what it was told, beats aside, until its input ended.
 class Noting : public ::testing::Test {
  protected:
   std::string told() const {
     std::ostringstream text;
     text << std::ifstream(note()).rdbuf();
-    return text.str();
+    std::string words = text.str();
+    words.erase(std::remove(words.begin(), words.end(), GuardProcess::kBeat), words.end());
+    return words;
   }
+  std::uintmax_t beats() const { return fs::exists(note()) ? fs::file_size(note()) : 0; }
   std::string note() const { return folder_ / "told"; }
   std::string done() const { return folder_ / "done"; }
   std::vector<std::string> command() const {
@@ -68,6 +72,12 @@ TEST_F(Noting, OutlivesAKilledProcessGroupAndHearsOfIt) {
   ASSERT_EQ(waitpid(ward, &status, 0), ward);
   ASSERT_TRUE(WIFSIGNALED(status));
   EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
+  EXPECT_EQ(told(), "");
+}
+
+TEST_F(Noting, HearsABeatWithoutAnybodysDoing) {
+  const GuardProcess guard(command());
+  EXPECT_TRUE(test::eventually([&] { return beats() >= 3; }));
   EXPECT_EQ(told(), "");
 }
 

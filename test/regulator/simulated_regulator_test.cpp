@@ -51,6 +51,42 @@ TEST(SimulatedRegulator, NoChannelRisesAboveTheSupplyOrBelowTheAtmosphere) {
   EXPECT_NEAR(regulator.pressure()[0], kSupply, 1e-6);
 }
 
+// What a fault makes of pressures that stood at 100 and 200 kPa and are to go to 300 kPa, in the
+// end.
+Eigen::VectorXd endUnder(AirFault fault) {
+  SimulatedRegulator regulator(2, kQuiet);
+  regulator.command(Eigen::Vector2d(1e5, 2e5));
+  regulator.step(100 * kTau);
+  regulator.fail(fault);
+  regulator.command(Eigen::Vector2d(3e5, 3e5));
+  regulator.step(100 * kTau);
+  return regulator.pressure();
+}
+
+TEST(SimulatedRegulator, AFaultIsOfTheFirstChannelOrOfTheSupply) {
+  EXPECT_EQ(endUnder(AirFault::kNone), Eigen::Vector2d(3e5, 3e5));
+  EXPECT_TRUE(endUnder(AirFault::kBurst).isApprox(Eigen::Vector2d(0, 3e5)));
+  EXPECT_TRUE(endUnder(AirFault::kStuckOpen).isApprox(Eigen::Vector2d(kSupply, 3e5)));
+  EXPECT_TRUE(endUnder(AirFault::kStuckShut).isApprox(Eigen::Vector2d(1e5, 3e5)));
+  EXPECT_TRUE(
+      endUnder(AirFault::kLowSupply).isApprox(Eigen::Vector2d::Constant(0.1 * kSupply), 1e-12));
+}
+
+TEST(SimulatedRegulator, MendedItGoesWhereItWasTold) {
+  for (const AirFault fault :
+       {AirFault::kBurst, AirFault::kStuckOpen, AirFault::kStuckShut, AirFault::kLowSupply}) {
+    SimulatedRegulator regulator(1, kQuiet);
+    regulator.fail(fault);
+    regulator.command(Eigen::VectorXd::Constant(1, 2e5));
+    regulator.step(100 * kTau);
+    EXPECT_GT(std::abs(regulator.pressure()[0] - 2e5), 1e5);
+    regulator.fail(AirFault::kNone);
+    regulator.step(100 * kTau);
+    EXPECT_NEAR(regulator.pressure()[0], 2e5, 1);
+    EXPECT_EQ(regulator.supply(), kSupply);
+  }
+}
+
 TEST(SimulatedRegulator, WithoutNoiseItMeasuresTheTruth) {
   SimulatedRegulator regulator(2, kQuiet);
   regulator.command(Eigen::Vector2d(1e5, 2e5));

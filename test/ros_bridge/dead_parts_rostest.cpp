@@ -100,6 +100,14 @@ TEST_P(DeadParts, AKilledNodeLeavesAGuardThatVents) {
   EXPECT_EQ(rig_.node.exitCode(), 128 + SIGKILL);
 }
 
+TEST_P(DeadParts, ANodeThatStandsStillIsKilledByItsGuardWhichVents) {
+  const double begin = regulator::steadyNow();
+  rig_.node.signal(SIGSTOP);
+  ASSERT_TRUE(deviceVents(kHang));
+  tellFigure("node stopped", begin);
+  EXPECT_EQ(rig_.node.exitCode(), 128 + SIGKILL);
+}
+
 TEST_P(DeadParts, ANodeThatIsAskedToEndVentsFirst) {
   const double begin = regulator::steadyNow();
   rig_.node.signal(SIGINT);

@@ -16,6 +16,7 @@ using simulation::DeviceFault;
 constexpr double kRate = 1000;  // of targets [Hz]
 // Of a machine with other things to do: a turn, a thread or a reading that comes late [s].
 constexpr double kSlack = 0.5;
+constexpr double kFill = 3;       // time constants from no pressure to one beyond all limits
 constexpr double kStranded = 30;  // without getting it enabled again [s]
 
 std::unique_ptr<regulator::RegulatorIo> startIo(const io::Scene& scene) {
@@ -41,6 +42,9 @@ bool silences(int trouble) {
       return false;
   }
 }
+
+// Its inlet does not close, whatever it is told.
+bool overfills(int trouble) { return trouble == static_cast<int>(DeviceFault::kStuckOpen); }
 
 // All that it was told is lost, and every link, however short it was away.
 bool restarts(int trouble) { return trouble == static_cast<int>(DeviceFault::kRestart); }
@@ -98,6 +102,7 @@ void SoakedArm::turn() {
   true_pressure_ = device_.pressure().head(goal_.size());
   for (int i = 0; i < goal_.size(); ++i) {
     const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
+    if (overfills(trouble_)) continue;
     tally_.highest = std::max(tally_.highest, true_pressure_[i] / limit);
     if (true_pressure_[i] > limit + rules_.trip_margin) tally_.burst = true;
   }
@@ -139,13 +144,17 @@ void SoakedArm::begin(int trouble) {
   enter(Phase::kTrouble, random_.logUniform(0.05, 5));
 }
 
-// When at the latest the trouble ends kEnabled, if it lasts. A stuck value or one of another unit
-// has no such time: it may be one that the arm has.
+// When at the latest the trouble ends kEnabled, if it lasts. The others have no such time: a stuck
+// value may be one that the arm has, a target one that a weak supply reaches.
 double SoakedArm::mustDecide() const {
   if (trouble_ == kStopEngaged || trouble_ == kVentAsked) return trouble_began_;
   if (trouble_ == kSilentCommander) return trouble_began_ + rules_.target_timeout + kSlack;
-  if (silences(trouble_) || restarts(trouble_))
+  if (silences(trouble_) || restarts(trouble_)) {
     return trouble_began_ + rules_.reading_timeout + kSlack;
+  }
+  if (overfills(trouble_)) {
+    return trouble_began_ + kFill * rules_.time_constant + rules_.spike_time + kSlack;
+  }
   return std::numeric_limits<double>::infinity();
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <fstream>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,7 +21,10 @@ class EmulatedRegulator {
   static constexpr int kChannels = 3;
   enum class Line { kSerial, kModbus };
 
-  explicit EmulatedRegulator(Line line) {
+  /// @param measures_supply  and the scene has a least supply.
+  explicit EmulatedRegulator(Line line, bool measures_supply = false)
+      : measures_supply_(measures_supply) {
+    if (measures_supply) writeProfiles();
     // The profile is the scene's: what the driver speaks, the device does.
     const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
     regulator::SimulatedRegulatorConfig valves;
@@ -70,12 +74,16 @@ class EmulatedRegulator {
   }
 
  private:
-  static std::string sceneText(Line line, const std::string& device, int port) {
-    const std::string regulator =
-        line == Line::kSerial
-            ? "ascii_serial: {profile: generic, device: " + device + ", addresses: [0, 1, 2]}"
-            : "modbus_tcp: {profile: festo_vtem, host: 127.0.0.1, port: " + std::to_string(port) +
-                  "}";
+  std::string regulatorText(Line line, const std::string& device, int port) const {
+    const std::string serial = measures_supply_ ? folder_ / "serial.yaml" : "generic";
+    const std::string modbus = measures_supply_ ? folder_ / "modbus.yaml" : "festo_vtem";
+    return line == Line::kSerial ? "ascii_serial: {profile: " + serial + ", device: " + device +
+                                       ", addresses: [0, 1, 2]}"
+                                 : "modbus_tcp: {profile: " + modbus +
+                                       ", host: 127.0.0.1, port: " + std::to_string(port) + "}";
+  }
+
+  std::string sceneText(Line line, const std::string& device, int port) const {
     return R"(name: hardware
 contractions:
   muscle:
@@ -87,7 +95,7 @@ arm:
     - name: arm
       ring: {count: 3, radius_m: 0.03, contraction: muscle, max_pressure_kpa: 300}
 regulator:
-  )" + regulator +
+  )" + regulatorText(line, device, port) +
            R"(
 safety:
   target_timeout_s: 0.5
@@ -95,9 +103,24 @@ safety:
   slew_kpa_s: 2000
   follow: {tolerance_kpa: 30, time_s: 0.4, time_constant_s: 0.05}
   vent_time_s: 2
+)" + (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
+  }
+
+  // Devices as the shipped profiles have them, but for a sensor at the supply.
+  void writeProfiles() const {
+    std::ofstream(folder_ / "serial.yaml") << R"(ascii_serial:
+  {baud: 115200, terminator: lf, unit: kPa, unit_word: kPa, write: "p{address}={pressure}",
+   write_reply: "p{address}={pressure} {unit} of {supply}", read: "p{address}?",
+   reply: "p{address}={pressure} {unit} of {supply}", vent: "p{address}=vent",
+   vent_reply: "p{address}={pressure} {unit} of {supply}"}
+)";
+    std::ofstream(folder_ / "modbus.yaml") << R"(modbus_tcp:
+  {count_pa: 100, highest_count: 10000, outputs: {first: 10, stride: 1, pressure: 0},
+   inputs: {first: 100, stride: 1, pressure: 0, registers: holding}, supply: 99}
 )";
   }
 
+  const bool measures_supply_;
   TemporaryFolder folder_;
   std::unique_ptr<simulation::SerialDevice> serial_;
   std::unique_ptr<simulation::ModbusDevice> modbus_;

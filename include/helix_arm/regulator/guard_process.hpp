@@ -1,21 +1,27 @@
 #pragma once
 
+#include <condition_variable>
+#include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <sys/types.h>
 
 namespace helix_arm::regulator {
 
-/// A process that outlives this one, to vent the arm where this one is killed.
+/// A process that outlives this one, to vent the arm where this one is killed or stands still.
 ///
 /// It is started in a session of its own, so that no signal to this process's group reaches it, and
-/// its standard input ends with this process, however that ends. Once the arm is vented for certain
-/// the guard is dismissed.
+/// its standard input ends with this process, however that ends. Until then it hears a beat from a
+/// thread of its own: a process that is stopped (SIGSTOP, Ctrl-Z, a debugger) falls silent. Once
+/// the arm is vented for certain the guard is dismissed.
 class GuardProcess {
  public:
-  /// What the guard reads when it is to go, and nothing else.
-  static constexpr char kDismissal = 'q';
+  static constexpr char kDismissal = 'q';     ///< what the guard reads when it is to go
+  static constexpr char kBeat = '.';          ///< and, until then, all the time
+  static constexpr double kBeatPeriod = 0.1;  ///< [s]
+  static constexpr int kMissedBeats = 10;     ///< in a row: this process stands still
 
   /// @param command  program by its path, and its arguments.
   /// @throws std::runtime_error naming the program when it cannot be started.
@@ -31,8 +37,15 @@ class GuardProcess {
   void dismiss();
 
  private:
+  void beat() const;
+  void keepBeating();
+
   pid_t pid_ = -1;
   int line_ = -1;  ///< other end of its standard input
+  std::mutex mutex_;
+  std::condition_variable ends_;
+  bool ended_ = false;
+  std::thread beats_;
 };
 
 }  // namespace helix_arm::regulator

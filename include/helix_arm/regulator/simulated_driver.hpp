@@ -21,7 +21,6 @@ class SimulatedDriver : public Driver {
  private:
   void catchUp();
 
-  const double supply_;
   SimulatedRegulator regulator_;
   std::vector<control::Valve> valve_;
   Eigen::VectorXd set_point_;

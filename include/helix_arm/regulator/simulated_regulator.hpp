@@ -6,6 +6,15 @@
 
 namespace helix_arm::regulator {
 
+/// What is wrong behind a simulated regulator.
+enum class AirFault : std::uint8_t {
+  kNone,
+  kBurst,      ///< the first muscle has burst: its air is lost as fast as it comes
+  kStuckOpen,  ///< the first inlet stays open: the channel goes to the supply's pressure
+  kStuckShut,  ///< the first valve stays shut: the channel keeps what it has
+  kLowSupply,  ///< the supply falls to a tenth
+};
+
 /// What a simulated regulator is like.
 struct SimulatedRegulatorConfig {
   double time_constant = 0.1;    ///< first-order lag of every channel, > 0 [s]
@@ -40,6 +49,11 @@ class SimulatedRegulator {
   /// @throws std::invalid_argument when dt is negative or not a number.
   void step(double dt);
 
+  /// From now on this is wrong; kNone: it is mended.
+  void fail(AirFault fault) { fault_ = fault; }
+
+  /// Of the supply, gauge [Pa].
+  double supply() const;
   /// True pressures (channels), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return pressure_; }
 
@@ -48,6 +62,7 @@ class SimulatedRegulator {
 
  private:
   SimulatedRegulatorConfig config_;
+  AirFault fault_ = AirFault::kNone;
   Eigen::VectorXd set_point_;
   Eigen::VectorXd pressure_;
   std::mt19937_64 generator_;
