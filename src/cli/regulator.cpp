@@ -9,6 +9,7 @@
 
 #include "arguments.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/simulation/device_fault.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
 #include "regulator_actions.hpp"
@@ -298,9 +299,15 @@ Subcommand addRegulator(CLI::App& app) {
       "only with --yes.\n"
       "guard ignores signals. A byte q on its stdin dismisses it; where stdin ends without one it "
       "vents, trying for 10 s.\n"
-      "emulate takes names of faults on stdin, one a line: none, silence, garbage, half_line, "
-      "wrong_unit, slow, restart,\n"
-      "nan_text, stuck_value. It tells set points, pressures and valves every second.\n"
+      "After any other byte it expects one a second: whoever falls silent behind a socket is "
+      "killed "
+      "first.\n"
+      "emulate takes names of faults on stdin, one a line. It tells set points, pressures and "
+      "valves "
+      "every second.\n"
+      "faults: " +
+      simulation::deviceFaultNames() +
+      "\n"
       "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa, "
       "seconds, reason;\n"
       "set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, "

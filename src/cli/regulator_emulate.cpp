@@ -122,11 +122,8 @@ void obey(const std::string& word, const Emulated& emulated) {
     std::cout << "fault: " << word << std::endl;
     return;
   }
-  std::cerr << "there is no fault " << word << "; expected one of";
-  for (int i = 0; i < simulation::kDeviceFaultCount; ++i) {
-    std::cerr << (i > 0 ? ", " : " ") << simulation::nameOf(static_cast<DeviceFault>(i));
-  }
-  std::cerr << "\n";
+  std::cerr << "there is no fault " << word << "; expected one of "
+            << simulation::deviceFaultNames() << "\n";
 }
 
 // The lines of stdin, as they come; at its end no more.

@@ -1,9 +1,8 @@
 #include "modbus_profile_reader.hpp"
 
-#include <stdexcept>
-
 #include "helix_arm/io/number.hpp"
 #include "map_reader.hpp"
+#include "profile_checks.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -12,8 +11,6 @@ constexpr int kHighestWord = 0xffff;
 constexpr int kLongestStride = 1024;
 
 const NumberRule kCount = within(kPositive, 1e-3, 1e6, " Pa");
-const NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
-const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 const NumberRule kActivationTime = within(kPositive, 0.01, 60, " s");
 
 // A whole number that must be there; what is broken has its fault.
@@ -85,14 +82,7 @@ std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
   if (keys.has("supply")) profile.supply = word(keys, "supply");
   if (const Value* app = value.find("app")) profile.app = readApp(*app, keys.path("app"), faults);
   profile.timeout = keys.number("timeout_s", kTimeout, profile.timeout);
-  if (faults.faults().size() > before) return std::nullopt;
-  try {
-    profile.validate();
-  } catch (const std::invalid_argument& error) {
-    report(faults, value.place, path + ": " + error.what());
-    return std::nullopt;
-  }
-  return profile;
+  return checked(profile, value, path, before, faults);
 }
 
 }  // namespace helix_arm::io

@@ -1,16 +1,13 @@
 #include "serial_profile_reader.hpp"
 
-#include <stdexcept>
-
 #include "helix_arm/io/number.hpp"
 #include "map_reader.hpp"
+#include "profile_checks.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 const NumberRule kScale = within(kPositive, 1e-6, 1e6);
-const NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
-const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 
 double pascalsOf(const std::string& unit) {
   if (unit == "psi") return 6894.757293168;
@@ -98,14 +95,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
   profile.resume = readLines(keys, value, "resume", faults);
   profile.vent_reply = optionalText(keys, "vent_reply", kLine);
   profile.timeout = keys.number("timeout_s", kTimeout, profile.timeout);
-  if (faults.faults().size() > before) return std::nullopt;
-  try {
-    profile.validate();
-  } catch (const std::invalid_argument& error) {
-    report(faults, value.place, path + ": " + error.what());
-    return std::nullopt;
-  }
-  return profile;
+  return checked(profile, value, path, before, faults);
 }
 
 }  // namespace helix_arm::io

@@ -17,8 +17,6 @@
 namespace helix_arm::regulator {
 namespace {
 
-constexpr double kNone = -1e18;  // before any time
-
 int openCounter() {
   const int counter = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
   if (counter < 0) throw std::system_error(errno, std::generic_category(), "eventfd");
@@ -105,7 +103,6 @@ IoStatus RegulatorIo::status() const {
 }
 
 void RegulatorIo::run() {
-  last_order_ = kNone;
   while (!stop_) {
     if (!up_) {
       connect();
@@ -119,8 +116,7 @@ void RegulatorIo::run() {
       if (++bad_in_a_row_ >= rules_.most_bad_replies) {
         disconnect(error);
       } else {
-        const std::lock_guard<std::mutex> lock(error_mutex_);
-        last_error_ = error.what();
+        note(error);
       }
     } catch (const std::exception& error) {
       disconnect(error);
@@ -143,17 +139,14 @@ void RegulatorIo::connect() {
     driver_->connect();
   } catch (const std::exception& error) {
     driver_->close();
-    {
-      const std::lock_guard<std::mutex> lock(error_mutex_);
-      last_error_ = error.what();
-    }
+    note(error);
     if (pause(back_off_)) back_off_ = std::min(2 * back_off_, rules_.longest_back_off);
     return;
   }
   back_off_ = rules_.first_back_off;
   bad_in_a_row_ = 0;
   vented_by_itself_ = true;
-  last_read_ = kNone;
+  last_read_ = kNever;
   ++connections_;
   up_ = true;
 }
@@ -165,12 +158,14 @@ void RegulatorIo::disconnect(const std::exception& error) {
   } catch (const std::exception&) {  // as was to be expected
   }
   driver_->close();
-  {
-    const std::lock_guard<std::mutex> lock(error_mutex_);
-    last_error_ = error.what();
-  }
+  note(error);
   ++breaks_;
   up_ = false;
+}
+
+void RegulatorIo::note(const std::exception& error) {
+  const std::lock_guard<std::mutex> lock(error_mutex_);
+  last_error_ = error.what();
 }
 
 void RegulatorIo::exchange() {
@@ -205,13 +200,7 @@ bool RegulatorIo::awaitOrder() {
   const double now = steadyNow();
   double until = last_read_ + rules_.period;
   if (!vented_by_itself_) until = std::min(until, last_order_ + rules_.order_timeout);
-  const double left = std::clamp(until - now, 0.0, rules_.order_timeout);
-  pollfd waited{wake_, POLLIN, 0};
-  const auto nanoseconds = static_cast<long>(1e9 * left);
-  const timespec timeout{nanoseconds / 1000000000, nanoseconds % 1000000000};
-  ppoll(&waited, 1, &timeout, nullptr);
-  eventfd_t count = 0;
-  eventfd_read(wake_, &count);
+  awaitWake(std::clamp(until - now, 0.0, rules_.order_timeout));
   return orders_.fetch() && orders_.held().breaks == breaks_;
 }
 
@@ -220,12 +209,18 @@ bool RegulatorIo::pause(double seconds) {
   while (!stop_) {
     const double left = end - steadyNow();
     if (left <= 0) return true;
-    pollfd waited{wake_, POLLIN, 0};
-    poll(&waited, 1, static_cast<int>(std::ceil(1e3 * left)));
-    eventfd_t count = 0;
-    eventfd_read(wake_, &count);
+    awaitWake(left);
   }
   return false;
+}
+
+void RegulatorIo::awaitWake(double longest) {
+  const auto nanoseconds = static_cast<long>(1e9 * longest);
+  const timespec timeout{nanoseconds / 1000000000, nanoseconds % 1000000000};
+  pollfd waited{wake_, POLLIN, 0};
+  ppoll(&waited, 1, &timeout, nullptr);
+  eventfd_t count = 0;
+  eventfd_read(wake_, &count);
 }
 
 }  // namespace helix_arm::regulator

@@ -71,6 +71,15 @@ void tell(const control::SafetyReport& report, const std::string& reason) {
 
 }  // namespace
 
+template <class Change>
+void PressureLoop::act(const Change& change) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    change(steadyNow());
+  }
+  tellChanges();
+}
+
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
                            regulator::PressurePath path, bool auto_enable, Take take)
     : auto_enable_(auto_enable),
@@ -94,12 +103,10 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
   stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
   timer_ =
       node.createSteadyTimer(ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) {
-        {
-          const std::lock_guard<std::mutex> lock(mutex_);
+        act([this](double now) {
           ++turns_;
-          turn(steadyNow());
-        }
-        tellChanges();
+          turn(now);
+        });
       });
   spinner_.start();
 }
@@ -117,15 +124,12 @@ bool PressureLoop::end() {
 
 std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
   std::string refusal;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const double now = steadyNow();
+  act([&](double now) {
     control::SafetyCore& core = path_.core();
     if (auto_enable_ && mayEnableItself(core.report())) refusal = core.enable(now);
     if (refusal.empty() && !path_.target(now, pressure)) refusal = core.reason();
     publish(now);
-  }
-  tellChanges();
+  });
   return refusal;
 }
 
@@ -137,13 +141,10 @@ void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRule
 }
 
 void PressureLoop::vent() {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const double now = steadyNow();
+  act([this](double now) {
     path_.core().vent(now);
     turn(now);
-  }
-  tellChanges();
+  });
 }
 
 Eigen::VectorXd PressureLoop::goal() const {
@@ -161,15 +162,12 @@ PressureLoop::Snapshot PressureLoop::snapshot() const {
 }
 
 bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const double now = steadyNow();
+  act([&](double now) {
     const std::string refusal = path_.core().enable(now);
     turn(now);
     response.success = refusal.empty();
     response.message = refusal.empty() ? path_.core().reason() : refusal;
-  }
-  tellChanges();
+  });
   return true;
 }
 
@@ -181,15 +179,12 @@ bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
 }
 
 bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const double now = steadyNow();
+  act([&](double now) {
     path_.core().emergencyStop(now, request.data);
     turn(now);
     response.success = true;
     response.message = path_.core().reason();
-  }
-  tellChanges();
+  });
   return true;
 }
 

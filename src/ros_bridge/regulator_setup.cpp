@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <stdexcept>
+#include <variant>
 
 #include <ros/console.h>
 
@@ -16,6 +17,18 @@ constexpr double kLongestGap = 0.4;  // between turns [s]
 constexpr double kMissedTurns = 4;   // of a slow loop, before it counts as dead
 constexpr double kPatience = 1.25;   // of the line: the core is to see a gap first
 
+void warnOfShortSupply(const model::Arm& arm, const regulator::SimulatedRegulatorConfig& config) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    if (limits.lower < 0 || limits.upper > config.supply_pressure) {
+      ROS_WARN("%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+               actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+               config.supply_pressure / 1e3);
+    }
+  }
+}
+
 }  // namespace
 
 const regulator::Config& requireRegulator(const io::Scene& scene) {
@@ -26,6 +39,18 @@ const regulator::Config& requireRegulator(const io::Scene& scene) {
   return *scene.regulator;
 }
 
+regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
+  const regulator::Config& config = requireRegulator(scene);
+  const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
+  if (simulated == nullptr) {
+    throw std::invalid_argument("scene " + scene.name + " has a regulator of its own, " +
+                                regulator::describe(config) +
+                                "; only one with regulator.simulated can be simulated");
+  }
+  warnOfShortSupply(scene.arm, *simulated);
+  return {scene.arm.actuatorCount(), *simulated};
+}
+
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate) {
   const regulator::Config& config = requireRegulator(scene);
   regulator::IoRules rules;
@@ -33,6 +58,9 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
   rules.order_timeout = kPatience * longestGap(rate);
   const int channels = scene.arm.actuatorCount();
   ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
+  if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
+    warnOfShortSupply(scene.arm, *simulated);
+  }
   return std::make_unique<regulator::RegulatorIo>(regulator::makeDriver(config, channels), channels,
                                                   rules);
 }

@@ -17,6 +17,7 @@
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/pictures.hpp"
 #include "helix_arm/ros_bridge/pneumatics.hpp"
+#include "helix_arm/ros_bridge/regulator_setup.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -34,6 +34,14 @@ const char* nameOf(DeviceFault fault) {
   return "?";
 }
 
+std::string deviceFaultNames() {
+  std::string names = nameOf(DeviceFault::kNone);
+  for (int i = 1; i < kDeviceFaultCount; ++i) {
+    names += std::string(", ") + nameOf(static_cast<DeviceFault>(i));
+  }
+  return names;
+}
+
 std::optional<DeviceFault> parseDeviceFault(const std::string& name) {
   for (int i = 0; i < kDeviceFaultCount; ++i) {
     const auto fault = static_cast<DeviceFault>(i);

@@ -2,39 +2,21 @@
 
 #include "modbus_profile_reader.hpp"
 
-#include <fstream>
-#include <sstream>
-
 #include <gtest/gtest.h>
 
+#include "profile_text.hpp"
+#include "scene_text.hpp"
 #include "support/modbus_profiles.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 using regulator::ModbusProfile;
-
-struct ReadResult {
-  std::optional<ModbusProfile> profile;
-  std::vector<std::string> faults;
-};
+using test::replaced;
+using ReadResult = test::ReadProfile<ModbusProfile>;
 
 ReadResult readText(const std::string& text) {
-  FaultList faults("f");
-  const std::optional<Value> document = parseDocument(text, faults);
-  const Value* map = document ? document->find("modbus_tcp") : nullptr;
-  if (map == nullptr) return {std::nullopt, {"no map modbus_tcp"}};
-  ReadResult result;
-  result.profile = readModbusProfile(*map, "modbus_tcp", "mine", faults);
-  result.faults = faults.faults();
-  return result;
-}
-
-ReadResult readShipped(const std::string& name) {
-  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR "/config/regulators/") + name + ".yaml");
-  std::ostringstream text;
-  text << file.rdbuf();
-  return readText(text.str());
+  return test::readProfile(text, "modbus_tcp", readModbusProfile);
 }
 
 const char* const kAll = R"(modbus_tcp:
@@ -49,13 +31,6 @@ const char* const kAll = R"(modbus_tcp:
   app: {command: 1, regulate: 10, off: 11, acknowledge: 12, status: 0, status_mask: 255, ready: 21, running: 22, activation_time_s: 3}
   timeout_s: 0.25
 )";
-
-std::string replaced(const std::string& from, const std::string& to) {
-  std::string text = kAll;
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
-}
 
 TEST(ModbusProfileReader, EveryKeyIsRead) {
   const ReadResult result = readText(kAll);
@@ -160,7 +135,7 @@ TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
        "f:11 modbus_tcp.timeout_s is 0; expected a finite value > 0"},
   };
   for (const auto& rule : kRules) {
-    const ReadResult result = readText(replaced(rule.from, rule.to));
+    const ReadResult result = readText(replaced(kAll, rule.from, rule.to));
     EXPECT_FALSE(result.profile) << rule.to;
     ASSERT_FALSE(result.faults.empty()) << rule.to;
     if (*rule.fault != '\0') {
@@ -170,7 +145,7 @@ TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
 }
 
 TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {
-  EXPECT_EQ(readText(replaced("count_pa: 6.5", "count_kpa: 6.5")).faults,
+  EXPECT_EQ(readText(replaced(kAll, "count_pa: 6.5", "count_kpa: 6.5")).faults,
             (std::vector<std::string>{
                 "f:3 modbus_tcp.count_kpa is not a known key; did you mean count_pa?",
                 "f:1 modbus_tcp.count_pa is missing; expected a finite value > 0"}));
@@ -212,11 +187,11 @@ void expectSame(const ModbusProfile& read, const ModbusProfile& expected) {
 
 // Those that the drivers' tests use are those that are shipped.
 TEST(ModbusProfileReader, TheShippedOnesHold) {
-  const ReadResult vtem = readShipped("festo_vtem");
+  const ReadResult vtem = readText(test::shippedProfile("festo_vtem"));
   ASSERT_EQ(vtem.faults, std::vector<std::string>());
   expectSame(*vtem.profile, test::vtemProfile());
   EXPECT_EQ(vtem.profile->app->activation_time, 2);
-  const ReadResult mpa = readShipped("festo_mpa");
+  const ReadResult mpa = readText(test::shippedProfile("festo_mpa"));
   ASSERT_EQ(mpa.faults, std::vector<std::string>());
   expectSame(*mpa.profile, test::mpaProfile());
 }

@@ -2,39 +2,21 @@
 
 #include "serial_profile_reader.hpp"
 
-#include <fstream>
-#include <sstream>
-
 #include <gtest/gtest.h>
 
+#include "profile_text.hpp"
+#include "scene_text.hpp"
 #include "support/serial_profiles.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 using regulator::SerialProfile;
-
-struct ReadResult {
-  std::optional<SerialProfile> profile;
-  std::vector<std::string> faults;
-};
+using test::replaced;
+using ReadResult = test::ReadProfile<SerialProfile>;
 
 ReadResult readText(const std::string& text) {
-  FaultList faults("f");
-  const std::optional<Value> document = parseDocument(text, faults);
-  const Value* map = document ? document->find("ascii_serial") : nullptr;
-  if (map == nullptr) return {std::nullopt, {"no map ascii_serial"}};
-  ReadResult result;
-  result.profile = readSerialProfile(*map, "ascii_serial", "mine", faults);
-  result.faults = faults.faults();
-  return result;
-}
-
-ReadResult readShipped(const std::string& name) {
-  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR "/config/regulators/") + name + ".yaml");
-  std::ostringstream text;
-  text << file.rdbuf();
-  return readText(text.str());
+  return test::readProfile(text, "ascii_serial", readSerialProfile);
 }
 
 const char* const kAll = R"(ascii_serial:
@@ -58,13 +40,6 @@ const char* const kAll = R"(ascii_serial:
   vent_reply: done
   timeout_s: 0.25
 )";
-
-std::vector<std::string> faultsWith(const std::string& from, const std::string& to) {
-  std::string text = kAll;
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return readText(text.replace(at, from.size(), to)).faults;
-}
 
 TEST(SerialProfileReader, EveryKeyIsRead) {
   const ReadResult result = readText(kAll);
@@ -95,7 +70,7 @@ TEST(SerialProfileReader, TheShippedOnesAreWhatTheTestsOfTheDriverUse) {
   for (SerialProfile expected :
        {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
     SCOPED_TRACE(expected.name);
-    const ReadResult result = readShipped(expected.name);
+    const ReadResult result = readText(test::shippedProfile(expected.name));
     ASSERT_TRUE(result.profile) << result.faults.at(0);
     const SerialProfile& profile = *result.profile;
     EXPECT_EQ(profile.baud, expected.baud);
@@ -189,7 +164,9 @@ TEST(SerialProfileReader, BreakingARuleIsReported) {
        "timeout_s: 11",
        {"f:20 ascii_serial.timeout_s is 11; expected 0.001 to 10 s"}},
   };
-  for (const auto& entry : kCases) EXPECT_EQ(faultsWith(entry.from, entry.to), entry.faults);
+  for (const auto& entry : kCases) {
+    EXPECT_EQ(readText(replaced(kAll, entry.from, entry.to)).faults, entry.faults);
+  }
 }
 
 }  // namespace

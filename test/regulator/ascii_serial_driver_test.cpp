@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/simulation/serial_device.hpp"
+#include "support/eventually.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"
 #include "support/temporary_file.hpp"
@@ -22,21 +23,12 @@ using control::ValveOrders;
 using simulation::DeviceFault;
 using simulation::SerialDevice;
 using simulation::SerialDeviceConfig;
+using test::eventually;
 using test::refusal;
-using Clock = std::chrono::steady_clock;
 
 constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
 constexpr double kSoon = 5.0;  // on a machine that is busy [s]
-
-bool within(double time, const std::function<bool()>& holds) {
-  const Clock::time_point begin = Clock::now();
-  while (!holds()) {
-    if (std::chrono::duration<double>(Clock::now() - begin).count() > time) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return true;
-}
 
 std::vector<std::string> addressesOf(const SerialProfile& profile) {
   if (profile.name == "alicat") return {"A", "B", "C"};
@@ -68,7 +60,7 @@ ValveOrders regulate(const Eigen::VectorXd& set_point) {
 // Readings of all channels; of those that come unasked, the next ones.
 Pressures readAll(AsciiSerialDriver& driver) {
   Pressures pressures(kChannels);
-  const bool read = within(kSoon, [&] {
+  const bool read = eventually([&] {
     driver.read(pressures);
     return pressures.pressure.allFinite();
   });
@@ -111,16 +103,16 @@ TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
   driver_.write(regulate(goal));
   // What the device's digits hold, and never more than was ordered.
   const double digit = GetParam().pascals * std::pow(10.0, -GetParam().decimals);
-  ASSERT_TRUE(within(kSoon, [&] { return device_.setPoint().isApprox(goal, 2e-3); }));
+  ASSERT_TRUE(eventually([&] { return device_.setPoint().isApprox(goal, 2e-3); }));
   for (int i = 0; i < kChannels; ++i) {
     EXPECT_LE(device_.setPoint()[i], goal[i] + 1e-6 * digit);
     EXPECT_GT(device_.setPoint()[i], goal[i] - 1.01 * digit);
   }
   EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kRegulate));
-  ASSERT_TRUE(within(kSoon, [&] {
-    return (device_.pressure() - device_.setPoint()).cwiseAbs().maxCoeff() < 1.0;
-  }));
-  within(0.05, [] { return false; });  // a line that was under way is older than this
+  ASSERT_TRUE(eventually(
+      [&] { return (device_.pressure() - device_.setPoint()).cwiseAbs().maxCoeff() < 1.0; }));
+  // A line that was under way is older than this.
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
   Pressures pressures = readAll(driver_);
   pressures = readAll(driver_);
   for (int i = 0; i < kChannels; ++i) {
@@ -131,19 +123,19 @@ TEST_P(AsciiSerialProfiles, SetPointsArriveAndReadingsComeBackInPascals) {
 TEST_P(AsciiSerialProfiles, ConnectingVentsWhatStood) {
   driver_.connect();
   driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().minCoeff() > 1.5e5; }));
+  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.5e5; }));
   driver_.close();
   driver_.connect();
-  EXPECT_TRUE(within(kSoon, [&] { return device_.pressure().maxCoeff() < 1e3; }));
+  EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
 }
 
 TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
   driver_.connect();
   for (int round = 0; round < 2; ++round) {
     driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-    ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().minCoeff() > 1.9e5; })) << round;
+    ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; })) << round;
     driver_.vent();
-    ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().maxCoeff() < 1e3; })) << round;
+    ASSERT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; })) << round;
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
     driver_.write(ValveOrders(kChannels));  // stays so
     EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kVent));
@@ -153,12 +145,12 @@ TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
 TEST_P(AsciiSerialProfiles, OneChannelVentsWhileOthersRegulate) {
   driver_.connect();
   driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().minCoeff() > 1.9e5; }));
+  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; }));
   ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
   orders.valve[1] = Valve::kVent;
   orders.set_point[1] = 0;
   driver_.write(orders);
-  ASSERT_TRUE(within(kSoon, [&] { return device_.pressure()[1] < 1e3; }));
+  ASSERT_TRUE(eventually([&] { return device_.pressure()[1] < 1e3; }));
   EXPECT_GT(device_.pressure()[0], 1.9e5);
   EXPECT_GT(device_.pressure()[2], 1.9e5);
 }
@@ -167,33 +159,35 @@ TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVe
   const bool closes = !GetParam().close.empty();
   driver_.connect();
   driver_.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().minCoeff() > 1.9e5; }));
+  ASSERT_TRUE(eventually([&] { return device_.pressure().minCoeff() > 1.9e5; }));
   ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
   orders.valve.assign(kChannels, Valve::kClose);
   driver_.write(orders);
   if (!closes) {
-    EXPECT_TRUE(within(kSoon, [&] { return device_.pressure().maxCoeff() < 1e3; }));
+    EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
     return;
   }
   EXPECT_EQ(device_.valves(), std::vector<Valve>(kChannels, Valve::kClose));
   const Eigen::VectorXd closed = device_.pressure();
-  within(5 * kTau, [] { return false; });
+  std::this_thread::sleep_for(std::chrono::duration<double>(5 * kTau));
   EXPECT_EQ(device_.pressure(), closed);
   driver_.write(regulate(Eigen::Vector3d::Constant(1e5)));
-  ASSERT_TRUE(within(kSoon, [&] { return device_.pressure().maxCoeff() < 1.1e5; }));
+  ASSERT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1.1e5; }));
   driver_.write(orders);
   driver_.vent();
-  EXPECT_TRUE(within(kSoon, [&] { return device_.pressure().maxCoeff() < 1e3; }));
+  EXPECT_TRUE(eventually([&] { return device_.pressure().maxCoeff() < 1e3; }));
 }
 
 // Reads until it fails, for at most so long.
 Failure firstFailure(AsciiSerialDriver& driver, double longest) {
   Pressures pressures(kChannels);
   Failure failure{"none", ""};
-  within(longest, [&] {
-    failure = failureOf([&] { driver.read(pressures); });
-    return failure.kind != "none";
-  });
+  eventually(
+      [&] {
+        failure = failureOf([&] { driver.read(pressures); });
+        return failure.kind != "none";
+      },
+      longest);
   return failure;
 }
 
@@ -225,7 +219,7 @@ TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
   driver.connect();
   const ValveOrders orders = regulate(Eigen::Vector3d::Constant(2e5));
   driver.write(orders);
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure().minCoeff() > 1.99e5; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   readAll(driver);
 
   device.setFault(fault);
@@ -240,19 +234,22 @@ TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
   if (expected == "link") {
     // Without a link a restart has another path.
     AsciiSerialDriver again = driverOf(profile, device.path());
-    ASSERT_TRUE(within(kSoon, [&] { return failureOf([&] { again.connect(); }).kind == "none"; }));
+    ASSERT_TRUE(eventually([&] { return failureOf([&] { again.connect(); }).kind == "none"; }));
     again.write(orders);
-    ASSERT_TRUE(within(kSoon, [&] { return device.pressure().minCoeff() > 1.99e5; }));
+    ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   } else {
     Failure next;
     // Unasked, half a line may still stand in front of the next one.
-    ASSERT_TRUE(within(profile.read.empty() ? kSoon : 0.0, [&] {
-      next = failureOf([&] { readAll(driver); });
-      return next.kind == "none";
-    })) << next.text;
+    ASSERT_TRUE(eventually(
+        [&] {
+          next = failureOf([&] { readAll(driver); });
+          return next.kind == "none";
+        },
+        profile.read.empty() ? kSoon : 0.0))
+        << next.text;
     driver.write(orders);
     EXPECT_TRUE(
-        within(kSoon, [&] { return std::abs(readAll(driver).pressure.minCoeff() - 2e5) < 1e3; }));
+        eventually([&] { return std::abs(readAll(driver).pressure.minCoeff() - 2e5) < 1e3; }));
   }
 }
 
@@ -307,11 +304,11 @@ TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   AsciiSerialDriver first = driverOf(test::genericProfile(), device.path());
   first.connect();
   first.write(regulate(Eigen::Vector3d::Constant(2e5)));
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure().minCoeff() > 1.9e5; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.9e5; }));
   first.close();
   AsciiSerialDriver driver({test::genericProfile(), device.path(), {"9", "1", "2"}}, kChannels);
   EXPECT_NE(failureOf([&] { driver.connect(); }).kind, "none");
-  EXPECT_TRUE(within(kSoon, [&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
+  EXPECT_TRUE(eventually([&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
   EXPECT_GT(device.pressure()[0], 1.9e5);
 }
 

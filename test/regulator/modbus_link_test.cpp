@@ -25,9 +25,9 @@ namespace {
 
 using simulation::DeviceFault;
 using simulation::ModbusDevice;
-using simulation::ModbusDeviceConfig;
 using test::eventually;
 using test::mpaProfile;
+using test::quietDevice;
 using test::refusal;
 using test::ReplyServer;
 using test::vtemProfile;
@@ -35,15 +35,6 @@ using Bytes = ReplyServer::Bytes;
 
 // Far above the timeout of 0.1 s, and far below anything that would hold up an arm.
 constexpr double kBounded = 1.5;
-
-ModbusDeviceConfig deviceOf(const ModbusProfile& profile) {
-  ModbusDeviceConfig config;
-  config.profile = profile;
-  config.places = 3;
-  config.regulator.time_constant = 0.01;
-  config.regulator.noise = 0;
-  return config;
-}
 
 ModbusConfig configOf(const ModbusProfile& profile, int port) {
   return {profile, "127.0.0.1", port, {0, 1, 2}};
@@ -90,7 +81,7 @@ class Link : public testing::TestWithParam<const char*> {
  protected:
   Link()
       : profile_(std::string(GetParam()) == "festo_vtem" ? vtemProfile() : mpaProfile()),
-        device_(deviceOf(profile_)),
+        device_(quietDevice(profile_, 3)),
         driver_(configOf(profile_, device_.port())) {
     driver_.connect();
     driver_.write(regulate(2e5));
@@ -246,30 +237,47 @@ TEST(ModbusConnecting, AnUnknownNameDoesNotHoldItUp) {
   EXPECT_NE(error.find("give an address such as 192.168.1.10 as host"), std::string::npos) << error;
 }
 
+// A port of 127.0.0.1 with a queue of those who have not been accepted.
+class Listener {
+ public:
+  explicit Listener(int backlog) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    address_.sin_family = AF_INET;
+    address_.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    auto* const generic = reinterpret_cast<sockaddr*>(&address_);
+    socklen_t size = sizeof address_;
+    EXPECT_EQ(bind(socket_, generic, size), 0);
+    EXPECT_EQ(listen(socket_, backlog), 0);
+    EXPECT_EQ(getsockname(socket_, generic, &size), 0);
+  }
+  ~Listener() { close(socket_); }
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  int socket() const { return socket_; }
+  int port() const { return ntohs(address_.sin_port); }
+  void join(int client) const {
+    connect(client, reinterpret_cast<const sockaddr*>(&address_), sizeof address_);
+  }
+
+ private:
+  const int socket_;
+  sockaddr_in address_{};
+};
+
 // A listener that accepts nobody, its queue full: further connections are not answered at all.
 TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
-  const int listener = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof address;
-  auto* const generic = reinterpret_cast<sockaddr*>(&address);
-  ASSERT_EQ(bind(listener, generic, size), 0);
-  ASSERT_EQ(listen(listener, 0), 0);
-  ASSERT_EQ(getsockname(listener, generic, &size), 0);
+  const Listener listener(0);
   std::vector<int> queue;
   for (int i = 0; i < 4; ++i) {
     queue.push_back(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
-    connect(queue.back(), generic, size);
+    listener.join(queue.back());
   }
   std::string error;
-  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", ntohs(address.sin_port)); }),
-            kBounded);
+  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", listener.port()); }), kBounded);
   EXPECT_NE(error.find("cannot connect: Connection timed out; is it switched on"),
             std::string::npos)
       << error;
   for (const int each : queue) close(each);
-  close(listener);
 }
 
 // The header of the request's reply with these bytes behind it.
@@ -373,17 +381,9 @@ TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
 
 // A byte at a time, each of them within the timeout: it holds for all of them.
 TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
-  const int listener = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof address;
-  auto* const generic = reinterpret_cast<sockaddr*>(&address);
-  ASSERT_EQ(bind(listener, generic, size), 0);
-  ASSERT_EQ(listen(listener, 1), 0);
-  ASSERT_EQ(getsockname(listener, generic, &size), 0);
-  std::thread dripping([listener] {
-    const int client = accept(listener, nullptr, nullptr);
+  const Listener listener(1);
+  std::thread dripping([&listener] {
+    const int client = accept(listener.socket(), nullptr, nullptr);
     char request[64];
     recv(client, request, sizeof request, 0);
     // The beginning of a frame that says it is long.
@@ -394,12 +394,9 @@ TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
     }
     close(client);
   });
-  EXPECT_LT(secondsOf([&] {
-              EXPECT_NE(connectRefusal("127.0.0.1", ntohs(address.sin_port)), "accepted");
-            }),
+  EXPECT_LT(secondsOf([&] { EXPECT_NE(connectRefusal("127.0.0.1", listener.port()), "accepted"); }),
             kBounded);
   dripping.join();
-  close(listener);
 }
 
 }  // namespace

@@ -23,19 +23,10 @@ using simulation::ModbusDevice;
 using simulation::ModbusDeviceConfig;
 using test::eventually;
 using test::mpaProfile;
+using test::quietDevice;
 using test::RawModbus;
 using test::vtemProfile;
 using Words = RawModbus::Words;
-
-// Without noise: what it reads is what it has.
-ModbusDeviceConfig deviceOf(const ModbusProfile& profile, int places) {
-  ModbusDeviceConfig config;
-  config.profile = profile;
-  config.places = places;
-  config.regulator.time_constant = 0.01;
-  config.regulator.noise = 0;
-  return config;
-}
 
 ModbusConfig configOf(const ModbusProfile& profile, int port, std::vector<int> places) {
   return {profile, "127.0.0.1", port, std::move(places)};
@@ -69,7 +60,7 @@ void expectHas(const std::string& text, const std::vector<std::string>& parts) {
 
 // Set points of 100, 25.7 and 699.95 kPa are 1000, 257 and 6999.5 mbar.
 TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
-  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  ModbusDevice device(quietDevice(vtemProfile(), 6));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 4}));
   driver.connect();
   const RawModbus raw(device.port());
@@ -81,7 +72,7 @@ TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
 }
 
 TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
-  ModbusDevice device(deviceOf(mpaProfile(), 4));
+  ModbusDevice device(quietDevice(mpaProfile(), 4));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {3, 0}));
   driver.connect();
   driver.write(regulate({1e5, 25.7e3}));
@@ -93,7 +84,7 @@ TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
 
 TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    ModbusDevice device(deviceOf(profile, 6));
+    ModbusDevice device(quietDevice(profile, 6));
     ModbusTcpDriver driver(configOf(profile, device.port(), {5, 0, 2}));
     driver.connect();
     driver.write(regulate({3e5, 1e5, 2e5}));
@@ -105,7 +96,7 @@ TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
 
 TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
-    ModbusDevice device(deviceOf(profile, 4));
+    ModbusDevice device(quietDevice(profile, 4));
     ModbusTcpDriver first(configOf(profile, device.port(), {0, 1, 2, 3}));
     first.connect();
     first.write(regulate({3e5, 3e5, 3e5, 3e5}));
@@ -121,7 +112,7 @@ TEST(ModbusTcpDriver, ConnectingVentsWhatAnotherLeftBehind) {
 }
 
 TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
-  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  ModbusDevice device(quietDevice(vtemProfile(), 6));
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40006, {126, 0, 0}));
   ASSERT_TRUE(raw.write(40006, {195, 1234, 567}));
@@ -133,7 +124,7 @@ TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
 }
 
 TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayWithinWhatTheDeviceTakes) {
-  ModbusDevice device(deviceOf(mpaProfile(), 6));
+  ModbusDevice device(quietDevice(mpaProfile(), 6));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
   driver.connect();
   driver.write(regulate({-5e4, 1e9, 99.999e3, 100e3, 0.1 * 3 * 1e3, -0.0}));
@@ -144,7 +135,7 @@ TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayWithinWhatTheDeviceTakes) {
 TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   ModbusProfile profile = mpaProfile();
   profile.atmosphere = 101.3e3;
-  ModbusDevice device(deviceOf(profile, 1));
+  ModbusDevice device(quietDevice(profile, 1));
   ModbusTcpDriver driver(configOf(profile, device.port(), {0}));
   driver.connect();
   driver.write(regulate({1e5}));
@@ -156,7 +147,7 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
 TEST(ModbusTcpDriver, TheSupplyIsReadWhereTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;
-  ModbusDeviceConfig config = deviceOf(profile, 2);
+  ModbusDeviceConfig config = quietDevice(profile, 2);
   config.regulator.supply_pressure = 6.1e5;
   ModbusDevice device(config);
   ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
@@ -170,7 +161,7 @@ TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
   ModbusProfile profile = mpaProfile();
   profile.input_registers = true;
   profile.input_base = 0;
-  ModbusDevice device(deviceOf(profile, 2));
+  ModbusDevice device(quietDevice(profile, 2));
   ModbusTcpDriver driver(configOf(profile, device.port(), {0, 1}));
   driver.connect();
   driver.write(regulate({1e5, 2e5}));
@@ -181,7 +172,7 @@ TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
 // 125 registers a request to read, 123 a request to write: 300 set points are 3 requests.
 TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
   constexpr int kChannels = 300;
-  ModbusDevice device(deviceOf(mpaProfile(), kChannels));
+  ModbusDevice device(quietDevice(mpaProfile(), kChannels));
   std::vector<int> places(kChannels);
   std::vector<double> set_points(kChannels);
   for (int i = 0; i < kChannels; ++i) {
@@ -199,7 +190,7 @@ TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
 }
 
 TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
-  ModbusDevice device(deviceOf(vtemProfile(), 8));
+  ModbusDevice device(quietDevice(vtemProfile(), 8));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3, 4, 5, 6, 7}));
   driver.connect();
   const std::uint64_t before = device.writes();
@@ -208,7 +199,7 @@ TEST(ModbusTcpDriver, ConsecutiveSlotsTakeOneWrite) {
 }
 
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
-  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  ModbusDevice device(quietDevice(vtemProfile(), 4));
   EXPECT_EQ(device.valves(), std::vector<Valve>(4, Valve::kClose));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 3}));
   driver.connect();
@@ -216,7 +207,7 @@ TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVented) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatDoesNotGetReadyIsNamed) {
-  ModbusDevice device(deviceOf(vtemProfile(), 6));
+  ModbusDevice device(quietDevice(vtemProfile(), 6));
   device.jam(2, true);
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 4}));
   const std::string error = refusal<LinkError>([&] { driver.connect(); });
@@ -230,7 +221,7 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotGetReadyIsNamed) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
-  ModbusDeviceConfig config = deviceOf(vtemProfile(), 2);
+  ModbusDeviceConfig config = quietDevice(vtemProfile(), 2);
   config.activation_time = 1e6;
   ModbusDevice device(config);
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1}));
@@ -240,7 +231,7 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
 }
 
 TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
-  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  ModbusDevice device(quietDevice(vtemProfile(), 4));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 2}));
   driver.connect();
   driver.write(regulate({1e5, 1e5}));
@@ -256,7 +247,7 @@ TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
 }
 
 TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
-  ModbusDevice device(deviceOf(vtemProfile(), 4));
+  ModbusDevice device(quietDevice(vtemProfile(), 4));
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1, 2, 3}));
   driver.connect();
   driver.write(regulate({1e5, 1e5, 1e5, 1e5}));
@@ -275,7 +266,7 @@ TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
 }
 
 TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
-  ModbusDevice device(deviceOf(mpaProfile(), 2));
+  ModbusDevice device(quietDevice(mpaProfile(), 2));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
   driver.connect();
   ValveOrders orders = regulate({1e5, 1e5});
@@ -285,7 +276,7 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
 }
 
 TEST(ModbusTcpDriver, OrdersThatDoNotFitAreRefused) {
-  ModbusDevice device(deviceOf(mpaProfile(), 2));
+  ModbusDevice device(quietDevice(mpaProfile(), 2));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1}));
   driver.connect();
   const std::uint64_t before = device.writes();

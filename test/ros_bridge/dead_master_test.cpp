@@ -42,6 +42,16 @@ class DeadMaster : public ::testing::Test {
   bool vents(double deadline) const {
     return eventually([this] { return regulator_.vents(); }, deadline);
   }
+  // The last value of a key in what `rostopic echo` has printed of the diagnostics; empty before.
+  static std::string valueOf(const std::string& key, Process& diagnostics) {
+    const std::string& text = diagnostics.outputNow();
+    const std::string begin = "key: \"" + key + "\"\n";
+    const std::size_t at = text.rfind(begin);
+    if (at == std::string::npos) return "";
+    const std::size_t open = text.find('"', at + begin.size());
+    const std::size_t close = open == std::string::npos ? open : text.find('"', open + 1);
+    return close == std::string::npos ? "" : text.substr(open + 1, close - open - 1);
+  }
 
   EmulatedRegulator regulator_{EmulatedRegulator::Line::kModbus};
   Master master_;
@@ -100,6 +110,29 @@ TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
       1e3 * (regulator::steadyNow() - begin));
   EXPECT_TRUE(arm.prints("stale", 5) || arm.output().find("target_timeout") != std::string::npos)
       << arm.output();
+
+  // It goes on, and moves nothing until somebody has enabled the arm. Counted in the diagnostics,
+  // whose type, unlike the answers', every rostopic knows.
+  Process diagnostics({"rostopic", "echo", "/diagnostics"}, master_.variables());
+  const auto refused = [&] {
+    const std::string count = valueOf("dropped_not_enabled", diagnostics);
+    return count.empty() ? -1 : std::stoi(count);
+  };
+  const auto rests = [&] { return valueOf("state", diagnostics) == "vented"; };
+  ASSERT_TRUE(eventually([&] { return rests() && refused() >= 0; })) << diagnostics.output();
+  const int before = refused();
+  call({"/player/pause_playback", "false"}, "success: True");
+  bool vents_all_along = true;
+  ASSERT_TRUE(eventually([&] {
+    vents_all_along = vents_all_along && regulator_.vents();
+    return refused() >= before + 20;  // a second of the recording
+  })) << arm.output()
+      << diagnostics.output();
+  EXPECT_TRUE(vents_all_along);
+  EXPECT_TRUE(eventually(rests));                    // its line may be half read
+  EXPECT_LT(regulator_.pressure().maxCoeff(), 1e4);  // safety.vented_below_kpa
+  enable();
+  EXPECT_TRUE(inflates()) << arm.output();
 }
 
 }  // namespace

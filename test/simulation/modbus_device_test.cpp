@@ -21,24 +21,15 @@ namespace helix_arm::simulation {
 namespace {
 
 using control::Valve;
-using regulator::ModbusProfile;
 using test::eventually;
 using test::mpaProfile;
+using test::quietDevice;
 using test::RawModbus;
 using test::vtemProfile;
 using Words = RawModbus::Words;
 
-ModbusDeviceConfig configOf(const ModbusProfile& profile, int places) {
-  ModbusDeviceConfig config;
-  config.profile = profile;
-  config.places = places;
-  config.regulator.time_constant = 0.02;
-  config.regulator.noise = 0;
-  return config;
-}
-
 TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
-  ModbusDeviceConfig config = configOf(mpaProfile(), 2);
+  ModbusDeviceConfig config = quietDevice(mpaProfile(), 2);
   config.regulator.time_constant = 0.3;
   ModbusDevice device(config);
   const RawModbus raw(device.port());
@@ -58,7 +49,7 @@ TEST(ModbusDevice, MpaGoesToItsSetPointsByTheLagOfItsRegulator) {
 }
 
 TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
-  ModbusDevice device(configOf(vtemProfile(), 2));
+  ModbusDevice device(quietDevice(vtemProfile(), 2));
   const RawModbus raw(device.port());
   const auto status = [&raw] { return raw.read(45395, 1).at(0); };
   EXPECT_NE(status(), 125);
@@ -81,7 +72,7 @@ TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
 }
 
 TEST(ModbusDevice, AJammedSlotDoesNotStart) {
-  ModbusDevice device(configOf(vtemProfile(), 4));
+  ModbusDevice device(quietDevice(vtemProfile(), 4));
   device.jam(1, true);
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40003, {126, 0, 0, 126, 0, 0}));
@@ -93,7 +84,7 @@ TEST(ModbusDevice, AJammedSlotDoesNotStart) {
 }
 
 TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
-  ModbusDevice device(configOf(mpaProfile(), 2));
+  ModbusDevice device(quietDevice(mpaProfile(), 2));
   const RawModbus raw(device.port());
   EXPECT_TRUE(raw.read(40002, 1).empty());
   EXPECT_TRUE(raw.read(40003, 3).empty());
@@ -107,7 +98,7 @@ TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
 }
 
 TEST(ModbusDevice, ServesSeveralAtOnce) {
-  ModbusDevice device(configOf(mpaProfile(), 1));
+  ModbusDevice device(quietDevice(mpaProfile(), 1));
   std::vector<std::unique_ptr<RawModbus>> clients;
   for (int i = 0; i < 5; ++i) clients.push_back(std::make_unique<RawModbus>(device.port()));
   for (int round = 0; round < 3; ++round) {
@@ -124,7 +115,7 @@ TEST(ModbusDevice, ServesSeveralAtOnce) {
 }
 
 TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
-  ModbusDeviceConfig config = configOf(mpaProfile(), 1);
+  ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
   config.regulator.noise = 5e3;
   ModbusDevice device(config);
   const RawModbus raw(device.port());
@@ -135,7 +126,7 @@ TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
 }
 
 TEST(ModbusDevice, SilenceTakesNothingIn) {
-  ModbusDevice device(configOf(mpaProfile(), 1));
+  ModbusDevice device(quietDevice(mpaProfile(), 1));
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40003, {1000}));
   device.setFault(DeviceFault::kSilence);
@@ -148,7 +139,7 @@ TEST(ModbusDevice, SilenceTakesNothingIn) {
 }
 
 TEST(ModbusDevice, ARestartEndsAllConnectionsAndVents) {
-  ModbusDevice device(configOf(mpaProfile(), 1));
+  ModbusDevice device(quietDevice(mpaProfile(), 1));
   const int port = device.port();
   const RawModbus raw(port);
   ASSERT_TRUE(raw.write(40003, {1000}));
@@ -163,7 +154,7 @@ TEST(ModbusDevice, ARestartEndsAllConnectionsAndVents) {
 }
 
 TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
-  ModbusDevice device(configOf(mpaProfile(), 1));
+  ModbusDevice device(quietDevice(mpaProfile(), 1));
   std::unique_ptr<modbus_t, void (*)(modbus_t*)> thief(modbus_new_tcp("127.0.0.1", device.port()),
                                                        modbus_free);
   int listener = -1;
@@ -180,8 +171,8 @@ TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
 }
 
 TEST(ModbusDevice, WhatItCannotBeIsRefused) {
-  ModbusDevice first(configOf(mpaProfile(), 1));
-  ModbusDeviceConfig config = configOf(mpaProfile(), 1);
+  ModbusDevice first(quietDevice(mpaProfile(), 1));
+  ModbusDeviceConfig config = quietDevice(mpaProfile(), 1);
   config.port = first.port();
   EXPECT_NE(test::refusal<std::runtime_error>([&] {
               ModbusDevice second(config);

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <set>
 #include <thread>
 
@@ -14,6 +13,7 @@
 
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/serial_port.hpp"
+#include "support/eventually.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"
 #include "support/temporary_folder.hpp"
@@ -24,21 +24,13 @@ namespace {
 using control::Valve;
 using regulator::SerialPort;
 using regulator::SerialProfile;
+using test::eventually;
 using test::refusal;
 using Clock = SerialPort::Clock;
 
 constexpr double kTau = 0.02;     // [s]
 constexpr double kSoon = 5.0;     // on a machine that is busy [s]
 constexpr double kSilence = 0.3;  // after which nothing is to come [s]
-
-bool within(double time, const std::function<bool()>& holds) {
-  const Clock::time_point begin = Clock::now();
-  while (!holds()) {
-    if (std::chrono::duration<double>(Clock::now() - begin).count() > time) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return true;
-}
 
 SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::string> addresses,
                             int channels) {
@@ -85,7 +77,7 @@ TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
   Terminal terminal(device, "\r");
   EXPECT_EQ(terminal.ask("A"), "A 0.00 0.00");
   EXPECT_EQ(terminal.ask("BS20.00"), "B 0.00 20.00");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[1] > 20 * 6894.757 - 1; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[1] > 20 * 6894.757 - 1; }));
   EXPECT_EQ(terminal.ask("B"), "B 20.00 20.00");
   EXPECT_EQ(terminal.ask("C"), "?");
   EXPECT_EQ(device.pressure()[0], 0.0);
@@ -96,14 +88,14 @@ TEST(SerialDevice, AHeldAlicatTakesSetPointsButFollowsThemOnlyWhenReleased) {
   const SerialDevice device(configOf(test::alicatProfile(), {"A"}, 1));
   Terminal terminal(device, "\r");
   terminal.ask("AS20.00");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] > 1.378e5; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 1.378e5; }));
   terminal.ask("AHC");
   EXPECT_EQ(device.valves(), std::vector<Valve>{Valve::kClose});
   terminal.ask("AS0.00");
-  within(5 * kTau, [] { return false; });
+  std::this_thread::sleep_for(std::chrono::duration<double>(5 * kTau));
   EXPECT_GT(device.pressure()[0], 1.378e5);
   terminal.ask("AC");
-  EXPECT_TRUE(within(kSoon, [&] { return device.pressure()[0] < 100; }));
+  EXPECT_TRUE(eventually([&] { return device.pressure()[0] < 100; }));
 }
 
 TEST(SerialDevice, ACtrlPSpeaksOnceItIsSwitchedOnAndVentsByItsMode) {
@@ -114,14 +106,14 @@ TEST(SerialDevice, ACtrlPSpeaksOnceItIsSwitchedOnAndVentsByItsMode) {
   terminal.say("on");
   EXPECT_EQ(terminal.hear(), "0\t1\t0.00\t0.00\t0.00");
   terminal.say("set;0;100;50;25");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] > 9.99e4; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 9.99e4; }));
   terminal.say("mode;0");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] < 100; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] < 100; }));
   terminal.say("set;0;100;50;25");
-  ASSERT_TRUE(within(kSoon, [&] { return device.setPoint()[0] == 1e5; }));
+  ASSERT_TRUE(eventually([&] { return device.setPoint()[0] == 1e5; }));
   EXPECT_EQ(device.valves(), std::vector<Valve>(3, Valve::kVent));
   terminal.say("mode;1");
-  EXPECT_TRUE(within(kSoon, [&] { return device.pressure()[2] > 2.49e4; }));
+  EXPECT_TRUE(eventually([&] { return device.pressure()[2] > 2.49e4; }));
 }
 
 TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
@@ -135,7 +127,7 @@ TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
   const double after = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
   EXPECT_GE(device.lastSetTime(), before);
   EXPECT_LE(device.lastSetTime(), after);
-  within(0.2, [] { return false; });
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
   const double early = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
   const double pressure = device.pressure()[0];
   const double late = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -149,7 +141,7 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   SerialDevice device(configOf(profile, {"0"}, 1));
   Terminal terminal(device, "\n");
   terminal.ask("p0=200.00");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] > 2e5 - 1; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 2e5 - 1; }));
   ASSERT_EQ(terminal.ask("p0?"), "p0=200.00 kPa");
 
   device.setFault(DeviceFault::kWrongUnit);
@@ -158,7 +150,7 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   EXPECT_EQ(terminal.ask("p0?"), "p0=nan kPa");
   device.setFault(DeviceFault::kStuckValue);
   terminal.ask("p0=100.00");
-  ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] < 1e5 + 1; }));
+  ASSERT_TRUE(eventually([&] { return device.pressure()[0] < 1e5 + 1; }));
   EXPECT_EQ(terminal.ask("p0?"), "p0=200.00 kPa");
   device.setFault(DeviceFault::kHalfLine);
   EXPECT_TRUE(terminal.asksInVain("p0?"));
@@ -177,10 +169,10 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   constexpr int kOwed = 100;
   const std::uint64_t asked_before = device.lines();
   for (int i = 0; i < kOwed; ++i) terminal.say("p0?");
-  ASSERT_TRUE(within(kSoon, [&] { return device.lines() == asked_before + kOwed; }));
+  ASSERT_TRUE(eventually([&] { return device.lines() == asked_before + kOwed; }));
   device.setFault(DeviceFault::kNone);  // else it would be busy with them for much longer
   int heard = 0;
-  EXPECT_TRUE(within(kSoon, [&] {
+  EXPECT_TRUE(eventually([&] {
     heard += terminal.hear(kSilence) == "p0=100.00 kPa" ? 1 : 0;
     return heard == kOwed;
   })) << heard;
@@ -198,12 +190,12 @@ TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
     EXPECT_EQ(device.path(), config.link);
     Terminal before(device, "\n");
     before.ask("p0=200.00");
-    ASSERT_TRUE(within(kSoon, [&] { return device.pressure()[0] > 1.9e5; }));
+    ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 1.9e5; }));
     device.setFault(DeviceFault::kRestart);
-    ASSERT_TRUE(within(kSoon, [&] { return device.restarts() == 1; }));
+    ASSERT_TRUE(eventually([&] { return device.restarts() == 1; }));
     EXPECT_EQ(device.fault(), DeviceFault::kNone);
     EXPECT_THROW(before.ask("p0?"), regulator::LinkError);
-    EXPECT_TRUE(within(kSoon, [&] { return device.pressure()[0] < 1e3; }));
+    EXPECT_TRUE(eventually([&] { return device.pressure()[0] < 1e3; }));
     Terminal after(device, "\n");
     EXPECT_EQ(after.ask("p0?").substr(0, 3), "p0=");
   }
@@ -218,9 +210,9 @@ TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
   std::filesystem::remove(config.link);
   std::ofstream(config.link) << "precious";
   device.setFault(DeviceFault::kRestart);
-  EXPECT_FALSE(within(kSilence, [&] { return device.restarts() > 0; }));
+  EXPECT_FALSE(eventually([&] { return device.restarts() > 0; }, kSilence));
   std::filesystem::remove(config.link);
-  ASSERT_TRUE(within(kSoon, [&] { return device.restarts() == 1; }));
+  ASSERT_TRUE(eventually([&] { return device.restarts() == 1; }));
   Terminal terminal(device, "\n");
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
 }

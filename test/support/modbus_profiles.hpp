@@ -1,6 +1,7 @@
 #pragma once
 
 #include "helix_arm/regulator/modbus_profile.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
 
 namespace helix_arm::test {
 
@@ -37,6 +38,17 @@ inline regulator::ModbusProfile mpaProfile() {
   profile.input_base = 45395;
   profile.input_stride = 3;
   return profile;
+}
+
+/// A quick device without noise: what it reads is what it has.
+inline simulation::ModbusDeviceConfig quietDevice(const regulator::ModbusProfile& profile,
+                                                  int places) {
+  simulation::ModbusDeviceConfig config;
+  config.profile = profile;
+  config.places = places;
+  config.regulator.time_constant = 0.01;
+  config.regulator.noise = 0;
+  return config;
 }
 
 }  // namespace helix_arm::test

@@ -97,6 +97,17 @@ bool Process::read(double seconds) {
   return size > 0;
 }
 
+void Process::drain() {
+  pollfd more{pipe_, POLLIN, 0};
+  while (poll(&more, 1, 0) > 0 && read(0.0)) {
+  }
+}
+
+const std::string& Process::outputNow() {
+  drain();
+  return output_;
+}
+
 bool Process::prints(const std::string& text, double deadline) {
   const auto end = in(deadline);
   while (output_.find(text) == std::string::npos) {
@@ -110,10 +121,8 @@ int Process::exitCode(double deadline) {
   while (exit_code_ < 0) {
     int status = 0;
     const bool ended = waitpid(pid_, &status, WNOHANG) == pid_;
-    while (read(ended ? 0.0 : 0.02)) {
-      pollfd more{pipe_, POLLIN, 0};
-      if (poll(&more, 1, 0) <= 0) break;
-    }
+    read(ended ? 0.0 : 0.02);
+    drain();
     if (ended) exit_code_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     if (secondsUntil(end) <= 0) break;
   }

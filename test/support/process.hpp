@@ -34,11 +34,14 @@ class Process {
 
   void signal(int number) const;
 
-  /// All it has printed so far.
+  /// All that the calls above have read of what it printed.
   const std::string& output() const { return output_; }
+  /// All it has printed so far.
+  const std::string& outputNow();
 
  private:
   bool read(double seconds);
+  void drain();
 
   pid_t pid_ = -1;
   int pipe_ = -1;

@@ -2,6 +2,8 @@
 
 #include <atomic>
 #include <cstdint>
+#include <exception>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -86,19 +88,22 @@ class RegulatorIo {
     control::ValveOrders valves;
     std::uint64_t breaks;
   };
+  static constexpr double kNever = -std::numeric_limits<double>::infinity();
 
   void run();
   void connect();
   void exchange();
   void disconnect(const std::exception& error);
-  bool pause(double seconds);  ///< false when it is to stop
-  bool awaitOrder();           ///< false when there is none yet
+  void note(const std::exception& error);
+  bool pause(double seconds);      ///< false when it is to stop
+  bool awaitOrder();               ///< false when there is none yet
+  void awaitWake(double longest);  ///< an order or the end, for so long at most [s]
 
   const std::unique_ptr<Driver> driver_;
   const IoRules rules_;
   Mailbox<Order> orders_;
   Mailbox<Reading> readings_;
-  const int wake_;  ///< event counter of orders
+  const int wake_;  ///< event counter of orders, and of the end
 
   std::atomic<bool> stop_{false};
   std::atomic<bool> up_{false};
@@ -110,8 +115,8 @@ class RegulatorIo {
 
   // Of the thread alone.
   double back_off_;
-  double last_order_ = 0;  ///< when the last one came [s]
-  double last_read_ = 0;
+  double last_order_ = kNever;  ///< when the last one came [s]
+  double last_read_ = kNever;
   int bad_in_a_row_ = 0;
   bool vented_by_itself_ = true;
 

@@ -9,8 +9,4 @@ namespace helix_arm::ros_bridge {
 /// @throws std::invalid_argument naming those that are not.
 io::Scene requirePneumatic(io::Scene scene);
 
-/// The simulated regulator of the scene; warns of actuators whose limits its supply does not reach.
-/// @throws std::invalid_argument when the scene has none, or one of hardware.
-regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
-
 }  // namespace helix_arm::ros_bridge

@@ -100,9 +100,9 @@ struct PressureCommandOptions {
 /// no shape that holds the load, there is neither model nor drawing, and the diagnostics say so.
 ///
 /// However it ends, the arm vents: in an orderly end by this node's last words to the regulator;
-/// where it is killed, by a guard process (hardware), or by the regulator's node when the commands
-/// stop. Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter,
-/// such as simulated time with hardware.
+/// where it is killed or stands still, by a guard process (hardware), or by the regulator's node
+/// when the commands stop. Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad
+/// scene or parameter, such as simulated time with hardware.
 class PressureCommandNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.

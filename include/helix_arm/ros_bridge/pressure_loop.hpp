@@ -100,6 +100,9 @@ class PressureLoop {
   void post(Reading reading);
 
   // None of these does: a log that is held up holds up nobody else.
+  /// Does change(now) under the lock, then tells of what has come of it.
+  template <class Change>
+  void act(const Change& change);
   void tellChanges();
   void takeWaiting();
 

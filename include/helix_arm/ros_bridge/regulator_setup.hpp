@@ -6,6 +6,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "helix_arm/regulator/simulated_regulator.hpp"
 
 /// How a node comes to the regulator of its scene.
 namespace helix_arm::ros_bridge {
@@ -13,7 +14,11 @@ namespace helix_arm::ros_bridge {
 /// @throws std::invalid_argument when the scene has none.
 const regulator::Config& requireRegulator(const io::Scene& scene);
 
-/// The scene's regulator, on a line of its own. Tells of it.
+/// The simulated regulator of the scene; warns of actuators whose limits its supply does not reach.
+/// @throws std::invalid_argument when the scene has none, or one of hardware.
+regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
+
+/// The scene's regulator, on a line of its own. Tells of it, and warns as makeRegulator().
 /// @param rate  of the loop that gives the orders [Hz].
 /// @throws std::invalid_argument as requireRegulator() and regulator::makeDriver().
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate);

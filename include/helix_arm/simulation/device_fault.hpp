@@ -28,6 +28,8 @@ inline constexpr int kDeviceFaultCount = 13;
 /// "none", "silence", "garbage", "half_line", "wrong_unit", "slow", "restart", "nan_text",
 /// "stuck_value", "burst", "stuck_open", "stuck_shut" or "low_supply".
 const char* nameOf(DeviceFault fault);
+/// All of them, joined by commas.
+std::string deviceFaultNames();
 /// The fault of a name; nothing where there is none.
 std::optional<DeviceFault> parseDeviceFault(const std::string& name);
 /// What of it is wrong with the air; kNone where the device alone is to blame.

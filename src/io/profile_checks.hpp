@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "document.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "map_reader.hpp"
+
+/// What the profiles of all kinds of regulators are checked by.
+namespace helix_arm::io {
+
+inline const NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
+inline const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
+
+/// A profile that has been read from a map, where nothing is wrong with it.
+///
+/// @param path           of that map, for messages.
+/// @param faults_before  how many there were before it was read.
+/// @return nothing, and at least one fault, where a rule is broken.
+template <class Profile>
+std::optional<Profile> checked(const Profile& profile, const Value& map, const std::string& path,
+                               std::size_t faults_before, FaultList& faults) {
+  if (faults.faults().size() > faults_before) return std::nullopt;
+  try {
+    profile.validate();
+  } catch (const std::invalid_argument& error) {
+    report(faults, map.place, path + ": " + error.what());
+    return std::nullopt;
+  }
+  return profile;
+}
+
+}  // namespace helix_arm::io

@@ -1,0 +1,303 @@
+// Who can reach the nodes: the environment that the launch files give them, and the sockets on
+// which a launched node listens.
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netdb.h>
+#include <unistd.h>
+#include <xmlrpcpp/XmlRpcClient.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include "support/process.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Words = std::vector<std::string>;
+
+const fs::path kLaunch = HELIX_ARM_SOURCE_DIR "/launch";
+
+// A command in a shell where these are set, and neither of ROS_HOSTNAME and ROS_IP else.
+Words inShell(const Words& set, const Words& command) {
+  Words all = {"env", "-u", "ROS_HOSTNAME", "-u", "ROS_IP"};
+  all.insert(all.end(), set.begin(), set.end());
+  all.insert(all.end(), command.begin(), command.end());
+  return all;
+}
+
+std::string textOf(const fs::path& path) {
+  std::ostringstream out;
+  out << std::ifstream(path).rdbuf();
+  return out.str();
+}
+
+struct Shell {
+  const char* name;
+  Words set, arguments;
+  std::string host;  // by which the nodes are to be reached
+};
+void PrintTo(const Shell& shell, std::ostream* out) { *out << shell.name; }
+
+class LaunchFiles : public ::testing::TestWithParam<Shell> {
+ protected:
+  // What it takes to have all nodes of a file; {{}} where it is not among these.
+  static std::vector<Words> variantsOf(const std::string& file) {
+    if (file == "arm.launch") return {{"vision:=webcam", "workspace:=true"}};
+    if (file == "demo.launch") return {{}, {"calibration:=true"}};
+    if (file == "vision.launch") return {{}, {"manager:=/eyes"}};
+    if (file == "two_machines.launch") {
+      return {{"role:=control", "rig:=true"},
+              {"role:=camera", "commander:=true", "data:=tour_3", "rviz:=true"}};
+    }
+    return {{}};
+  }
+  // The nodes' names, each with its ROS_HOSTNAME ("None" without one).
+  static std::map<std::string, std::string> hostsOf(const fs::path& file, const Words& arguments) {
+    const std::string script =
+        "import sys, roslaunch.config as config\n"
+        "for node in config.load_config_default([(sys.argv[1], sys.argv[2:])], None).nodes:\n"
+        "    print('node', node.name, dict(node.env_args).get('ROS_HOSTNAME'))\n";
+    Words command = {"python3", "-c", script, file};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Process process(inShell(GetParam().set, command));
+    if (process.exitCode() != 0) throw std::runtime_error(process.output());
+    std::map<std::string, std::string> out;
+    std::istringstream lines(process.output());
+    for (std::string word, name, host; lines >> word;) {
+      if (word == "node" && lines >> name >> host) out[name] = host;
+    }
+    return out;
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(
+    , LaunchFiles,
+    ::testing::Values(Shell{"BareShell", {}, {}, "localhost"},
+                      Shell{"ShellWithAHostname", {"ROS_HOSTNAME=robot"}, {}, "robot"},
+                      Shell{"ShellWithAnAddress", {"ROS_IP=192.0.2.7"}, {}, "192.0.2.7"},
+                      Shell{"Argument", {"ROS_HOSTNAME=robot"}, {"host:=192.0.2.8"}, "192.0.2.8"}),
+    [](const auto& shell) { return shell.param.name; });
+
+TEST_P(LaunchFiles, GiveEveryNodeItsHost) {
+  const std::regex declared("<node [^>]*name=\"([^\"]*)\"");
+  int files = 0;
+  for (const auto& entry : fs::directory_iterator(kLaunch)) {
+    const std::string file = entry.path().filename(), text = textOf(entry.path());
+    // The address by which another machine reaches this one has no default.
+    if (file == "two_machines.launch" && GetParam().arguments.empty()) continue;
+    ++files;
+    std::set<std::string> expected, seen;
+    for (std::sregex_iterator at(text.begin(), text.end(), declared), end; at != end; ++at) {
+      expected.insert((*at)[1]);
+    }
+    for (Words arguments : variantsOf(file)) {
+      arguments.insert(arguments.end(), GetParam().arguments.begin(), GetParam().arguments.end());
+      for (const auto& [name, host] : hostsOf(entry.path(), arguments)) {
+        EXPECT_EQ(host, GetParam().host) << name << " of " << file;
+        seen.insert(name);
+      }
+    }
+    for (const std::string& name : expected) {
+      EXPECT_EQ(seen.count(name), 1u) << name << " of " << file << " was not started: variantsOf()";
+    }
+  }
+  EXPECT_GT(files, 0);
+}
+
+TEST(TwoMachines, AsksForTheAddressOfThisOne) {
+  Process launch(
+      inShell({}, {"roslaunch", "--nodes", kLaunch / "two_machines.launch", "role:=control"}));
+  EXPECT_NE(launch.exitCode(), 0);
+  EXPECT_NE(launch.output().find("'host'"), std::string::npos) << launch.output();
+}
+
+// TCP sockets that listen: port, address.
+using Listeners = std::set<std::pair<int, std::string>>;
+
+constexpr char kLoopback[] = "127.0.0.1";
+constexpr char kEverywhere[] = "0.0.0.0";
+
+// An address in /proc/net/tcp or tcp6: words of 32 bit in this machine's order.
+std::string addressOf(const std::string& digits) {
+  in6_addr bytes{};
+  for (std::size_t i = 0; 8 * i < digits.size(); ++i) {
+    const auto word = static_cast<std::uint32_t>(std::stoul(digits.substr(8 * i, 8), nullptr, 16));
+    std::memcpy(bytes.s6_addr + 4 * i, &word, sizeof word);
+  }
+  char text[INET6_ADDRSTRLEN];
+  inet_ntop(digits.size() == 8 ? AF_INET : AF_INET6, &bytes, text, sizeof text);
+  return text;
+}
+
+Listeners listenersOf(int process) {
+  const fs::path proc = "/proc/" + std::to_string(process);
+  std::set<std::string> sockets;
+  for (const auto& file : fs::directory_iterator(proc / "fd")) {
+    std::error_code closed;  // since it was listed
+    sockets.insert(fs::read_symlink(file, closed));
+  }
+  Listeners out;
+  for (const char* table : {"tcp", "tcp6"}) {
+    std::ifstream rows(proc / "net" / table);
+    std::string row;
+    std::getline(rows, row);  // names of the columns
+    while (std::getline(rows, row)) {
+      std::istringstream columns(row);
+      std::string number, local, remote, state, queues, timer, tries, user, timeout, inode;
+      columns >> number >> local >> remote >> state >> queues >> timer >> tries >> user >>
+          timeout >> inode;
+      if (state != "0A" || sockets.count("socket:[" + inode + "]") == 0) continue;
+      const std::size_t colon = local.find(':');
+      out.emplace(std::stoi(local.substr(colon + 1), nullptr, 16),
+                  addressOf(local.substr(0, colon)));
+    }
+  }
+  return out;
+}
+
+bool accepts(const std::string& host, int port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  inet_pton(AF_INET, host.c_str(), &address.sin_addr);
+  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+  const bool connected =
+      connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+  close(socket);
+  return connected;
+}
+
+// By which its network knows this machine; an address of its own alone where it has no network.
+std::string addressOfThisMachine() {
+  std::string out = "127.0.0.2";
+  ifaddrs* all = nullptr;
+  if (getifaddrs(&all) != 0) return out;
+  for (const ifaddrs* one = all; one != nullptr; one = one->ifa_next) {
+    if (one->ifa_addr == nullptr || one->ifa_addr->sa_family != AF_INET) continue;
+    if ((one->ifa_flags & IFF_LOOPBACK) != 0 || (one->ifa_flags & IFF_UP) == 0) continue;
+    char text[INET_ADDRSTRLEN];
+    const auto* address = reinterpret_cast<const sockaddr_in*>(one->ifa_addr);
+    out = inet_ntop(AF_INET, &address->sin_addr, text, sizeof text);
+    break;
+  }
+  freeifaddrs(all);
+  return out;
+}
+
+bool resolves(const std::string& host) {
+  addrinfo* found = nullptr;
+  if (getaddrinfo(host.c_str(), nullptr, nullptr, &found) != 0) return false;
+  freeaddrinfo(found);
+  return true;
+}
+
+// arm.launch, with a master of its own.
+class Arm {
+ public:
+  Arm(const Words& set, const Words& arguments)
+      : port_(freePort()),
+        launch_(command(set, arguments),
+                {{"ROS_MASTER_URI", "http://localhost:" + std::to_string(port_)}}) {
+    if (!launch_.prints("loop at")) throw std::runtime_error("no arm:\n" + launch_.output());
+    XmlRpc::XmlRpcValue node;
+    node[0] = kCaller;
+    node[1] = "/pressure_command";
+    const std::string uri = ask(port_, "lookupNode", node);
+    char host[256];
+    if (std::sscanf(uri.c_str(), "http://%255[^:]:%d/", host, &calls_) != 2) {
+      throw std::runtime_error(uri + " is no address of a node");
+    }
+    host_ = host;
+    XmlRpc::XmlRpcValue topic;
+    topic[0] = kCaller;
+    topic[1] = "/model";
+    topic[2][0][0] = "TCPROS";
+    topics_ = ask(calls_, "requestTopic", topic)[2];
+  }
+
+  const std::string& host() const { return host_; }  ///< that the node tells the others
+  int masterPort() const { return port_; }
+  int calls() const { return calls_; }    ///< port of the node's XML-RPC
+  int topics() const { return topics_; }  ///< port of the node's topics and services
+  Listeners node() const { return listenersOf(started("pressure_command")); }
+  Listeners master() const { return listenersOf(started("master")); }
+
+ private:
+  static constexpr char kCaller[] = "/open_ports_test";
+
+  Words command(const Words& set, const Words& arguments) const {
+    Words launch = {"roslaunch",           "-p",
+                    std::to_string(port_), kLaunch / "arm.launch",
+                    "rviz:=false",         "scene:=spatial_50"};
+    launch.insert(launch.end(), arguments.begin(), arguments.end());
+    return inShell(set, launch);
+  }
+  static XmlRpc::XmlRpcValue ask(int port, const char* method,
+                                 const XmlRpc::XmlRpcValue& arguments) {
+    XmlRpc::XmlRpcClient client(kLoopback, port, "/");
+    XmlRpc::XmlRpcValue answer;
+    if (!client.execute(method, arguments, answer) || static_cast<int>(answer[0]) != 1) {
+      throw std::runtime_error(std::string(method) + " is not answered: " + answer.toXml());
+    }
+    return answer[2];
+  }
+  int started(const std::string& name) const {
+    std::smatch found;
+    const std::regex line("process\\[" + name + "[-0-9]*\\]: started with pid \\[([0-9]+)\\]");
+    if (!std::regex_search(launch_.output(), found, line)) {
+      throw std::runtime_error("roslaunch started no " + name + ":\n" + launch_.output());
+    }
+    return std::stoi(found[1]);
+  }
+
+  int port_;
+  Process launch_;
+  std::string host_;
+  int calls_ = 0, topics_ = 0;
+};
+
+// roscpp binds its XML-RPC to every address, whatever it is told (README, "Who may command"): the
+// one exception here.
+TEST(OpenPorts, WithLocalhostInTheShellMasterAndTopicsAreForThisMachine) {
+  const Arm arm({"ROS_HOSTNAME=localhost"}, {});
+  EXPECT_EQ(arm.host(), "localhost");
+  EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kLoopback}, {arm.calls(), kEverywhere}}));
+  EXPECT_EQ(arm.master(), (Listeners{{arm.masterPort(), kLoopback}}));
+  const std::string address = addressOfThisMachine();
+  EXPECT_FALSE(accepts(address, arm.topics())) << address;
+  EXPECT_FALSE(accepts(address, arm.masterPort())) << address;
+  EXPECT_TRUE(accepts(kLoopback, arm.topics()));
+}
+
+TEST(OpenPorts, InABareShellTopicsAreForThisMachineAndTheMasterIsNot) {
+  char name[256] = "";
+  gethostname(name, sizeof name - 1);
+  if (!resolves(name)) GTEST_SKIP() << name << " does not resolve: roslaunch needs ROS_HOSTNAME";
+  const Arm arm({}, {});
+  EXPECT_EQ(arm.host(), "localhost");
+  EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kLoopback}, {arm.calls(), kEverywhere}}));
+  EXPECT_EQ(arm.master(), (Listeners{{arm.masterPort(), kEverywhere}}));
+}
+
+TEST(OpenPorts, AnAddressOpensTheTopicsToItsNetwork) {
+  const std::string address = addressOfThisMachine();
+  const Arm arm({"ROS_HOSTNAME=localhost"}, {"host:=" + address});
+  EXPECT_EQ(arm.host(), address);
+  EXPECT_EQ(arm.node(), (Listeners{{arm.topics(), kEverywhere}, {arm.calls(), kEverywhere}}));
+  EXPECT_TRUE(accepts(address, arm.topics())) << address;
+}
+
+}  // namespace
+}  // namespace helix_arm::test
