@@ -21,8 +21,12 @@ void Persistence::look(double now, bool wrong, double time) {
   lasts_ = now - since_ >= time;
 }
 
+model::Range onTheWay(const model::Range& limits) {
+  return {std::min(limits.lower, 0.0), std::max(limits.upper, 0.0)};
+}
+
 double highestReading(const ChannelRules& channel, const SafetyRules& rules) {
-  return std::max(channel.limits.upper, 0.0) + rules.trip_margin;
+  return onTheWay(channel.limits).upper + rules.trip_margin;
 }
 
 double lowestReading(const ChannelRules& channel, const SafetyRules& rules) {
@@ -30,8 +34,8 @@ double lowestReading(const ChannelRules& channel, const SafetyRules& rules) {
                                   : -std::numeric_limits<double>::infinity();
 }
 
-void ChannelWatch::begin(double now, double set_point) {
-  set_point_ = stands_at_ = set_point;
+void ChannelWatch::begin(double now) {
+  set_point_ = stands_at_ = 0;
   reference_ = 0;
   reference_at_ = now;
   arrived_ = false;

@@ -109,12 +109,12 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
     model::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
                    channels_[i].name, "; expected the same ones");
     if (orders_.valve[i] != Valve::kRegulate) continue;
-    for (const double pressure : {orders_.set_point[i], goal_[i]}) {
-      model::require(channel.limits.contains(pressure), channel.name, " is commanded ",
-                     1e-3 * pressure, " kPa, outside the new limits of ",
-                     1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
-                     " kPa; command it inside them first");
-    }
+    const bool inside = channel.limits.contains(goal_[i]) &&
+                        onTheWay(channel.limits).contains(orders_.set_point[i]);
+    model::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
+                   1e-3 * orders_.set_point[i], ", outside the new limits of ",
+                   1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
+                   " kPa; command it inside them first");
   }
   channels_ = std::move(channels);
   rules_ = rules;
@@ -182,8 +182,9 @@ std::string SafetyCore::enable(double now) {
   setState(SafetyState::kEnabled, SafetyCause::kNone, -1, 0, 0);
   for (int i = 0; i < count(); ++i) {
     orders_.valve[i] = Valve::kRegulate;
-    orders_.set_point[i] = goal_[i] = startOf(i);
-    watch_[i].begin(now_, orders_.set_point[i]);
+    orders_.set_point[i] = 0;
+    goal_[i] = startOf(i);
+    watch_[i].begin(now_);
   }
   low_supply_.forget();
   target_at_ = std::numeric_limits<double>::infinity();

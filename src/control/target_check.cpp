@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "helix_arm/control/channel_watch.hpp"
 #include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/inverse.hpp"
 
@@ -35,7 +36,11 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   return -1;
 }
 
-enum class Bounds { kLimits, kNone };
+using Bounds = std::optional<model::Range> (*)(const model::Range& limits);
+
+std::optional<model::Range> limitsAlone(const model::Range& limits) { return limits; }
+std::optional<model::Range> wayToLimits(const model::Range& limits) { return onTheWay(limits); }
+std::optional<model::Range> anywhere(const model::Range&) { return std::nullopt; }
 
 // The pressures (n) of an arm, of which those that `name` lists change.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
@@ -63,10 +68,10 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
       return refuse(Fault::kNotFinite, "the pressure of ", actuator.name, " is ", pressure[j],
                     "; send a finite gauge pressure [Pa]");
     }
-    if (bounds == Bounds::kLimits && !actuator.limits.contains(pressure[j])) {
+    const std::optional<model::Range> range = bounds(actuator.limits);
+    if (range && !range->contains(pressure[j])) {
       return refuse(Fault::kOutOfRange, actuator.name, " is asked for ", pressure[j],
-                    " Pa; stay within ", actuator.limits.lower, " to ", actuator.limits.upper,
-                    " Pa (gauge)");
+                    " Pa; stay within ", range->lower, " to ", range->upper, " Pa (gauge)");
     }
     wanted[i] = pressure[j];
   }
@@ -80,7 +85,13 @@ const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]
 Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure) {
-  return assign(arm, command, name, pressure, Bounds::kLimits);
+  return assign(arm, command, name, pressure, limitsAlone);
+}
+
+Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputRef& command,
+                                      const std::vector<std::string>& name,
+                                      const std::vector<double>& pressure) {
+  return assign(arm, command, name, pressure, wayToLimits);
 }
 
 std::optional<Refusal> checkAge(double age, double timeout) {
@@ -95,7 +106,7 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
                   " actuators; send a reading of each of ", listOfNames(arm));
   }
-  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, Bounds::kNone);
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anywhere);
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {

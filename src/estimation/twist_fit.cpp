@@ -5,18 +5,14 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
-#include <limits>
+#include <utility>
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/requirement.hpp"
-#include "tag_models.hpp"
+#include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
 namespace {
-
-constexpr int kBaseParameters = 6;
-constexpr int kMaxParameters = 6 * model::kMaxSections + kBaseParameters + 1;
 
 // Marquardt's damping, relative to the Hessian's diagonal.
 constexpr double kFirstDamping = 1e-6;
@@ -35,8 +31,6 @@ constexpr double kLeastGain = 0.75;
 // proportion and up to a limit: tags that are off by more are wrong, however many they are.
 constexpr double kNoisy = 1.5;
 constexpr double kMostNoise = 7.0;
-// v_z, w_x and w_y, which a planar arm does not have.
-constexpr int kOutOfPlane[] = {2, 3, 4};
 // The expected noise counts as much as this many residuals when few say how large it really is.
 constexpr double kNoisePrior = 4.0;
 // A cold search also starts this far to each side [rad], but at no more places than these.
@@ -46,29 +40,6 @@ constexpr int kMostColdStarts = 48;
 void require(bool holds, const char* what, double value, const char* rule) {
   model::requireValue(holds, "twist fit", what, value, rule);
 }
-
-// Where a search stands.
-struct Point {
-  model::Twists twists;
-  model::Shape shape;  // with these mean twists
-  lie::SE3 X_B0B;
-  lie::Vector6 base_offset = lie::Vector6::Zero();  // log of X_B0B, for the prior
-  double bleed = 0;
-  double cost = std::numeric_limits<double>::infinity();
-  double prior_cost = 0;  // of that
-  std::vector<TagResidual> residuals;
-  std::vector<double> squares;  // of the tags' residuals, in expected variances
-};
-
-// Normal equations of all parameters: twists, base, bleed.
-template <int kSize>
-struct System {
-  static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
-  using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
-  using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
-  Vector gradient;
-  Matrix hessian;  // lower triangle
-};
 
 // Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
 // base.
@@ -104,217 +75,50 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
 }  // namespace
 
 struct TwistFitter::Workspace {
-  TagLayout layout;
-  int sections;
-  TwistFitOptions options;
-  Point at, next;
-  std::vector<lie::SE3> starts;  // X_B0j of each piece's start
-  // Where sections are several pieces: of what lies beyond a piece, by those of its section up to
-  // it, as if each changed by the whole change of the twist.
-  std::vector<Mover> partial_movers;
-  std::vector<Mover> movers;     // of what lies beyond each section but the last
-  Mover base_mover{lie::SE3()};  // of everything
-  model::Shape expected;         // the model's
-  model::Twists prior;           // of the twists
-  double noise_scale = 1;        // of the tags' expected errors
-  std::vector<double> errors;    // of the tags, in expected ones
+  TwistEquations equations;
+  FitPoint at, next;
+  std::vector<double> errors;  // of the tags, in expected ones
   TwistFit result, best;
-  System<Eigen::Dynamic> large, large_next;
+  NormalEquations<Eigen::Dynamic> large, large_next;
 
   Workspace(TagLayout tags, int section_count, const TwistFitOptions& fit_options)
-      : layout(std::move(tags)), sections(section_count), options(fit_options) {
-    require(sections >= 1 && sections <= model::kMaxSections, "the number of sections", sections,
-            "1 to 16");
-    layout.validate(sections);
-    options.validate();
-    starts.resize(model::kMaxPieces);
-    partial_movers.resize(model::kMaxPieces, Mover::none());
-    movers.reserve(sections);
-    errors.reserve(layout.tags.size());
-    for (Point* point : {&at, &next}) {
-      point->residuals.reserve(layout.tags.size());
-      point->squares.reserve(layout.tags.size());
+      : equations(std::move(tags), section_count, fit_options) {
+    const std::size_t count = layout().tags.size();
+    errors.reserve(count);
+    for (FitPoint* point : {&at, &next}) {
+      point->residuals.reserve(count);
+      point->squares.reserve(count);
     }
     for (TwistFit* fit : {&result, &best}) {
-      fit->tags.reserve(layout.tags.size());
-      fit->covariance.setZero(6 * sections, 6 * sections);
+      fit->tags.reserve(count);
+      fit->covariance.setZero(6 * sections(), 6 * sections());
     }
   }
 
-  int baseColumn() const { return 6 * sections; }
-  int bleedColumn() const { return 6 * sections + (options.free_base ? kBaseParameters : 0); }
-  template <class Model>
-  bool bleeds() const {
-    return Model::kBleeds && options.free_bleed;
-  }
-  // Squared errors of a tag beyond which it is an outlier.
-  template <class Model>
-  double threshold(const Model& model) const {
-    const double scale = options.robust_scale * noise_scale;
-    return scale * scale * model.residuals();
-  }
-  // Of one entry of a twist.
-  double modelDeviation(int entry) const {
-    return entry % 6 < 3 ? options.model_prior.translation : options.model_prior.rotation;
-  }
-  bool held(int entry) const {
-    return options.planar && std::find(std::begin(kOutOfPlane), std::end(kOutOfPlane), entry % 6) !=
-                                 std::end(kOutOfPlane);
-  }
-  template <class Model>
-  int parameters() const {
-    return bleedColumn() + (bleeds<Model>() ? 1 : 0);
-  }
-
-  // Fills in a point's cost and residuals, and the normal equations there; an infinite cost where a
-  // tag would lie behind the camera.
-  template <class Model, int kSize>
-  void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
-                int skipped, Point& point, System<kSize>& system) {
-    const int size = parameters<Model>();
-    system.gradient.setZero(size);
-    system.hessian.setZero(size, size);
-    point.residuals.clear();
-    point.squares.clear();
-    point.cost = std::numeric_limits<double>::infinity();
-    starts[0] = point.X_B0B;
-    base_mover = Mover(point.X_B0B);
-    const model::Shape::Pieces& pieces = point.shape.pieces();
-    const int per_section = point.shape.piecesPerSection();
-    movers.clear();
-    for (int j = 0; j + 1 < pieces.cols(); ++j) {
-      starts[j + 1] = starts[j] * lie::SE3::exp(pieces.col(j));
-      Mover mover(starts[j], pieces.col(j), 1.0);
-      if (per_section > 1) {
-        if (j % per_section > 0) mover += partial_movers[j - 1];
-        partial_movers[j] = mover;
-        mover *= 1.0 / per_section;
-      }
-      if ((j + 1) % per_section == 0) movers.push_back(mover);
-    }
-    const Corners plane = layout.corners(point.bleed);
-    const double limit = threshold(model);
-    double cost = 0;
-    for (std::size_t i = 0; i < seen.size(); ++i) {
-      const TagPlacement& tag = layout.tags[seen[i].tag];
-      const PiecePlace place = placeOnPieces(tag, per_section);
-      const lie::SE3 X_B0T =
-          starts[place.piece] * lie::SE3::exp(place.s * pieces.col(place.piece)) * tag.X_ST;
-      typename Model::Rows rows;
-      if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
-      const double square = rows.residual.squaredNorm();
-      const double weight = 1.0 / (1.0 + square / limit);
-      point.squares.push_back(square);
-      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
-      if (static_cast<int>(i) == skipped) continue;
-      cost += limit * std::log1p(square / limit);
-      accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
-    }
-    point.prior_cost = addPriors<Model>(point, 1.0, system);
-    point.cost = cost + point.prior_cost;
-  }
-
-  // Adds one tag's equations.
-  template <class Model, int kSize>
-  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
-                  const model::Shape& shape, System<kSize>& system) const {
-    constexpr int kRows = Model::Rows::kCount;
-    using Jacobian =
-        Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, System<kSize>::kMax>;
-    const int size = static_cast<int>(system.gradient.size());
-    Jacobian J = Jacobian::Zero(kRows, size);
-    for (int j = 0; j < k; ++j) movers[j].fill(rows, 6 * j, J);
-    Mover mover(starts[place.piece], shape.pieces().col(place.piece), place.s);
-    if (shape.piecesPerSection() > 1) {
-      if (place.piece % shape.piecesPerSection() > 0) mover += partial_movers[place.piece - 1];
-      mover *= 1.0 / shape.piecesPerSection();
-    }
-    mover.fill(rows, 6 * k, J);
-    if (options.free_base) base_mover.fill(rows, baseColumn(), J);
-    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
-    if (options.planar) {
-      for (int j = 0; j <= k; ++j) {
-        for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
-      }
-    }
-    for (int column = 0; column < size; ++column) {
-      const Eigen::Matrix<double, kRows, 1> weighted = weight * J.col(column);
-      system.gradient[column] += weighted.dot(rows.residual);
-      for (int row = column; row < size; ++row) {
-        system.hessian(row, column) += weighted.dot(J.col(row));
-      }
-    }
-  }
-
-  // Adds `share` of the priors' equations; returns their cost.
-  template <class Model, int kSize>
-  double addPriors(const Point& point, double share, System<kSize>& system) const {
-    double cost = 0;
-    for (int entry = 0; entry < 6 * sections; ++entry) {
-      const double precision = 1 / modelDeviation(entry);
-      const double residual =
-          held(entry) ? 0 : precision * (point.twists.data()[entry] - prior.data()[entry]);
-      cost += residual * residual;
-      system.hessian(entry, entry) += share * precision * precision;
-      system.gradient[entry] += share * precision * residual;
-    }
-    if (options.free_base) {
-      // The prior is of log X_B0B, a step moves X_B0B on its right.
-      lie::Vector6 precision;
-      precision << Eigen::Vector3d::Constant(1 / options.base_prior.translation),
-          Eigen::Vector3d::Constant(1 / options.base_prior.rotation);
-      const lie::Vector6 residual = precision.cwiseProduct(point.base_offset);
-      const lie::Matrix6 rows =
-          precision.asDiagonal() * lie::SE3::rightJacobianInverse(point.base_offset);
-      cost += residual.squaredNorm();
-      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) +=
-          share * (rows.transpose() * rows);
-      system.gradient.template segment<6>(baseColumn()) += share * (rows.transpose() * residual);
-    }
-    if (bleeds<Model>()) {
-      const int b = bleedColumn();
-      const double precision = 1 / options.bleed_prior, residual = precision * point.bleed;
-      cost += residual * residual;
-      system.hessian(b, b) += share * precision * precision;
-      system.gradient[b] += share * precision * residual;
-    }
-    return share * cost;
-  }
-
-  template <class Model, class Step>
-  void move(const Point& from, const Step& step, Point& to) const {
-    to.twists = from.twists;
-    for (int k = 0; k < sections; ++k) to.twists.col(k) += step.template segment<6>(6 * k);
-    to.shape = expected.about(to.twists);
-    to.X_B0B = from.X_B0B;
-    to.base_offset = from.base_offset;
-    if (options.free_base) {
-      to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
-      to.base_offset = to.X_B0B.log();
-    }
-    to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
-  }
+  const TagLayout& layout() const { return equations.layout(); }
+  int sections() const { return equations.sections(); }
+  const TwistFitOptions& options() const { return equations.options(); }
 
   // Levenberg and Marquardt from `at`; leaves out one of the tags seen, or none (-1).
   template <class Model, int kSize>
   void search(const Model& model, const std::vector<typename Model::Observation>& seen, int skipped,
-              System<kSize>& system, System<kSize>& trial) {
+              NormalEquations<kSize>& system, NormalEquations<kSize>& trial) {
     result.status = FitStatus::kUnderdetermined;
     result.iterations = 0;
     result.rms = result.cost = 0;
     result.tags.clear();
     const int used = static_cast<int>(seen.size()) - (skipped >= 0 ? 1 : 0);
-    if (used * model.residuals() < 6 * sections) return;
-    evaluate(model, seen, skipped, at, system);
+    if (used * model.residuals() < 6 * sections()) return;
+    equations.evaluate(model, seen, skipped, at, system);
     result.status = FitStatus::kNotConverged;
     if (!std::isfinite(at.cost)) return;
 
-    Eigen::LLT<typename System<kSize>::Matrix> factors;
-    typename System<kSize>::Vector step;
+    Eigen::LLT<typename NormalEquations<kSize>::Matrix> factors;
+    typename NormalEquations<kSize>::Vector step;
     double damping = kFirstDamping;
-    while (result.iterations < options.max_iterations && damping < kMaxDamping) {
+    while (result.iterations < options().max_iterations && damping < kMaxDamping) {
       ++result.iterations;
-      typename System<kSize>::Matrix damped = system.hessian;
+      typename NormalEquations<kSize>::Matrix damped = system.hessian;
       damped.diagonal() += damping * system.hessian.diagonal().cwiseMax(kLeastInformation);
       factors.compute(damped);
       step = -factors.solve(system.gradient);
@@ -323,8 +127,8 @@ struct TwistFitter::Workspace {
         result.status = FitStatus::kConverged;
         break;
       }
-      move<Model>(at, step, next);
-      evaluate(model, seen, skipped, next, trial);
+      equations.move<Model>(at, step, next);
+      equations.evaluate(model, seen, skipped, next, trial);
       if (next.cost < at.cost) {
         std::swap(at, next);
         std::swap(system, trial);
@@ -347,9 +151,9 @@ struct TwistFitter::Workspace {
   }
 
   template <class Model, int kSize>
-  void reportStatistics(const Model& model, System<kSize>& system) {
+  void reportStatistics(const Model& model, NormalEquations<kSize>& system) {
     const int m = model.residuals();
-    const double limit = threshold(model);
+    const double limit = equations.threshold(model);
     // Every parameter has a prior: as many residuals more as there are parameters to subtract.
     double weighted = at.prior_cost, freedom = 0, square = 0;
     int fitting = 0;
@@ -367,18 +171,18 @@ struct TwistFitter::Workspace {
     // What the residuals say of the noise; the priors are what they are.
     const double variance = (kNoisePrior + weighted) / (kNoisePrior + freedom);
     system.hessian /= variance;
-    addPriors<Model>(at, 1 - 1 / variance, system);
-    using Matrix = typename System<kSize>::Matrix;
+    equations.addPriors<Model>(at, 1 - 1 / variance, system);
+    using Matrix = typename NormalEquations<kSize>::Matrix;
     const int size = static_cast<int>(system.gradient.size());
     Matrix inverse = Matrix::Identity(size, size);
     Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
-    for (int entry = 0; entry < 6 * sections; ++entry) {
-      if (!held(entry)) continue;
+    for (int entry = 0; entry < 6 * sections(); ++entry) {
+      if (!equations.held(entry)) continue;
       inverse.row(entry).setZero();
       inverse.col(entry).setZero();
     }
-    result.covariance = inverse.topLeftCorner(6 * sections, 6 * sections);
-    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.shape, options.free_base, inverse);
+    result.covariance = inverse.topLeftCorner(6 * sections(), 6 * sections());
+    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.shape, options().free_base, inverse);
     if (2 * fitting <= static_cast<int>(result.tags.size())) {
       result.status = FitStatus::kUnexplained;
     } else if (result.status == FitStatus::kConverged && !determined()) {
@@ -388,8 +192,8 @@ struct TwistFitter::Workspace {
 
   // Whether the tags say something about every entry of the twists.
   bool determined() const {
-    for (int entry = 0; entry < 6 * sections; ++entry) {
-      const double deviation = modelDeviation(entry);
+    for (int entry = 0; entry < 6 * sections(); ++entry) {
+      const double deviation = equations.modelDeviation(entry);
       const double left = result.covariance(entry, entry) / (deviation * deviation);
       if (!(left < 1 - kLeastGain)) return false;
     }
@@ -398,7 +202,7 @@ struct TwistFitter::Workspace {
 
   template <class Model>
   void run(const Model& model, const std::vector<typename Model::Observation>& seen, int skipped) {
-    switch (parameters<Model>()) {
+    switch (equations.parameters<Model>()) {
       case 6:
         return runOf<6>(model, seen, skipped);
       case 7:
@@ -414,33 +218,21 @@ struct TwistFitter::Workspace {
   template <int kSize, class Model>
   void runOf(const Model& model, const std::vector<typename Model::Observation>& seen,
              int skipped) {
-    System<kSize> system, trial;
+    NormalEquations<kSize> system, trial;
     search(model, seen, skipped, system, trial);
   }
 
-  void startFrom(const model::Twists& twists) {
-    at.squares.clear();
-    at.twists = twists;
-    for (int entry = 0; entry < 6 * sections; ++entry) {
-      if (held(entry)) at.twists.data()[entry] = 0;
-    }
-    at.shape = expected.about(at.twists);
-    at.X_B0B = {};
-    at.base_offset.setZero();
-    at.bleed = 0;
-  }
+  void startFrom(const model::Twists& twists) { equations.start(twists, at); }
 
   void checkShape(const model::Shape& shape, const char* what) const {
-    require(shape.sectionCount() == sections, what, static_cast<double>(shape.sectionCount()),
+    require(shape.sectionCount() == sections(), what, static_cast<double>(shape.sectionCount()),
             "as many as there are sections");
     require(shape.pieces().allFinite(), what, std::nan(""), "finite ones");
   }
 
   void expect(const model::Shape& model) {
     checkShape(model, "the number of the model's twists");
-    expected = model;
-    prior = model.twists();
-    noise_scale = 1;
+    equations.expect(model);
   }
 
   template <class Observation>
@@ -448,13 +240,13 @@ struct TwistFitter::Workspace {
     std::uint64_t before = 0;  // a bit a tag; kMaxTags of them
     for (const Observation& observation : seen) {
       const int tag = observation.tag;
-      require(tag >= 0 && tag < static_cast<int>(layout.tags.size()), "the index of a tag", tag,
+      require(tag >= 0 && tag < static_cast<int>(layout().tags.size()), "the index of a tag", tag,
               "one of the layout");
       const std::uint64_t bit = std::uint64_t{1} << tag;
-      require((before & bit) == 0, "a tag that is seen twice", layout.tags[tag].id,
+      require((before & bit) == 0, "a tag that is seen twice", layout().tags[tag].id,
               "each at most once");
       before |= bit;
-      require(isFinite(observation), "a tag whose place is not finite", layout.tags[tag].id,
+      require(isFinite(observation), "a tag whose place is not finite", layout().tags[tag].id,
               "finite numbers");
     }
   }
@@ -468,7 +260,7 @@ struct TwistFitter::Workspace {
     const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
     std::nth_element(errors.begin(), middle, errors.end());
     if (*middle < kNoisy) return;
-    noise_scale = std::min(*middle / kNoisy, kMostNoise);
+    equations.setNoiseScale(std::min(*middle / kNoisy, kMostNoise));
     run(model, seen, -1);
   }
 
@@ -496,7 +288,7 @@ struct TwistFitter::Workspace {
                           const model::Shape& of_model) {
     checkSeen(seen);
     expect(of_model);
-    startFrom(prior);
+    startFrom(equations.prior());
     run(model, seen, -1);
     best = result;
     int starts_left = kMostColdStarts;
@@ -511,16 +303,16 @@ struct TwistFitter::Workspace {
       }
       keepBetter();
     };
-    for (int k = 0; k < sections; ++k) {
+    for (int k = 0; k < sections(); ++k) {
       for (int axis = 3; axis < 6; ++axis) {
         for (const double turn : {-kColdTurn, kColdTurn}) {
-          model::Twists from = prior;
+          model::Twists from = equations.prior();
           from(axis, k) += turn;
-          if (!held(axis)) refine(from, -1);
+          if (!equations.held(axis)) refine(from, -1);
         }
       }
     }
-    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(prior, i);
+    for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(equations.prior(), i);
     // The best once more, so that the work space is where it ended.
     if (!best.tags.empty()) {
       startFrom(best.twists);
@@ -534,39 +326,44 @@ struct TwistFitter::Workspace {
   }
 };
 
-TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options)
-    : work_(std::make_unique<Workspace>(std::move(layout), sections, options)) {}
+TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options) {
+  require(sections >= 1 && sections <= model::kMaxSections, "the number of sections", sections,
+          "1 to 16");
+  layout.validate(sections);
+  options.validate();
+  work_ = std::make_unique<Workspace>(std::move(layout), sections, options);
+}
 TwistFitter::~TwistFitter() = default;
 TwistFitter::TwistFitter(TwistFitter&&) noexcept = default;
 TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
 
-const TagLayout& TwistFitter::layout() const { return work_->layout; }
-const TwistFitOptions& TwistFitter::options() const { return work_->options; }
+const TagLayout& TwistFitter::layout() const { return work_->layout(); }
+const TwistFitOptions& TwistFitter::options() const { return work_->options(); }
 
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
                                  const model::Shape& model) {
   require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
-  return work_->fit(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options}, seen,
-                    start, model);
+  return work_->fit(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
+                    seen, start, model);
 }
 
 const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
                                  const model::Shape& start, const model::Shape& model) {
-  return work_->fit(PoseModel{work_->options}, seen, start, model);
+  return work_->fit(PoseModel{work_->options()}, seen, start, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
                                      const model::Shape& model) {
   require(std::isfinite(focal) && focal > 0, "the focal length [px]", focal, "a finite value > 0");
-  return work_->fitCold(CornerModel{X_CB, focal / work_->options.corner_noise, work_->options},
+  return work_->fitCold(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                         seen, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
                                      const model::Shape& model) {
-  return work_->fitCold(PoseModel{work_->options}, seen, model);
+  return work_->fitCold(PoseModel{work_->options()}, seen, model);
 }
 
 void TwistFitOptions::validate() const {

@@ -49,7 +49,8 @@ void SimulatedRegulator::step(double dt) {
   require(dt >= 0, "the time step [s]", dt, "a value >= 0");
   const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
   const double first = pressure_[0];
-  pressure_ += covered * (set_point_.cwiseMin(supply()) - pressure_);
+  // What is above the supply does not flow back.
+  pressure_ += covered * (set_point_.cwiseMin(pressure_.cwiseMax(supply())) - pressure_);
   if (fault_ == AirFault::kBurst) pressure_[0] = (1 - covered) * first;
   if (fault_ == AirFault::kStuckOpen) pressure_[0] = first + covered * (supply() - first);
   if (fault_ == AirFault::kStuckShut) pressure_[0] = first;

@@ -1,6 +1,5 @@
 #include "helix_arm/ros_bridge/simulated_rig_node.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <stdexcept>
@@ -12,6 +11,7 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
@@ -23,12 +23,6 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr model::Range kTimeFactors = {0.01, 1000.0};
-
-// Whether all valves are to let the air out, also of an arm whose lower limits keep it inflated.
-bool vents(const PressureArray& command) {
-  return std::all_of(command.pressure.begin(), command.pressure.end(),
-                     [](double pressure) { return pressure == 0; });
-}
 
 }  // namespace
 
@@ -59,7 +53,7 @@ SimulatedRigNode::SimulatedRigNode()
       scene_(requirePneumatic(io::loadScene(options_.scene))),
       regulator_(makeRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
-      command_(scene_.arm.inputAt(0)),
+      command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
       last_step_(ros::SteadyTime::now()) {
   if (options_.time_factor > 0) {
     const ros::WallTime start = ros::WallTime::now();
@@ -67,7 +61,6 @@ SimulatedRigNode::SimulatedRigNode()
     clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
     publishClock();
   }
-  regulator_.command(command_);
   measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
   truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
   command_subscriber_ = node_.subscribe(names::kPressureCommand, 10, &SimulatedRigNode::onCommand,
@@ -97,11 +90,11 @@ SimulatedRigNode::~SimulatedRigNode() {
 }
 
 void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
-  const auto checked = fromMsg(*command, scene_.arm, command_);
-  const auto* pressure = std::get_if<Eigen::VectorXd>(&checked);
-  if (pressure != nullptr || vents(*command)) {
-    command_ = pressure != nullptr ? *pressure : scene_.arm.inputAt(0);
-    regulator_.command(pressure != nullptr ? command_ : Eigen::VectorXd::Zero(command_.size()));
+  const auto checked =
+      control::checkCommand(scene_.arm, command_, command->name, command->pressure);
+  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+    command_ = *pressure;
+    regulator_.command(command_);
     last_command_ = ros::SteadyTime::now();
     silent_ = false;
   } else if (bad_commands_.add()) {

@@ -64,14 +64,19 @@ TEST(SafetyRules, AnEvacuatedChannelIsOverBelowItsLowerLimit) {
                   [](Bench& b, bool wrong) { b.readsAs(0, wrong ? above(-2.5e4) : -2.5e4); });
 }
 
-TEST(SafetyRules, ALimitAboveTheAtmosphereIsNoFaultOfAVentedChannel) {
+TEST(SafetyRules, ALimitAboveTheAtmosphereIsNoFaultAndIsReachedByTheSlew) {
   std::vector<ChannelRules> channels = {{"kept_up", {5e4, 4e5}, 1e6, FaultAction::kVent}};
   Bench bench(test::benchRules(), channels);
   bench.goal.setZero();
   bench.run(5);
   ASSERT_EQ(bench.state(), State::kDisabled);
   ASSERT_EQ(bench.core.enable(bench.now), "");
-  EXPECT_EQ(bench.core.orders().set_point[0], 5e4);
+  EXPECT_EQ(bench.core.orders().set_point[0], 0);
+  EXPECT_EQ(bench.core.goal()[0], 5e4);
+  for (int k = 1; k <= 3; ++k) {
+    bench.turn();
+    EXPECT_EQ(bench.core.orders().set_point[0], k * 1e6 * test::kTurn);
+  }
   bench.run(5);
   EXPECT_EQ(bench.state(), State::kEnabled);
   EXPECT_EQ(bench.core.orders().set_point[0], 5e4);

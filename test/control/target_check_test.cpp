@@ -75,6 +75,31 @@ TEST_F(PressureCheck, LimitsHoldFromBothSides) {
   expectRefused({"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"});
 }
 
+TEST_F(PressureCheck, ACommandMayBeOnItsWayFromTheAtmosphereToTheLimits) {
+  model::Section section;
+  for (const model::Range limits : {model::Range{5e4, 3e5}, {-8e4, -2e4}, {0, 3e5}}) {
+    model::Actuator actuator = arm_.actuator(static_cast<int>(section.actuators.size()));
+    actuator.contraction = model::Contraction::table({-1e5, 4e5}, {0.41, 0.30});
+    actuator.limits = limits;
+    section.actuators.push_back(actuator);
+  }
+  const model::Arm arm({section});
+  const auto fault = [&](std::vector<double> pressure) {
+    const auto checked = checkCommand(arm, command_, {}, pressure);
+    const auto* refusal = std::get_if<Refusal>(&checked);
+    return std::string(refusal == nullptr ? "none" : nameOf(refusal->fault));
+  };
+  EXPECT_EQ(fault({0, 0, 0}), "none");
+  EXPECT_EQ(fault({2e4, -1e4, 0}), "none");
+  EXPECT_EQ(fault({3e5, -8e4, 3e5}), "none");
+  for (const std::vector<double>& beyond :
+       {std::vector<double>{-1, 0, 0}, {3.1e5, 0, 0}, {0, 1, 0}, {0, -8.1e4, 0}, {0, 0, kNan}}) {
+    EXPECT_NE(fault(beyond), "none");
+  }
+  // Which a target may not.
+  EXPECT_TRUE(std::holds_alternative<Refusal>(checkPressures(arm, command_, {}, {2e4, -3e4, 0.0})));
+}
+
 TEST_F(PressureCheck, AForeignNameIsShownShortAndPrintable) {
   const auto checked = checkPressures(arm_, command_, {std::string(2'000'000, '\n')}, {1.0});
   const Refusal& refusal = std::get<Refusal>(checked);

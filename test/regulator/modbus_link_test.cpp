@@ -33,8 +33,8 @@ using test::ReplyServer;
 using test::vtemProfile;
 using Bytes = ReplyServer::Bytes;
 
-// Far above the timeout of 0.1 s, and far below anything that would hold up an arm.
-constexpr double kBounded = 1.5;
+// Far above the timeout, and far below what would hold up a thread for good [s].
+constexpr double kBounded = 10 * test::kPatience;
 
 ModbusConfig configOf(const ModbusProfile& profile, int port) {
   return {profile, "127.0.0.1", port, {0, 1, 2}};

@@ -68,8 +68,17 @@ TEST(SimulatedRegulator, AFaultIsOfTheFirstChannelOrOfTheSupply) {
   EXPECT_TRUE(endUnder(AirFault::kBurst).isApprox(Eigen::Vector2d(0, 3e5)));
   EXPECT_TRUE(endUnder(AirFault::kStuckOpen).isApprox(Eigen::Vector2d(kSupply, 3e5)));
   EXPECT_TRUE(endUnder(AirFault::kStuckShut).isApprox(Eigen::Vector2d(1e5, 3e5)));
-  EXPECT_TRUE(
-      endUnder(AirFault::kLowSupply).isApprox(Eigen::Vector2d::Constant(0.1 * kSupply), 1e-12));
+}
+
+TEST(SimulatedRegulator, UnderAWeakSupplyPressuresStayOrFallButDoNotRiseAboveIt) {
+  SimulatedRegulator regulator(3, kQuiet);
+  regulator.command(Eigen::Vector3d(1e5, 2e5, 0));
+  regulator.step(100 * kTau);
+  regulator.fail(AirFault::kLowSupply);
+  EXPECT_EQ(regulator.supply(), 0.1 * kSupply);
+  regulator.command(Eigen::Vector3d(3e5, 1e5, 3e5));
+  regulator.step(100 * kTau);
+  EXPECT_TRUE(regulator.pressure().isApprox(Eigen::Vector3d(1e5, 1e5, 0.1 * kSupply)));
 }
 
 TEST(SimulatedRegulator, MendedItGoesWhereItWasTold) {

@@ -149,6 +149,28 @@ arm:
   expectRefused({"_scene:=" + scene.path()}, {"muscle_1 is a tendon", "muscle_3 is a tendon"});
 }
 
+TEST_F(NodeProcess, ASupplyThatDoesNotReachTheLimitsIsSaid) {
+  const TemporaryFile scene(R"(name: weak
+contractions:
+  muscle:
+    table: {pressure_kpa: [0, 400], length_m: [0.40, 0.30]}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections:
+    - name: arm
+      ring: {count: 3, radius_m: 0.03, contraction: muscle, max_pressure_kpa: 400}
+regulator: {simulated: {supply_kpa: 300}}
+)");
+  for (const char* program : {HELIX_ARM_PRESSURE_COMMAND, HELIX_ARM_SIMULATED_RIG}) {
+    Process node({program, "_scene:=" + scene.path()}, variables());
+    EXPECT_TRUE(
+        node.prints("muscle_3 may be asked for 0 to 400 kPa, but the simulated supply gives 0 to "
+                    "300 kPa"))
+        << node.output();
+  }
+}
+
 TEST_F(NodeProcess, AskedToEndItEndsWith0) {
   Process node({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
   ASSERT_TRUE(node.prints(kReady)) << node.output();

@@ -5,10 +5,15 @@
 
 namespace helix_arm::test {
 
-/// As config/regulators/festo_vtem.yaml has it, with a shorter wait for its apps.
+/// Of an answer, on a machine that is busy [s].
+inline constexpr double kPatience = 0.5;
+
+/// As config/regulators/festo_vtem.yaml has it, with a shorter wait for its apps and a longer one
+/// for its answers.
 inline regulator::ModbusProfile vtemProfile() {
   regulator::ModbusProfile profile;
   profile.name = "festo_vtem";
+  profile.timeout = kPatience;
   profile.highest_count = 7000;
   profile.outlets = 2;
   profile.output_base = 40003;
@@ -29,10 +34,11 @@ inline regulator::ModbusProfile vtemProfile() {
   return profile;
 }
 
-/// As config/regulators/festo_mpa.yaml has it.
+/// As config/regulators/festo_mpa.yaml has it, with a longer wait for its answers.
 inline regulator::ModbusProfile mpaProfile() {
   regulator::ModbusProfile profile;
   profile.name = "festo_mpa";
+  profile.timeout = kPatience;
   profile.highest_count = 10000;
   profile.output_base = 40003;
   profile.input_base = 45395;

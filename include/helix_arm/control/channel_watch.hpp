@@ -2,6 +2,8 @@
 
 #include <limits>
 
+#include "helix_arm/model/contraction.hpp"
+
 namespace helix_arm::control {
 
 struct ChannelRules;
@@ -26,8 +28,8 @@ class Persistence {
 /// throws.
 class ChannelWatch {
  public:
-  /// A vented channel begins to regulate at this set point.
-  void begin(double now, double set_point);
+  /// A vented channel begins to regulate.
+  void begin(double now);
   /// From now on its set point is this one.
   void follow(double now, double set_point, const SafetyRules& rules);
   /// A finite reading.
@@ -61,6 +63,9 @@ class ChannelWatch {
   bool arrived_ = false;  // at the set point, since it stands
   Persistence over_limit_, not_following_, leak_, standing_;
 };
+
+/// What is commanded of a channel with these limits, or on its way to them from the atmosphere.
+model::Range onTheWay(const model::Range& limits);
 
 /// Pressures beyond which a reading is over the limits: the range of a channel and the atmosphere,
 /// widened by the margin. Nothing lies below a channel that is never evacuated.

@@ -106,10 +106,11 @@ struct SafetyReport {
 /// Stands between whoever commands and the regulator: decides, turn by turn, what each channel
 /// does.
 ///
-/// Whatever happens, a channel that regulates has a set point within its limits, which moves no
-/// faster than its slew; and after a fault every channel vents, at once or, where its action is
-/// hold or close, after hold_time. The emergency stop, a requested vent, and what is itself a
-/// danger (over limit, leak, not venting) vent every channel at once.
+/// Whatever happens, a channel that regulates has a set point within its limits, or on its way to
+/// them from the atmosphere, which moves no faster than its slew; and after a fault every channel
+/// vents, at once or, where its action is hold or close, after hold_time. The emergency stop, a
+/// requested vent, and what is itself a danger (over limit, leak, not venting) vent every channel
+/// at once.
 ///
 /// All times are of one steady clock [s] and must not go back: an earlier one counts as the last.
 /// Nothing after the constructor allocates, locks or throws, but for reason(), refusal(), enable()
@@ -124,8 +125,8 @@ class SafetyCore {
   /// emergency stop released, fresh readings that show no pressure, a regulator that answers and
   /// its supply.
   std::string refusal(double now) const;
-  /// Enables, with set points at the lower limits, or says why not. The watchdog of targets begins
-  /// with the first one.
+  /// Enables, with set points that go from the atmosphere to the limits that are nearest to it, or
+  /// says why not. The watchdog of targets begins with the first one.
   /// @return as refusal().
   std::string enable(double now);
   /// Vents all; ends in kVented. Nothing to do while disabled or vented.

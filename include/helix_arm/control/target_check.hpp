@@ -50,6 +50,12 @@ Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::Inpu
                                         const std::vector<std::string>& name,
                                         const std::vector<double>& pressure);
 
+/// What a regulator is commanded: as a target, but also on its way from the atmosphere to limits
+/// that lie beyond it.
+Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputRef& command,
+                                      const std::vector<std::string>& name,
+                                      const std::vector<double>& pressure);
+
 /// Refuses a target that was stamped longer ago than its timeout: it has waited in some queue.
 ///
 /// @param age  of its stamp [s].

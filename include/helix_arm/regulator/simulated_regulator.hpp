@@ -12,7 +12,7 @@ enum class AirFault : std::uint8_t {
   kBurst,      ///< the first muscle has burst: its air is lost as fast as it comes
   kStuckOpen,  ///< the first inlet stays open: the channel goes to the supply's pressure
   kStuckShut,  ///< the first valve stays shut: the channel keeps what it has
-  kLowSupply,  ///< the supply falls to a tenth
+  kLowSupply,  ///< the supply falls to a tenth; what is above it stays
 };
 
 /// What a simulated regulator is like.
@@ -29,7 +29,7 @@ struct SimulatedRegulatorConfig {
 /// Pressure channels that follow their set points as real ones do: late, not above the supply, and
 /// seen through noise.
 ///
-/// dp/dt = (min(p_set, p_supply) - p) / tau, integrated exactly: the size of the steps does not
+/// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the size of the steps does not
 /// matter. It has no clock; its time is the sum of the steps. The same seed and calls give the same
 /// measurements.
 class SimulatedRegulator {

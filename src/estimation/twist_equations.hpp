@@ -1,0 +1,261 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/model/curve.hpp"
+#include "tag_models.hpp"
+
+/// The robust least squares behind a twist fit: its cost, and its normal equations.
+namespace helix_arm::estimation {
+
+inline constexpr int kBaseParameters = 6;
+inline constexpr int kMaxParameters = 6 * model::kMaxSections + kBaseParameters + 1;
+
+/// Where a search stands.
+struct FitPoint {
+  model::Twists twists;
+  model::Shape shape;  ///< with these mean twists
+  lie::SE3 X_B0B;
+  lie::Vector6 base_offset = lie::Vector6::Zero();  ///< log of X_B0B, for the prior
+  double bleed = 0;
+  double cost = std::numeric_limits<double>::infinity();
+  double prior_cost = 0;  ///< of that
+  std::vector<TagResidual> residuals;
+  std::vector<double> squares;  ///< of the tags' residuals, in expected variances
+};
+
+/// Normal equations of all parameters: twists, base, bleed.
+template <int kSize>
+struct NormalEquations {
+  static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
+  using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
+  using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
+  Vector gradient;
+  Matrix hessian;  ///< lower triangle
+};
+
+/// Holds its work space: nothing allocates once a point has room for its tags.
+class TwistEquations {
+ public:
+  /// The layout, their number and the options are valid.
+  TwistEquations(TagLayout layout, int sections, const TwistFitOptions& options)
+      : layout_(std::move(layout)), sections_(sections), options_(options) {
+    starts_.resize(model::kMaxPieces);
+    partial_movers_.resize(model::kMaxPieces, Mover::none());
+    movers_.reserve(sections_);
+  }
+
+  const TagLayout& layout() const { return layout_; }
+  int sections() const { return sections_; }
+  const TwistFitOptions& options() const { return options_; }
+
+  /// What the model's prior is about; tags as far off as they are expected to be.
+  void expect(const model::Shape& model) {
+    expected_ = model;
+    prior_ = model.twists();
+    noise_scale_ = 1;
+  }
+  const model::Twists& prior() const { return prior_; }
+  /// Of the tags' expected errors.
+  void setNoiseScale(double scale) { noise_scale_ = scale; }
+
+  /// Number of parameters.
+  template <class Model>
+  int parameters() const {
+    return bleedColumn() + (bleeds<Model>() ? 1 : 0);
+  }
+  /// Squared residuals of a tag beyond which it is an outlier.
+  template <class Model>
+  double threshold(const Model& model) const {
+    const double scale = options_.robust_scale * noise_scale_;
+    return scale * scale * model.residuals();
+  }
+  /// Standard deviation of the model's prior of one entry of the twists.
+  double modelDeviation(int entry) const {
+    return entry % 6 < 3 ? options_.model_prior.translation : options_.model_prior.rotation;
+  }
+  /// Whether an entry of the twists stays 0.
+  bool held(int entry) const {
+    return options_.planar && std::find(std::begin(kOutOfPlane), std::end(kOutOfPlane),
+                                        entry % 6) != std::end(kOutOfPlane);
+  }
+
+  /// A point with these twists, but for entries that are held, and base and bleed where they are
+  /// expected.
+  void start(const model::Twists& twists, FitPoint& point) const {
+    point.squares.clear();
+    point.twists = twists;
+    for (int entry = 0; entry < 6 * sections_; ++entry) {
+      if (held(entry)) point.twists.data()[entry] = 0;
+    }
+    point.shape = expected_.about(point.twists);
+    point.X_B0B = {};
+    point.base_offset.setZero();
+    point.bleed = 0;
+  }
+
+  /// A step away from a point.
+  template <class Model, class Step>
+  void move(const FitPoint& from, const Step& step, FitPoint& to) const {
+    to.twists = from.twists;
+    for (int k = 0; k < sections_; ++k) to.twists.col(k) += step.template segment<6>(6 * k);
+    to.shape = expected_.about(to.twists);
+    to.X_B0B = from.X_B0B;
+    to.base_offset = from.base_offset;
+    if (options_.free_base) {
+      to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
+      to.base_offset = to.X_B0B.log();
+    }
+    to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
+  }
+
+  /// Fills in a point's cost and residuals, and the normal equations there; an infinite cost where
+  /// a tag would lie behind the camera.
+  ///
+  /// @param skipped  index in `seen` of a tag to leave out, or -1.
+  template <class Model, int kSize>
+  void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
+                int skipped, FitPoint& point, NormalEquations<kSize>& system) {
+    const int size = parameters<Model>();
+    system.gradient.setZero(size);
+    system.hessian.setZero(size, size);
+    point.residuals.clear();
+    point.squares.clear();
+    point.cost = std::numeric_limits<double>::infinity();
+    starts_[0] = point.X_B0B;
+    base_mover_ = Mover(point.X_B0B);
+    const model::Shape::Pieces& pieces = point.shape.pieces();
+    const int per_section = point.shape.piecesPerSection();
+    movers_.clear();
+    for (int j = 0; j + 1 < pieces.cols(); ++j) {
+      starts_[j + 1] = starts_[j] * lie::SE3::exp(pieces.col(j));
+      Mover mover(starts_[j], pieces.col(j), 1.0);
+      if (per_section > 1) {
+        if (j % per_section > 0) mover += partial_movers_[j - 1];
+        partial_movers_[j] = mover;
+        mover *= 1.0 / per_section;
+      }
+      if ((j + 1) % per_section == 0) movers_.push_back(mover);
+    }
+    const Corners plane = layout_.corners(point.bleed);
+    const double limit = threshold(model);
+    double cost = 0;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      const TagPlacement& tag = layout_.tags[seen[i].tag];
+      const PiecePlace place = placeOnPieces(tag, per_section);
+      const lie::SE3 X_B0T =
+          starts_[place.piece] * lie::SE3::exp(place.s * pieces.col(place.piece)) * tag.X_ST;
+      typename Model::Rows rows;
+      if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
+      const double square = rows.residual.squaredNorm();
+      const double weight = 1.0 / (1.0 + square / limit);
+      point.squares.push_back(square);
+      point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, square), weight, false});
+      if (static_cast<int>(i) == skipped) continue;
+      cost += limit * std::log1p(square / limit);
+      accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
+    }
+    point.prior_cost = addPriors<Model>(point, 1.0, system);
+    point.cost = cost + point.prior_cost;
+  }
+
+  /// Adds `share` of the priors' equations; returns their cost.
+  template <class Model, int kSize>
+  double addPriors(const FitPoint& point, double share, NormalEquations<kSize>& system) const {
+    double cost = 0;
+    for (int entry = 0; entry < 6 * sections_; ++entry) {
+      const double precision = 1 / modelDeviation(entry);
+      const double residual =
+          held(entry) ? 0 : precision * (point.twists.data()[entry] - prior_.data()[entry]);
+      cost += residual * residual;
+      system.hessian(entry, entry) += share * precision * precision;
+      system.gradient[entry] += share * precision * residual;
+    }
+    if (options_.free_base) {
+      // The prior is of log X_B0B, a step moves X_B0B on its right.
+      lie::Vector6 precision;
+      precision << Eigen::Vector3d::Constant(1 / options_.base_prior.translation),
+          Eigen::Vector3d::Constant(1 / options_.base_prior.rotation);
+      const lie::Vector6 residual = precision.cwiseProduct(point.base_offset);
+      const lie::Matrix6 rows =
+          precision.asDiagonal() * lie::SE3::rightJacobianInverse(point.base_offset);
+      cost += residual.squaredNorm();
+      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) +=
+          share * (rows.transpose() * rows);
+      system.gradient.template segment<6>(baseColumn()) += share * (rows.transpose() * residual);
+    }
+    if (bleeds<Model>()) {
+      const int b = bleedColumn();
+      const double precision = 1 / options_.bleed_prior, residual = precision * point.bleed;
+      cost += residual * residual;
+      system.hessian(b, b) += share * precision * precision;
+      system.gradient[b] += share * precision * residual;
+    }
+    return share * cost;
+  }
+
+ private:
+  // v_z, w_x and w_y, which a planar arm does not have.
+  static constexpr int kOutOfPlane[] = {2, 3, 4};
+
+  int baseColumn() const { return 6 * sections_; }
+  int bleedColumn() const { return 6 * sections_ + (options_.free_base ? kBaseParameters : 0); }
+  template <class Model>
+  bool bleeds() const {
+    return Model::kBleeds && options_.free_bleed;
+  }
+
+  // Adds one tag's equations.
+  template <class Model, int kSize>
+  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
+                  const model::Shape& shape, NormalEquations<kSize>& system) const {
+    constexpr int kRows = Model::Rows::kCount;
+    using Jacobian =
+        Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, NormalEquations<kSize>::kMax>;
+    const int size = static_cast<int>(system.gradient.size());
+    Jacobian J = Jacobian::Zero(kRows, size);
+    for (int j = 0; j < k; ++j) movers_[j].fill(rows, 6 * j, J);
+    Mover mover(starts_[place.piece], shape.pieces().col(place.piece), place.s);
+    if (shape.piecesPerSection() > 1) {
+      if (place.piece % shape.piecesPerSection() > 0) mover += partial_movers_[place.piece - 1];
+      mover *= 1.0 / shape.piecesPerSection();
+    }
+    mover.fill(rows, 6 * k, J);
+    if (options_.free_base) base_mover_.fill(rows, baseColumn(), J);
+    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
+    if (options_.planar) {
+      for (int j = 0; j <= k; ++j) {
+        for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
+      }
+    }
+    for (int column = 0; column < size; ++column) {
+      const Eigen::Matrix<double, kRows, 1> weighted = weight * J.col(column);
+      system.gradient[column] += weighted.dot(rows.residual);
+      for (int row = column; row < size; ++row) {
+        system.hessian(row, column) += weighted.dot(J.col(row));
+      }
+    }
+  }
+
+  TagLayout layout_;
+  int sections_;
+  TwistFitOptions options_;
+  model::Shape expected_;  // the model's
+  model::Twists prior_;    // of the twists
+  double noise_scale_ = 1;
+  std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
+  // Where sections are several pieces: of what lies beyond a piece, by those of its section up to
+  // it, as if each changed by the whole change of the twist.
+  std::vector<Mover> partial_movers_;
+  std::vector<Mover> movers_;     // of what lies beyond each section but the last
+  Mover base_mover_{lie::SE3()};  // of everything
+};
+
+}  // namespace helix_arm::estimation
