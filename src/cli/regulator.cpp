@@ -249,7 +249,9 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
     table.print(std::cout);
   }
   if (global.format == Format::kText && vented) {
-    std::cout << "vented: " << pressureText(scene, result.pressure) << "\n";
+    std::cout << "vented, to within " << scene.safety.rules.vented_below / 1e3
+              << " kPa of the atmosphere (safety.vented_below_kpa): "
+              << pressureText(scene, result.pressure) << "\n";
   }
   if (vented) return kDone;
   std::cerr << "not vented: " << result.reason << "\n";
@@ -287,8 +289,11 @@ Subcommand addRegulator(CLI::App& app) {
       ->required()
       ->type_name("A,B,..");
   set->add_flag("--yes", options->yes, "air may move: the arm is clear of people");
-  addSeconds(set, "how long to stay; default 5");
-  add("vent", "connect, vent, and wait until no channel has pressure", ventRegulator);
+  addSeconds(set, "how long to stay once the set points have arrived; default 5");
+  add("vent",
+      "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
+      "atmosphere",
+      ventRegulator);
   add("guard", "wait for the end of stdin, then vent; for the node that moves the arm",
       guardRegulator);
   addSeconds(
@@ -300,11 +305,10 @@ Subcommand addRegulator(CLI::App& app) {
       "guard ignores signals. A byte q on its stdin dismisses it; where stdin ends without one it "
       "vents, trying for 10 s.\n"
       "After any other byte it expects one a second: whoever falls silent behind a socket is "
-      "killed "
-      "first.\n"
+      "killed first. Through a socket it sends back what it reads, to show that it stands by.\n"
       "emulate takes names of faults on stdin, one a line. It tells set points, pressures and "
-      "valves "
-      "every second.\n"
+      "valves every second. In place of a serial device it has no watchdog of its own: unlike what "
+      "config/regulators/generic.yaml asks of a board, it keeps its air when no line comes.\n"
       "faults: " +
       simulation::deviceFaultNames() +
       "\n"

@@ -25,8 +25,8 @@ constexpr std::chrono::milliseconds kBetweenTries(50);
 // How whoever moves the arm has come to its end.
 enum class End { kDismissesGuard, kIsGone, kStandsStill };
 
-// Reads stdin until then. Whole periods without a beat are counted, not the time: a machine that
-// was suspended has lost one period.
+// Reads stdin until then, and answers. Whole periods without a beat are counted, not the time: a
+// machine that was suspended has lost one period.
 End awaitEnd() {
   using regulator::GuardProcess;
   constexpr int kPeriod = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
@@ -41,6 +41,8 @@ End awaitEnd() {
     const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
     if (size < 0 && errno == EINTR) continue;
     if (size <= 0) return End::kIsGone;
+    // An answer, for whoever is behind a socket and listens.
+    send(STDIN_FILENO, bytes, static_cast<std::size_t>(size), MSG_NOSIGNAL | MSG_DONTWAIT);
     if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
       return End::kDismissesGuard;
     }
@@ -85,12 +87,16 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   const Vented result = vent(*driver, scene);
   std::ostringstream line;
   line << "guard: whoever moved the arm "
-       << (end == End::kStandsStill ? "stood still and was killed; " : "is gone; ")
+       << (end == End::kStandsStill ? "stood still and was killed; "
+                                    : "has ended without venting it; ")
        << regulator::describe(*scene.regulator);
   if (result.reason.empty()) {
     line << " is vented, after " << steadyNow() - begin << " s\n";
   } else {
-    line << " is NOT vented: " << result.reason << "\n";
+    line << " is NOT vented: " << result.reason
+         << "; pressure may stand in the arm: shut the supply, open the relief valve by hand, then "
+            "`helix_arm regulator "
+         << options.scene << " vent`\n";
   }
   std::cerr << line.str();
   return result.reason.empty() ? kDone : kNotPossible;

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
+#include <limits>
 #include <optional>
 #include <thread>
 #include <vector>
@@ -19,6 +20,7 @@
 namespace helix_arm::cli {
 namespace {
 
+using control::SafetyCause;
 using control::SafetyState;
 using nlohmann::json;
 using regulator::steadyNow;
@@ -26,6 +28,7 @@ using regulator::steadyNow;
 constexpr double kStay = 5;            // [s]
 constexpr double kBetweenLines = 0.5;  // [s]
 constexpr double kLinkTime = 5;        // for a regulator to answer [s]
+constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr std::chrono::milliseconds kTurn(5);
 
 struct Outcome {
@@ -34,14 +37,23 @@ struct Outcome {
   std::string reason;  // what went wrong; empty: nothing
 };
 
+regulator::IoRules ioRulesOf(const io::Scene& scene) {
+  regulator::IoRules rules;
+  rules.vented_below = scene.safety.rules.vented_below;
+  rules.vent_time = scene.safety.rules.vent_time;
+  return rules;
+}
+
 class Session {
  public:
-  Session(const io::Scene& scene, bool talks)
+  // guard: null where none is needed.
+  Session(const io::Scene& scene, regulator::GuardProcess* guard, bool talks)
       : scene_(scene),
+        guard_(guard),
         talks_(talks),
         path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
               std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
-                                                       regulator::IoRules())) {}
+                                                       ioRulesOf(scene))) {}
 
   Outcome run(const Eigen::VectorXd& target, double seconds) {
     Outcome outcome;
@@ -71,20 +83,32 @@ class Session {
   std::string enable() {
     // What stood in the arm when the link came up is vented first.
     const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
-    turnUntil(deadline,
-              [this] { return interrupted() || path_.core().refusal(steadyNow()).empty(); });
+    turnUntil(deadline, [this] {
+      return interrupted() || !guarded() || path_.core().refusal(steadyNow()).empty();
+    });
     if (interrupted()) return "interrupted";
-    const std::string refusal = path_.core().enable(steadyNow());
-    const std::string error = path_.io()->status().last_error;
-    return refusal.empty() || error.empty() ? refusal : refusal + " (" + error + ")";
+    if (!guarded()) {
+      return "the guard, which vents where this command is killed, has ended or stands still; "
+             "nothing was enabled";
+    }
+    return path_.enable(steadyNow());
   }
 
+  // The time begins once the set points have arrived.
   std::string stay(const Eigen::VectorXd& target, double seconds) {
-    turnUntil(steadyNow() + seconds,
-              [&] { return interrupted() || !path_.core().target(steadyNow(), target); });
-    if (path_.core().state() != SafetyState::kEnabled) return path_.core().reason();
+    control::SafetyCore& core = path_.core();
+    double end = kNever;
+    turnUntil(kNever, [&] {
+      if (!guarded()) core.vent(steadyNow(), SafetyCause::kGuardLost);
+      if (interrupted() || !core.target(steadyNow(), target)) return true;
+      if (end == kNever && core.orders().set_point == core.goal()) end = steadyNow() + seconds;
+      return steadyNow() >= end;
+    });
+    if (core.state() != SafetyState::kEnabled) return path_.reason();
     return interrupted() ? "interrupted" : "";
   }
+
+  bool guarded() { return guard_ == nullptr || guard_->stands(); }
 
   std::string vent() {
     path_.core().vent(steadyNow());
@@ -94,17 +118,21 @@ class Session {
           return path_.core().state() != SafetyState::kFault || path_.core().report().vent_overdue;
         });
     const bool overdue = path_.core().report().vent_overdue;
-    return vented && !overdue ? "" : path_.core().reason();
+    return vented && !overdue ? "" : path_.reason();
   }
 
   void tell() {
     if (!talks_ || steadyNow() - told_ < kBetweenLines) return;
     told_ = steadyNow();
-    std::cout << control::nameOf(path_.core().state()) << ": "
+    const control::SafetyReport& report = path_.core().report();
+    const bool vents =
+        report.state == SafetyState::kFault && report.cause == SafetyCause::kVentRequested;
+    std::cout << (vents ? "vents" : control::nameOf(report.state)) << ": "
               << pressureText(scene_, path_.core().reading()) << std::endl;
   }
 
   const io::Scene& scene_;
+  regulator::GuardProcess* const guard_;
   const bool talks_;
   regulator::PressurePath path_;
   double told_ = 0;
@@ -158,9 +186,10 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is no reason to leave the pressure
   std::optional<regulator::GuardProcess> guard;
   if (regulator::isHardware(*scene.regulator)) guard.emplace(guardCommand(options, global));
-  const Outcome outcome =
-      Session(scene, global.format == Format::kText).run(target, options.seconds.value_or(kStay));
-  if (guard && outcome.state == control::SafetyState::kVented) guard->dismiss();
+  const Outcome outcome = Session(scene, guard ? &*guard : nullptr, global.format == Format::kText)
+                              .run(target, options.seconds.value_or(kStay));
+  const bool never_enabled = outcome.state == SafetyState::kDisabled;
+  if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();
   printOutcome(outcome, scene, target, global.format);
   if (outcome.reason.empty()) return kDone;
   std::cerr << outcome.reason << "\n";

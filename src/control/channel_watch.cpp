@@ -66,13 +66,13 @@ double ChannelWatch::drop() const {
   return set_point_ >= 0 ? set_point_ - reading_ : reading_ - set_point_;
 }
 
-void ChannelWatch::measured(double now, double reading, const ChannelRules& channel,
+void ChannelWatch::measured(double now, double asked, double reading, const ChannelRules& channel,
                             const SafetyRules& rules) {
   pass(now, rules);
   reading_ = reading;
-  read_at_ = now;
+  read_at_ = asked;
   const bool has_pressure = std::abs(reading) > rules.vented_below;
-  if (!has_pressure) empty_at_ = now;
+  if (!has_pressure) empty_at_ = asked;
   arrived_ = arrived_ || std::abs(reading - set_point_) <= rules.leak_drop / 2;
   standing_.look(now, has_pressure, rules.spike_time);
   over_limit_.look(

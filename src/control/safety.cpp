@@ -17,7 +17,7 @@ constexpr std::array<const char*, 4> kStateNames = {"disabled", "enabled", "faul
 constexpr std::array<const char*, kSafetyCauseCount> kCauseNames = {
     "none",          "vent_requested", "emergency_stop", "stale_target",
     "stale_reading", "regulator_lost", "over_limit",     "low_supply",
-    "not_following", "leak",           "not_venting"};
+    "not_following", "leak",           "not_venting",    "guard_lost"};
 constexpr std::array<const char*, 3> kActionNames = {"vent", "hold", "close"};
 
 void require(bool holds, const char* what, double value, const char* rule) {
@@ -41,6 +41,7 @@ bool isGrave(SafetyCause cause) {
     case SafetyCause::kOverLimit:
     case SafetyCause::kLeak:
     case SafetyCause::kNotVenting:
+    case SafetyCause::kGuardLost:
       return true;
     default:
       return false;
@@ -192,11 +193,11 @@ std::string SafetyCore::enable(double now) {
   return {};
 }
 
-void SafetyCore::vent(double now) {
+void SafetyCore::vent(double now, SafetyCause why) {
   pass(now);
   const bool vented =
       report_.state == SafetyState::kDisabled || report_.state == SafetyState::kVented;
-  if (!vented) raise(SafetyCause::kVentRequested, -1, 0, 0);
+  if (!vented) raise(why, -1, 0, 0);
 }
 
 void SafetyCore::emergencyStop(double now, bool engaged) {
@@ -221,17 +222,18 @@ bool SafetyCore::target(double now, const Eigen::Ref<const Eigen::VectorXd>& pre
 }
 
 void SafetyCore::measured(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure,
-                          double supply) {
+                          double supply, double age) {
   pass(now);
   if (pressure.size() != count()) return;
+  const double asked = now_ - std::max(age, 0.0);
   for (int i = 0; i < count(); ++i) {
     if (!std::isfinite(pressure[i])) continue;
     reading_[i] = pressure[i];
-    watch_[i].measured(now_, pressure[i], channels_[i], rules_);
+    watch_[i].measured(now_, asked, pressure[i], channels_[i], rules_);
   }
   if (std::isfinite(supply)) {
     supply_ = supply;
-    supply_at_ = now_;
+    supply_at_ = asked;
     low_supply_.look(now_, rules_.min_supply && supply < *rules_.min_supply, rules_.spike_time);
   }
   watchReadings();
@@ -265,6 +267,7 @@ void SafetyCore::watchReadings() {
 
 void SafetyCore::linked(double now, bool up) {
   pass(now);
+  if (up != link_up_) ++report_.changes;
   link_up_ = up;
   const bool acts = report_.state == SafetyState::kEnabled || report_.state == SafetyState::kFault;
   if (!up && acts) raise(SafetyCause::kRegulatorLost, -1, 0, 0);

@@ -21,7 +21,9 @@ std::string loosened(const ChannelRules& from, const ChannelRules& to) {
     return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
                 "kPa");
   }
-  if (to.limits.lower < std::min(0.0, from.limits.lower)) {
+  // Farther below the atmosphere; or what stands there, without a target, once it is enabled.
+  if (to.limits.lower < std::min(0.0, from.limits.lower) ||
+      to.limits.lower > std::max(0.0, from.limits.lower)) {
     return tell("the lower limit of " + from.name, 1e-3 * from.limits.lower, 1e-3 * to.limits.lower,
                 "kPa");
   }
@@ -57,6 +59,7 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
       {"safety.spike_time_s", &SafetyRules::spike_time, 1, "s"},
       {"safety.follow.tolerance_kpa", &SafetyRules::follow_tolerance, 1e-3, "kPa"},
       {"safety.follow.time_s", &SafetyRules::follow_time, 1, "s"},
+      {"safety.follow.time_constant_s", &SafetyRules::time_constant, 1, "s"},
       {"safety.leak_drop_kpa", &SafetyRules::leak_drop, 1e-3, "kPa"},
       {"safety.hold_time_s", &SafetyRules::hold_time, 1, "s"},
       {"safety.vented_below_kpa", &SafetyRules::vented_below, 1e-3, "kPa"},

@@ -27,12 +27,12 @@ std::string tooOld(const char* who, double silence, double limit) {
   return age + format(", longer than %g s (safety.reading_timeout_s)", limit);
 }
 
-const char* remedyOf(SafetyCause cause) {
+const char* remedyOf(SafetyCause cause, bool stopped) {
   switch (cause) {
     case SafetyCause::kVentRequested:
       return "call enable to go on";
     case SafetyCause::kEmergencyStop:
-      return "make the arm safe, release the stop, then call enable";
+      return stopped ? "make the arm safe, release the stop, then call enable" : "call enable";
     case SafetyCause::kStaleTarget:
       return "look for a commander that ended or a network that is cut, then call enable";
     case SafetyCause::kStaleReading:
@@ -51,6 +51,8 @@ const char* remedyOf(SafetyCause cause) {
       return "look for a burst muscle or a loose tube, mend it, then call enable";
     case SafetyCause::kNotVenting:
       return "shut the supply and look for a valve that does not close, then call enable";
+    case SafetyCause::kGuardLost:
+      return "look for what ended or stopped it (a kill, too little memory), then call enable";
     case SafetyCause::kNone:
       break;
   }
@@ -140,6 +142,8 @@ std::string SafetyCore::causeText() const {
           "%s reads %.1f kPa though it was vented, more than %g kPa from the atmosphere "
           "(safety.vented_below_kpa) for %g s",
           name, 1e-3 * value, 1e-3 * limit, spike);
+    case SafetyCause::kGuardLost:
+      return "the guard, which vents where this process is killed, has ended or stands still";
     case SafetyCause::kNone:
       break;
   }
@@ -155,9 +159,16 @@ std::string SafetyCore::actionText() const {
     held += (acting++ ? ", " : "") + channels_[i].name +
             (valve == Valve::kClose ? " is closed" : " holds");
   }
-  if (acting == 0) return "all channels vent";
+  if (acting == 0) return ventText();
   return held + format(" for %g s (safety.hold_time_s)", rules_.hold_time) +
          (acting < count() ? ", the others vent" : "");
+}
+
+// What is said to a regulator that does not hear is not done.
+std::string SafetyCore::ventText() const {
+  if (link_up_) return "all channels vent";
+  return "all channels are to vent as soon as the regulator hears it; until then shut the supply "
+         "and open the relief valve by hand";
 }
 
 std::string SafetyCore::overdueText() const {
@@ -171,10 +182,9 @@ std::string SafetyCore::overdueText() const {
            (silence > rules_.reading_timeout
                 ? readingAge(name, silence)
                 : format("%s still reads %.1f kPa", name, 1e-3 * reading_[i])) +
-           format(
-               ", %.1f s after it began to vent (safety.vent_time_s is %g): shut the supply and "
-               "open the relief valve by hand",
-               now_ - vents_since_[i], rules_.vent_time);
+           format(", %.1f s after it began to vent (safety.vent_time_s is %g)",
+                  now_ - vents_since_[i], rules_.vent_time) +
+           (link_up_ ? ": shut the supply and open the relief valve by hand" : "");
   }
   return {};
 }
@@ -185,10 +195,10 @@ std::string SafetyCore::reason() const {
     case SafetyState::kEnabled:
       return state + ": follows targets";
     case SafetyState::kDisabled:
-      return state + ": all channels vent; call enable";
+      return state + ": " + ventText() + (link_up_ ? "; call enable" : "");
     case SafetyState::kFault:
       return state + ": " + causeText() + ": " + actionText() + overdueText() + "; " +
-             remedyOf(report_.cause);
+             remedyOf(report_.cause, report_.stopped);
     case SafetyState::kVented:
       break;
   }
@@ -196,7 +206,7 @@ std::string SafetyCore::reason() const {
          (report_.stopped && report_.cause != SafetyCause::kEmergencyStop
               ? std::string("release the emergency stop; ")
               : std::string()) +
-         remedyOf(report_.cause);
+         remedyOf(report_.cause, report_.stopped);
 }
 
 }  // namespace helix_arm::control

@@ -95,6 +95,11 @@ Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputR
 }
 
 std::optional<Refusal> checkAge(double age, double timeout) {
+  if (age < -timeout) {
+    return refuse(Fault::kStale, "the target is stamped ", -age,
+                  " s ahead of this machine's clock, more than ", timeout,
+                  " s (safety.target_timeout_s); set the clocks alike");
+  }
   if (!(age > timeout)) return std::nullopt;
   return refuse(Fault::kStale, "the target is stamped ", age, " s ago, more than ", timeout,
                 " s (safety.target_timeout_s); send fresh ones, and set the clocks alike");

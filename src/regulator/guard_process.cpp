@@ -5,6 +5,7 @@
 #include <cstring>
 #include <stdexcept>
 
+#include <poll.h>
 #include <spawn.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
@@ -14,6 +15,10 @@
 
 namespace helix_arm::regulator {
 namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr int kBetweenLooks = 5;  // [ms]
 
 [[noreturn]] void fail(const std::string& what, int error) {
   throw std::runtime_error("the guard that vents where this process is killed cannot be started: " +
@@ -72,23 +77,40 @@ void GuardProcess::beat() const {
 void GuardProcess::keepBeating() {
   const std::chrono::duration<double> period(kBeatPeriod);
   std::unique_lock<std::mutex> lock(mutex_);
-  while (!ends_.wait_for(lock, period, [this] { return ended_; })) beat();
+  while (!ends_.wait_for(lock, period, [this] { return ended_; })) {
+    // Periods, not the time: a machine that was suspended has lost one.
+    if (takeAnswers()) {
+      patience_ = kMissedBeats;
+    } else if (patience_ > 0) {
+      --patience_;
+    }
+    // More would fill the line of one that is stopped, and leave no room for its dismissal.
+    if (patience_ > 0) beat();
+  }
+}
+
+bool GuardProcess::takeAnswers() const {
+  bool any = false;
+  char bytes[64];
+  while (recv(line_, bytes, sizeof bytes, MSG_DONTWAIT) > 0) any = true;
+  return any;
 }
 
 void GuardProcess::dismiss() {
-  if (!stands()) return;
+  if (hasEnded()) return;
   // Fails only where the guard has just ended.
-  while (send(line_, &kDismissal, 1, MSG_NOSIGNAL) < 0 && errno == EINTR) {
-  }
+  send(line_, &kDismissal, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
   shutdown(line_, SHUT_WR);
-  while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
-  }
+  const auto deadline = Clock::now() + std::chrono::duration<double>(kDismissTime);
+  while (!hasEnded() && Clock::now() < deadline) poll(nullptr, 0, kBetweenLooks);
   pid_ = -1;
 }
 
-bool GuardProcess::stands() {
+bool GuardProcess::stands() { return !hasEnded() && patience_ > 0; }
+
+bool GuardProcess::hasEnded() {
   if (pid_ > 0 && waitpid(pid_, nullptr, WNOHANG) == pid_) pid_ = -1;
-  return pid_ > 0;
+  return pid_ < 0;
 }
 
 }  // namespace helix_arm::regulator

@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <iomanip>
 #include <limits>
 #include <set>
@@ -114,6 +115,7 @@ class ModbusTcpDriver::Link {
   void write(const control::ValveOrders& orders);
   void read(Pressures& pressures);
   void vent();
+  bool keepsAirOnClose() const noexcept { return profile_.app && context_; }
   void close() noexcept {
     if (context_) modbus_close(context_.get());
     context_.reset();
@@ -137,6 +139,7 @@ class ModbusTcpDriver::Link {
   double pressureOf(int place, std::uint16_t word) const;
   void clearOutputs();
   void send();
+  void send(const ModbusRegisters::Run& run);
   void fetch();
   void check(bool done, const char* what);
   modbus_t* context() const;
@@ -147,10 +150,11 @@ class ModbusTcpDriver::Link {
   TcpLink tcp_;
   ModbusRegisters outputs_, inputs_;
   std::unique_ptr<modbus_t, Freer> context_;
+  bool lost_ = false;  // nobody answers, though it may hear
 };
 
 modbus_t* ModbusTcpDriver::Link::context() const {
-  if (!context_) throw LinkError(tcp_.place() + ": there is no link; connect first");
+  if (!context_ || lost_) throw LinkError(tcp_.place() + ": there is no link; connect first");
   return context_.get();
 }
 
@@ -162,6 +166,7 @@ void ModbusTcpDriver::Link::open() {
     ::close(socket);
     throw LinkError(tcp_.place() + ": " + modbus_strerror(errno));
   }
+  lost_ = false;
   modbus_set_socket(context_.get(), socket);
   const auto seconds = static_cast<std::uint32_t>(profile_.timeout);
   const auto microseconds = static_cast<std::uint32_t>(1e6 * (profile_.timeout - seconds));
@@ -289,10 +294,22 @@ void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
 }
 
 void ModbusTcpDriver::Link::vent() {
+  bool lost = std::exchange(lost_, false);
   context();
   clearOutputs();
   if (profile_.app) commandAll(profile_.app->regulate);
-  send();
+  std::exception_ptr error;
+  for (const ModbusRegisters::Run& run : outputs_.runs()) {
+    try {
+      send(run);
+    } catch (const std::exception&) {
+      error = std::current_exception();
+      lost = std::exchange(lost_, false) || lost;  // the next ones are to be heard as well
+    }
+    if (!context_) break;
+  }
+  lost_ = lost;
+  if (error) std::rethrow_exception(error);
 }
 
 void ModbusTcpDriver::Link::read(Pressures& pressures) {
@@ -321,11 +338,13 @@ void ModbusTcpDriver::Link::read(Pressures& pressures) {
 }
 
 void ModbusTcpDriver::Link::send() {
-  for (const ModbusRegisters::Run& run : outputs_.runs()) {
-    const auto size = static_cast<int>(run.words.size());
-    check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
-          "does not take set points");
-  }
+  for (const ModbusRegisters::Run& run : outputs_.runs()) send(run);
+}
+
+void ModbusTcpDriver::Link::send(const ModbusRegisters::Run& run) {
+  const auto size = static_cast<int>(run.words.size());
+  check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
+        "does not take set points");
 }
 
 void ModbusTcpDriver::Link::fetch() {
@@ -346,7 +365,11 @@ void ModbusTcpDriver::Link::check(bool done, const char* what) {
     modbus_flush(context());  // what is left of it would be taken for the next reply
     throw BadReply(text + "; are its registers those of the profile, and is unit_id its own?");
   }
-  close();
+  if (error == ETIMEDOUT) {
+    lost_ = true;
+  } else {
+    close();
+  }
   throw LinkError(text + "; is it on, and does nobody else hold all of its connections?");
 }
 
@@ -359,6 +382,7 @@ void ModbusTcpDriver::connect() { link_->connect(); }
 void ModbusTcpDriver::write(const control::ValveOrders& orders) { link_->write(orders); }
 void ModbusTcpDriver::read(Pressures& pressures) { link_->read(pressures); }
 void ModbusTcpDriver::vent() { link_->vent(); }
+bool ModbusTcpDriver::keepsAirOnClose() const noexcept { return link_->keepsAirOnClose(); }
 void ModbusTcpDriver::close() noexcept { link_->close(); }
 
 }  // namespace helix_arm::regulator

@@ -1,10 +1,16 @@
 #include "helix_arm/regulator/pressure_path.hpp"
 
+#include <cmath>
 #include <utility>
 
 #include "helix_arm/model/requirement.hpp"
 
 namespace helix_arm::regulator {
+namespace {
+
+constexpr double kJustThen = 2;  // between an error and the fault that it made [s]
+
+}  // namespace
 
 PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io,
                            double longest_gap)
@@ -31,8 +37,10 @@ const control::ValveOrders& PressurePath::turn(double now) {
     core_.linked(now, io_->up());
     fresh_ = io_->take(reading_);
     // One that was long on its way, or waited for a turn that did not come, tells nothing of now.
-    const bool of_now = fresh_ && now - reading_.time <= core_.rules().reading_timeout;
-    if (of_now) core_.measured(now, reading_.pressures.pressure, reading_.pressures.supply);
+    const double age = now - reading_.time;
+    if (fresh_ && age <= core_.rules().reading_timeout) {
+      core_.measured(now, reading_.pressures.pressure, reading_.pressures.supply, age);
+    }
   }
   const control::ValveOrders& orders = core_.advance(now);
   if (io_) io_->order(orders, breaks_seen_);
@@ -40,9 +48,32 @@ const control::ValveOrders& PressurePath::turn(double now) {
 }
 
 bool PressurePath::target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure) {
+  fresh_ = false;
   const bool taken = core_.target(now, pressure);
   if (taken) turn(now);
   return taken;
+}
+
+std::string PressurePath::reason() const {
+  std::string text = core_.reason();
+  if (!io_) return text;
+  const IoStatus line = io_->status();
+  const control::SafetyReport& report = core_.report();
+  const bool of_line = report.cause == control::SafetyCause::kRegulatorLost ||
+                       report.cause == control::SafetyCause::kStaleReading;
+  const bool just_then = std::abs(line.last_error_time - report.since) < kJustThen;
+  if (!line.last_error.empty() && (!line.up || (of_line && just_then))) {
+    text += " (" + line.last_error + ")";
+  }
+  return text;
+}
+
+std::string PressurePath::enable(double now) {
+  std::string refusal = core_.enable(now);
+  if (refusal.empty() || !io_) return refusal;
+  const IoStatus line = io_->status();
+  if (line.last_error_time > line.last_read_time) refusal += " (" + line.last_error + ")";
+  return refusal;
 }
 
 }  // namespace helix_arm::regulator

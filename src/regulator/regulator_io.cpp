@@ -52,6 +52,9 @@ void IoRules::validate() const {
                       "at least the first");
   model::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
                       most_bad_replies, "at least 1");
+  positive("the pressure that is none [Pa]", vented_below);
+  model::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
+                      "the time to vent [s]", vent_time, "a finite value >= 0");
 }
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)
@@ -97,8 +100,10 @@ IoStatus RegulatorIo::status() const {
   out.connections = connections_;
   out.breaks = breaks_;
   out.own_vents = own_vents_;
+  out.last_read_time = last_read_time_;
   const std::lock_guard<std::mutex> lock(error_mutex_);
   out.last_error = last_error_;
+  out.last_error_time = last_error_time_;
   return out;
 }
 
@@ -125,7 +130,7 @@ void RegulatorIo::run() {
   if (up_) {
     try {
       driver_->vent();
-      vented_at_end_ = true;
+      vented_at_end_ = empties();
     } catch (const std::exception& error) {
       disconnect(error);
     }
@@ -157,15 +162,36 @@ void RegulatorIo::disconnect(const std::exception& error) {
     driver_->vent();
   } catch (const std::exception&) {  // as was to be expected
   }
-  driver_->close();
   note(error);
   ++breaks_;
   up_ = false;
+  if (driver_->keepsAirOnClose()) pause(rules_.vent_time);
+  driver_->close();
 }
 
 void RegulatorIo::note(const std::exception& error) {
   const std::lock_guard<std::mutex> lock(error_mutex_);
   last_error_ = error.what();
+  last_error_time_ = steadyNow();
+}
+
+bool RegulatorIo::empties() {
+  const double end = steadyNow() + rules_.vent_time;
+  Eigen::VectorXd newest = readings_.draft().pressures.pressure;
+  newest.setConstant(std::numeric_limits<double>::quiet_NaN());
+  for (;;) {
+    Pressures& pressures = readings_.draft().pressures;
+    pressures.pressure.setConstant(std::numeric_limits<double>::quiet_NaN());
+    try {
+      driver_->read(pressures);
+    } catch (const BadReply& error) {
+      note(error);
+    }
+    newest = pressures.pressure.array().isFinite().select(pressures.pressure, newest);
+    if ((newest.array().abs() <= rules_.vented_below).all()) return true;
+    if (steadyNow() >= end) return false;
+    awaitWake(rules_.period);
+  }
 }
 
 void RegulatorIo::exchange() {
@@ -193,6 +219,7 @@ void RegulatorIo::exchange() {
     throw;
   }
   readings_.post();
+  last_read_time_ = now;
   ++reads_;
 }
 

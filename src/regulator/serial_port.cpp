@@ -6,7 +6,10 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -77,6 +80,15 @@ speed_t speedOf(int baud) {
   return B0;
 }
 
+// It would stay marked as taken where its holder is killed, and no guard could open it.
+bool isPseudoTerminal(int file) {
+  constexpr unsigned kFirstMajor = 136, kLastMajor = 143;  // of Linux
+  struct stat status {};
+  if (fstat(file, &status) != 0) return false;
+  const unsigned number = major(status.st_rdev);
+  return number >= kFirstMajor && number <= kLastMajor;
+}
+
 // Rounded up: poll() of 0 ms before the deadline would spin.
 int millisecondsTo(SerialPort::Clock::time_point deadline) {
   const auto left =
@@ -103,7 +115,7 @@ void SerialPort::open(const std::string& device, int baud) {
     close();
     fail("is no serial line; expected one such as /dev/ttyUSB0");
   }
-  ioctl(file_, TIOCEXCL);  // not every kind of line has it
+  claim();
   cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD;
   // A board that starts anew when the line drops keeps running, HUPCL off, from one program to the
@@ -119,11 +131,23 @@ void SerialPort::open(const std::string& device, int baud) {
   }
 }
 
+void SerialPort::claim() {
+  if (flock(file_, LOCK_EX | LOCK_NB) != 0) {
+    const int error = errno;
+    // Not close(): the line and what is on its way there are another's.
+    ::close(file_);
+    file_ = -1;
+    fail(openingFault(error == EWOULDBLOCK ? EBUSY : error));
+  }
+  if (!isPseudoTerminal(file_)) ioctl(file_, TIOCEXCL);  // not every kind of line has it
+}
+
 void SerialPort::close() noexcept {
   if (file_ < 0) return;
   ioctl(file_, TIOCNXCL);
   awaitSent();
   tcflush(file_, TCOFLUSH);  // else closing waits for a line that takes nothing
+  flock(file_, LOCK_UN);     // a process that is just being forked has it open, too
   ::close(file_);
   file_ = -1;
   input_.clear();

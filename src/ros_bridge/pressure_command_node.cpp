@@ -197,7 +197,7 @@ const T* PressureCommandNode::admit(const Sender& sender, const control::Checked
   if (!lease_.claim(sender.commander, regulator::steadyNow())) {
     char text[256];
     std::snprintf(text, sizeof text,
-                  "%s commands the arm; stop it and wait for %g s (safety.commander_timeout)",
+                  "%s commands the arm; stop it and wait for %g s (safety.commander_timeout_s)",
                   control::quoted(lease_.holder()).c_str(), lease_.timeout());
     drop(sender, {control::Fault::kOtherCommander, text});
     return nullptr;
@@ -309,6 +309,19 @@ void PressureCommandNode::sendFrames(const ros::Time& stamp) {
   tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
 }
 
+std::string PressureCommandNode::unmeasuredText() const {
+  return options_.regulator == "scene"
+             ? "the regulator has given no readings (see its diagnostics)"
+             : "pressure_measured has not come: is the regulator's node up?";
+}
+
+// What the line says of itself, once each.
+void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
+  if (line.last_error.empty() || line.last_error == told_line_error_) return;
+  told_line_error_ = line.last_error;
+  ROS_WARN("regulator: %s", line.last_error.c_str());
+}
+
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (handle_) {
     const model::Tip commanded = scene_.model.tip(loop_->goal());
@@ -318,10 +331,8 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
     if (drawn_) {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
       if (!measures() && losses_.add()) {
-        ROS_WARN(
-            "pressure_measured has not come for %g s (%lu times so far): is the regulator's "
-            "node up? The arm is drawn again when it comes",
-            kFresh, static_cast<unsigned long>(losses_.total()));
+        ROS_WARN("%s for %g s (%lu times so far); the arm is drawn again when they come",
+                 unmeasuredText().c_str(), kFresh, static_cast<unsigned long>(losses_.total()));
       }
     }
     drawn_ = false;
@@ -357,8 +368,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   if (!measures()) {
     const bool never = last_reading_.isZero();
     loop.level = never ? DiagnosticStatus::WARN : DiagnosticStatus::ERROR;
-    loop.message = never ? "waits for the first pressure_measured"
-                         : "pressure_measured has stopped coming: is the regulator's node up?";
+    loop.message = never ? "waits for the first pressure_measured" : unmeasuredText();
   }
   addValue(loop, names::kRateKey, fixed(rate));
   addValue(loop, names::kWantedRateKey, fixed(options_.rate));
@@ -376,14 +386,16 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   addValue(model, names::kTierReasonKey, choice.reason);
   addValue(model, names::kSolveStatusKey, model::nameOf(solution_.status));
   addValue(model, names::kUnsolvedKey, std::to_string(unsolved_.total()));
+  if (path.io) tellLineError(*path.io);
   for (DiagnosticStatus& status : pressureStatuses(node, scene_, path)) {
     msg.status.push_back(std::move(status));
   }
   if (guard_ && !guard_->stands()) {
     ROS_ERROR(
-        "the guard, which vents where this node is killed, has ended: the arm vents, and another "
-        "guard is started");
-    loop_->vent();
+        "the guard, which vents where this node is killed, has ended or stands still: the arm "
+        "vents, and another guard is started");
+    loop_->vent(control::SafetyCause::kGuardLost);
+    guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
     guard_.emplace(guardOf(options_.scene));
   }
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;

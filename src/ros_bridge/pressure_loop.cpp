@@ -33,13 +33,14 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
-helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const control::SafetyCore& core) {
+helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
+  const control::SafetyCore& core = path.core();
   const control::SafetyReport& report = core.report();
   helix_arm::SafetyState out;
   out.header.stamp = stamp;
   out.state = nameOf(report.state);
   out.cause = nameOf(report.cause);
-  out.reason = core.reason();
+  out.reason = path.reason();
   if (report.channel >= 0) {
     out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
   }
@@ -58,26 +59,19 @@ bool mayEnableItself(const control::SafetyReport& report) {
           report.cause == SafetyCause::kRegulatorLost);
 }
 
-void tell(const control::SafetyReport& report, const std::string& reason) {
+LogThread::Level levelOf(const control::SafetyReport& report) {
   const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
-  if (report.state == SafetyState::kFault && !asked_for) {
-    ROS_ERROR("%s", reason.c_str());
-  } else if (report.state == SafetyState::kVented && !asked_for) {
-    ROS_WARN("%s", reason.c_str());
-  } else {
-    ROS_INFO("%s", reason.c_str());
-  }
+  if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
+  if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
+  return ros::console::levels::Info;
 }
 
 }  // namespace
 
 template <class Change>
 void PressureLoop::act(const Change& change) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    change(steadyNow());
-  }
-  tellChanges();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  change(steadyNow());
 }
 
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
@@ -126,8 +120,8 @@ std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
   std::string refusal;
   act([&](double now) {
     control::SafetyCore& core = path_.core();
-    if (auto_enable_ && mayEnableItself(core.report())) refusal = core.enable(now);
-    if (refusal.empty() && !path_.target(now, pressure)) refusal = core.reason();
+    if (auto_enable_ && mayEnableItself(core.report())) refusal = path_.enable(now);
+    if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
     publish(now);
   });
   return refusal;
@@ -140,9 +134,9 @@ void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRule
   arm_ = arm;
 }
 
-void PressureLoop::vent() {
-  act([this](double now) {
-    path_.core().vent(now);
+void PressureLoop::vent(SafetyCause why) {
+  act([&](double now) {
+    path_.core().vent(now, why);
     turn(now);
   });
 }
@@ -155,26 +149,29 @@ Eigen::VectorXd PressureLoop::goal() const {
 PressureLoop::Snapshot PressureLoop::snapshot() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   const control::SafetyCore& core = path_.core();
-  Snapshot out{core.report(),  core.reason(), core.orders(), core.goal(),
-               core.reading(), std::nullopt,  turns_,        bad_readings_};
+  Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
+               core.reading(), std::nullopt,   turns_,        bad_readings_};
   if (path_.io() != nullptr) out.io = path_.io()->status();
   return out;
 }
 
 bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
   act([&](double now) {
-    const std::string refusal = path_.core().enable(now);
+    const std::string refusal = path_.enable(now);
     turn(now);
     response.success = refusal.empty();
-    response.message = refusal.empty() ? path_.core().reason() : refusal;
+    response.message = refusal.empty() ? path_.reason() : refusal;
   });
   return true;
 }
 
 bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
-  vent();
-  response.success = true;
-  response.message = snapshot().reason;
+  act([&](double now) {
+    path_.core().vent(now);
+    turn(now);
+    response.success = path_.core().linked();
+    response.message = path_.reason();
+  });
   return true;
 }
 
@@ -182,8 +179,8 @@ bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response
   act([&](double now) {
     path_.core().emergencyStop(now, request.data);
     turn(now);
-    response.success = true;
-    response.message = path_.core().reason();
+    response.success = path_.core().linked() || !request.data;
+    response.message = path_.reason();
   });
   return true;
 }
@@ -195,8 +192,8 @@ void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
     path_.core().measured(steadyNow(), *measured);
     post({*measured, reading->header.stamp});
   } else if (bad_readings_.add()) {
-    ROS_WARN("pressure_measured is not of this arm: %s",
-             std::get<control::Refusal>(checked).message.c_str());
+    log_.write(ros::console::levels::Warn, "pressure_measured is not of this arm: " +
+                                               std::get<control::Refusal>(checked).message);
   }
 }
 
@@ -219,21 +216,12 @@ void PressureLoop::publish(double now) {
 }
 
 void PressureLoop::noteChanges(const ros::Time& stamp) {
-  const control::SafetyCore& core = path_.core();
-  if (changes_noted_ == core.report().changes) return;
-  changes_noted_ = core.report().changes;
-  const helix_arm::SafetyState message = toSafetyMsg(stamp, core);
+  const control::SafetyReport& report = path_.core().report();
+  if (changes_noted_ == report.changes) return;
+  changes_noted_ = report.changes;
+  const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
   safety_publisher_.publish(message);
-  untold_.emplace_back(core.report(), message.reason);
-}
-
-void PressureLoop::tellChanges() {
-  decltype(untold_) changes;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    changes.swap(untold_);
-  }
-  for (const auto& [report, reason] : changes) tell(report, reason);
+  log_.write(levelOf(report), message.reason);
 }
 
 void PressureLoop::post(Reading reading) {

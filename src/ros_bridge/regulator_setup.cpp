@@ -56,6 +56,8 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
   regulator::IoRules rules;
   rules.period = kShare / rate;
   rules.order_timeout = kPatience * longestGap(rate);
+  rules.vented_below = scene.safety.rules.vented_below;
+  rules.vent_time = scene.safety.rules.vent_time;
   const int channels = scene.arm.actuatorCount();
   ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {

@@ -279,7 +279,9 @@ void ModbusDevice::Server::drop(std::size_t client) {
               late_.end());
   clients_.erase(clients_.begin() + static_cast<std::ptrdiff_t>(client));
   const std::lock_guard<std::mutex> lock(mutex_);
-  --connections_;
+  if (--connections_ > 0) return;
+  image_.catchUp(regulator::steadyNow());
+  image_.loseLink();
 }
 
 void ModbusDevice::Server::dropAll() {

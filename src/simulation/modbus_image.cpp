@@ -65,10 +65,23 @@ ModbusImage::ModbusImage(const ModbusDeviceConfig& config)
 
 void ModbusImage::restart() {
   for (Slot& slot : slots_) slot.app = App::kNotReady;
-  std::fill_n(map_->tab_registers, map_->nb_registers, std::uint16_t{0});
+  clear();
   regulator_ = regulator::SimulatedRegulator(slots() * profile_.outlets, rules_);
   follows_ = regulator_.pressure();
   stuck_.assign(static_cast<std::size_t>(follows_.size()), 0);
+}
+
+void ModbusImage::loseLink() {
+  if (!profile_.app) return;
+  clear();
+  for (Slot& slot : slots_) {
+    if (slot.app != App::kNotReady) slot.app = App::kReady;
+  }
+  regulate();
+}
+
+void ModbusImage::clear() {
+  std::fill_n(map_->tab_registers, map_->nb_registers, std::uint16_t{0});
 }
 
 void ModbusImage::jam(int slot, bool jammed) {

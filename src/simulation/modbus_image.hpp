@@ -21,6 +21,8 @@ class ModbusImage {
 
   /// As after switching it on.
   void restart();
+  /// Without anybody on the other end: apps that run end, and wait for another word.
+  void loseLink();
   void jam(int slot, bool jammed);
   /// Whether such a request touches registers of the device alone.
   bool allows(int function, int first, int count) const;
@@ -47,6 +49,7 @@ class ModbusImage {
     bool jammed = false;
   };
 
+  void clear();
   std::uint16_t& output(int number) const;
   std::uint16_t& input(int number) const;
   int count(int place) const { return output(profile_.setPoint(place)); }

@@ -78,6 +78,11 @@ void DeviceLink::pointTo(const std::string& target) {
   if (std::filesystem::exists(there) && !std::filesystem::is_symlink(there)) {
     throw std::runtime_error(path_ + " is there and no symlink; expected a free place for one");
   }
+  const std::filesystem::path other = std::filesystem::canonical(path_, ignored);
+  if (other.parent_path() == "/dev/pts" && other != target_ && other != target) {
+    throw std::runtime_error(path_ + " points to " + other.string() +
+                             ", which is in use; end the program that made it, or remove the link");
+  }
   const std::string fresh = path_ + "." + std::to_string(getpid());
   std::filesystem::remove(fresh, ignored);
   if (symlink(target.c_str(), fresh.c_str()) != 0) fail(fresh + " cannot be made");

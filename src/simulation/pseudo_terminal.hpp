@@ -37,7 +37,8 @@ class DeviceLink {
 
   const std::string& path() const { return path_; }
   /// Lets it point there, in one step.
-  /// @throws std::runtime_error where it cannot, or where something else has its place.
+  /// @throws std::runtime_error where it cannot, or where something else has its place: what is no
+  /// symlink, or one to another pseudo terminal that exists.
   void pointTo(const std::string& target);
 
  private:

@@ -82,6 +82,8 @@ TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
             "the upper limit of holds would go from 400 to 450 kPa");
   EXPECT_EQ(told([](auto& next, auto&) { next[0].limits.lower = -1e4; }),
             "the lower limit of vents would go from 0 to -10 kPa");
+  EXPECT_EQ(told([](auto& next, auto&) { next[0].limits.lower = 1e4; }),
+            "the lower limit of vents would go from 0 to 10 kPa");
   EXPECT_EQ(told([](auto& next, auto&) { next[2].slew = 2e6; }),
             "safety.slew_kpa_s would go from 1000 to 2000 kPa/s");
   EXPECT_EQ(told([](auto& next, auto&) { next[0].action = FaultAction::kHold; }),
@@ -92,13 +94,14 @@ TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
             "safety.min_supply_kpa would be lower, or gone");
   for (double SafetyRules::*rule :
        {&SafetyRules::reading_timeout, &SafetyRules::trip_margin, &SafetyRules::spike_time,
-        &SafetyRules::follow_tolerance, &SafetyRules::follow_time, &SafetyRules::leak_drop,
-        &SafetyRules::hold_time, &SafetyRules::vented_below, &SafetyRules::vent_time}) {
+        &SafetyRules::follow_tolerance, &SafetyRules::follow_time, &SafetyRules::time_constant,
+        &SafetyRules::leak_drop, &SafetyRules::hold_time, &SafetyRules::vented_below,
+        &SafetyRules::vent_time}) {
     EXPECT_NE(told([&](auto&, auto& rules) { rules.*rule *= 1.01; }), "");
     EXPECT_EQ(told([&](auto&, auto& rules) { rules.*rule *= 0.99; }), "");
   }
   EXPECT_EQ(told([](auto& next, auto& rules) {
-              next[0].limits = {1e4, 2e5};
+              next[0].limits = {0, 2e5};
               next[1].action = FaultAction::kVent;
               rules.min_supply = 4e5;
             }),

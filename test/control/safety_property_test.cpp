@@ -260,7 +260,7 @@ void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random
     witness.look(false, false);
   }
   if (chance(600)) {
-    core.vent(told);
+    core.vent(told, chance(2) ? Cause::kVentRequested : Cause::kGuardLost);
     witness.look(false, true);
   }
   if (witness.link_up && !chance(25)) {

@@ -36,8 +36,13 @@ TEST(SafetyReason, EveryFaultNamesItsCulpritValueRuleAndRemedy) {
   EXPECT_EQ(
       faultOf([](Bench& b) { b.core.linked(b.now, false); },
               enabledBench(1e5, {{"muscle_1", {0, 4e5}, 1e6, FaultAction::kHold}})),
-      "fault: the regulator's link went down, or orders did not reach it in time: all channels "
-      "vent; look at the regulator's power and cable, then call enable");
+      "fault: the regulator's link went down, or orders did not reach it in time: all channels are "
+      "to vent as soon as the regulator hears it; until then shut the supply and open the relief "
+      "valve by hand; look at the regulator's power and cable, then call enable");
+  EXPECT_EQ(faultOf([](Bench& b) { b.core.vent(b.now, SafetyCause::kGuardLost); }),
+            "fault: the guard, which vents where this process is killed, has ended or stands "
+            "still: all channels vent; look for what ended or stopped it (a kill, too little "
+            "memory), then call enable");
   EXPECT_EQ(
       faultOf([](Bench& b) { b.readsAs(1, 4.621e5); }),
       "fault: holds reads 462.1 kPa, more than 430 kPa (its limit and safety.trip_margin_kpa) "
@@ -148,7 +153,7 @@ TEST(SafetyReason, EveryNameIsOneOfItsOwn) {
   EXPECT_EQ(names.size(), static_cast<std::size_t>(kSafetyCauseCount));
   EXPECT_STREQ(nameOf(SafetyCause::kVentRequested), "vent_requested");
   EXPECT_STREQ(nameOf(SafetyCause::kStaleTarget), "stale_target");
-  EXPECT_STREQ(nameOf(SafetyCause::kNotVenting), "not_venting");
+  EXPECT_STREQ(nameOf(SafetyCause::kGuardLost), "guard_lost");
   EXPECT_STREQ(nameOf(FaultAction::kClose), "close");
 }
 

@@ -155,6 +155,7 @@ void standingForAWhile(Bench& bench) {
   bench.spoil = nullptr;
   bench.run(1);
 }
+void guardLost(Bench& bench) { bench.core.vent(bench.now, Cause::kGuardLost); }
 void timePasses(Bench& bench) { bench.run(7.5); }
 void holdTimePasses(Bench& bench) { bench.turn(8); }
 void holdTimePassesUnread(Bench& bench) {
@@ -225,6 +226,7 @@ const Row kTable[] = {
     {"link up", State::kEnabled, enabled, linkUp, State::kEnabled, Cause::kNone, "rrr"},
     {"time passes", State::kEnabled, enabled, timePasses, State::kEnabled, Cause::kNone, "rrr"},
     {"vent", State::kEnabled, enabled, vent, State::kFault, Cause::kVentRequested, "vvv"},
+    {"guard lost", State::kEnabled, enabled, guardLost, State::kFault, Cause::kGuardLost, "vvv"},
     {"stop", State::kEnabled, enabled, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
     {"no target any more", State::kEnabled, enabled, [](Bench& b) { b.commands = false; b.run(1.5); }, State::kFault, Cause::kStaleTarget, "vrc"},
     {"no target yet", State::kEnabled, enabledUntouched, noTarget, State::kEnabled, Cause::kNone, "rrr"},

@@ -186,12 +186,23 @@ TEST(PoseCheck, OthersAreRefused) {
 TEST(TargetCheck, ATargetThatHasWaitedLongerThanItsTimeoutIsStale) {
   EXPECT_FALSE(checkAge(0.99, 1));
   EXPECT_FALSE(checkAge(1, 1));
-  EXPECT_FALSE(checkAge(-5, 1));
   EXPECT_FALSE(checkAge(1e9, std::numeric_limits<double>::infinity()));
   const auto refusal = checkAge(1.01, 1);
   ASSERT_TRUE(refusal);
   EXPECT_EQ(refusal->fault, Fault::kStale);
   EXPECT_NE(refusal->message.find("1.01 s ago"), std::string::npos) << refusal->message;
+}
+
+TEST(TargetCheck, ATargetOfAFutureBeyondItsTimeoutIsStale) {
+  EXPECT_FALSE(checkAge(-0.99, 1));
+  EXPECT_FALSE(checkAge(-1, 1));
+  EXPECT_FALSE(checkAge(-1e9, std::numeric_limits<double>::infinity()));
+  const auto refusal = checkAge(-3, 1);
+  ASSERT_TRUE(refusal);
+  EXPECT_EQ(refusal->fault, Fault::kStale);
+  EXPECT_EQ(refusal->message,
+            "the target is stamped 3 s ahead of this machine's clock, more than 1 s "
+            "(safety.target_timeout_s); set the clocks alike");
 }
 
 }  // namespace

@@ -2,12 +2,20 @@
 
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <functional>
+#include <stdexcept>
 #include <thread>
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include "helix_arm/regulator/serial_port.hpp"
 #include "helix_arm/simulation/serial_device.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"
@@ -233,6 +241,7 @@ TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
   device.setFault(DeviceFault::kNone);
   if (expected == "link") {
     // Without a link a restart has another path.
+    driver.close();
     AsciiSerialDriver again = driverOf(profile, device.path());
     ASSERT_TRUE(eventually([&] { return failureOf([&] { again.connect(); }).kind == "none"; }));
     again.write(orders);
@@ -334,6 +343,82 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsNamedAndComesBack) {
     EXPECT_EQ(missing.text,
               link + " is not there; plug it in, or name it as `ls /dev/serial/by-id` does");
   }
+}
+
+// Root's second open() is not stopped by the terminal itself.
+TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
+  SerialDevice device(deviceOf(test::genericProfile()));
+  AsciiSerialDriver first = driverOf(test::genericProfile(), device.path());
+  AsciiSerialDriver second = driverOf(test::genericProfile(), device.path());
+  first.connect();
+  first.write(regulate(Eigen::Vector3d::Constant(1e5)));
+  for (int round = 0; round < 2; ++round) {
+    const Failure held = failureOf([&] { second.connect(); });
+    EXPECT_EQ(held.kind, "link");
+    EXPECT_EQ(held.text, device.path() +
+                             " is held by another program; end that one (fuser tells which it is)");
+    first.write(regulate(Eigen::Vector3d::Constant(1e5)));
+  }
+  EXPECT_EQ(device.valves(), std::vector<Valve>(kChannels, Valve::kRegulate));
+  first.close();
+  second.connect();
+  EXPECT_EQ(failureOf([&] { first.connect(); }).kind, "link");
+}
+
+// What opening a line says in a process of its own, that of a user without privileges: "" where it
+// can be opened. With `stay` it then holds the line until it is killed.
+class Opener {
+ public:
+  Opener(const std::string& device, bool stay) {
+    if (pipe2(said_, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    pid_ = fork();
+    if (pid_ == 0) {
+      prctl(PR_SET_PDEATHSIG, SIGKILL);
+      if (getuid() == 0 && (setgid(kNobody) != 0 || setuid(kNobody) != 0)) _exit(1);
+      SerialPort port;
+      const std::string text = failureOf([&] { port.open(device, 115200); }).text + "\n";
+      if (write(said_[1], text.data(), text.size()) < 0) _exit(1);
+      while (stay) pause();
+      _exit(0);
+    }
+    ::close(said_[1]);
+  }
+  ~Opener() {
+    kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+    ::close(said_[0]);
+  }
+  Opener(const Opener&) = delete;
+  Opener& operator=(const Opener&) = delete;
+
+  std::string text() const {
+    std::string text;
+    char byte = 0;
+    while (read(said_[0], &byte, 1) == 1 && byte != '\n') text += byte;
+    return byte == '\n' ? text : "it could not try";
+  }
+
+ private:
+  static constexpr int kNobody = 65534;
+
+  pid_t pid_ = -1;
+  int said_[2];
+};
+
+TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
+  SerialDevice device(deviceOf(test::genericProfile()));
+  ASSERT_EQ(chmod(device.path().c_str(), 0666), 0);
+  AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
+  const std::string held =
+      device.path() + " is held by another program; end that one (fuser tells which it is)";
+  {
+    const Opener holder(device.path(), true);
+    ASSERT_EQ(holder.text(), "");
+    EXPECT_EQ(failureOf([&] { driver.connect(); }).text, held);
+    EXPECT_EQ(Opener(device.path(), false).text(), held);
+  }
+  EXPECT_EQ(Opener(device.path(), false).text(), "");
+  EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
 }
 
 TEST(AsciiSerialDriver, WhatIsNoSerialLineIsNamed) {

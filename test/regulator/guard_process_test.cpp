@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A guard that notes what it was told, beats aside, until its input ended.
+// A guard that answers, and notes what it was told, beats aside, until its input ended.
 class Noting : public ::testing::Test {
  protected:
   std::string told() const {
@@ -33,7 +33,16 @@ class Noting : public ::testing::Test {
   std::string note() const { return folder_ / "told"; }
   std::string done() const { return folder_ / "done"; }
   std::vector<std::string> command() const {
-    return {"/bin/sh", "-c", "cat > \"$0\"; : > \"$1\"", note(), done()};
+    return {"/bin/sh", "-c", "tee \"$0\" >&0 2>/dev/null; : > \"$1\"", note(), done()};
+  }
+  // The same in one process, whose number is in done().
+  std::vector<std::string> single() const {
+    return {"/bin/sh", "-c", "echo $$ > \"$1\"; exec tee \"$0\" >&0 2>/dev/null", note(), done()};
+  }
+  pid_t numberOfSingle() const {
+    pid_t number = 0;
+    std::ifstream(done()) >> number;
+    return number;
   }
 
   test::TemporaryFolder folder_;
@@ -46,7 +55,7 @@ TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
     guard.dismiss();
     EXPECT_FALSE(guard.stands());
   }
-  EXPECT_TRUE(fs::exists(done()));
+  EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
 }
 
@@ -84,6 +93,44 @@ TEST_F(Noting, HearsABeatWithoutAnybodysDoing) {
 TEST_F(Noting, ThatHasEndedNoLongerStands) {
   GuardProcess guard({"/bin/true"});
   EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+}
+
+TEST_F(Noting, ThatIsStoppedNoLongerStandsUntilItWakesUp) {
+  GuardProcess guard(single());
+  ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
+  EXPECT_TRUE(guard.stands());
+  ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
+  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
+  EXPECT_TRUE(test::eventually([&] { return guard.stands(); }));
+}
+
+TEST_F(Noting, ThatIsStoppedFindsItsDismissalWhenItWakesUp) {
+  GuardProcess guard(single());
+  ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
+  ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
+  ASSERT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  guard.dismiss();
+  EXPECT_FALSE(guard.stands());
+  EXPECT_EQ(told(), "");
+  ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
+  EXPECT_TRUE(test::eventually([&] { return told() == std::string(1, GuardProcess::kDismissal); }));
+}
+
+TEST_F(Noting, HasMoreTimeForItsFirstAnswerThanForOthers) {
+  const double late = 1.5 * GuardProcess::kMissedBeats * GuardProcess::kBeatPeriod;
+  GuardProcess guard({"/bin/sh", "-c",
+                      "sleep " + std::to_string(late) + "; exec tee \"$0\" >&0 2>/dev/null",
+                      note()});
+  EXPECT_TRUE(test::eventually([&] { return beats() > 0 || !guard.stands(); }));
+  EXPECT_TRUE(guard.stands());
+}
+
+TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
+  GuardProcess guard({"/bin/sh", "-c", "exec cat > \"$0\"", note()});
+  EXPECT_TRUE(guard.stands());
+  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  EXPECT_GT(beats(), 0U);
 }
 
 TEST(GuardProcess, ThatCannotBeStartedIsNamed) {

@@ -116,7 +116,7 @@ TEST_P(Link, SilenceIsALostLinkWithinTheTimeout) {
   EXPECT_GE(seconds, 0.09);
   EXPECT_LT(seconds, kBounded);
   // What was lost stays lost until it is connected anew.
-  EXPECT_NE(refusal<LinkError>([this] { driver_.vent(); }).find("there is no link"),
+  EXPECT_NE(refusal<LinkError>([this] { driver_.write(regulate(1e5)); }).find("there is no link"),
             std::string::npos);
   // The port is open, so it connects, and then there is no answer.
   EXPECT_LT(secondsOf([this] { EXPECT_EQ(endOf([this] { driver_.connect(); }), End::kLinkError); }),
@@ -134,6 +134,19 @@ TEST_P(Link, ASlowDeviceIsALostLinkAndItsLateRepliesAreNoOthers) {
   driver_.write(regulate(1e5));
   ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[0] - 1e5) < 1; }));
   EXPECT_EQ(read(), Eigen::Vector3d(1e5, 1e5, 1e5));
+}
+
+TEST_P(Link, ADeviceThatIsLateHearsTheVentAndEmptiesWhileTheLinkIsHeld) {
+  driver_.write(regulate(1e5));
+  ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[0] - 1e5) < 1; }));
+  device_.setFault(DeviceFault::kSlow);
+  EXPECT_EQ(endOf([this] { read(); }), End::kLinkError);
+  EXPECT_NE(endOf([this] { driver_.vent(); }), End::kDone);
+  EXPECT_EQ(driver_.keepsAirOnClose(), profile_.app.has_value());
+  EXPECT_TRUE(eventually([this] { return device_.pressure().maxCoeff() < 100; }));
+  EXPECT_EQ(endOf([this] { driver_.write(regulate(1e5)); }), End::kLinkError);
+  driver_.close();
+  EXPECT_FALSE(driver_.keepsAirOnClose());
 }
 
 TEST_P(Link, HalfAReplyIsALostLink) {

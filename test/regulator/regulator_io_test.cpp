@@ -1,5 +1,7 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 
+#include <thread>
+
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
@@ -245,6 +247,45 @@ TEST(Mailbox, WhatIsFetchedIsWholeAndNeverOlder) {
   sender.join();
   EXPECT_EQ(torn, 0u);
   EXPECT_EQ(older, 0u);
+}
+
+// Some devices keep their air once the link is gone.
+TEST(RegulatorIo, HoldsALinkThatTheVentNeeds) {
+  for (const bool keeps_air : {false, true}) {
+    ScriptedDevice device(kChannels);
+    device.keeps_air = keeps_air;
+    IoRules rules = briskRules();
+    rules.vent_time = 0.3;
+    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, rules);
+    ASSERT_TRUE(eventually([&] { return io.up(); }));
+    const int closings = device.closings;
+    device.mute = true;
+    ASSERT_TRUE(eventually([&] { return io.breaks() == 1; }));
+    const double broken = steadyNow();
+    ASSERT_TRUE(eventually([&] { return device.closings > closings; }));
+    const double held = steadyNow() - broken;
+    EXPECT_TRUE(!keeps_air || held > 0.9 * rules.vent_time) << held;
+  }
+}
+
+TEST(RegulatorIo, EndsWithItsLinkUntilNoPressureStands) {
+  for (const bool empties : {false, true}) {
+    ScriptedDevice device(kChannels);
+    device.read(Eigen::Vector2d(1e5, 0));
+    IoRules rules = briskRules();
+    rules.vent_time = empties ? 20 : 0.1;
+    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, rules);
+    ASSERT_TRUE(eventually([&] { return io.up(); }));
+    const int vents = device.vents, closings = device.closings;
+    std::thread emptying([&] {
+      if (!eventually([&] { return device.vents > vents; }) || !empties) return;
+      EXPECT_EQ(device.closings, closings);
+      device.read(Eigen::Vector2d::Zero());
+    });
+    EXPECT_EQ(io.end(), empties);
+    emptying.join();
+    EXPECT_EQ(device.closings, closings + 1);
+  }
 }
 
 }  // namespace

@@ -2,8 +2,11 @@
 #include <csignal>
 #include <cstdio>
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "helix_arm/PressureArray.h"
 #include "support/emulated_regulator.hpp"
@@ -66,9 +69,32 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
   const double begin = regulator::steadyNow();
   master_.stop();
   EXPECT_EQ(arm.exitCode(10), 1) << arm.output();
+  // Its valves have closed with the link.
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kVentedBelow);
+  std::printf(
+      "[  FIGURE  ] master lost: the node has ended, the regulator is empty after %.0f ms\n",
+      1e3 * (regulator::steadyNow() - begin));
+}
+
+TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
+  const TemporaryFolder folder;
+  const std::string log = folder / "log";
+  ASSERT_EQ(mkfifo(log.c_str(), 0600), 0);
+  const int reader = open(log.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  ASSERT_GE(reader, 0);
+  std::vector<std::string> shell = {"sh", "-c", "exec \"$0\" \"$@\" > " + log + " 2>&1"};
+  for (const std::string& word : node()) shell.push_back(word);
+  Process arm(shell, master_.variables());
+  call({kNode + "/vent"}, "success: ");  // it is up
+  const std::string rubbish(512, '.');
+  while (write(reader, rubbish.data(), rubbish.size()) > 0) {
+  }
+  Process hand = commander();
+  enable();
+  ASSERT_TRUE(inflates());
+  call({kNode + "/emergency_stop", "true"}, "success: True");
   EXPECT_TRUE(vents(1));
-  std::printf("[  FIGURE  ] master lost: the node has ended, the regulator vents after %.0f ms\n",
-              1e3 * (regulator::steadyNow() - begin));
+  close(reader);
 }
 
 TEST_F(DeadMaster, HardwareRefusesSimulatedTime) {

@@ -71,6 +71,38 @@ TEST(ModbusDevice, VtemRegulatesOnceAcknowledgedAndTold) {
   EXPECT_GT(kept, 0.99e5);
 }
 
+// config/regulators/festo_vtem.yaml: what the device does when the link is lost.
+TEST(ModbusDevice, VtemEndsItsAppsAndKeepsItsAirWithoutAConnection) {
+  for (const bool device_closes : {false, true}) {
+    ModbusDevice device(quietDevice(vtemProfile(), 4));
+    auto first = std::make_unique<RawModbus>(device.port());
+    auto second = std::make_unique<RawModbus>(device.port());
+    ASSERT_TRUE(first->write(40003, {126, 0, 0}));
+    ASSERT_TRUE(first->write(40003, {195, 1000, 500}));
+    ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 1e5) < 1; }));
+    first.reset();
+    ASSERT_TRUE(eventually([&] { return device.connections() == 1; }));
+    EXPECT_EQ(second->read(45395, 1), (Words{131}));  // somebody is there yet
+    EXPECT_EQ(device.valves()[0], Valve::kRegulate);
+    if (device_closes) {
+      device.setFault(DeviceFault::kSilence);
+      device.setFault(DeviceFault::kNone);
+    } else {
+      second.reset();
+    }
+    ASSERT_TRUE(eventually([&] { return device.connections() == 0; }));
+    ASSERT_TRUE(
+        eventually([&] { return device.valves() == std::vector<Valve>(4, Valve::kClose); }));
+    EXPECT_EQ(device.setPoint().maxCoeff(), 0);
+    const RawModbus next(device.port());
+    EXPECT_EQ(next.read(40003, 3), (Words{0, 0, 0}));
+    EXPECT_EQ(next.read(45395, 3), (Words{125, 1000, 500}));  // ready again, the air is in
+    EXPECT_NE(next.read(45398, 1), (Words{125}));  // never acknowledged, not ready now either
+    ASSERT_TRUE(next.write(40003, {195, 0, 0}));
+    EXPECT_TRUE(eventually([&] { return device.pressure().maxCoeff() < 1e3; }));
+  }
+}
+
 TEST(ModbusDevice, AJammedSlotDoesNotStart) {
   ModbusDevice device(quietDevice(vtemProfile(), 4));
   device.jam(1, true);

@@ -231,6 +231,28 @@ TEST(SerialDevice, WhatIsInTheLinksPlaceIsNotReplacedUnlessItIsALink) {
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
 }
 
+TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
+  const test::TemporaryFolder folder;
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
+  config.link = folder / "regulator";
+  {
+    SerialDevice first(config);
+    const std::string terminal = std::filesystem::read_symlink(config.link);
+    EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice second(config); }),
+              config.link + " points to " + terminal +
+                  ", which is in use; end the program that made it, or remove the link");
+    EXPECT_EQ(std::filesystem::read_symlink(config.link), terminal);
+    Terminal user(first, "\n");
+    EXPECT_EQ(user.ask("p0?"), "p0=0.00 kPa");
+    // Its own is in nobody's way: the first comes back behind it.
+    first.setFault(DeviceFault::kRestart);
+    EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
+  }
+  EXPECT_FALSE(std::filesystem::is_symlink(config.link));
+  const SerialDevice later(config);
+  EXPECT_TRUE(std::filesystem::is_symlink(config.link));
+}
+
 TEST(SerialDevice, FaultyConfigurationsAreRefused) {
   const auto refused = [](const SerialDeviceConfig& config) {
     return refusal([&] { SerialDevice device(config); });

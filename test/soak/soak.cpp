@@ -1,7 +1,8 @@
 // The pressure path, from targets to the devices' valves, for minutes on end with trouble at
 // random: a thousand targets a second for each of two arms, one on a serial line and one on Modbus
-// TCP. Exits with 1 where a vent was missed, an arm could not be enabled again, a pressure went
-// beyond its limit and the margin, or memory grew.
+// TCP. Exits with 1 where a vent was missed, a pressure stayed off its set point in an enabled arm,
+// an arm could not be enabled again, a pressure went beyond its limit and the margin, or memory
+// grew.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -121,10 +122,8 @@ int soak(double minutes, unsigned seed) {
   for (int i = 0; i < 2; ++i) {
     const SoakTally& tally = arms[i].tally();
     print(names[i], tally);
-    for (const TroubleTally& trouble : tally.troubles) {
-      injected += trouble.injected;
-      missed += trouble.missed;
-    }
+    for (const TroubleTally& trouble : tally.troubles) injected += trouble.injected;
+    missed += tally.missed;
     stranded += tally.stranded;
     burst += tally.burst ? 1 : 0;
   }

@@ -16,7 +16,11 @@ using simulation::DeviceFault;
 constexpr double kRate = 1000;  // of targets [Hz]
 // Of a machine with other things to do: a turn, a thread or a reading that comes late [s].
 constexpr double kSlack = 0.5;
-constexpr double kFill = 3;       // time constants from no pressure to one beyond all limits
+constexpr double kFill = 3;  // time constants from no pressure to one beyond all limits
+// Far enough off a set point, in follow_tolerance, and for long enough, in time constants beyond
+// follow_time, that it is off what any lag makes of it.
+constexpr double kAstray = 1.5;
+constexpr double kSettled = 5;
 constexpr double kStranded = 30;  // without getting it enabled again [s]
 
 std::unique_ptr<regulator::RegulatorIo> startIo(const io::Scene& scene) {
@@ -43,6 +47,19 @@ bool silences(int trouble) {
   }
 }
 
+// Whatever is wrong, orders come in and let the air out.
+bool canVent(int trouble) {
+  switch (static_cast<DeviceFault>(trouble)) {
+    case DeviceFault::kBurst:
+    case DeviceFault::kLowSupply:
+    case DeviceFault::kWrongUnit:
+    case DeviceFault::kStuckValue:
+      return true;
+    default:
+      return !isDevices(trouble);
+  }
+}
+
 // Its inlet does not close, whatever it is told.
 bool overfills(int trouble) { return trouble == static_cast<int>(DeviceFault::kStuckOpen); }
 
@@ -63,7 +80,8 @@ SoakedArm::SoakedArm(const io::Scene& scene, SoakedDevice device, unsigned seed)
       path_({scene.safety.channels, scene.safety.rules}, startIo(scene)),
       rules_(scene.safety.rules),
       goal_(Eigen::VectorXd::Zero(scene.arm.actuatorCount())),
-      true_pressure_(goal_) {}
+      true_pressure_(goal_),
+      astray_(scene.safety.channels.size()) {}
 
 void SoakedArm::run(const std::atomic<bool>& stop) {
   now_ = regulator::steadyNow();
@@ -106,9 +124,24 @@ void SoakedArm::turn() {
     tally_.highest = std::max(tally_.highest, true_pressure_[i] / limit);
     if (true_pressure_[i] > limit + rules_.trip_margin) tally_.burst = true;
   }
+  watchCourse();
   if (phase_ == Phase::kFollow) follow();
   if (phase_ == Phase::kTrouble) endure();
   if (phase_ == Phase::kRecover) recover();
+}
+
+// Whichever rule sees it, and whatever the device says: where the air is not as commanded the arm
+// does not stay enabled.
+void SoakedArm::watchCourse() {
+  const double time = rules_.follow_time + kSettled * rules_.time_constant + kSlack;
+  for (int i = 0; i < true_pressure_.size(); ++i) {
+    control::Persistence& astray = astray_[static_cast<std::size_t>(i)];
+    const double off = std::abs(true_pressure_[i] - path_.core().orders().set_point[i]);
+    astray.look(now_, enabled() && off > kAstray * rules_.follow_tolerance, time);
+    if (!astray.lasts()) continue;
+    miss("astray, " + path_.core().channels()[static_cast<std::size_t>(i)].name + " by " +
+         std::to_string(1e-3 * off) + " kPa");
+  }
 }
 
 bool SoakedArm::empty() const { return true_pressure_.maxCoeff() < rules_.vented_below; }
@@ -122,6 +155,7 @@ void SoakedArm::follow() {
   if (!enabled()) {
     ++tally_.unprovoked;
     trouble_ = -1;
+    missed_ = false;
     trouble_ended_ = now_;
     pending_target_ = 0;
     tally_.last_reason =
@@ -145,7 +179,7 @@ void SoakedArm::begin(int trouble) {
 }
 
 // When at the latest the trouble ends kEnabled, if it lasts. The others have no such time: a stuck
-// value may be one that the arm has, a target one that a weak supply reaches.
+// value may be one that the arm has, a target one that a weak supply reaches. See watchCourse().
 double SoakedArm::mustDecide() const {
   if (trouble_ == kStopEngaged || trouble_ == kVentAsked) return trouble_began_;
   if (trouble_ == kSilentCommander) return trouble_began_ + rules_.target_timeout + kSlack;
@@ -176,6 +210,7 @@ void SoakedArm::note() {
 void SoakedArm::miss(const std::string& what) {
   if (missed_) return;
   missed_ = true;
+  ++tally_.missed;
   if (trouble_ >= 0) ++tally_.troubles[static_cast<std::size_t>(trouble_)].missed;
   tally_.last_reason = std::string(trouble_ < 0 ? "no trouble" : troubleName(trouble_)) + ": " +
                        what + "; " + path_.core().reason();
@@ -184,9 +219,9 @@ void SoakedArm::miss(const std::string& what) {
 void SoakedArm::endure() {
   note();
   if (!decided_ && now_ > mustDecide()) miss("still enabled");
-  // The device hears: whatever it says of itself, it is to be empty in time.
-  const bool hears = !isDevices(trouble_);
-  if (hears && decided_ && !emptied_ && now_ > left_enabled_ + rules_.vent_time + kSlack) {
+  // Whatever the device says of itself, it is to be empty in time.
+  if (canVent(trouble_) && decided_ && !emptied_ &&
+      now_ > left_enabled_ + rules_.vent_time + kSlack) {
     miss("pressure stands");
   }
   if (now_ < phase_ends_) return;

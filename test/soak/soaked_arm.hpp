@@ -5,7 +5,9 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "helix_arm/control/channel_watch.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
 #include "helix_arm/simulation/device_fault.hpp"
@@ -34,7 +36,9 @@ const char* troubleName(int trouble);
 struct TroubleTally {
   int injected = 0;
   int endured = 0;  ///< without leaving kEnabled, where it was shorter than its rule, or harmless
-  int missed = 0;   ///< that had to end kEnabled and did not, or after which pressure still stood
+  /// That had to end kEnabled and did not, after which pressure still stood, or in which it was
+  /// astray.
+  int missed = 0;
   LatencyHistogram decided;  ///< from the trouble to the end of kEnabled
   LatencyHistogram empty;    ///< from the trouble to no pressure in any channel
 };
@@ -43,6 +47,7 @@ struct SoakTally {
   std::array<TroubleTally, kTroubleCount> troubles;
   LatencyHistogram writes;    ///< from a target to the device's taking it
   std::uint64_t targets = 0;  ///< that were taken
+  int missed = 0;             ///< of all troubles, and without one
   int unprovoked = 0;         ///< faults without a trouble
   int stranded = 0;           ///< troubles after which it could not be enabled again
   double highest = 0;         ///< true pressure of any channel, of its limit
@@ -73,6 +78,7 @@ class SoakedArm {
   bool empty() const;
   double mustDecide() const;
   void note();
+  void watchCourse();
   void miss(const std::string& what);
 
   SoakedDevice device_;
@@ -84,6 +90,7 @@ class SoakedArm {
   double now_ = 0;
   Eigen::VectorXd goal_;
   Eigen::VectorXd true_pressure_;
+  std::vector<control::Persistence> astray_;  // (channels) while enabled
   double next_goal_ = 0;
   double pending_target_ = 0;  ///< whose write is waited for; 0: none
 

@@ -15,6 +15,17 @@
 
 namespace helix_arm::test {
 
+/// Rules of the scene of an EmulatedRegulator, brisk ones [s].
+inline constexpr double kTargetTimeout = 0.5;
+inline constexpr double kReadingTimeout = 0.4;
+inline constexpr double kSpikeTime = 0.1;
+inline constexpr double kFollowTime = 0.4;
+inline constexpr double kVentTime = 2;
+inline constexpr double kVentedBelow = 1.5e4;  ///< and what is no pressure [Pa]
+/// In which a channel that was told to move much has left, or should have left, where it was: two
+/// time constants [s].
+inline constexpr double kLag = 0.1;
+
 /// An emulated pressure regulator, whichever line it is on.
 class EmulatedRegulator {
  public:
@@ -28,7 +39,7 @@ class EmulatedRegulator {
     // The profile is the scene's: what the driver speaks, the device does.
     const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
     regulator::SimulatedRegulatorConfig valves;
-    valves.time_constant = 0.05;
+    valves.time_constant = kLag / 2;
     valves.noise = 100;
     if (line == Line::kSerial) {
       const auto& config = std::get<regulator::SerialConfig>(*scene.regulator);
@@ -98,12 +109,16 @@ regulator:
   )" + regulatorText(line, device, port) +
            R"(
 safety:
-  target_timeout_s: 0.5
-  reading_timeout_s: 0.4
   slew_kpa_s: 2000
-  follow: {tolerance_kpa: 30, time_s: 0.4, time_constant_s: 0.05}
-  vent_time_s: 2
-)" + (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
+  target_timeout_s: )" +
+           std::to_string(kTargetTimeout) +
+           "\n  reading_timeout_s: " + std::to_string(kReadingTimeout) +
+           "\n  spike_time_s: " + std::to_string(kSpikeTime) +
+           "\n  follow: {tolerance_kpa: 30, time_s: " + std::to_string(kFollowTime) +
+           ", time_constant_s: " + std::to_string(kLag / 2) +
+           "}\n  vent_time_s: " + std::to_string(kVentTime) +
+           "\n  vented_below_kpa: " + std::to_string(kVentedBelow / 1e3) + "\n" +
+           (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
   }
 
   // Devices as the shipped profiles have them, but for a sensor at the supply.

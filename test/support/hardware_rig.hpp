@@ -14,6 +14,9 @@
 
 namespace helix_arm::test {
 
+/// Of a machine that is busy, beyond what a rule allows [s].
+inline constexpr double kSlack = 1;
+
 /// One pressure_command process, and a commander of it in this one.
 class HardwareRig {
  public:
@@ -31,6 +34,15 @@ class HardwareRig {
   /// Whether the latched state is this one, within the deadline [s].
   bool comesTo(const std::string& state, double deadline = 20) {
     return waitFor([&] { return !safety.all().empty() && safety.last().state == state; }, deadline);
+  }
+
+  /// Whether the device has the vent order in, within a deadline [s] from `begin`, of
+  /// regulator::steadyNow() [s]. One that is empty had it, even if it has closed since.
+  bool ventsBy(double begin, double deadline) {
+    const auto vents = [this] {
+      return regulator.vents() || regulator.pressure().maxCoeff() < kVentedBelow;
+    };
+    return waitFor(vents, begin + deadline - regulator::steadyNow());
   }
 
   std_srvs::TriggerResponse trigger(const std::string& service) {

@@ -14,10 +14,11 @@ class ScriptedDevice {
   explicit ScriptedDevice(int channels)
       : taken_(channels), reading_(Eigen::VectorXd::Zero(channels)) {}
 
-  std::atomic<bool> refuses{false};  ///< to be connected to
-  std::atomic<bool> mute{false};     ///< the link is down
-  std::atomic<int> bad_replies{0};   ///< so many answers are garbage
-  std::atomic<bool> hangs{false};    ///< an exchange does not come back until it is false
+  std::atomic<bool> refuses{false};    ///< to be connected to
+  std::atomic<bool> mute{false};       ///< the link is down
+  std::atomic<int> bad_replies{0};     ///< so many answers are garbage
+  std::atomic<bool> keeps_air{false};  ///< once its link is closed
+  std::atomic<bool> hangs{false};      ///< an exchange does not come back until it is false
   std::atomic<int> attempts{0}, connections{0}, vents{0}, closings{0}, writes{0};
 
   control::ValveOrders taken() const {
@@ -67,6 +68,7 @@ class ScriptedDriver : public regulator::Driver {
     device_.set(control::ValveOrders(static_cast<int>(device_.reading().size())));
     ++device_.vents;
   }
+  bool keepsAirOnClose() const noexcept override { return device_.keeps_air; }
   void close() noexcept override { ++device_.closings; }
 
  private:

@@ -32,8 +32,9 @@ class ChannelWatch {
   void begin(double now);
   /// From now on its set point is this one.
   void follow(double now, double set_point, const SafetyRules& rules);
-  /// A finite reading.
-  void measured(double now, double reading, const ChannelRules& channel, const SafetyRules& rules);
+  /// A finite reading, and when it was asked, not after now.
+  void measured(double now, double asked, double reading, const ChannelRules& channel,
+                const SafetyRules& rules);
 
   double reading() const { return reading_; }                  ///< the newest; NaN: none
   double silence(double now) const { return now - read_at_; }  ///< since it [s]

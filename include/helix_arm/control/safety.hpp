@@ -34,8 +34,9 @@ enum class SafetyCause : std::uint8_t {
   kNotFollowing,  ///< a pressure does not come to its set point within the time that it has
   kLeak,          ///< a pressure falls while its set point stands: a burst muscle, a loose tube
   kNotVenting,    ///< pressure stands where all was vented
+  kGuardLost,     ///< nobody would vent the arm if its process were killed
 };
-inline constexpr int kSafetyCauseCount = 11;
+inline constexpr int kSafetyCauseCount = 12;
 
 /// What a channel does in a fault that is not its own danger.
 enum class FaultAction : std::uint8_t {
@@ -100,7 +101,7 @@ struct SafetyReport {
   double since = 0;           ///< when it came to this state [s]
   bool stopped = false;       ///< the emergency stop is engaged
   bool vent_overdue = false;  ///< pressure still stands after vent_time
-  std::uint64_t changes = 0;  ///< of anything above but `value`, so far
+  std::uint64_t changes = 0;  ///< of anything above but `value`, and of the link, so far
 };
 
 /// Stands between whoever commands and the regulator: decides, turn by turn, what each channel
@@ -130,7 +131,8 @@ class SafetyCore {
   /// @return as refusal().
   std::string enable(double now);
   /// Vents all; ends in kVented. Nothing to do while disabled or vented.
-  void vent(double now);
+  /// @param why  kVentRequested or kGuardLost.
+  void vent(double now, SafetyCause why = SafetyCause::kVentRequested);
   /// Engaged: vents all, latched. Released: nothing moves, but it can be enabled again.
   void emergencyStop(double now, bool engaged);
 
@@ -139,10 +141,12 @@ class SafetyCore {
   bool target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure);
   /// What the regulator reads: (channels) gauge [Pa], an entry that is not finite is none; and the
   /// supply's pressure, NaN where it is not measured.
+  /// @param age  since it was asked, >= 0 [s]: so much of the silence that is allowed is over.
   void measured(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure,
-                double supply = std::numeric_limits<double>::quiet_NaN());
+                double supply = std::numeric_limits<double>::quiet_NaN(), double age = 0);
   /// Whether the regulator's link is up; it counts as up until told otherwise.
   void linked(double now, bool up);
+  bool linked() const { return link_up_; }
 
   /// Lets time pass up to now, and says what to do until the next turn.
   const ValveOrders& advance(double now);
@@ -181,6 +185,7 @@ class SafetyCore {
   std::string channelRefusal(int i, double now) const;
   std::string causeText() const;
   std::string actionText() const;
+  std::string ventText() const;
   std::string overdueText() const;
 
   std::vector<ChannelRules> channels_;

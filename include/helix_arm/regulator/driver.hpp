@@ -14,8 +14,8 @@ class LinkError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A device answered, but not in its language: garbage, half a line, the wrong unit. The exchange is
-/// lost, the link may still be good.
+/// A device answered, but not in its language: garbage, half a line, the wrong unit. The exchange
+/// is lost, the link may still be good.
 class BadReply : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -47,9 +47,13 @@ class Driver {
   /// perhaps of some, the others NaN.
   /// @throws LinkError, BadReply.
   virtual void read(Pressures& pressures) = 0;
-  /// Vents every channel, with as few words as the device allows.
+  /// Vents every channel, with as few words as the device allows. After a LinkError, too, as long
+  /// as the link is not closed: a device whose answers are lost or late may hear all the same.
   /// @throws LinkError, BadReply.
   virtual void vent() = 0;
+  /// Whether the device would keep its air if its link were closed now: one that was told to vent
+  /// needs the link until it is empty.
+  virtual bool keepsAirOnClose() const noexcept { return false; }
   /// Closes the link, without a word to the device. Nothing to do where it is closed.
   virtual void close() noexcept = 0;
 };

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <mutex>
 #include <string>
@@ -14,14 +15,17 @@ namespace helix_arm::regulator {
 ///
 /// It is started in a session of its own, so that no signal to this process's group reaches it, and
 /// its standard input ends with this process, however that ends. Until then it hears a beat from a
-/// thread of its own: a process that is stopped (SIGSTOP, Ctrl-Z, a debugger) falls silent. Once
-/// the arm is vented for certain the guard is dismissed.
+/// thread of its own: a process that is stopped (SIGSTOP, Ctrl-Z, a debugger) falls silent. It
+/// answers a beat with a byte on its standard input, which is a socket: one that is stopped itself
+/// falls silent too. Once the arm is vented for certain the guard is dismissed.
 class GuardProcess {
  public:
   static constexpr char kDismissal = 'q';     ///< what the guard reads when it is to go
   static constexpr char kBeat = '.';          ///< and, until then, all the time
   static constexpr double kBeatPeriod = 0.1;  ///< [s]
-  static constexpr int kMissedBeats = 10;     ///< in a row: this process stands still
+  static constexpr int kMissedBeats = 10;     ///< in a row: who does not send them stands still
+  static constexpr int kFirstBeats = 50;      ///< until its first answer: it loads a scene
+  static constexpr double kDismissTime = 2;   ///< to go once dismissed [s]
 
   /// @param command  program by its path, and its arguments.
   /// @throws std::runtime_error naming the program when it cannot be started.
@@ -31,20 +35,24 @@ class GuardProcess {
   GuardProcess(const GuardProcess&) = delete;
   GuardProcess& operator=(const GuardProcess&) = delete;
 
-  /// Whether it still stands by.
+  /// Whether it still stands by: it has neither ended nor been dismissed, and answers beats.
   bool stands();
-  /// Tells it to go, and waits for its end.
+  /// Tells it to go, and waits for its end, kDismissTime at most: one that is stopped finds the
+  /// dismissal when it wakes up.
   void dismiss();
 
  private:
+  bool hasEnded();
   void beat() const;
   void keepBeating();
+  bool takeAnswers() const;
 
   pid_t pid_ = -1;
   int line_ = -1;  ///< other end of its standard input
   std::mutex mutex_;
   std::condition_variable ends_;
   bool ended_ = false;
+  std::atomic<int> patience_{kFirstBeats};  ///< periods to wait for an answer
   std::thread beats_;
 };
 

@@ -16,8 +16,9 @@ namespace helix_arm::regulator {
 /// In a device with apps, connect() acknowledges the faults of its slots and starts their apps at
 /// set point 0. A slot closes where all its channels are to close; where some are, those vent.
 ///
-/// After any LinkError the link is to be closed: connect() does. A reply that is late, cut short or
-/// garbled to its end counts as a lost link; one that is complete but makes no sense as BadReply.
+/// After any LinkError all but vent() is refused until connect(). A reply that is late, cut short
+/// or garbled to its end counts as a lost link; one that is complete but makes no sense as
+/// BadReply.
 class ModbusTcpDriver : public Driver {
  public:
   /// @throws std::invalid_argument when the profile breaks its rules, or slots are none, negative,
@@ -34,7 +35,10 @@ class ModbusTcpDriver : public Driver {
   /// told to regulate and does not, although it had its activation time, is a LinkError: connecting
   /// again acknowledges what it suffers from.
   void read(Pressures& pressures) override;
+  /// Of a device that does not answer every register is written all the same.
   void vent() override;
+  /// Whether slots may be at work: without a link their apps end, valves closed.
+  bool keepsAirOnClose() const noexcept override;
   void close() noexcept override;
 
  private:

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <string>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -29,6 +30,11 @@ class PressurePath {
 
   /// The newest reading, when it came with the last turn; else null.
   const Reading* news() const { return fresh_ ? &reading_ : nullptr; }
+
+  /// As SafetyCore::reason(), with the line's last error where the line is the matter. Allocates.
+  std::string reason() const;
+  /// As SafetyCore::enable(), with the line's last error where nothing is read. Allocates.
+  std::string enable(double now);
 
   control::SafetyCore& core() { return core_; }
   const control::SafetyCore& core() const { return core_; }

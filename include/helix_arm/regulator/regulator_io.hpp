@@ -26,6 +26,8 @@ struct IoRules {
   double first_back_off = 0.05;   ///< before the link is tried again, > 0 [s]; doubles each time
   double longest_back_off = 1.0;  ///< >= first_back_off [s]
   int most_bad_replies = 5;       ///< in a row, >= 1, until the link counts as no good
+  double vented_below = 1.5e4;    ///< at the end: a reading within this is no pressure, > 0 [Pa]
+  double vent_time = 3.0;         ///< and is waited for so long, >= 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -37,10 +39,12 @@ struct IoStatus {
   std::uint64_t writes = 0;  ///< orders that the device took
   std::uint64_t reads = 0;   ///< readings that it gave
   std::uint64_t bad_replies = 0;
-  std::uint64_t connections = 0;  ///< that came about
-  std::uint64_t breaks = 0;       ///< as breaks()
-  std::uint64_t own_vents = 0;    ///< for want of orders
-  std::string last_error;         ///< empty: none
+  std::uint64_t connections = 0;                                      ///< that came about
+  std::uint64_t breaks = 0;                                           ///< as breaks()
+  std::uint64_t own_vents = 0;                                        ///< for want of orders
+  std::string last_error;                                             ///< empty: none
+  double last_error_time = -std::numeric_limits<double>::infinity();  ///< of steadyNow() [s]
+  double last_read_time = -std::numeric_limits<double>::infinity();   ///< of steadyNow() [s]
 };
 
 /// What was read, and when.
@@ -79,8 +83,9 @@ class RegulatorIo {
   /// Waits for no device.
   IoStatus status() const;
 
-  /// Vents, where the device can be reached, closes the link, and does nothing from then on.
-  /// @return whether the device has taken the vent.
+  /// Vents, where the device can be reached, waits until no pressure stands, since some devices
+  /// keep their air once the link is gone, closes the link, and does nothing from then on.
+  /// @return whether the device has read so.
   bool end();
 
  private:
@@ -94,6 +99,7 @@ class RegulatorIo {
   void connect();
   void exchange();
   void disconnect(const std::exception& error);
+  bool empties();
   void note(const std::exception& error);
   bool pause(double seconds);      ///< false when it is to stop
   bool awaitOrder();               ///< false when there is none yet
@@ -110,8 +116,10 @@ class RegulatorIo {
   std::atomic<bool> vented_at_end_{false};
   std::atomic<std::uint64_t> writes_{0}, reads_{0}, bad_replies_{0}, connections_{0}, breaks_{0},
       own_vents_{0};
-  mutable std::mutex error_mutex_;
+  std::atomic<double> last_read_time_{kNever};
+  mutable std::mutex error_mutex_;  ///< of both that follow
   std::string last_error_;
+  double last_error_time_ = kNever;
 
   // Of the thread alone.
   double back_off_;

@@ -19,7 +19,8 @@ class SerialPort {
   SerialPort(const SerialPort&) = delete;
   SerialPort& operator=(const SerialPort&) = delete;
 
-  /// Opens it raw, 8N1, for nobody else; an open one is closed first.
+  /// Opens it raw, 8N1, for nobody else (TIOCEXCL, and flock() for root, whom that does not stop,
+  /// and on pseudo terminals); an open one is closed first.
   /// @throws LinkError naming the device, the cause and the remedy.
   void open(const std::string& device, int baud);
   void close() noexcept;
@@ -38,6 +39,7 @@ class SerialPort {
   const std::string& unfinished() const { return input_; }
 
  private:
+  void claim();
   void awaitSent() const noexcept;
   bool awaitInput(Clock::time_point deadline) const;
   std::size_t takeInput();

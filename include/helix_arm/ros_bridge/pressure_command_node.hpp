@@ -141,6 +141,8 @@ class PressureCommandNode {
 
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
   bool measures() const;  ///< the last reading is fresh
+  std::string unmeasuredText() const;
+  void tellLineError(const regulator::IoStatus& line);
 
   void onDraw(const ros::SteadyTimerEvent& event);
   void onDiagnose(const ros::SteadyTimerEvent& event);
@@ -165,9 +167,10 @@ class PressureCommandNode {
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
-  FaultCount unsolved_;                ///< readings at which the model finds no shape
-  bool drawn_ = false;                 ///< the arm is on the screen
-  FaultCount losses_;                  ///< of pressure_measured
+  FaultCount unsolved_;  ///< readings at which the model finds no shape
+  bool drawn_ = false;   ///< the arm is on the screen
+  FaultCount losses_;    ///< of pressure_measured
+  std::string told_line_error_;
   std::uint64_t diagnosed_turns_ = 0;  ///< of the loop
   ros::SteadyTime last_diagnosis_;
 

@@ -7,7 +7,6 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <ros/callback_queue.h>
@@ -22,6 +21,7 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/log_thread.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -56,8 +56,7 @@ class PressureLoop {
   /// @param rate         of the loop [Hz].
   /// @param path         without I/O where another node regulates: its readings are then taken from
   ///                     pressure_measured.
-  /// @param auto_enable  a target enables the path: at first, and after targets, readings or the
-  /// link
+  /// @param auto_enable  a target enables the path: at first, and after targets, readings or link
   ///                     had failed.
   /// @param take         gets the readings, in order, from the node's own callback queue; the last
   ///                     alone where it cannot keep up.
@@ -76,9 +75,11 @@ class PressureLoop {
   void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
              const control::SafetyRules& rules);
 
-  void vent();
-  /// Vents, where the regulator is the node's own, and does nothing from then on.
-  /// @return whether the regulator has taken the vent.
+  /// @param why  as SafetyCore::vent().
+  void vent(control::SafetyCause why);
+  /// Vents, where the regulator is the node's own, waits until no pressure stands, for a while, and
+  /// does nothing from then on.
+  /// @return whether the regulator has read so.
   bool end();
 
   Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
@@ -99,22 +100,21 @@ class PressureLoop {
   void noteChanges(const ros::Time& stamp);
   void post(Reading reading);
 
-  // None of these does: a log that is held up holds up nobody else.
-  /// Does change(now) under the lock, then tells of what has come of it.
+  // None of these does.
+  /// Does change(now) under the lock.
   template <class Change>
   void act(const Change& change);
-  void tellChanges();
   void takeWaiting();
 
   const bool auto_enable_;
   const Take take_;
+  LogThread log_;
 
   mutable std::mutex mutex_;  ///< of all that follows, and of the order of commands
   model::Arm arm_;
   regulator::PressurePath path_;
   std::uint64_t turns_ = 0;
   std::optional<std::uint64_t> changes_noted_;
-  std::vector<std::pair<control::SafetyReport, std::string>> untold_;
   FaultCount bad_readings_;
   std::vector<Reading> waiting_;
 

@@ -26,8 +26,10 @@ struct ModbusDeviceConfig {
 /// connections. All members may be called from any thread.
 ///
 /// It comes up vented; a device with apps comes up not ready, regulates once that is acknowledged
-/// and told, and keeps its air where no app runs. Registers beside its own are refused, as are
-/// writes to its inputs. A pressure beyond a register's range reads as its end.
+/// and told, and keeps its air where no app runs. Without a connection left, whichever side closed
+/// the last one, its outputs are reset, which ends its apps; one without apps goes on as it was
+/// told. Registers beside its own are refused, as are writes to its inputs. A pressure beyond a
+/// register's range reads as its end.
 ///
 /// Faults: kHalfLine leaves out the second half of every reply; kGarbage has random bytes in the
 /// place of it; kWrongUnit reads a tenth (kPa for millibar); kNanText reads

@@ -19,8 +19,8 @@ struct SerialDeviceConfig {
   std::vector<std::string> addresses;             ///< (channels) where its lines have {address}
   int channels = 1;                               ///< >= 1
   regulator::SimulatedRegulatorConfig regulator;  ///< what its valves are like
-  /// Where a symlink to its line is put and, at the end, taken away; empty: none. What is there
-  /// already is replaced if it is a symlink.
+  /// Where a symlink to its line is put and, at the end, taken away; empty: none. A symlink that is
+  /// there already is replaced, unless it points to a pseudo terminal that exists.
   std::string link;
   double period = 0.02;    ///< of lines that come unasked, > 0 [s]
   std::uint32_t seed = 1;  ///< of the garbage
@@ -36,7 +36,8 @@ class SerialDevice {
  public:
   /// Begins to answer, vented.
   /// @throws std::invalid_argument naming what breaks its rule.
-  /// @throws std::runtime_error where the system gives no terminal or the link cannot be made.
+  /// @throws std::runtime_error where the system gives no terminal or the link cannot be made;
+  /// naming the other terminal where the link points to one.
   explicit SerialDevice(SerialDeviceConfig config);
   ~SerialDevice();
   SerialDevice(const SerialDevice&) = delete;
