@@ -157,16 +157,24 @@ void RegulatorIo::connect() {
 }
 
 void RegulatorIo::disconnect(const std::exception& error) {
-  // A device whose answers are lost may hear all the same.
-  try {
-    driver_->vent();
-  } catch (const std::exception&) {  // as was to be expected
-  }
+  ventUnheard();
   note(error);
   ++breaks_;
   up_ = false;
-  if (driver_->keepsAirOnClose()) pause(rules_.vent_time);
+  // What keeps its air is told again, until it must be empty or the link is gone.
+  const double end = steadyNow() + rules_.vent_time;
+  while (driver_->keepsAirOnClose() && steadyNow() < end && pause(rules_.first_back_off)) {
+    ventUnheard();
+  }
   driver_->close();
+}
+
+void RegulatorIo::ventUnheard() {
+  try {
+    driver_->vent();
+  } catch (const std::exception&) {
+    // A device whose answers are lost may hear all the same.
+  }
 }
 
 void RegulatorIo::note(const std::exception& error) {

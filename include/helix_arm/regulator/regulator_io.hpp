@@ -99,6 +99,7 @@ class RegulatorIo {
   void connect();
   void exchange();
   void disconnect(const std::exception& error);
+  void ventUnheard();
   bool empties();
   void note(const std::exception& error);
   bool pause(double seconds);      ///< false when it is to stop
