@@ -45,6 +45,12 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
   return rows;
 }
 
+// A refusal that is of the moment, not of the target: the arm is not enabled, or the network late.
+bool passes(const std::string& fault) {
+  return fault == control::nameOf(control::Fault::kNotEnabled) ||
+         fault == control::nameOf(control::Fault::kStale);
+}
+
 }  // namespace
 
 PressureSeriesOptions PressureSeriesOptions::load() {
@@ -88,15 +94,14 @@ void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
 
 void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const bool mine = status->commander == ros::this_node::getName();
-  if (mine && status->fault == control::nameOf(control::Fault::kNotEnabled)) {
-    if (!disabled_)
-      ROS_WARN("the series waits until the arm is enabled: %s", status->message.c_str());
-    disabled_ = true;
+  if (mine && passes(status->fault)) {
+    if (held_by_ != status->fault) ROS_WARN("the series waits: %s", status->message.c_str());
+    held_by_ = status->fault;
     return;
   }
-  if (mine && disabled_ && status->outcome != TargetStatus::DROPPED) {
-    ROS_INFO("the arm is enabled: the series goes on");
-    disabled_ = false;
+  if (mine && !held_by_.empty() && status->outcome != TargetStatus::DROPPED) {
+    ROS_INFO("the arm takes targets: the series goes on");
+    held_by_.clear();
     player_->resume(command_);
   }
   const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
@@ -122,7 +127,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     ROS_INFO("the series goes on");
     yielding_ = false;
     player_->resume(command_);
-  } else if (!disabled_) {
+  } else if (held_by_.empty()) {
     player_->advance(dt);
   }
   if (player_->row() != told_row_) {
@@ -135,7 +140,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   }
   std_msgs::Header header;
   header.stamp = ros::Time::now();
-  const Eigen::VectorXd target = disabled_ ? command_ : player_->pressure();
+  const Eigen::VectorXd target = held_by_.empty() ? player_->pressure() : command_;
   target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
   if (player_->finished()) {
     ROS_INFO("the series is over");

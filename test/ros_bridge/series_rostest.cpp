@@ -1,6 +1,7 @@
 // The series node: plays its rows in order, ends, and gives way to others.
 #include <gtest/gtest.h>
 
+#include "helix_arm/control/target_check.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 
@@ -45,6 +46,64 @@ TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
     return rig.sendPressures(std::vector<double>(7, 1e5)).outcome == TargetStatus::TAKEN;
   }));
   EXPECT_TRUE(rig.status.next(by_series));
+}
+
+// A pressure_command that answers as it is told.
+class Answers : public ::testing::Test {
+ protected:
+  Answers()
+      : node_("told"),
+        command_(node_.advertise<PressureArray>(names::kPressureCommand, 1, true)),
+        status_(node_.advertise<TargetStatus>(names::kTargetStatus, 10)),
+        targets_(node_, names::kPressureTarget),
+        series_({HELIX_ARM_SERIES, "__ns:=told", "__name:=series",
+                 "_scene:=" HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml",
+                 "_loop:=true", "_ramp_s:=0.2", "_hold_s:=0"}) {
+    PressureArray command;
+    command.pressure = kStands;
+    command_.publish(command);
+  }
+
+  void answer(std::uint8_t outcome, control::Fault fault) {
+    TargetStatus answer;
+    answer.commander = "/told/series";
+    answer.outcome = outcome;
+    if (outcome == TargetStatus::DROPPED) answer.fault = control::nameOf(fault);
+    answer.message = "told so";
+    status_.publish(answer);
+  }
+  bool moves() {
+    return nullptr !=
+           targets_.next([](const PressureArray& target) { return target.pressure != kStands; });
+  }
+  bool connected() {
+    return waitFor([this] { return status_.getNumSubscribers() > 0; }) && moves();
+  }
+
+  inline static const std::vector<double> kStands = {1e4, 2e4, 3e4, 0, 0, 0, 0};  // [Pa]
+  ros::NodeHandle node_;
+  ros::Publisher command_, status_;
+  Inbox<PressureArray> targets_;
+  Process series_;
+};
+
+TEST_F(Answers, WhatCameLateOrToADisabledArmIsWaitedFor) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  for (const control::Fault fault : {control::Fault::kStale, control::Fault::kNotEnabled}) {
+    answer(TargetStatus::DROPPED, fault);
+    EXPECT_TRUE(targets_.next([](const auto& target) { return target.pressure == kStands; }))
+        << control::nameOf(fault) << series_.outputNow();
+    answer(TargetStatus::TAKEN, fault);
+    EXPECT_TRUE(moves()) << control::nameOf(fault) << series_.outputNow();
+  }
+  EXPECT_TRUE(series_.prints("the series waits: told so")) << series_.output();
+}
+
+TEST_F(Answers, ATargetRefusedForWhatItAsksEndsTheSeries) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
+  EXPECT_EQ(series_.exitCode(), 1) << series_.output();
+  EXPECT_NE(series_.output().find("told so"), std::string::npos) << series_.output();
 }
 
 }  // namespace

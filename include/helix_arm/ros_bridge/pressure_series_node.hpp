@@ -36,17 +36,16 @@ struct PressureSeriesOptions {
 ///
 /// Publishes
 /// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0,
-/// which
-///   is warned of at the start
+///   which is warned of at the start
 ///
 /// Parameters: PressureSeriesOptions.
 ///
-/// While the arm is not enabled it asks for the pressures that the arm has, and goes on from there
-/// once it is.
+/// While the arm is not enabled, or targets come to it late, it asks for the pressures that the arm
+/// has, and goes on from there once they are taken.
 ///
-/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost or the commanded
-/// arm is not the scene's, 2 on a bad parameter, scene or data set, and when a row leaves the
-/// limits of the scene.
+/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, the commanded
+/// arm is not the scene's or a target is refused for what it asks, 2 on a bad parameter, scene or
+/// data set, and when a row leaves the limits of the scene.
 class PressureSeriesNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
@@ -66,7 +65,7 @@ class PressureSeriesNode {
   Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
-  bool disabled_ = false;  ///< the arm is
+  std::string held_by_;  ///< the fault for which targets are dropped for now; empty: none
   ros::SteadyTime last_of_others_;
   ros::SteadyTime last_tick_;
 
