@@ -37,13 +37,6 @@ struct Outcome {
   std::string reason;  // what went wrong; empty: nothing
 };
 
-regulator::IoRules ioRulesOf(const io::Scene& scene) {
-  regulator::IoRules rules;
-  rules.vented_below = scene.safety.rules.vented_below;
-  rules.vent_time = scene.safety.rules.vent_time;
-  return rules;
-}
-
 class Session {
  public:
   // guard: null where none is needed.
@@ -53,7 +46,8 @@ class Session {
         talks_(talks),
         path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
               std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
-                                                       ioRulesOf(scene))) {}
+                                                       regulator::ioRulesFor(scene.safety.rules))) {
+  }
 
   Outcome run(const Eigen::VectorXd& target, double seconds) {
     Outcome outcome;

@@ -12,6 +12,13 @@ constexpr double kJustThen = 2;  // between an error and the fault that it made 
 
 }  // namespace
 
+IoRules ioRulesFor(const control::SafetyRules& rules) {
+  IoRules out;
+  out.vented_below = rules.vented_below;
+  out.vent_time = rules.vent_time;
+  return out;
+}
+
 PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io,
                            double longest_gap)
     : core_(std::move(core)),

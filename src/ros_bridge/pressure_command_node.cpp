@@ -331,8 +331,10 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
     if (drawn_) {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
       if (!measures() && losses_.add()) {
-        ROS_WARN("%s for %g s (%lu times so far); the arm is drawn again when they come",
-                 unmeasuredText().c_str(), kFresh, static_cast<unsigned long>(losses_.total()));
+        ROS_WARN(
+            "nothing was measured for %g s (%lu times so far): %s; the arm is drawn again once it "
+            "is",
+            kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());
       }
     }
     drawn_ = false;

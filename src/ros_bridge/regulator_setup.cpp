@@ -8,6 +8,7 @@
 #include <ros/console.h>
 
 #include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/pressure_path.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -53,11 +54,9 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
 
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate) {
   const regulator::Config& config = requireRegulator(scene);
-  regulator::IoRules rules;
+  regulator::IoRules rules = regulator::ioRulesFor(scene.safety.rules);
   rules.period = kShare / rate;
   rules.order_timeout = kPatience * longestGap(rate);
-  rules.vented_below = scene.safety.rules.vented_below;
-  rules.vent_time = scene.safety.rules.vent_time;
   const int channels = scene.arm.actuatorCount();
   ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {

@@ -116,10 +116,10 @@ bool ModbusImage::allows(int function, int first, int count) const {
   const bool writes =
       function == MODBUS_FC_WRITE_SINGLE_REGISTER || function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS;
   for (int number = first; number < first + count; ++number) {
-    const bool allowed = reads_inputs ? profile_.input_registers && isInput(number)
-                         : reads_holding
-                             ? isOutput(number) || (!profile_.input_registers && isInput(number))
-                             : writes && isOutput(number);
+    const bool input = isInput(number), output = isOutput(number);
+    const bool allowed = (reads_inputs && input && profile_.input_registers) ||
+                         (reads_holding && (output || (input && !profile_.input_registers))) ||
+                         (writes && output);
     if (!allowed) return false;
   }
   return count > 0;

@@ -403,7 +403,7 @@ TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
     for (const char byte :
          {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
       if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
-      std::this_thread::sleep_for(std::chrono::milliseconds(80));
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.8 * test::kPatience));
     }
     close(client);
   });

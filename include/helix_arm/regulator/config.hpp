@@ -22,7 +22,7 @@ struct SerialConfig {
 /// A regulator that is read and written by Modbus TCP.
 struct ModbusConfig {
   ModbusProfile profile;
-  std::string host;        ///< name or address
+  std::string host;  ///< name or address
   int port = 502;
   std::vector<int> slots;  ///< (actuators) place in the device, from 0
 };

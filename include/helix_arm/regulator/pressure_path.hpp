@@ -11,6 +11,10 @@
 
 namespace helix_arm::regulator {
 
+/// Of the I/O below a core with these rules: what is no pressure, and how long it may take to vent;
+/// the rest is as by default.
+IoRules ioRulesFor(const control::SafetyRules& rules);
+
 /// From targets to the regulator's line, with the safety core between: the same for node, command
 /// and tests. Of one thread, or behind one lock.
 class PressurePath {

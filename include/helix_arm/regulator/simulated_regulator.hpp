@@ -29,9 +29,9 @@ struct SimulatedRegulatorConfig {
 /// Pressure channels that follow their set points as real ones do: late, not above the supply, and
 /// seen through noise.
 ///
-/// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the size of the steps does not
-/// matter. It has no clock; its time is the sum of the steps. The same seed and calls give the same
-/// measurements.
+/// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the size of the steps does
+/// not matter. It has no clock; its time is the sum of the steps. The same seed and calls give the
+/// same measurements.
 class SimulatedRegulator {
  public:
   /// Starts vented: set points and pressures are 0.
