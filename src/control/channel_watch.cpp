@@ -8,7 +8,9 @@
 namespace helix_arm::control {
 namespace {
 
-constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less stands
+constexpr double kMends = 0.5;     // of the time that something is right again
+constexpr double kRemembered = 2;  // times what it may be wrong, however long it was
+constexpr double kTremble = 0.2;   // of leak_drop: a set point that moves less stands
 
 }  // namespace
 
@@ -19,6 +21,16 @@ void Persistence::look(double now, bool wrong, double time) {
   }
   if (std::isnan(since_)) since_ = now;
   lasts_ = now - since_ >= time;
+}
+
+void SpikeFilter::look(double now, bool wrong, double time) {
+  if (!wrong_) {
+    const double counts = std::min(at_ - since_, kRemembered * time);
+    since_ = now - std::max(counts - kMends * (now - at_), 0.0);
+  }
+  at_ = now;
+  wrong_ = wrong;
+  lasts_ = wrong && now - since_ >= time;
 }
 
 model::Range onTheWay(const model::Range& limits) {

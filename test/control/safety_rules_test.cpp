@@ -23,7 +23,8 @@ double above(double x) { return std::nextafter(x, kInfinity); }
 double below(double x) { return std::nextafter(x, -kInfinity); }
 
 // A rule on what is read: at its edge nothing comes of it, beyond it a fault does once it has
-// lasted for the spike time; one good reading in between, and it begins anew.
+// lasted for the spike time. Twice that of good readings, and it begins anew; with fewer it adds
+// up.
 void expectSpikeRule(Cause cause, Bench bench, const std::function<void(Bench&, bool wrong)>& set) {
   SCOPED_TRACE(nameOf(cause));
   const State before = bench.state();
@@ -35,8 +36,21 @@ void expectSpikeRule(Cause cause, Bench bench, const std::function<void(Bench&, 
     bench.turns(kSpikeTurns);
     EXPECT_EQ(bench.state(), before) << bench.core.reason();
     set(bench, false);
-    bench.turn();
+    bench.turns(2 * kSpikeTurns);
   }
+  for (int turn = 0; turn < 30 * kSpikeTurns; ++turn) {
+    set(bench, turn % 3 == 0);
+    bench.turn();
+    ASSERT_EQ(bench.state(), before) << "spikes, turn " << turn;
+  }
+  Bench flickers = bench;
+  int turns = 0;
+  for (; flickers.state() == before && turns < 30 * kSpikeTurns; ++turns) {
+    set(flickers, turns % 2 == 0);
+    flickers.turn();
+  }
+  EXPECT_EQ(flickers.cause(), cause);
+  EXPECT_EQ(turns, 4 * kSpikeTurns + 1);  // each pair of them adds half a turn
   set(bench, true);
   bench.turns(kSpikeTurns + 1);  // so many readings span the spike time
   EXPECT_EQ(bench.state(), State::kFault);

@@ -9,7 +9,7 @@ namespace helix_arm::control {
 struct ChannelRules;
 struct SafetyRules;
 
-/// Tells what lasts from a spike: what is wrong must be so on every look for a while.
+/// Tells what lasts from what ends by itself: it is wrong on every look for a while.
 class Persistence {
  public:
   /// @param time  how long it may last [s].
@@ -21,6 +21,21 @@ class Persistence {
  private:
   double since_ = std::numeric_limits<double>::quiet_NaN();
   bool lasts_ = false;
+};
+
+/// Tells a fault from spikes, also one that flickers: what is right makes up, at half the pace, for
+/// what was wrong. What is wrong in less than a third of the time is spikes.
+class SpikeFilter {
+ public:
+  /// @param time  how long it may be wrong [s].
+  void look(double now, bool wrong, double time);
+  void forget() { *this = {}; }
+  /// Whether it is wrong, and had been for that long, at the last look.
+  bool lasts() const { return lasts_; }
+
+ private:
+  double since_ = 0, at_ = 0;  // wrong, less what was made up for; the last look
+  bool wrong_ = false, lasts_ = false;
 };
 
 /// Watches what one channel of a regulator reads, against its set point and the rules that hold for
@@ -62,7 +77,8 @@ class ChannelWatch {
   double reference_ = 0;  // what a healthy channel would read
   double reference_at_ = -std::numeric_limits<double>::infinity();  // then
   bool arrived_ = false;  // at the set point, since it stands
-  Persistence over_limit_, not_following_, leak_, standing_;
+  SpikeFilter over_limit_, leak_, standing_;
+  Persistence not_following_;
 };
 
 /// What is commanded of a channel with these limits, or on its way to them from the atmosphere.

@@ -61,7 +61,7 @@ struct ChannelRules {
 };
 
 /// The rules of the whole pressure path. Timers of several readings or turns: a spike, or a channel
-/// that is slow, is no fault.
+/// that is slow, is no fault (SpikeFilter).
 struct SafetyRules {
   /// Longest silence of the commander, > 0; infinite: any [s].
   double target_timeout = 1.0;
@@ -196,7 +196,7 @@ class SafetyCore {
   Eigen::VectorXd reading_;
   std::vector<ChannelWatch> watch_;  // (channels)
   std::vector<double> vents_since_;  // (channels)
-  Persistence low_supply_;
+  SpikeFilter low_supply_;
   double supply_ = std::numeric_limits<double>::quiet_NaN();
   double supply_at_ = -std::numeric_limits<double>::infinity();
   double target_at_ = std::numeric_limits<double>::infinity();  // since enabled; infinite: none
