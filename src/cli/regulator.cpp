@@ -307,8 +307,8 @@ Subcommand addRegulator(CLI::App& app) {
       "After any other byte it expects one a second: whoever falls silent behind a socket is "
       "killed first. Through a socket it sends back what it reads, to show that it stands by.\n"
       "emulate takes names of faults on stdin, one a line. It tells set points, pressures and "
-      "valves every second. In place of a serial device it has no watchdog of its own: unlike what "
-      "config/regulators/generic.yaml asks of a board, it keeps its air when no line comes.\n"
+      "valves every second. A serial device keeps its air when no line comes, unless its profile "
+      "has watchdog_s, as generic has.\n"
       "faults: " +
       simulation::deviceFaultNames() +
       "\n"

@@ -7,6 +7,7 @@
 namespace helix_arm::io {
 namespace {
 
+const NumberRule kWatchdog = within(kPositive, 0.1, 60, " s");
 const NumberRule kScale = within(kPositive, 1e-6, 1e6);
 
 double pascalsOf(const std::string& unit) {
@@ -64,7 +65,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                      "write_reply", "read",           "reply",
                                      "supply_line", "skip",           "vent",
                                      "close",       "resume",         "vent_reply",
-                                     "timeout_s"},
+                                     "timeout_s",   "watchdog_s"},
                        faults);
   constexpr const char* kLine = "a line of text";
   regulator::SerialProfile profile;
@@ -95,6 +96,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
   profile.resume = readLines(keys, value, "resume", faults);
   profile.vent_reply = optionalText(keys, "vent_reply", kLine);
   profile.timeout = keys.number("timeout_s", kTimeout, profile.timeout);
+  if (keys.has("watchdog_s")) profile.watchdog = keys.number("watchdog_s", kWatchdog, 0.0);
   return checked(profile, value, path, before, faults);
 }
 

@@ -53,10 +53,28 @@ void SerialDialogue::restart() {
   valves_.assign(channels, Valve::kVent);
   held_.assign(channels, false);
   speaks_ = lines_.start.empty();
+  silence_ = 0;
   apply();
 }
 
-void SerialDialogue::step(double dt) { simulated_.step(dt); }
+void SerialDialogue::step(double dt) {
+  const double left = config_.profile.watchdog - silence_;
+  silence_ += dt;
+  if (left > 0 && dt >= left) {
+    simulated_.step(left);
+    dt -= left;
+    ventByItself();
+  }
+  simulated_.step(dt);
+}
+
+// Until the next set point.
+void SerialDialogue::ventByItself() {
+  set_point_.setZero();
+  std::fill(valves_.begin(), valves_.end(), Valve::kVent);
+  std::fill(held_.begin(), held_.end(), false);
+  apply();
+}
 
 // A closed channel keeps the pressure that it has.
 void SerialDialogue::apply() {
@@ -162,6 +180,7 @@ SerialDialogue::Outcome SerialDialogue::takeOf(const std::string& line, int chan
 }
 
 SerialDialogue::Outcome SerialDialogue::take(const std::string& line, DeviceFault fault) {
+  silence_ = 0;
   for (std::size_t i = 0; i < lines_.start.size(); ++i) {
     if (!lines_.start[i].match(line, "", 0)) continue;
     speaks_ = speaks_ || i + 1 == lines_.start.size();

@@ -19,7 +19,7 @@ class SerialDialogue {
   /// @throws std::invalid_argument naming what breaks its rule.
   explicit SerialDialogue(const SerialDeviceConfig& config);
 
-  /// Lets time pass [s].
+  /// Lets time pass [s], at whose end a line may have come.
   void step(double dt);
   /// Does what a line says.
   /// @return whether it was understood, whether it sets, and the answer to be sent, if any.
@@ -45,6 +45,7 @@ class SerialDialogue {
   std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
   Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
   void apply();
+  void ventByItself();
 
   SerialDeviceConfig config_;
   regulator::SerialLines lines_;
@@ -55,6 +56,7 @@ class SerialDialogue {
   std::vector<bool> held_;  // (channels) until it is told to resume
   Eigen::VectorXd stuck_;
   bool speaks_ = false;
+  double silence_ = 0;  // since a line came [s]
 };
 
 }  // namespace helix_arm::simulation

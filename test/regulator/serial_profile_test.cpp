@@ -55,6 +55,7 @@ TEST(SerialProfile, EachRuleIsNamed) {
       {[](SerialProfile& p) { p.unit_word = "k Pa"; },
        "unit_word is \"k Pa\"; expected a word without blanks and braces"},
       {[](SerialProfile& p) { p.timeout = 0; }, "timeout [s] is 0; expected 0.001 to 10"},
+      {[](SerialProfile& p) { p.watchdog = 0; }, "watchdog [s] is 0; expected 0.1 or more"},
       {[](SerialProfile& p) { p.write = ""; }, "write is missing"},
       {[](SerialProfile& p) { p.reply = ""; }, "reply is missing"},
       {[](SerialProfile& p) { p.vent.clear(); },

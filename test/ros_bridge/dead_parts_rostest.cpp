@@ -27,6 +27,8 @@ constexpr double kStandstill =
     regulator::GuardProcess::kMissedBeats * regulator::GuardProcess::kBeatPeriod;
 constexpr double kGuardLooks = 1;  // the node looks after its guard so often [s]
 
+constexpr double kBoardWatchdog = 0.5;  // of config/regulators/generic.yaml [s]
+
 // Rules of the scene `demo` [s].
 constexpr double kDemoTargetTimeout = 1;
 constexpr double kDemoReadingTimeout = 0.5;
@@ -193,6 +195,25 @@ TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
   ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
   EXPECT_EQ(rig_.safety.last().state, "enabled");
   EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
+}
+
+// Where node and guard die together nobody is left but the device itself.
+TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
+  EmulatedRegulator regulator(Line::kSerial, {false, true});
+  HardwareRig rig(regulator, "machine");
+  ASSERT_TRUE(rig.bringTo(kPressures)) << rig.node.output();
+  const std::vector<pid_t> guards = guardsOf(regulator.scene());
+  ASSERT_EQ(guards.size(), 1u);
+  // Stopped first: it is to see nothing of the node's end.
+  ASSERT_EQ(kill(guards[0], SIGSTOP), 0);
+  const double begin = regulator::steadyNow();
+  rig.node.signal(SIGKILL);
+  ASSERT_EQ(kill(guards[0], SIGKILL), 0);
+  ASSERT_TRUE(rig.ventsBy(begin, kBoardWatchdog + kSlack));
+  tellFigure("node and guard killed", begin);
+  EXPECT_EQ(rig.node.exitCode(), 128 + SIGKILL);
+  EXPECT_TRUE(eventually([&] { return regulator.pressure().maxCoeff() < kVentedBelow; },
+                         kVentTime + kSlack));
 }
 
 // The arm of the demo, whose regulator is another node.

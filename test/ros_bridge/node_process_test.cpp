@@ -149,6 +149,12 @@ arm:
   expectRefused({"_scene:=" + scene.path()}, {"muscle_1 is a tendon", "muscle_3 is a tendon"});
 }
 
+TEST_F(NodeProcess, ALoopTooSlowForTheWatchdogOfItsRegulatorIsRefused) {
+  expectRefused(
+      {"_scene:=demo_serial", "_rate:=7"},
+      {"vents by itself when no line comes for 0.5 s", "expected ~rate to be at least 7.2 Hz"});
+}
+
 TEST_F(NodeProcess, ASupplyThatDoesNotReachTheLimitsIsSaid) {
   const TemporaryFile scene(R"(name: weak
 contractions:

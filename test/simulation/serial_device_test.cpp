@@ -136,6 +136,36 @@ TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
   EXPECT_LE(pressure, lag(late - before) + 1);
 }
 
+TEST(SerialDevice, OneThatWatchesItsLineVentsByItselfWhenNoneComes) {
+  SerialDeviceConfig config = configOf(test::genericProfile(), {"0", "1"}, 2);
+  config.profile.watchdog = 2;
+  const SerialDevice device(config);
+  Terminal terminal(device, "\n");
+  const auto now = [] {
+    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  };
+  terminal.ask("p0=200.00");
+  terminal.ask("p1=close");
+  double last = now();
+  // Any line will do, also one that it does not know.
+  for (const char* line : {"p0?", "hello", "p1?", "p0?"}) {
+    ASSERT_TRUE(eventually([&] { return now() > last + 0.6; }, kSoon));
+    EXPECT_EQ(device.valves(), (std::vector{Valve::kRegulate, Valve::kClose}));
+    last = now();
+    terminal.ask(line);
+  }
+  ASSERT_TRUE(eventually(
+      [&] {
+        return device.valves() == std::vector{Valve::kVent, Valve::kVent};
+      },
+      kSoon));
+  EXPECT_GT(now(), last + config.profile.watchdog);
+  EXPECT_TRUE(device.setPoint().isZero());
+  EXPECT_TRUE(eventually([&] { return device.pressure().isZero(1); }, kSoon));
+  terminal.ask("p0=100.00");
+  EXPECT_EQ(device.valves(), (std::vector{Valve::kRegulate, Valve::kVent}));
+}
+
 TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   SerialProfile profile = test::genericProfile();
   SerialDevice device(configOf(profile, {"0"}, 1));

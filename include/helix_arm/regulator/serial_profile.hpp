@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -39,6 +40,9 @@ struct SerialProfile {
   std::vector<std::string> resume;  ///< after the first set point that follows on vent or close
   std::string vent_reply;           ///< to lines of vent, close and resume; empty: nothing comes
   double timeout = 0.1;             ///< of one exchange, or between lines that come unasked [s]
+  /// The device vents all channels by itself once no line has come for so long [s]; infinite: it
+  /// does not.
+  double watchdog = std::numeric_limits<double>::infinity();
 
   /// A number of the device as gauge pressure [Pa].
   double toPascals(double number) const { return number * pascals - atmosphere; }

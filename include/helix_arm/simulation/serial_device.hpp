@@ -31,7 +31,8 @@ struct SerialDeviceConfig {
 ///
 /// It is as stubborn as the devices are: closed, or vented by a line that is no set point, it takes
 /// set points but does not follow them until it is told to resume, where the profile knows such
-/// lines; and it speaks unasked only once it was sent the last of the profile's start lines.
+/// lines; it speaks unasked only once it was sent the last of the profile's start lines; and it
+/// vents by itself where the profile has a watchdog.
 class SerialDevice {
  public:
   /// Begins to answer, vented.
