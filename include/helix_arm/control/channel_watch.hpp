@@ -77,8 +77,8 @@ class ChannelWatch {
   double reference_ = 0;  // what a healthy channel would read
   double reference_at_ = -std::numeric_limits<double>::infinity();  // then
   bool arrived_ = false;  // at the set point, since it stands
-  SpikeFilter over_limit_, leak_, standing_;
-  Persistence not_following_;
+  SpikeFilter over_limit_, leak_;
+  Persistence not_following_, standing_;
 };
 
 /// What is commanded of a channel with these limits, or on its way to them from the atmosphere.
