@@ -1,4 +1,5 @@
 // A recorded run played again: the same pictures give the same measurements.
+#include <algorithm>
 #include <csignal>
 #include <map>
 
@@ -21,15 +22,37 @@ Shapes since(const Inbox<ArmShape>& inbox, std::size_t first) {
   return out;
 }
 
-// Largest difference of the twists of shapes with the same stamp.
-double difference(const Shapes& a, const Shapes& b) {
-  double largest = 0;
-  for (const auto& [stamp, shape] : a) {
-    const auto other = b.find(stamp);
-    if (other == b.end()) continue;
-    largest = std::max(largest, (vectorOf(shape->twist) - vectorOf(other->second->twist)).norm());
+struct Likeness {
+  double difference = 0;  // the largest, of the twists
+  int shapes = 0;         // that were compared
+};
+
+// Of shapes of the same picture. A node on a busy machine may miss pictures, and a fit begins at
+// the one before: only those count that have so many before them which both have seen, too.
+Likeness compare(const Shapes& a, const Shapes& b, int before) {
+  Shapes all = a;
+  all.insert(b.begin(), b.end());
+  Likeness out;
+  int alike = 0;
+  for (const auto& [stamp, shape] : all) {
+    const auto one = a.find(stamp), other = b.find(stamp);
+    alike = one == a.end() || other == b.end() ? 0 : alike + 1;
+    if (alike <= before) continue;
+    ++out.shapes;
+    out.difference = std::max(
+        out.difference, (vectorOf(one->second->twist) - vectorOf(other->second->twist)).norm());
   }
-  return largest;
+  return out;
+}
+
+// The same, up to the first picture that one of them has missed.
+Likeness compareToFirstMissed(Shapes a, Shapes b) {
+  auto one = a.begin();
+  auto other = b.begin();
+  for (; one != a.end() && other != b.end() && one->first == other->first; ++one) ++other;
+  a.erase(one, a.end());
+  b.erase(other, b.end());
+  return compare(a, b, 0);
 }
 
 std::vector<std::string> vision(const std::string& ns) {
@@ -39,7 +62,8 @@ std::vector<std::string> vision(const std::string& ns) {
 }
 
 TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
-  constexpr std::size_t kWanted = 14;
+  constexpr std::size_t kWanted = 18;
+  constexpr int kEnough = 3;
   const TemporaryFolder folder;
   const std::string bag = folder / "run.bag";
   VisionListener live("live"), replay("replay");
@@ -77,22 +101,21 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
     ASSERT_TRUE(waitFor([&] { return (code = player.exitCode(0.01)) >= 0; }, 30))
         << player.output();
     ASSERT_EQ(code, 0) << player.output();
-    ASSERT_TRUE(waitFor([&] { return replay.measured.all().size() >= begin + kWanted - 1; }))
+    ASSERT_TRUE(waitFor([&] { return replay.measured.all().size() >= begin + kWanted / 2; }))
         << replay.measured.all().size() - begin << " came again\n"
         << player.output();
     shapes = since(replay.measured, begin);
   }
   ros::param::del("/use_sim_time");
 
-  EXPECT_EQ(difference(played[0], played[1]), 0.0);
-  // The live node saw its first picture later than the recorder did: where it began shows in the
-  // last digits of the next few.
-  constexpr std::size_t kSettling = 5;
-  const Shapes settled = since(live.measured, kSettling);
-  std::size_t common = 0;
-  for (const auto& [stamp, shape] : settled) common += played[0].count(stamp);
-  EXPECT_GE(common, kWanted - kSettling - 1);
-  EXPECT_LT(difference(settled, played[0]), 1e-9);
+  const Likeness replays = compareToFirstMissed(played[0], played[1]);
+  EXPECT_GE(replays.shapes, kEnough);
+  EXPECT_EQ(replays.difference, 0.0);
+  // The live node saw its first picture later than the recorder did: where a fit began shows in
+  // the last digits of the next few.
+  const Likeness lives = compare(since(live.measured, 0), played[0], 5);
+  EXPECT_GE(lives.shapes, kEnough);
+  EXPECT_LT(lives.difference, 1e-9);
   EXPECT_TRUE(node.prints("jumped back", 5.0)) << node.output();
 }
 
