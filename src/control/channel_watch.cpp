@@ -8,9 +8,11 @@
 namespace helix_arm::control {
 namespace {
 
-constexpr double kMends = 0.5;     // of the time that something is right again
-constexpr double kRemembered = 2;  // times what it may be wrong, however long it was
-constexpr double kTremble = 0.2;   // of leak_drop: a set point that moves less stands
+constexpr double kMends = 0.5;  // of the time that something is right again
+// Of the time that it may be wrong: what counts between two looks that disagree, at most; and what
+// is kept of it once it is right again.
+constexpr double kBetween = 0.25, kRemembered = 2;
+constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less stands
 
 }  // namespace
 
@@ -24,9 +26,12 @@ void Persistence::look(double now, bool wrong, double time) {
 }
 
 void SpikeFilter::look(double now, bool wrong, double time) {
+  const double passed = wrong == wrong_ ? now - at_ : std::min(now - at_, kBetween * time);
   if (!wrong_) {
     const double counts = std::min(at_ - since_, kRemembered * time);
-    since_ = now - std::max(counts - kMends * (now - at_), 0.0);
+    since_ = now - std::max(counts - kMends * passed, 0.0);
+  } else if (!wrong) {
+    since_ = now - (at_ - since_ + passed);
   }
   at_ = now;
   wrong_ = wrong;

@@ -175,6 +175,22 @@ TEST(SafetyRules, PressureStandsOnlyBeyondWhatIsVentedForTheSpikeTime) {
   }
 }
 
+TEST(SafetyRules, TimeWithoutReadingsHardlyCountsBetweenASpikeAndWhatIsRight) {
+  Bench bench = enabledBench(4e5);
+  const auto spike = [&bench] {
+    bench.readsAs(1, above(4.3e5));
+    bench.turn();
+    bench.readsAs(1, 4.3e5);
+  };
+  spike();
+  bench.reads = false;
+  bench.turns(2 * kSpikeTurns);
+  bench.reads = true;
+  bench.turn();
+  spike();
+  EXPECT_EQ(bench.state(), State::kEnabled) << bench.core.reason();
+}
+
 TEST(SafetyRules, AFaultEndsOnceReadingsShowNoPressure) {
   for (const bool empty : {false, true}) {
     Bench bench = enabledBench();

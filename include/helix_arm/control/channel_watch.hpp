@@ -24,7 +24,8 @@ class Persistence {
 };
 
 /// Tells a fault from spikes, also one that flickers: what is right makes up, at half the pace, for
-/// what was wrong. What is wrong in less than a third of the time is spikes.
+/// what was wrong. What is wrong in less than a third of the time is spikes; and time in which
+/// nobody looked, between two looks that disagree, hardly counts.
 class SpikeFilter {
  public:
   /// @param time  how long it may be wrong [s].

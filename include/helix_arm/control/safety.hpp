@@ -61,7 +61,7 @@ struct ChannelRules {
 };
 
 /// The rules of the whole pressure path. Timers of several readings or turns: a spike, or a channel
-/// that is slow, is no fault (SpikeFilter).
+/// that is slow, is no fault.
 struct SafetyRules {
   /// Longest silence of the commander, > 0; infinite: any [s].
   double target_timeout = 1.0;
