@@ -15,6 +15,9 @@ using Clock = SerialPort::Clock;
 // Outside of these there is no air: a sensor that is broken, or a device that speaks another unit.
 constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
 
+// Of the watchdog of a device, whose clock and whose line are not ours.
+constexpr double kWatchdogShare = 0.8;
+
 const SerialProfile& valid(const SerialProfile& profile) {
   profile.validate();
   return profile;
@@ -90,10 +93,12 @@ void AsciiSerialDriver::ready() {
     channel.readings.clear();
   }
   supply_.reset();
+  lapsed_ = false;
   for (const LineFormat& line : lines_.start) {
     port_.send(line.line("", {}) + profile_.terminator, after(profile_.timeout));
   }
   if (lines_.read) awaitQuiet();
+  last_line_ = Clock::now();
   vent();
   if (lines_.read) {
     ask();
@@ -152,6 +157,8 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   if (lines_.read) port_.discardInput();
   const std::string line = command.line(channel.address, values);
   port_.send(line + profile_.terminator, deadline);
+  lapsed();
+  last_line_ = Clock::now();
   if (reply == nullptr) return {};
   const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
   if (!answer && !port_.unfinished().empty()) {
@@ -168,6 +175,29 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   } catch (const BadReply& error) {
     throw BadReply(device_ + " answers \"" + line + "\": " + error.what());
   }
+}
+
+// It remembers: a line that lets air out may have been the first after the silence.
+bool AsciiSerialDriver::lapsed() {
+  const std::chrono::duration<double> silence = Clock::now() - last_line_;
+  lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
+  return lapsed_;
+}
+
+// A device that has vented by itself would jump to the set point of the next line.
+void AsciiSerialDriver::requireWatched() {
+  const bool vented = std::all_of(channels_.begin(), channels_.end(), [](const Channel& channel) {
+    return channel.state == State::kVented;
+  });
+  if (vented) {
+    lapsed_ = false;
+    last_line_ = Clock::now();
+  }
+  if (!lapsed()) return;
+  throw LinkError(device_ + " got no line for more than " +
+                  milliseconds(kWatchdogShare * profile_.watchdog) +
+                  ", and may have vented by itself (watchdog_s of its profile " + profile_.name +
+                  "); is this machine too busy?");
 }
 
 double AsciiSerialDriver::reading(double number) const {
@@ -228,16 +258,20 @@ void AsciiSerialDriver::ventChannel(Channel& channel) {
 }
 
 void AsciiSerialDriver::closeChannel(Channel& channel) {
+  requireWatched();
   channel.sent.reset();
   channel.state = State::kUnknown;
   exchangeAll(lines_.close, channel);
+  requireWatched();
   channel.state = State::kClosed;
 }
 
 void AsciiSerialDriver::regulate(Channel& channel, const LineFields& values) {
+  requireWatched();
   const bool regulated = channel.state == State::kRegulates;
   channel.state = State::kUnknown;
   note(exchange(*lines_.write, addressOf(lines_.write_reply), channel, values), channel);
+  requireWatched();
   if (!regulated) exchangeAll(lines_.resume, channel);
   channel.state = State::kRegulates;
 }
@@ -315,6 +349,7 @@ void AsciiSerialDriver::ask() {
   eachChannel([&](Channel& channel, int) {
     if (channel.heard > oldest && !channel.readings.empty()) return;
     channel.readings.clear();
+    requireWatched();
     note(exchange(*lines_.read, &*lines_.reply, channel), channel);
   });
 }

@@ -1,7 +1,5 @@
 #include "helix_arm/regulator/config.hpp"
 
-#include <limits>
-
 #include "helix_arm/model/requirement.hpp"
 #include "helix_arm/regulator/ascii_serial_driver.hpp"
 #include "helix_arm/regulator/modbus_tcp_driver.hpp"
@@ -42,11 +40,6 @@ bool closesValves(const Config& config) {
                  [](const SerialConfig& serial) { return !serial.profile.close.empty(); },
                  [](const ModbusConfig& modbus) { return modbus.profile.app.has_value(); }},
       config);
-}
-
-double watchdogOf(const Config& config) {
-  const auto* const serial = std::get_if<SerialConfig>(&config);
-  return serial ? serial->profile.watchdog : std::numeric_limits<double>::infinity();
 }
 
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {

@@ -23,13 +23,20 @@ int openCounter() {
   return counter;
 }
 
+constexpr double kLinesAWatchdog = 4;  // at least, of a device that watches its line
+
 std::unique_ptr<Driver> requireDriver(std::unique_ptr<Driver> driver) {
   model::require(driver != nullptr, "regulator I/O without a driver; expected one");
   return driver;
 }
 
-const IoRules& valid(const IoRules& rules) {
+const IoRules& valid(const IoRules& rules, const Driver& driver) {
   rules.validate();
+  const double longest = driver.watchdog() / kLinesAWatchdog;
+  model::require(rules.period <= longest, "the regulator vents by itself when no line comes for ",
+                 driver.watchdog(), " s (watchdog_s of its profile), and one would come every ",
+                 rules.period, " s; expected at most ", longest,
+                 " s: raise the rate of the loop or, where the device waits longer, watchdog_s");
   return rules;
 }
 
@@ -59,7 +66,7 @@ void IoRules::validate() const {
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)
     : driver_(requireDriver(std::move(driver))),
-      rules_(valid(rules)),
+      rules_(valid(rules, *driver_)),
       orders_({control::ValveOrders(channels), 0}),
       readings_(Reading(channels)),
       wake_(openCounter()),
@@ -135,6 +142,7 @@ void RegulatorIo::run() {
       disconnect(error);
     }
   }
+  if (connections_ == 0) vented_at_end_ = true;
   up_ = false;
   driver_->close();
 }

@@ -124,7 +124,8 @@ void SerialProfile::validate() const {
                  kCulprit, ": unit_word is \"", control::quoted(unit_word),
                  "\"; expected a word without blanks and braces");
   require(timeout >= 1e-3 && timeout <= 10, "timeout [s]", timeout, "0.001 to 10");
-  require(watchdog >= 0.1, "watchdog [s]", watchdog, "0.1 or more");
+  require(watchdog >= std::max(0.1, 2 * timeout), "watchdog [s]", watchdog,
+          "0.1 or more, and at least twice the timeout");
   model::require(!write.empty(), kCulprit, ": write is missing");
   model::require(!reply.empty(), kCulprit, ": reply is missing");
   model::require(!vent.empty(), kCulprit, ": vent is missing: without it no fault can be survived");

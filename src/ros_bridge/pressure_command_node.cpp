@@ -95,7 +95,12 @@ PressureCommandNode::PressureCommandNode()
     guard_.emplace(guardOf(options_.scene));
   }
   std::unique_ptr<regulator::RegulatorIo> io;
-  if (own) io = startRegulator(scene_, options_.rate);
+  try {
+    if (own) io = startRegulator(scene_, options_.rate);
+  } catch (...) {
+    if (guard_) guard_->dismiss();  // nothing was connected
+    throw;
+  }
   loop_.emplace(
       node_, scene_.arm, options_.rate,
       regulator::PressurePath({scene_.safety.channels, scene_.safety.rules}, std::move(io),

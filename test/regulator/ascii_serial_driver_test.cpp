@@ -199,6 +199,38 @@ Failure firstFailure(AsciiSerialDriver& driver, double longest) {
   return failure;
 }
 
+// After a silence in which the device may have vented by itself, nothing is fed again.
+TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
+  SerialProfile profile = test::genericProfile();
+  profile.watchdog = 1;
+  SerialDevice device(deviceOf(profile));
+  AsciiSerialDriver driver = driverOf(profile, device.path());
+  const auto standStill = [](double time) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time);
+    eventually([&] { return std::chrono::steady_clock::now() >= end; }, kSoon);
+  };
+  const Eigen::Vector3d set_point(1e5, 2e5, 1.5e5);
+  driver.connect();
+  standStill(0.9);  // nothing stands, nothing can jump
+  EXPECT_EQ(failureOf([&] { driver.write(regulate(set_point)); }).text, "");
+  EXPECT_TRUE(device.setPoint().isApprox(set_point));
+  standStill(0.9);  // not yet, but its clock may be faster
+  const double before = device.lastSetTime();
+  ValveOrders orders = regulate(set_point);
+  orders.valve[0] = Valve::kVent;  // the first line after the silence lets air out
+  const Failure late = failureOf([&] { driver.write(orders); });
+  EXPECT_EQ(late.kind, "link");
+  EXPECT_NE(late.text.find("may have vented by itself (watchdog_s of its profile generic)"),
+            std::string::npos)
+      << late.text;
+  EXPECT_EQ(device.lastSetTime(), before);
+  EXPECT_EQ(device.valves()[0], Valve::kVent);
+  Pressures pressures(kChannels);
+  EXPECT_EQ(failureOf([&] { driver.read(pressures); }).kind, "link");
+  EXPECT_EQ(failureOf([&] { driver.vent(); }).text, "");
+  EXPECT_EQ(failureOf([&] { driver.write(regulate(set_point)); }).text, "");
+}
+
 class AsciiSerialFaults : public testing::TestWithParam<std::tuple<SerialProfile, DeviceFault>> {};
 
 // What a device that does not name its unit says in another one goes unnoticed here; it is seen in

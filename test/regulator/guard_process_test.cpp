@@ -98,7 +98,7 @@ TEST_F(Noting, ThatHasEndedNoLongerStands) {
 TEST_F(Noting, ThatIsStoppedNoLongerStandsUntilItWakesUp) {
   GuardProcess guard(single());
   ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
-  EXPECT_TRUE(guard.stands());
+  EXPECT_TRUE(test::eventually([&] { return guard.stands(); }));
   ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
   EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);

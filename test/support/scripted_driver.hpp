@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <limits>
 #include <mutex>
 #include <thread>
 
@@ -19,6 +20,7 @@ class ScriptedDevice {
   std::atomic<int> bad_replies{0};     ///< so many answers are garbage
   std::atomic<bool> keeps_air{false};  ///< once its link is closed
   std::atomic<bool> hangs{false};      ///< an exchange does not come back until it is false
+  std::atomic<double> watchdog{std::numeric_limits<double>::infinity()};  ///< of its line [s]
   std::atomic<int> attempts{0}, connections{0}, vents{0}, closings{0}, writes{0};
 
   control::ValveOrders taken() const {
@@ -69,6 +71,7 @@ class ScriptedDriver : public regulator::Driver {
     ++device_.vents;
   }
   bool keepsAirOnClose() const noexcept override { return device_.keeps_air; }
+  double watchdog() const noexcept override { return device_.watchdog; }
   void close() noexcept override { ++device_.closings; }
 
  private:

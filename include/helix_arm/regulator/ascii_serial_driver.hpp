@@ -37,6 +37,7 @@ class AsciiSerialDriver : public Driver {
   /// be read is there also when it throws.
   void read(Pressures& pressures) override;
   void vent() override;
+  double watchdog() const noexcept override { return profile_.watchdog; }
   void close() noexcept override;
 
  private:
@@ -55,6 +56,8 @@ class AsciiSerialDriver : public Driver {
   LineFields exchange(const LineFormat& command, const LineFormat* reply, Channel& channel,
                       const LineFields& values = {});
   void exchangeAll(const std::vector<LineFormat>& commands, Channel& channel);
+  bool lapsed();
+  void requireWatched();
   void note(const LineFields& fields, Channel& channel);
   double numberOf(double pressure) const;
   double reading(double number) const;
@@ -75,6 +78,8 @@ class AsciiSerialDriver : public Driver {
   std::vector<Channel> channels_;  // one that stands for all, where one line does
   std::optional<double> supply_;   // not handed out yet [Pa]
   SerialPort port_;
+  SerialPort::Clock::time_point last_line_;  // sent
+  bool lapsed_ = false;                      // the device's watchdog may have, since it vented
 };
 
 }  // namespace helix_arm::regulator

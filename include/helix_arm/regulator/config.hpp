@@ -37,10 +37,6 @@ bool isHardware(const Config& config);
 /// Whether its channels can be closed: FaultAction::kClose.
 bool closesValves(const Config& config);
 
-/// After how long a silence of its line it vents by itself [s]; infinite: it does not, or nobody
-/// has said so.
-double watchdogOf(const Config& config);
-
 /// The driver of a regulator with so many channels; it is not connected yet.
 /// @throws std::invalid_argument when the configuration is not one of that many channels.
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels);

@@ -54,6 +54,9 @@ class Driver {
   /// Whether the device would keep its air if its link were closed now: one that was told to vent
   /// needs the link until it is empty.
   virtual bool keepsAirOnClose() const noexcept { return false; }
+  /// The device vents by itself once no line has come for so long [s]; infinite: it is not known
+  /// to. Where it may have, what it regulated is not fed again: write() and read() throw LinkError.
+  virtual double watchdog() const noexcept { return std::numeric_limits<double>::infinity(); }
   /// Closes the link, without a word to the device. Nothing to do where it is closed.
   virtual void close() noexcept = 0;
 };

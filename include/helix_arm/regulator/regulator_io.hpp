@@ -61,7 +61,8 @@ struct Reading {
 /// Whoever gives orders is never held up: a device that hangs is seen by its readings growing old.
 class RegulatorIo {
  public:
-  /// @throws std::invalid_argument when a rule is broken or there is no driver.
+  /// @throws std::invalid_argument when a rule is broken, there is no driver, or its device would
+  /// vent by itself between two lines.
   RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules);
   /// As end().
   ~RegulatorIo();
@@ -85,7 +86,7 @@ class RegulatorIo {
 
   /// Vents, where the device can be reached, waits until no pressure stands, since some devices
   /// keep their air once the link is gone, closes the link, and does nothing from then on.
-  /// @return whether the device has read so.
+  /// @return whether the device has read so, or nothing was ever ordered of it for want of a link.
   bool end();
 
  private:

@@ -20,8 +20,8 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
 
 /// The scene's regulator, on a line of its own. Tells of it, and warns as makeRegulator().
 /// @param rate  of the loop that gives the orders [Hz].
-/// @throws std::invalid_argument as requireRegulator() and regulator::makeDriver(), and where the
-/// device would vent by itself between two lines at this rate.
+/// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
+/// regulator::RegulatorIo.
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate);
 
 /// Longest gap between two turns of a loop at this rate [Hz] before whoever takes its orders may
