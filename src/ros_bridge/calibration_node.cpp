@@ -220,6 +220,9 @@ void CalibrationNode::onStatus(const TargetStatusConstPtr& status) {
   if (!run_) return;
   if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
     run_->yield(status->message);
+  } else if (status->fault == control::nameOf(control::Fault::kStale)) {
+    // The next one may be in time; where none is, the arm vents, and that ends the run.
+    ROS_WARN_THROTTLE(1, "%s", status->message.c_str());
   } else {
     run_->end(control::RunEnd::kAborted, "pressure_command refused a target: " + status->message);
   }

@@ -143,7 +143,7 @@ void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
       return countOf(status, std::string(names::kDroppedPrefix) + control::nameOf(fault));
     };
     refused_ = countOfDropped(control::Fault::kOtherCommander) +
-               countOfDropped(control::Fault::kNotEnabled);
+               countOfDropped(control::Fault::kNotEnabled) + countOfDropped(control::Fault::kStale);
     last_fault_ = valueOf(status, names::kLastFaultKey);
   }
 }

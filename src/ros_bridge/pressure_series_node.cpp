@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/pressure_series_node.hpp"
 
+#include <algorithm>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
@@ -16,6 +17,9 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
+
+constexpr double kReminder = 10;      // between two words of what keeps the series waiting [s]
+constexpr double kLongestStep = 0.1;  // a series that stood still leaps over nothing [s]
 
 // The rows to play, each of them a target that the node would take.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
@@ -45,7 +49,8 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
   return rows;
 }
 
-// A refusal that is of the moment, not of the target: the arm is not enabled, or the network late.
+// A refusal that is of the moment, not of what the target asks: the arm is not enabled, the network
+// late, or clocks differ.
 bool passes(const std::string& fault) {
   return fault == control::nameOf(control::Fault::kNotEnabled) ||
          fault == control::nameOf(control::Fault::kStale);
@@ -95,13 +100,13 @@ void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
 void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const bool mine = status->commander == ros::this_node::getName();
   if (mine && passes(status->fault)) {
-    if (held_by_ != status->fault) ROS_WARN("the series waits: %s", status->message.c_str());
-    held_by_ = status->fault;
+    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", status->message.c_str());
+    held_back_ = true;
     return;
   }
-  if (mine && !held_by_.empty() && status->outcome != TargetStatus::DROPPED) {
+  if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
     ROS_INFO("the arm takes targets: the series goes on");
-    held_by_.clear();
+    held_back_ = false;
     player_->resume(command_);
   }
   const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
@@ -119,7 +124,7 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
 
 void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   const ros::SteadyTime now = ros::SteadyTime::now();
-  const double dt = last_tick_.isZero() ? 0.0 : (now - last_tick_).toSec();
+  const double dt = last_tick_.isZero() ? 0.0 : std::min((now - last_tick_).toSec(), kLongestStep);
   last_tick_ = now;
   if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
   if (yielding_) {
@@ -127,7 +132,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     ROS_INFO("the series goes on");
     yielding_ = false;
     player_->resume(command_);
-  } else if (held_by_.empty()) {
+  } else if (!held_back_) {
     player_->advance(dt);
   }
   if (player_->row() != told_row_) {
@@ -140,7 +145,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   }
   std_msgs::Header header;
   header.stamp = ros::Time::now();
-  const Eigen::VectorXd target = held_by_.empty() ? player_->pressure() : command_;
+  const Eigen::VectorXd target = held_back_ ? command_ : player_->pressure();
   target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
   if (player_->finished()) {
     ROS_INFO("the series is over");

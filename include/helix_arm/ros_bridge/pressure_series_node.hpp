@@ -40,8 +40,8 @@ struct PressureSeriesOptions {
 ///
 /// Parameters: PressureSeriesOptions.
 ///
-/// While the arm is not enabled, or targets come to it late, it asks for the pressures that the arm
-/// has, and goes on from there once they are taken.
+/// While the arm is not enabled, or targets come to it late (or clocks differ), it asks for the
+/// pressures that the arm has, and goes on from there once they are taken.
 ///
 /// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, the commanded
 /// arm is not the scene's or a target is refused for what it asks, 2 on a bad parameter, scene or
@@ -65,7 +65,7 @@ class PressureSeriesNode {
   Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
-  std::string held_by_;  ///< the fault for which targets are dropped for now; empty: none
+  bool held_back_ = false;  ///< targets are dropped for now, whatever they ask
   ros::SteadyTime last_of_others_;
   ros::SteadyTime last_tick_;
 
