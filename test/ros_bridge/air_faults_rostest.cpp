@@ -57,7 +57,7 @@ class AirFaults : public ::testing::TestWithParam<Line> {
     const std::size_t answers = rig_.status.all().size();
     ASSERT_TRUE(waitFor([&] { return rig_.status.all().size() >= answers + 10; }));
     EXPECT_EQ(rig_.status.last().fault, "not_enabled");
-    EXPECT_TRUE(regulator_.vents());
+    EXPECT_TRUE(regulator_.isVented());
     EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
   }
 

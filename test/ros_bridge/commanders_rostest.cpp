@@ -57,6 +57,7 @@ class Commanders : public ::testing::TestWithParam<std::string> {
 using Patient = Commanders;
 
 TEST_P(Patient, TheNewerIsRefusedWhileTheFirstHoldsTheLease) {
+  rig_.keepOn();
   ASSERT_EQ(rig_.sendPressures(kPressures).outcome, TargetStatus::TAKEN);
   const TargetStatus answer = drag(std::vector<double>(7, 2e5));
   EXPECT_EQ(answer.outcome, TargetStatus::DROPPED);

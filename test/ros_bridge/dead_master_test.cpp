@@ -38,12 +38,16 @@ class DeadMaster : public ::testing::Test {
     EXPECT_EQ(process.exitCode(), 0) << process.output();
     EXPECT_NE(process.output().find(answer), std::string::npos) << process.output();
   }
-  void enable() const { call({kNode + "/enable"}, "success: True"); }
+  // Enabled, again where a busy machine trips the brisk rules of the scene.
   bool inflates() const {
-    return eventually([this] { return regulator_.pressure()[0] > 1.4e5; }, 20);
+    for (int attempt = 0; attempt < 4; ++attempt) {
+      call({kNode + "/enable"}, "success: ");
+      if (eventually([this] { return regulator_.pressure()[0] > 1.4e5; }, 8)) return true;
+    }
+    return false;
   }
   bool vents(double deadline) const {
-    return eventually([this] { return regulator_.vents(); }, deadline);
+    return eventually([this] { return regulator_.isVented(); }, deadline);
   }
   // The last value of a key in what `rostopic echo` has printed of the diagnostics; empty before.
   static std::string valueOf(const std::string& key, Process& diagnostics) {
@@ -64,13 +68,12 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
   Process arm(node(), master_.variables());
   ASSERT_TRUE(arm.prints("loop at")) << arm.output();
   Process hand = commander();
-  enable();
   ASSERT_TRUE(inflates()) << arm.output();
   const double begin = regulator::steadyNow();
   master_.stop();
   EXPECT_EQ(arm.exitCode(10), 1) << arm.output();
   // Its valves have closed with the link.
-  EXPECT_LT(regulator_.pressure().maxCoeff(), kVentedBelow);
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
   std::printf(
       "[  FIGURE  ] master lost: the node has ended, the regulator is empty after %.0f ms\n",
       1e3 * (regulator::steadyNow() - begin));
@@ -90,7 +93,6 @@ TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
   while (write(reader, rubbish.data(), rubbish.size()) > 0) {
   }
   Process hand = commander();
-  enable();
   ASSERT_TRUE(inflates());
   call({kNode + "/emergency_stop", "true"}, "success: True");
   EXPECT_TRUE(vents(1));
@@ -125,7 +127,6 @@ TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
                  master_.variables());
   Process arm(node({"_allow_sim_time:=true"}), master_.variables());
   ASSERT_TRUE(arm.prints("loop at")) << arm.output();
-  enable();
   ASSERT_TRUE(inflates()) << arm.output();
   const double begin = regulator::steadyNow();
   call({"/player/pause_playback", "true"}, "success: True");
@@ -150,14 +151,13 @@ TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
   call({"/player/pause_playback", "false"}, "success: True");
   bool vents_all_along = true;
   ASSERT_TRUE(eventually([&] {
-    vents_all_along = vents_all_along && regulator_.vents();
+    vents_all_along = vents_all_along && regulator_.isVented();
     return refused() >= before + 20;  // a second of the recording
   })) << arm.output()
       << diagnostics.output();
   EXPECT_TRUE(vents_all_along);
-  EXPECT_TRUE(eventually(rests));                    // its line may be half read
-  EXPECT_LT(regulator_.pressure().maxCoeff(), 1e4);  // safety.vented_below_kpa
-  enable();
+  EXPECT_TRUE(eventually(rests));  // its line may be half read
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
   EXPECT_TRUE(inflates()) << arm.output();
 }
 

@@ -62,7 +62,7 @@ class DeadParts : public ::testing::TestWithParam<Line> {
   bool deviceVents(double rule) { return rig_.ventsBy(regulator::steadyNow(), rule + kSlack); }
 
   void expectEmpties() {
-    EXPECT_TRUE(eventually([this] { return regulator_.pressure().maxCoeff() < kVentedBelow; },
+    EXPECT_TRUE(eventually([this] { return regulator_.pressure().maxCoeff() < kEmpty; },
                            kVentTime + kSlack));
   }
 
@@ -76,7 +76,7 @@ class DeadParts : public ::testing::TestWithParam<Line> {
     tellFigure(signal == SIGSTOP ? "guard stopped" : "guard killed", begin);
     EXPECT_TRUE(rig_.comesTo("vented", kVentTime + kSlack));
     EXPECT_EQ(rig_.safety.last().cause, "guard_lost") << rig_.safety.last().reason;
-    EXPECT_LT(regulator_.pressure().maxCoeff(), kVentedBelow);
+    EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
     const auto others = [&] {
       std::vector<pid_t> guards = guardsOf(regulator_.scene());
       guards.erase(std::remove(guards.begin(), guards.end(), first[0]), guards.end());
@@ -114,7 +114,7 @@ TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   rig_.command(kPressures);
   ASSERT_TRUE(waitFor([&] { return rig_.status.all().size() >= answers + 10; }));
   EXPECT_EQ(rig_.status.last().fault, "not_enabled");
-  EXPECT_TRUE(regulator_.vents());
+  EXPECT_TRUE(regulator_.isVented());
   EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
@@ -140,7 +140,7 @@ TEST_P(DeadParts, TheEmergencyStopIsLatched) {
   EXPECT_TRUE(rig_.stop(false).success);
   EXPECT_TRUE(waitFor([&] { return !rig_.safety.last().stopped; }));
   EXPECT_EQ(rig_.safety.last().state, "vented");
-  EXPECT_TRUE(regulator_.vents());
+  EXPECT_TRUE(regulator_.isVented());
   EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
@@ -178,7 +178,7 @@ TEST_P(DeadParts, ANodeThatIsAskedToEndVentsFirst) {
   tellFigure("node interrupted", begin);
   EXPECT_EQ(rig_.node.exitCode(), 0) << rig_.node.output();
   // What has lost its link may keep what is in it.
-  EXPECT_LT(regulator_.pressure().maxCoeff(), kVentedBelow);
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
 }
 
 TEST_P(DeadParts, AKilledGuardVentsTheArmAndIsReplaced) {
@@ -212,8 +212,8 @@ TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
   ASSERT_TRUE(rig.ventsBy(begin, kBoardWatchdog + kSlack));
   tellFigure("node and guard killed", begin);
   EXPECT_EQ(rig.node.exitCode(), 128 + SIGKILL);
-  EXPECT_TRUE(eventually([&] { return regulator.pressure().maxCoeff() < kVentedBelow; },
-                         kVentTime + kSlack));
+  EXPECT_TRUE(
+      eventually([&] { return regulator.pressure().maxCoeff() < kEmpty; }, kVentTime + kSlack));
 }
 
 // The arm of the demo, whose regulator is another node.

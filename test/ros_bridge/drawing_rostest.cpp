@@ -33,6 +33,7 @@ class Drawing : public ::testing::Test {
  protected:
   void SetUp() override {
     ASSERT_TRUE(rig_.connect());
+    rig_.keepOn();
     ASSERT_EQ(rig_.sendPressures({3e5, 0, 0, 0, 0, 2e5, 0}).outcome, TargetStatus::TAKEN);
   }
 

@@ -47,6 +47,7 @@ Eigen::Vector3d tipOf(const ArmShape& shape) { return ros_bridge::fromMsg(shape.
 
 TEST_F(Loop, MeasuredIsTheTrueShapeAtTheTimeOfThePicture) {
   constexpr int kCount = 12;
+  rig_.keepOn();
   std::vector<double> errors, shares;
   for (const std::vector<double>& pressure : {std::vector<double>{2.5e5, 1e5, 0}, {0, 1e5, 3e5}}) {
     ASSERT_EQ(rig_.sendPressures(pressure).outcome, TargetStatus::TAKEN);

@@ -62,6 +62,7 @@ TEST_F(UnderLoad, WhereNoShapeHoldsTheLoadThereIsNoModelAndTheDiagnosticsSaySo) 
   ASSERT_FALSE(held.empty());
   ASSERT_FALSE(crushed.empty());
   reload(file.path());
+  rig_.keepOn();
   ASSERT_EQ(rig_.sendPressures(crushed).outcome, TargetStatus::TAKEN);
   EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "not_converged"));
   EXPECT_TRUE(rig_.diagnoses(kStatus, names::kUnsolvedKey,

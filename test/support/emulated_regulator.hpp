@@ -23,6 +23,10 @@ inline constexpr double kSpikeTime = 0.1;
 inline constexpr double kFollowTime = 0.4;
 inline constexpr double kVentTime = 2;
 inline constexpr double kVentedBelow = 1.5e4;  ///< and what is no pressure [Pa]
+inline constexpr double kNoise = 100;          ///< of the device's readings [Pa]
+/// What is left in a device whose readings show no pressure: it may keep that without its link
+/// [Pa].
+inline constexpr double kEmpty = kVentedBelow + 5 * kNoise;
 /// In which a channel that was told to move much has left, or should have left, where it was: two
 /// time constants [s].
 inline constexpr double kLag = 0.1;
@@ -44,7 +48,7 @@ class EmulatedRegulator {
     const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
     regulator::SimulatedRegulatorConfig valves;
     valves.time_constant = kLag / 2;
-    valves.noise = 100;
+    valves.noise = kNoise;
     if (line == Line::kSerial) {
       const auto& config = std::get<regulator::SerialConfig>(*scene.regulator);
       simulation::SerialDeviceConfig device;
@@ -88,6 +92,8 @@ class EmulatedRegulator {
     }
     return true;
   }
+  /// Or has: one that is empty had the order, even if it has closed since.
+  bool isVented() const { return vents() || pressure().maxCoeff() < kEmpty; }
 
  private:
   std::string regulatorText(Line line, const std::string& device, int port) const {

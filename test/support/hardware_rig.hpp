@@ -15,7 +15,7 @@
 namespace helix_arm::test {
 
 /// Of a machine that is busy, beyond what a rule allows [s].
-inline constexpr double kSlack = 1;
+inline constexpr double kSlack = 2;
 
 /// One pressure_command process, and a commander of it in this one.
 class HardwareRig {
@@ -37,12 +37,10 @@ class HardwareRig {
   }
 
   /// Whether the device has the vent order in, within a deadline [s] from `begin`, of
-  /// regulator::steadyNow() [s]. One that is empty had it, even if it has closed since.
+  /// regulator::steadyNow() [s].
   bool ventsBy(double begin, double deadline) {
-    const auto vents = [this] {
-      return regulator.vents() || regulator.pressure().maxCoeff() < kVentedBelow;
-    };
-    return waitFor(vents, begin + deadline - regulator::steadyNow());
+    return waitFor([this] { return regulator.isVented(); },
+                   begin + deadline - regulator::steadyNow());
   }
 
   std_srvs::TriggerResponse trigger(const std::string& service) {
