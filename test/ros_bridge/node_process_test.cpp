@@ -240,15 +240,40 @@ class LaunchFile : public NodeProcess {
     std::vector<std::string> command = {"roslaunch", "-p", std::to_string(master_.port()),
                                         HELIX_ARM_SOURCE_DIR "/launch/" + file, "rviz:=false"};
     command.insert(command.end(), arguments.begin(), arguments.end());
+    Ran ran = run(command, scene);
+    if (wasHeldUp(ran.output)) ran = run(command, scene);
+    EXPECT_EQ(ran.verdict, 0) << ran.output;
+    EXPECT_EQ(ran.end, 0) << ran.output;
+    for (const char* trouble : {"has died", "cannot launch", "ERROR", "FATAL"}) {
+      EXPECT_EQ(ran.output.find(trouble), std::string::npos) << ran.output;
+    }
+  }
+
+ private:
+  struct Ran {
+    int verdict;  // the monitor's
+    int end;      // roslaunch's
+    std::string output;
+  };
+
+  Ran run(const std::vector<std::string>& command, const std::string& scene) {
     Process launch(command, variables());
     Process monitor({HELIX_ARM_MONITOR, "_seconds:=3", "_min_rate:=1", "_scene:=" + scene},
                     variables());
-    EXPECT_EQ(monitor.exitCode(45), 0) << monitor.output() << launch.output();
+    const int verdict = monitor.exitCode(45);
     launch.signal(SIGINT);
-    EXPECT_EQ(launch.exitCode(), 0);
-    for (const char* trouble : {"has died", "cannot launch", "ERROR", "FATAL"}) {
-      EXPECT_EQ(launch.output().find(trouble), std::string::npos) << launch.output();
+    const int end = launch.exitCode();
+    return {verdict, end, monitor.output() + launch.output()};
+  }
+
+  // A machine that is busy with other tests stops a node for so long that the arm vents, as it is
+  // to: that tells nothing of the launch file.
+  static bool wasHeldUp(const std::string& output) {
+    for (const char* fault : {"fault: no target came", "fault: the regulator's link went down",
+                              "(safety.reading_timeout_s)"}) {
+      if (output.find(fault) != std::string::npos) return true;
     }
+    return false;
   }
 };
 
