@@ -111,7 +111,10 @@ build() {
   fi
   local -a generator=() launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=)
   [[ -n $(cached CMAKE_GENERATOR) ]] || generator=(-G Ninja)
-  if command -v ccache >/dev/null; then launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache); fi
+  if command -v ccache >/dev/null; then
+    launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+    export CCACHE_BASEDIR="$root" CCACHE_NOHASHDIR=1  # two checkouts share what they compile
+  fi
   cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release "${launcher[@]}" \
     "${build_options[@]}" >&2
   cmake --build "$build_dir" -j "$(jobs)" --target "$@" >&2

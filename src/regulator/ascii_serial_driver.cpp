@@ -157,7 +157,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   if (lines_.read) port_.discardInput();
   const std::string line = command.line(channel.address, values);
   port_.send(line + profile_.terminator, deadline);
-  lapsed();
+  noteSilence();
   last_line_ = Clock::now();
   if (reply == nullptr) return {};
   const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
@@ -178,10 +178,9 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
 }
 
 // It remembers: a line that lets air out may have been the first after the silence.
-bool AsciiSerialDriver::lapsed() {
+void AsciiSerialDriver::noteSilence() {
   const std::chrono::duration<double> silence = Clock::now() - last_line_;
   lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
-  return lapsed_;
 }
 
 // A device that has vented by itself would jump to the set point of the next line.
@@ -193,7 +192,8 @@ void AsciiSerialDriver::requireWatched() {
     lapsed_ = false;
     last_line_ = Clock::now();
   }
-  if (!lapsed()) return;
+  noteSilence();
+  if (!lapsed_) return;
   throw LinkError(device_ + " got no line for more than " +
                   milliseconds(kWatchdogShare * profile_.watchdog) +
                   ", and may have vented by itself (watchdog_s of its profile " + profile_.name +

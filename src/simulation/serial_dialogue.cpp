@@ -48,12 +48,17 @@ SerialDialogue::SerialDialogue(const SerialDeviceConfig& config)
 }
 
 void SerialDialogue::restart() {
+  ventAll();
+  speaks_ = lines_.start.empty();
+  silence_ = 0;
+}
+
+// Until the next set point.
+void SerialDialogue::ventAll() {
   const auto channels = static_cast<std::size_t>(config_.channels);
   set_point_ = Eigen::VectorXd::Zero(config_.channels);
   valves_.assign(channels, Valve::kVent);
   held_.assign(channels, false);
-  speaks_ = lines_.start.empty();
-  silence_ = 0;
   apply();
 }
 
@@ -63,17 +68,9 @@ void SerialDialogue::step(double dt) {
   if (left > 0 && dt >= left) {
     simulated_.step(left);
     dt -= left;
-    ventByItself();
+    ventAll();
   }
   simulated_.step(dt);
-}
-
-// Until the next set point.
-void SerialDialogue::ventByItself() {
-  set_point_.setZero();
-  std::fill(valves_.begin(), valves_.end(), Valve::kVent);
-  std::fill(held_.begin(), held_.end(), false);
-  apply();
 }
 
 // A closed channel keeps the pressure that it has.

@@ -19,7 +19,7 @@ class SerialDialogue {
   /// @throws std::invalid_argument naming what breaks its rule.
   explicit SerialDialogue(const SerialDeviceConfig& config);
 
-  /// Lets time pass [s], at whose end a line may have come.
+  /// Lets time pass [s].
   void step(double dt);
   /// Does what a line says.
   /// @return whether it was understood, whether it sets, and the answer to be sent, if any.
@@ -45,7 +45,7 @@ class SerialDialogue {
   std::string readings(const regulator::LineFormat& format, int channel, DeviceFault fault);
   Outcome takeOf(const std::string& line, int channel, DeviceFault fault);
   void apply();
-  void ventByItself();
+  void ventAll();
 
   SerialDeviceConfig config_;
   regulator::SerialLines lines_;

@@ -15,6 +15,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/regulator/serial_port.hpp"
 #include "helix_arm/simulation/serial_device.hpp"
 #include "support/eventually.hpp"
@@ -206,8 +207,8 @@ TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   SerialDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
   const auto standStill = [](double time) {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time);
-    eventually([&] { return std::chrono::steady_clock::now() >= end; }, kSoon);
+    const double end = steadyNow() + time;
+    eventually([&] { return steadyNow() >= end; }, kSoon);
   };
   const Eigen::Vector3d set_point(1e5, 2e5, 1.5e5);
   driver.connect();

@@ -61,7 +61,7 @@ class AirFaults : public ::testing::TestWithParam<Line> {
     EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
   }
 
-  EmulatedRegulator regulator_{GetParam(), {true, false}};
+  EmulatedRegulator regulator_{GetParam(), EmulatedRegulator::Extra::kSupplySensor};
   HardwareRig rig_{regulator_, GetParam() == Line::kSerial ? "serial" : "modbus"};
 };
 std::string nameOfLine(const ::testing::TestParamInfo<Line>& line) {

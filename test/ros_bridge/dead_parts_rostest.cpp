@@ -25,8 +25,7 @@ constexpr double kAtOnce = 0;
 // Until one that stands still is known to [s].
 constexpr double kStandstill =
     regulator::GuardProcess::kMissedBeats * regulator::GuardProcess::kBeatPeriod;
-constexpr double kGuardLooks = 1;  // the node looks after its guard so often [s]
-
+constexpr double kGuardLooks = 1;       // the node looks after its guard so often [s]
 constexpr double kBoardWatchdog = 0.5;  // of config/regulators/generic.yaml [s]
 
 // Rules of the scene `demo` [s].
@@ -199,7 +198,7 @@ TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
 
 // Where node and guard die together nobody is left but the device itself.
 TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
-  EmulatedRegulator regulator(Line::kSerial, {false, true});
+  EmulatedRegulator regulator(Line::kSerial, EmulatedRegulator::Extra::kWatchdog);
   HardwareRig rig(regulator, "machine");
   ASSERT_TRUE(rig.bringTo(kPressures)) << rig.node.output();
   const std::vector<pid_t> guards = guardsOf(regulator.scene());

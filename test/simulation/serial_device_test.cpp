@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"
@@ -24,6 +25,7 @@ namespace {
 using control::Valve;
 using regulator::SerialPort;
 using regulator::SerialProfile;
+using regulator::steadyNow;
 using test::eventually;
 using test::refusal;
 using Clock = SerialPort::Clock;
@@ -122,15 +124,15 @@ TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
   const SerialDevice device(config);
   Terminal terminal(device, "\n");
   EXPECT_TRUE(std::isnan(device.lastSetTime()));
-  const double before = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double before = steadyNow();
   terminal.ask("p0=200.00");
-  const double after = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double after = steadyNow();
   EXPECT_GE(device.lastSetTime(), before);
   EXPECT_LE(device.lastSetTime(), after);
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  const double early = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double early = steadyNow();
   const double pressure = device.pressure()[0];
-  const double late = std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const double late = steadyNow();
   const auto lag = [](double t) { return 2e5 * -std::expm1(-t / 0.3); };
   EXPECT_GE(pressure, lag(early - after) - 1);
   EXPECT_LE(pressure, lag(late - before) + 1);
@@ -141,17 +143,14 @@ TEST(SerialDevice, OneThatWatchesItsLineVentsByItselfWhenNoneComes) {
   config.profile.watchdog = 2;
   const SerialDevice device(config);
   Terminal terminal(device, "\n");
-  const auto now = [] {
-    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-  };
   terminal.ask("p0=200.00");
   terminal.ask("p1=close");
-  double last = now();
+  double last = steadyNow();
   // Any line will do, also one that it does not know.
   for (const char* line : {"p0?", "hello", "p1?", "p0?"}) {
-    ASSERT_TRUE(eventually([&] { return now() > last + 0.6; }, kSoon));
+    ASSERT_TRUE(eventually([&] { return steadyNow() > last + 0.6; }, kSoon));
     EXPECT_EQ(device.valves(), (std::vector{Valve::kRegulate, Valve::kClose}));
-    last = now();
+    last = steadyNow();
     terminal.ask(line);
   }
   ASSERT_TRUE(eventually(
@@ -159,7 +158,7 @@ TEST(SerialDevice, OneThatWatchesItsLineVentsByItselfWhenNoneComes) {
         return device.valves() == std::vector{Valve::kVent, Valve::kVent};
       },
       kSoon));
-  EXPECT_GT(now(), last + config.profile.watchdog);
+  EXPECT_GT(steadyNow(), last + config.profile.watchdog);
   EXPECT_TRUE(device.setPoint().isZero());
   EXPECT_TRUE(eventually([&] { return device.pressure().isZero(1); }, kSoon));
   terminal.ask("p0=100.00");

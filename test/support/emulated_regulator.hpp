@@ -36,14 +36,15 @@ class EmulatedRegulator {
  public:
   static constexpr int kChannels = 3;
   enum class Line { kSerial, kModbus };
-  struct Has {
-    bool supply_sensor = false;  ///< and the scene has a least supply
-    bool watchdog = false;       ///< that of its profile; else what vents it is ours
+  enum class Extra {
+    kNone,
+    kSupplySensor,  ///< and the scene has a least supply
+    kWatchdog,      ///< that of its profile; without it what vents it is ours
   };
 
-  explicit EmulatedRegulator(Line line) : EmulatedRegulator(line, Has()) {}
-  EmulatedRegulator(Line line, const Has& has) : has_(has) {
-    if (has.supply_sensor) writeProfiles();
+  explicit EmulatedRegulator(Line line, Extra extra = Extra::kNone)
+      : measures_supply_(extra == Extra::kSupplySensor) {
+    if (measures_supply_) writeProfiles();
     // The profile is the scene's: what the driver speaks, the device does.
     const io::Scene scene = io::loadScene(TemporaryFile(sceneText(line, "/dev/null", 1)).path());
     regulator::SimulatedRegulatorConfig valves;
@@ -53,7 +54,9 @@ class EmulatedRegulator {
       const auto& config = std::get<regulator::SerialConfig>(*scene.regulator);
       simulation::SerialDeviceConfig device;
       device.profile = config.profile;
-      if (!has.watchdog) device.profile.watchdog = std::numeric_limits<double>::infinity();
+      if (extra != Extra::kWatchdog) {
+        device.profile.watchdog = std::numeric_limits<double>::infinity();
+      }
       device.addresses = config.addresses;
       device.channels = kChannels;
       device.regulator = valves;
@@ -97,8 +100,8 @@ class EmulatedRegulator {
 
  private:
   std::string regulatorText(Line line, const std::string& device, int port) const {
-    const std::string serial = has_.supply_sensor ? folder_ / "serial.yaml" : "generic";
-    const std::string modbus = has_.supply_sensor ? folder_ / "modbus.yaml" : "festo_vtem";
+    const std::string serial = measures_supply_ ? folder_ / "serial.yaml" : "generic";
+    const std::string modbus = measures_supply_ ? folder_ / "modbus.yaml" : "festo_vtem";
     return line == Line::kSerial ? "ascii_serial: {profile: " + serial + ", device: " + device +
                                        ", addresses: [0, 1, 2]}"
                                  : "modbus_tcp: {profile: " + modbus +
@@ -129,7 +132,7 @@ safety:
            ", time_constant_s: " + std::to_string(kLag / 2) +
            "}\n  vent_time_s: " + std::to_string(kVentTime) +
            "\n  vented_below_kpa: " + std::to_string(kVentedBelow / 1e3) + "\n" +
-           (has_.supply_sensor ? "  min_supply_kpa: 350\n" : "");
+           (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
   }
 
   // Devices as the shipped profiles have them, but for a sensor at the supply.
@@ -146,7 +149,7 @@ safety:
 )";
   }
 
-  const Has has_;
+  const bool measures_supply_;
   TemporaryFolder folder_;
   std::unique_ptr<simulation::SerialDevice> serial_;
   std::unique_ptr<simulation::ModbusDevice> modbus_;

@@ -175,6 +175,7 @@ TEST(TwoMachines, TheArmVentsWhenTheLinkIsCutAndStaysVentedWhenItHeals) {
                           [](const auto& message) { return rests(*message); }));
   for (std::size_t i = states_before; i < safety.all().size(); ++i) {
     EXPECT_EQ(safety.all()[i]->state, "vented") << *safety.all()[i];
+    EXPECT_EQ(safety.all()[i]->cause, "stale_target") << *safety.all()[i];
   }
 
   EXPECT_TRUE(waitFor(goesOn, left())) << told();

@@ -56,7 +56,7 @@ class AsciiSerialDriver : public Driver {
   LineFields exchange(const LineFormat& command, const LineFormat* reply, Channel& channel,
                       const LineFields& values = {});
   void exchangeAll(const std::vector<LineFormat>& commands, Channel& channel);
-  bool lapsed();
+  void noteSilence();
   void requireWatched();
   void note(const LineFields& fields, Channel& channel);
   double numberOf(double pressure) const;

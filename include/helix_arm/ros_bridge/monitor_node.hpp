@@ -52,9 +52,9 @@ struct MonitorOptions {
 /// Prints to stdout. Parameters: MonitorOptions.
 ///
 /// Ends with 0 when the pressures and shapes flowed to the end at ~min_rate or more, with finite
-/// numbers, diagnostics without error and no dropped target (but those of a second
-/// commander, and while the arm was not enabled); else
-/// with 1, saying what was missing; 2 on a bad scene or parameter.
+/// numbers, diagnostics without error and no dropped target (but those of a second commander, while
+/// the arm was not enabled, and late ones); else with 1, saying what was missing; 2 on a bad scene
+/// or parameter.
 class MonitorNode {
  public:
   /// @throws ParameterError or io::DocumentError with every fault.
@@ -107,7 +107,8 @@ class MonitorNode {
   std::deque<double> tip_errors_;                  ///< of the latest model_error [m]
   bool diagnosed_ = false;
   std::uint64_t dropped_ = 0;  ///< since the node started
-  std::uint64_t refused_ = 0;  ///< of them, for a second commander or while it was not enabled
+  std::uint64_t refused_ =
+      0;  ///< of them, for a second commander, while it was not enabled, or late
   std::string last_fault_;
   std::string error_;  ///< message of the last status at level ERROR
 
