@@ -95,6 +95,17 @@ jobs() {
   printf '%d' $((fitting < 1 ? 1 : fitting < cores ? fitting : cores))
 }
 
+# in_clean_environment COMMAND...: with the variables listed here and no other, so that the result does not depend on what
+# the caller's shell carries.
+in_clean_environment() {
+  local -a variables=(PATH=/usr/bin:/bin:/usr/sbin:/sbin)
+  local name
+  for name in HOME ROS_HOME ROS_HOSTNAME ROS_IP TMPDIR TERM ASAN_OPTIONS UBSAN_OPTIONS; do
+    [[ -z ${!name:-} ]] || variables+=("$name=${!name}")
+  done
+  env -i "${variables[@]}" "$@"
+}
+
 # The value of an entry of CMake's cache, empty when there is none.
 cached() { sed -n "s/^$1:[A-Z]*=//p" "$build_dir/CMakeCache.txt" 2>/dev/null || true; }
 

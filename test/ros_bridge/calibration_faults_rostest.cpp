@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {
@@ -179,6 +180,19 @@ TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
   EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
   EXPECT_TRUE(atRest());
   expectRamps(first_command_);
+}
+
+TEST_F(CalibrationFaults, KilledItLeavesAnArmThatVents) {
+  ros::NodeHandle node;
+  Inbox<SafetyState> safety(node, names::kSafetyState);
+  startRun();
+  calibration_->signal(SIGKILL);
+  EXPECT_EQ(calibration_->exitCode(), 128 + SIGKILL);
+  EXPECT_TRUE(waitFor([&] {
+    return !safety.all().empty() && safety.last().state == "vented" &&
+           safety.last().cause == "stale_target";
+  })) << (safety.all().empty() ? "no state" : safety.last().reason);
+  EXPECT_TRUE(atRest());
 }
 
 TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {

@@ -215,7 +215,7 @@ class Arm {
     node[0] = kCaller;
     node[1] = "/pressure_command";
     const std::string uri = ask(port_, "lookupNode", node);
-    char host[256];
+    char host[256] = "";
     if (std::sscanf(uri.c_str(), "http://%255[^:]:%d/", host, &calls_) != 2) {
       throw std::runtime_error(uri + " is no address of a node");
     }
@@ -231,8 +231,8 @@ class Arm {
   int masterPort() const { return port_; }
   int calls() const { return calls_; }    ///< port of the node's XML-RPC
   int topics() const { return topics_; }  ///< port of the node's topics and services
-  Listeners node() const { return listenersOf(started("pressure_command")); }
-  Listeners master() const { return listenersOf(started("master")); }
+  Listeners node() const { return listenersOf(processAt(calls_)); }
+  Listeners master() const { return listenersOf(processAt(port_)); }
 
  private:
   static constexpr char kCaller[] = "/open_ports_test";
@@ -253,13 +253,12 @@ class Arm {
     }
     return answer[2];
   }
-  int started(const std::string& name) const {
-    std::smatch found;
-    const std::regex line("process\\[" + name + "[-0-9]*\\]: started with pid \\[([0-9]+)\\]");
-    if (!std::regex_search(launch_.output(), found, line)) {
-      throw std::runtime_error("roslaunch started no " + name + ":\n" + launch_.output());
-    }
-    return std::stoi(found[1]);
+  // The node or master itself is asked: roslaunch says it on a standard output that Python holds
+  // back in a pipe.
+  static int processAt(int port) {
+    XmlRpc::XmlRpcValue caller;
+    caller[0] = kCaller;
+    return ask(port, "getPid", caller);
   }
 
   int port_;

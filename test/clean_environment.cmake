@@ -1,0 +1,35 @@
+# Only the variables that scripts/common.sh lists reach the tests: run with -DROOT=<sources> -P.
+cmake_minimum_required(VERSION 3.16)
+execute_process(
+  COMMAND ${CMAKE_COMMAND} -E env PYTHONUNBUFFERED=1 PYTHONPATH=/nowhere LD_PRELOAD= DISPLAY=:77 ROS_NAMESPACE=/elsewhere
+    ROS_MASTER_URI=http://elsewhere:1 LANG=de_DE.UTF-8 HOME=/some/home ROS_HOSTNAME=localhost
+    bash -c "root='${ROOT}'; source '${ROOT}/scripts/common.sh'; in_clean_environment env"
+  RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "in_clean_environment ended with ${result}: ${message}")
+endif()
+string(REGEX MATCHALL "[^\n=]+=[^\n]*" variables "${output}")
+set(allowed PATH HOME ROS_HOME ROS_HOSTNAME ROS_IP TMPDIR TERM ASAN_OPTIONS UBSAN_OPTIONS)
+set(names)
+foreach(variable IN LISTS variables)
+  string(REGEX REPLACE "=.*" "" name "${variable}")
+  list(APPEND names ${name})
+  if(NOT name IN_LIST allowed)
+    message(FATAL_ERROR "${variable} reaches the tests")
+  endif()
+endforeach()
+foreach(name PATH HOME ROS_HOSTNAME)
+  if(NOT name IN_LIST names)
+    message(FATAL_ERROR "${name} does not reach the tests: ${output}")
+  endif()
+endforeach()
+# scripts/test must not call ctest in any other way.
+file(STRINGS "${ROOT}/scripts/test" calls REGEX "ctest -j")
+foreach(call IN LISTS calls)
+  if(NOT call MATCHES "in_clean_environment ctest")
+    message(FATAL_ERROR "scripts/test: ctest inherits the caller's environment: ${call}")
+  endif()
+endforeach()
+if(NOT calls)
+  message(FATAL_ERROR "scripts/test does not call ctest")
+endif()
