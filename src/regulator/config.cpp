@@ -1,5 +1,7 @@
 #include "helix_arm/regulator/config.hpp"
 
+#include <sstream>
+
 #include "helix_arm/model/requirement.hpp"
 #include "helix_arm/regulator/ascii_serial_driver.hpp"
 #include "helix_arm/regulator/modbus_tcp_driver.hpp"
@@ -15,6 +17,14 @@ struct Overloaded : Cases... {
 template <class... Cases>
 Overloaded(Cases...) -> Overloaded<Cases...>;
 
+template <class Item>
+std::string listOf(const std::string& what, const std::vector<Item>& items) {
+  std::ostringstream out;
+  out << what;
+  for (std::size_t i = 0; i < items.size(); ++i) out << (i == 0 ? " " : ", ") << items[i];
+  return out.str();
+}
+
 }  // namespace
 
 std::string describe(const Config& config) {
@@ -27,6 +37,14 @@ std::string describe(const Config& config) {
                    return "modbus_tcp " + modbus.profile.name + " at " + modbus.host + ":" +
                           std::to_string(modbus.port);
                  }},
+      config);
+}
+
+std::string describeChannels(const Config& config) {
+  return std::visit(
+      Overloaded{[](const SimulatedRegulatorConfig&) { return std::string(); },
+                 [](const SerialConfig& serial) { return listOf("addresses", serial.addresses); },
+                 [](const ModbusConfig& modbus) { return listOf("slots", modbus.slots); }},
       config);
 }
 

@@ -256,7 +256,9 @@ bool PressureCommandNode::command(const Sender& sender, const Eigen::VectorXd& p
 
 void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
   const auto describe = [](const io::Scene& scene) {
-    return scene.regulator ? regulator::describe(*scene.regulator) : std::string("none");
+    if (!scene.regulator) return std::string("none");
+    const std::string channels = regulator::describeChannels(*scene.regulator);
+    return regulator::describe(*scene.regulator) + (channels.empty() ? "" : ", " + channels);
   };
   if (describe(scene_) != describe(next)) {
     throw std::invalid_argument("scene " + next.name + " has another regulator: " + describe(next) +

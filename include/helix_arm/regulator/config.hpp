@@ -32,6 +32,9 @@ using Config = std::variant<SimulatedRegulatorConfig, SerialConfig, ModbusConfig
 
 /// "simulated", "ascii_serial" or "modbus_tcp", and which: "ascii_serial alicat at /dev/ttyUSB0".
 std::string describe(const Config& config);
+/// Where the actuators are in it, in their order: "addresses A, B, C" or "slots 0, 1, 2"; empty for
+/// a simulated one.
+std::string describeChannels(const Config& config);
 /// Whether air comes out of it.
 bool isHardware(const Config& config);
 /// Whether its channels can be closed: FaultAction::kClose.

@@ -1,0 +1,112 @@
+// What pressure_command refuses on hardware: targets that come before enabling or with a wrong
+// stamp, looser rules, another regulator; and what it answers where the regulator does not hear.
+#include <fstream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/Reload.h"
+#include "support/hardware_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using simulation::DeviceFault;
+using Line = EmulatedRegulator::Line;
+
+const Eigen::Vector3d kPressures(1.5e5, 1e5, 5e4);  // [Pa]
+
+class HardwareRules : public ::testing::TestWithParam<Line> {
+ protected:
+  // Waits for so many more answers to the targets, and gives the last one.
+  TargetStatus answerAfter(std::size_t count) {
+    const std::size_t before = rig_.status.all().size();
+    EXPECT_TRUE(waitFor([&] { return rig_.status.all().size() >= before + count; }));
+    return rig_.status.all().empty() ? TargetStatus() : rig_.status.last();
+  }
+
+  // Asks the node to reload its scene with one text in place of another.
+  Reload::Response reloadWith(const std::string& old, const std::string& changed) {
+    std::ostringstream text;
+    text << std::ifstream(regulator_.scene()).rdbuf();
+    std::string scene = text.str();
+    const std::size_t at = scene.find(old);
+    EXPECT_NE(at, std::string::npos) << old;
+    if (at == std::string::npos) return {};
+    scene.replace(at, old.size(), changed);
+    const TemporaryFile file(scene);
+    Reload reload;
+    reload.request.scene = file.path();
+    EXPECT_TRUE(ros::service::call("/" + kName + "/pressure_command/reload", reload));
+    return reload.response;
+  }
+
+  const std::string kName = GetParam() == Line::kSerial ? "serial" : "modbus";
+  EmulatedRegulator regulator_{GetParam()};
+  HardwareRig rig_{regulator_, kName};
+};
+INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::Values(Line::kSerial, Line::kModbus),
+                         [](const auto& line) {
+                           return line.param == Line::kSerial ? "Serial" : "Modbus";
+                         });
+
+TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
+  rig_.command(kPressures);
+  EXPECT_EQ(answerAfter(20).fault, "not_enabled");
+  EXPECT_EQ(rig_.safety.last().state, "disabled");
+  EXPECT_TRUE(regulator_.isVented());
+  EXPECT_TRUE(regulator_.setPoint().isZero());
+}
+
+TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {
+  ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
+  const Reload::Response looser = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 4000");
+  EXPECT_FALSE(looser.success);
+  EXPECT_NE(looser.message.find("safety.slew_kpa_s would go from 2000 to 4000 kPa/s"),
+            std::string::npos)
+      << looser.message;
+  const Reload::Response stricter = reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 1000");
+  EXPECT_TRUE(stricter.success) << stricter.message;
+  // It is compared with the rules at the start, not with the last ones.
+  EXPECT_TRUE(reloadWith("slew_kpa_s: 2000", "slew_kpa_s: 2000").success);
+  const Reload::Response other = GetParam() == Line::kSerial
+                                     ? reloadWith("addresses: [0, 1, 2]", "addresses: [2, 1, 0]")
+                                     : reloadWith("profile: festo_vtem", "profile: festo_mpa");
+  EXPECT_FALSE(other.success);
+  EXPECT_NE(other.message.find("another regulator"), std::string::npos) << other.message;
+}
+
+TEST_P(HardwareRules, ARegulatorThatDoesNotHearIsSaidToTheCaller) {
+  ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
+  regulator_.setFault(DeviceFault::kSilence);
+  EXPECT_TRUE(waitFor([&] { return !rig_.trigger(names::kVent).success; }));
+  EXPECT_FALSE(rig_.stop(true).success);
+  regulator_.setFault(DeviceFault::kNone);
+  EXPECT_TRUE(waitFor([&] { return rig_.stop(true).success; }));
+  EXPECT_TRUE(rig_.stop(false).success);
+  EXPECT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
+}
+
+// A target whose stamp is off by more than target_timeout_s, one way or the other.
+TEST_P(HardwareRules, TargetsThatAreLateOrEarlyAreDropped) {
+  ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
+  ros::Publisher targets =
+      ros::NodeHandle("/" + kName).advertise<PressureArray>(names::kPressureTarget, 10);
+  ASSERT_TRUE(waitFor([&] { return targets.getNumSubscribers() > 0; }));
+  for (const double off : {-20 * kTargetTimeout, 20 * kTargetTimeout}) {
+    PressureArray target;
+    target.header.stamp = ros::Time::now() + ros::Duration(off);
+    target.pressure = {0, 0, 0};
+    targets.publish(target);
+    const auto answer = rig_.status.next(
+        [&](const TargetStatus& status) { return status.target_stamp == target.header.stamp; });
+    ASSERT_TRUE(answer) << off;
+    EXPECT_EQ(answer->outcome, TargetStatus::DROPPED) << off;
+    EXPECT_EQ(answer->fault, "stale") << off << ": " << answer->message;
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }
