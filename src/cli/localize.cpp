@@ -84,17 +84,15 @@ class Locator {
   LocatedFrame locate(const vision::Frame& frame) {
     LocatedFrame located;
     located.file = frame.name;
-    const bool complete = scene_.tags && scene_.camera;
-    located.reason = whyNoTwist(frame.gray);
+    located.reason = whyNoTwist(frame.gray.size());
     if (located.reason.empty()) {
       localize(frame.gray, located);
     } else {
       if (!detector_) detector_.emplace(scene_.vision.detector);
-      located.failed = complete;
-      located.state = complete ? "wrong_size" : "tags_only";
+      located.state = "tags_only";
       located.tags = detector_->detect(frame.gray);
     }
-    if (located.tags.empty() && located.state != "wrong_size") {
+    if (located.tags.empty()) {
       located.failed = true;
       located.state = nameOf(SightState::kNoTags);
       located.reason = "no tag of family " + scene_.vision.detector.family + " is in sight";
@@ -102,16 +100,32 @@ class Locator {
     return located;
   }
 
+  // A frame that is none.
+  LocatedFrame broken(const vision::Frame& frame) const {
+    LocatedFrame located;
+    located.file = frame.name;
+    located.state = frame.wrong_size ? "wrong_size" : "unreadable";
+    located.reason = frame.wrong_size ? whyNoTwist(*frame.wrong_size) : frame.fault;
+    located.failed = true;
+    return located;
+  }
+
+  // That its pictures have to have; any where they cannot be measured.
+  std::optional<cv::Size> expectedSize() const {
+    if (!scene_.tags || !scene_.camera) return std::nullopt;
+    return cv::Size(scene_.camera->model.width, scene_.camera->model.height);
+  }
+
  private:
-  std::string whyNoTwist(const cv::Mat& gray) const {
+  std::string whyNoTwist(const cv::Size& size) const {
     if (!scene_.tags) return "scene " + scene_.name + " has no tags";
     if (!scene_.camera) return "scene " + scene_.name + " has no camera";
     const estimation::Camera& camera = scene_.camera->model;
-    if (gray.cols == camera.width && gray.rows == camera.height) return "";
+    if (size == cv::Size(camera.width, camera.height)) return "";
     std::ostringstream text;
-    text << "the picture has " << gray.cols << " x " << gray.rows << " pixels, the camera of scene "
-         << scene_.name << " " << camera.width << " x " << camera.height
-         << "; take pictures of that size, or calibrate the camera at theirs";
+    text << "the picture has " << size.width << " x " << size.height
+         << " pixels, the camera of scene " << scene_.name << " " << camera.width << " x "
+         << camera.height << "; take pictures of that size, or calibrate the camera at theirs";
     return text.str();
   }
 
@@ -171,7 +185,8 @@ class Locator {
 
 std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locator& locator) {
   std::vector<std::unique_ptr<vision::FrameSource>> sources;
-  for (const std::string& path : paths) sources.push_back(vision::FrameSource::files(path));
+  for (const std::string& path : paths)
+    sources.push_back(vision::FrameSource::files(path, locator.expectedSize()));
   std::vector<LocatedFrame> located;
   vision::Frame frame;
   for (const auto& source : sources) {
@@ -183,11 +198,7 @@ std::vector<LocatedFrame> locateAll(const std::vector<std::string>& paths, Locat
       if (status == vision::FrameStatus::kFrame) {
         located.push_back(locator.locate(frame));
       } else {
-        LocatedFrame& broken = located.emplace_back();
-        broken.file = frame.name;
-        broken.state = "unreadable";
-        broken.reason = frame.fault;
-        broken.failed = true;
+        located.push_back(locator.broken(frame));
       }
     }
   }
@@ -361,7 +372,8 @@ Subcommand addLocalize(CLI::App& app) {
       "json: scene, model_status (unless converged, the search began at the shape without load), "
       "frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
       "camera or no tags in\n"
-      "the scene; wrong_size: not the camera's; unreadable), reason, tags [{id, corners_px, "
+      "the scene; wrong_size: not the camera's, and not searched; unreadable), reason, tags [{id, "
+      "corners_px, "
       "hamming, margin}],\n"
       "foreign_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6), covariance, "
       "rms_px, tip,\n"

@@ -56,7 +56,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   if (value == nullptr) return std::nullopt;
   const MapReader arm(*value, scene.path("arm"), {"geometry", "base", "stiffness", "sections"},
                       faults);
-  const std::size_t faults_before = faults.faults().size();
+  const std::size_t faults_before = faults.count();
   const auto geometry = arm.choice("geometry", {"planar", "spatial"});
   const lie::SE3 X_WB = readBase(arm, *value, faults);
   ArmContext context{
@@ -74,7 +74,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   }
   std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
   // An unknown contraction leaves actuators out without a fault of their own.
-  if (faults.faults().size() != faults_before) return std::nullopt;
+  if (faults.count() != faults_before) return std::nullopt;
   std::vector<model::Section> sections;
   std::vector<SectionLook> looks;
   for (SectionParts& one : parts) {

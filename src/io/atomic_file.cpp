@@ -174,6 +174,12 @@ Target targetOf(const std::string& path) {
   struct stat present {};
   const bool exists = ::stat(path.c_str(), &present) == 0;
   if (!exists && errno != ENOENT) refuse(path, errno);
+  // Written to, it would be replaced by a file; followed, it would make one where nobody said so.
+  struct stat link {};
+  if (!exists && ::lstat(path.c_str(), &link) == 0) {
+    refuse(path, "it is a link to a file that is not there",
+           "remove the link, or name the file that it leads to");
+  }
   if (exists && S_ISDIR(present.st_mode)) {
     refuse(path, "it is a folder", "expected the path of a file");
   }

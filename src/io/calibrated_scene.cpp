@@ -255,16 +255,19 @@ void putCalibration(const Scene& scene, const SceneCalibration& calibration, Val
 }  // namespace
 
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
-                                const SceneCalibration& calibration) {
+                                const SceneCalibration& calibration, const std::string& sha256) {
   FaultList faults(path);
-  Value document = readSceneDocument(path, overrides, faults);
+  auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
+  if (!sha256.empty() && read_sha256 != sha256) {
+    throw DocumentError(path + " was written to while it was calibrated; calibrate it again");
+  }
   const Scene scene = makeScene(document, faults);
   putCalibration(scene, calibration, document, faults);
   faults.throwIfAny();
   std::string text = kTitle + writeDocument(document);
 
   FaultList faults_after(path + ", once calibrated,");
-  const std::optional<Value> written = parseDocument(text, faults_after);
+  const std::optional<Value> written = parseScene(text, faults_after);
   faults_after.throwIfAny();
   makeScene(*written, faults_after);
   return text;

@@ -10,8 +10,8 @@
 
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/captures.hpp"
-#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "scene_document.hpp"
 
@@ -110,15 +110,15 @@ std::optional<std::string> curveName(const Scene& scene, const std::string& aske
   return std::nullopt;
 }
 
-Provenance provenanceOf(const std::string& path, const std::vector<Override>& overrides,
-                        const CalibrationRequest& request,
+Provenance provenanceOf(const std::string& path, const std::string& sha256,
+                        const std::vector<Override>& overrides, const CalibrationRequest& request,
                         const std::vector<Provenance::Data>& sources,
                         const CalibrationOutcome& outcome) {
   Provenance out;
   out.date = request.date;
   out.package_version = HELIX_ARM_VERSION;
   out.from = path;
-  out.from_sha256 = sha256OfFile(path);
+  out.from_sha256 = sha256;
   for (const Override& one : overrides) {
     out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
   }
@@ -155,7 +155,7 @@ SceneCalibration changesOf(const Scene& scene, const Calibration& calibration,
 // A scene that calibratedSceneText() gave.
 Scene sceneOf(const std::string& text, const std::string& name) {
   FaultList faults(name);
-  const std::optional<Value> document = parseDocument(text, faults);
+  const std::optional<Value> document = parseScene(text, faults);
   faults.throwIfAny();
   return makeScene(*document, faults);
 }
@@ -222,18 +222,19 @@ std::optional<std::string> repeated(const std::vector<Provenance::Data>& sources
 void addArm(const Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
   ArmCaptures arm = makeArmCaptures(scene, {});
-  std::string empty;
+  std::vector<int> empty;
   for (const estimation::Capture& capture : captures) {
     const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
     const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
     if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
-      empty += (empty.empty() ? "" : ", ") + std::to_string(capture.number);
+      empty.push_back(capture.number);
     } else {
       arm.captures.push_back(capture);
     }
   }
   if (!empty.empty()) {
-    outcome.warnings.push_back("captures of " + arm.name + " without a tag of the arm: " + empty);
+    outcome.warnings.push_back("captures of " + arm.name +
+                               " without a tag of the arm: " + listOf(empty));
   }
   const auto same =
       std::count_if(outcome.arms.begin(), outcome.arms.end(),
@@ -278,13 +279,12 @@ CalibrationData loadCalibrationData(const Scene& scene, const std::vector<std::s
       LoadedCaptures read = loadCaptures(scene, data);
       count = static_cast<int>(read.captures.size());
       if (!read.unknown_tags.empty()) {
-        std::string ids;
-        for (const auto& [id, sights] : read.unknown_tags) ids += " " + std::to_string(id);
-        out.warnings.push_back(path + " has tags that the scene has not:" + ids);
+        out.warnings.push_back(path +
+                               " has tags that the scene has not: " + listOf(read.unknownIds()));
       }
       addCaptures(std::move(read.captures), path, out);
     }
-    out.sources.push_back({path, sha256OfFile(path), count});
+    out.sources.push_back({path, data.sha256, count});
   }
   return out;
 }
@@ -307,6 +307,7 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
   }
   if (const auto twice = repeated(sources)) return refused(outcome, *twice);
   Scene scene = loadScene(path, overrides);
+  const std::string sha256 = scene.sha256;
   SceneCalibration curves;
   const bool fits_arm =
       words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "K_eps", "length_scale",
@@ -335,8 +336,8 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
   if (fits_arm) {
     // What follows is of the arm with its new curves.
     if (!curves.contractions.empty()) {
-      curves.provenance = provenanceOf(path, overrides, request, sources, outcome);
-      scene = sceneOf(calibratedSceneText(path, overrides, curves), path);
+      curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
+      scene = sceneOf(calibratedSceneText(path, overrides, curves, sha256), path);
       if (!companions.empty()) {
         outcome.warnings.push_back("the other arms keep the curves of their own scenes");
       }
@@ -359,8 +360,8 @@ CalibrationOutcome runCalibration(const std::string& path, const std::vector<Ove
     changes = changesOf(scene, calibration, options, words, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;
-  changes.provenance = provenanceOf(path, overrides, request, sources, outcome);
-  outcome.scene_text = calibratedSceneText(path, overrides, changes);
+  changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
+  outcome.scene_text = calibratedSceneText(path, overrides, changes, sha256);
   outcome.success = true;
   outcome.message = "calibrated " + scene.name;
   return outcome;

@@ -33,9 +33,9 @@ std::string kilopascalText(double pressure) { return formatNumber(kilopascals(pr
 std::optional<std::string> limitFault(const model::Actuator& actuator, int number,
                                       double pressure) {
   if (actuator.limits.contains(pressure)) return std::nullopt;
-  return "pressure_" + std::to_string(number) + "_kpa is " + kilopascalText(pressure) +
-         "; expected the limits of " + actuator.name + ", " +
-         kilopascalText(actuator.limits.lower) + " to " + kilopascalText(actuator.limits.upper);
+  return "pressure_" + std::to_string(number) + "_kpa is not within the limits of " +
+         actuator.name + ", " + kilopascalText(actuator.limits.lower) + " to " +
+         kilopascalText(actuator.limits.upper);
 }
 
 const estimation::TagLayout& tagsOf(const Scene& scene, const std::string& file) {
@@ -45,11 +45,9 @@ const estimation::TagLayout& tagsOf(const Scene& scene, const std::string& file)
 }
 
 std::string idsOf(const estimation::TagLayout& layout) {
-  std::string ids;
-  for (const estimation::TagPlacement& tag : layout.tags) {
-    ids += (ids.empty() ? "" : ", ") + std::to_string(tag.id);
-  }
-  return ids;
+  std::vector<int> ids;
+  for (const estimation::TagPlacement& tag : layout.tags) ids.push_back(tag.id);
+  return listOf(ids);
 }
 
 // Readings of tags by their ids as readings of tags of the layout.
@@ -77,12 +75,9 @@ class TagReadings {
 
   LoadedCaptures take() {
     if (!known_ && !loaded_.unknown_tags.empty()) {
-      std::string ids;
-      for (const auto& tag : loaded_.unknown_tags) {
-        ids += (ids.empty() ? "" : ", ") + std::to_string(tag.first);
-      }
-      refuse(file_, "holds no tag of scene " + scene_.name + " but only " + ids + "; expected " +
-                        idsOf(layout_) + ": is it of another arm?");
+      refuse(file_, "holds no tag of scene " + scene_.name + " but only " +
+                        listOf(loaded_.unknownIds()) + "; expected " + idsOf(layout_) +
+                        ": is it of another arm?");
     }
     return std::move(loaded_);
   }
@@ -107,8 +102,7 @@ LoadedCaptures curvaturesOf(const Scene& scene, const DataSet& data,
   for (int row = 0; row < data.values.rows(); ++row) {
     const double curvature = data.values(row, column);
     if (curvature < 0) {
-      faults.add(data.lines[row],
-                 "curvature_rad is " + formatNumber(curvature) + "; expected a finite value >= 0");
+      faults.add(data.lines[row], "curvature_rad is negative; expected a finite value >= 0");
     }
     loaded.captures.push_back(
         {row + 1, pressures.row(row), estimation::CurvatureReading{curvature}});
@@ -128,17 +122,15 @@ LoadedCaptures posesOf(const Scene& scene, const DataSet& data) {
 
 // Directions of a tag's corners; nothing, and a fault, where the distortion cannot be undone.
 std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
-                                                const TagCorners& tag, int capture,
-                                                FaultList& faults) {
+                                                const TagCorners& tag, FaultList& faults) {
   estimation::Corners directions;
   for (int i = 0; i < tag.corners.cols(); ++i) {
     const auto direction = camera.directionOf(tag.corners.col(i));
     if (!direction) {
-      faults.add(tag.line, "corner " + std::to_string(i + 1) + " of tag " + std::to_string(tag.id) +
-                               " in capture " + std::to_string(capture) + " is at " +
-                               formatNumber(tag.corners(0, i)) + ", " +
-                               formatNumber(tag.corners(1, i)) +
-                               " px; expected a place where the camera's distortion can be undone");
+      const std::string number = std::to_string(i + 1);
+      faults.add(tag.line, "x" + number + "_px, y" + number +
+                               "_px are not in the picture; expected a place where the camera's "
+                               "distortion can be undone");
       return std::nullopt;
     }
     directions.col(i) = *direction;
@@ -155,6 +147,12 @@ void requirePressures(const std::string& file, const model::Arm& arm) {
 }
 
 }  // namespace
+
+std::vector<int> LoadedCaptures::unknownIds() const {
+  std::vector<int> ids;
+  for (const auto& [id, sights] : unknown_tags) ids.push_back(id);
+  return ids;
+}
 
 DataKind kindOf(const DataSet& data) {
   const NamedKind* found = nullptr;
@@ -221,7 +219,7 @@ LoadedCaptures makeCaptures(const Scene& scene, const std::vector<TagCornerCaptu
       if (fault) faults.add(line, *fault);
     }
     readings.add(capture.number, capture.pressure, capture.tags, [&](const TagCorners& tag) {
-      return directionsOf(scene.camera->model, tag, capture.number, faults);
+      return directionsOf(scene.camera->model, tag, faults);
     });
   }
   faults.throwIfAny();

@@ -1,9 +1,6 @@
 #include "helix_arm/io/content_hash.hpp"
 
 #include <array>
-#include <cerrno>
-#include <cstdio>
-#include <cstring>
 #include <memory>
 
 #include <openssl/evp.h>
@@ -51,21 +48,31 @@ std::string sha256Of(const std::string& content) {
   return hash.digits();
 }
 
-std::string sha256OfFile(const std::string& path) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"),
-                                                             &std::fclose);
-  const auto refuse = [&path](int error) {
-    throw FileError(path + " cannot be read: " + std::strerror(error) +
-                    "; expected a file that is there and may be read");
+std::string sha256OfFile(control::RegularFile& file, const std::string& path, std::uint64_t most) {
+  const auto refuse = [&path](const std::string& fault) {
+    const bool complete = fault.find("; expected ") != std::string::npos;
+    throw FileError(path + " " + fault +
+                    (complete ? "" : "; expected a file that is there and may be read"));
   };
-  if (!file) refuse(errno);
+  const std::string too_large = control::largerThan(most) + "; expected a smaller file";
+  if (!file.isOpen()) refuse(file.fault());
+  if (file.size() > most) refuse(too_large);
   Sha256 hash;
   std::string block(kBlock, '\0');
-  for (std::size_t count; (count = std::fread(block.data(), 1, block.size(), file.get())) > 0;) {
-    hash.add(block.data(), count);
+  std::uint64_t place = 0;
+  for (ssize_t count; (count = file.readAt(place, block.data(), block.size())) != 0;) {
+    if (count < 0) refuse(file.fault());
+    place += static_cast<std::uint64_t>(count);
+    if (place > most) refuse(too_large);
+    hash.add(block.data(), static_cast<std::size_t>(count));
   }
-  if (std::ferror(file.get()) != 0) refuse(errno);
   return hash.digits();
+}
+
+std::string sha256OfFile(const std::string& path) {
+  constexpr std::uint64_t kMost = 64U << 20U;
+  control::RegularFile file(path);
+  return sha256OfFile(file, path, kMost);
 }
 
 }  // namespace helix_arm::io

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
-#include <sstream>
+#include <map>
+#include <string_view>
 
+#include "column_names.hpp"
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "text_file.hpp"
@@ -15,60 +17,147 @@ namespace {
 constexpr double kLargest = 1e300;         // no change of units makes it infinite
 constexpr std::size_t kManyFaults = 1000;  // a file of quite another kind; nobody reads further
 
-std::string trimmed(const std::string& text) {
-  const char* blanks = " \t\r";
-  const std::size_t first = text.find_first_not_of(blanks);
-  if (first == std::string::npos) return {};
-  return text.substr(first, text.find_last_not_of(blanks) - first + 1);
+// What a table costs in memory is a small multiple of these, in everything that is made of it.
+constexpr std::size_t kMostRows = 200'000;
+constexpr std::size_t kMostColumns = 1000;
+constexpr std::size_t kMostCells = 4'000'000;
+constexpr std::size_t kLongestName = 200;
+constexpr std::size_t kLongestCell = 1000;
+
+std::string_view trimmed(std::string_view text) {
+  constexpr const char* kBlanks = " \t\r";
+  const std::size_t first = text.find_first_not_of(kBlanks);
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
 }
 
-std::vector<std::string> cellsOf(const std::string& line) {
-  std::vector<std::string> cells;
-  std::size_t begin = 0;
-  for (std::size_t end = 0; end != std::string::npos; begin = end + 1) {
-    end = line.find(',', begin);
-    cells.push_back(trimmed(line.substr(begin, end == std::string::npos ? end : end - begin)));
+std::size_t cellCount(std::string_view line) {
+  return static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
+}
+
+// Takes the first cell of a line, and its comma.
+std::string_view takeCell(std::string_view& line) {
+  const std::size_t end = line.find(',');
+  const std::string_view cell = trimmed(line.substr(0, end));
+  line.remove_prefix(end == std::string_view::npos ? line.size() : end + 1);
+  return cell;
+}
+
+std::string atMost(std::size_t found, const char* what, std::size_t most) {
+  return "has " + std::to_string(found) + what + "; expected at most " + std::to_string(most);
+}
+
+// Reads the lines of one table.
+class TableReader {
+ public:
+  TableReader(DataSet& data, FaultList& faults) : data_(data), faults_(faults) {}
+
+  void read(std::string_view text) {
+    for (int line = 1; !text.empty() && !full_; ++line) {
+      const std::size_t end = text.find('\n');
+      const std::string_view content = trimmed(text.substr(0, end));
+      text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+      if (content.empty() || content.front() == '#') continue;
+      data_.columns.empty() ? readHeader(content, line) : readRow(content, line);
+      full_ = full_ || faults_.count() > kManyFaults;
+    }
+    if (full_) return;
+    if (data_.columns.empty()) faults_.add(0, "has no header; expected a line of column names");
+    if (!data_.columns.empty() && rows_ == 0)
+      faults_.add(0, "has no rows; expected at least one below the header");
   }
-  return cells;
-}
 
-void checkHeader(const std::vector<std::string>& columns, int line, FaultList& faults) {
-  std::set<std::string> seen;
-  for (std::size_t i = 0; i < columns.size(); ++i) {
-    if (columns[i].empty()) {
-      faults.add(line,
-                 "column " + std::to_string(i + 1) + " has no name; expected one with its unit");
-    } else if (!seen.insert(columns[i]).second) {
-      faults.add(line, "column " + columns[i] + " is named twice; expected it once");
+  void takeValues() {
+    using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    data_.values = Eigen::Map<const Rows>(cells_.data(), static_cast<int>(rows_),
+                                          static_cast<int>(data_.columns.size()));
+  }
+
+ private:
+  void refuse(int line, const std::string& fault) {
+    faults_.add(line, fault);
+    full_ = true;
+  }
+
+  void readHeader(std::string_view content, int line) {
+    const std::size_t count = cellCount(content);
+    if (count > kMostColumns) return refuse(line, atMost(count, " columns", kMostColumns));
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::string_view name = takeCell(content);
+      if (name.size() > kLongestName) {
+        return refuse(line, "column " + std::to_string(i + 1) + " " +
+                                atMost(name.size(), " letters in its name", kLongestName));
+      }
+      data_.columns.emplace_back(name);
+    }
+    checkNames(line);
+  }
+
+  void checkNames(int line) {
+    std::map<std::string, std::size_t> seen;
+    for (std::size_t i = 0; i < data_.columns.size(); ++i) {
+      if (data_.columns[i].empty()) {
+        faults_.add(line,
+                    "column " + std::to_string(i + 1) + " has no name; expected one with its unit");
+        continue;
+      }
+      const auto [first, is_new] = seen.emplace(data_.columns[i], i);
+      if (!is_new) {
+        faults_.add(line, "column " + std::to_string(i + 1) + " has the name of column " +
+                              std::to_string(first->second + 1) + "; expected each name once");
+      }
     }
   }
-}
 
-std::vector<double> readRow(const std::vector<std::string>& cells,
-                            const std::vector<std::string>& columns, int line, FaultList& faults) {
-  std::vector<double> row;
-  if (cells.size() != columns.size()) {
-    faults.add(line, "has " + std::to_string(cells.size()) + " cells; expected " +
-                         std::to_string(columns.size()) + ", one for each column");
-    return row;
-  }
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    const std::optional<double> number = parseNumber(cells[i]);
-    if (!number) {
-      faults.add(line, columns[i] + " is " + (cells[i].empty() ? "empty" : cells[i]) +
-                           "; expected a finite number");
-    } else if (std::abs(*number) > kLargest) {
-      faults.add(line, columns[i] + " is " + cells[i] + "; expected a number of at most " +
-                           formatNumber(kLargest));
+  void readRow(std::string_view content, int line) {
+    if (rows_ == kMostRows) {
+      return refuse(line, "is row " + std::to_string(rows_ + 1) + "; expected at most " +
+                              std::to_string(kMostRows) + " rows: give part of them");
     }
-    row.push_back(number.value_or(0.0));
+    const std::size_t columns = data_.columns.size();
+    if ((rows_ + 1) * columns > kMostCells) {
+      return refuse(line, "is row " + std::to_string(rows_ + 1) + " of " + std::to_string(columns) +
+                              " columns; expected at most " + std::to_string(kMostCells) +
+                              " cells: give part of the rows");
+    }
+    ++rows_;
+    data_.lines.push_back(line);
+    const std::size_t count = cellCount(content);
+    if (count != columns) {
+      faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
+                            std::to_string(columns) + ", one for each column");
+    }
+    // The number of cells of a sound table, whatever the row holds.
+    for (std::size_t i = 0; i < columns; ++i) {
+      cells_.push_back(count == columns ? numberOf(takeCell(content), i, line) : 0);
+    }
   }
-  return row;
-}
 
-std::string unknownColumn(const std::string& column, const std::string& expected) {
-  return "has a column " + column + "; expected pressures in " + expected;
-}
+  double numberOf(std::string_view cell, std::size_t column, int line) {
+    const auto complain = [&](const std::string& fault) {
+      faults_.add(line, columnText(data_.columns, column) + " " + fault);
+      return 0.0;
+    };
+    if (cell.empty()) return complain("is empty; expected a finite number");
+    if (cell.size() > kLongestCell) {
+      return complain(atMost(cell.size(), " letters", kLongestCell));
+    }
+    cell_.assign(cell);
+    const std::optional<double> number = parseNumber(cell_);
+    if (!number) return complain("is no finite number; expected one");
+    if (std::abs(*number) > kLargest) {
+      return complain("is too large a number; expected at most " + formatNumber(kLargest));
+    }
+    return *number;
+  }
+
+  DataSet& data_;
+  FaultList& faults_;
+  std::vector<double> cells_;  // row after row
+  std::size_t rows_ = 0;
+  std::string cell_;
+  bool full_ = false;  // nothing more is read
+};
 
 }  // namespace
 
@@ -79,39 +168,20 @@ int DataSet::find(const std::string& column) const {
 
 DataSet loadDataSet(const std::string& path) {
   FaultList faults(path);
-  std::optional<std::string> content = readTextFile(path, faults);
+  const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
   faults.throwIfAny();
-  const std::string byte_order_mark = "\xEF\xBB\xBF";  // spreadsheets put it first
-  if (content->compare(0, byte_order_mark.size(), byte_order_mark) == 0) {
-    content->erase(0, byte_order_mark.size());
+  std::string_view text = *content;
+  const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // spreadsheets put it first
+  if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
+    text.remove_prefix(byte_order_mark.size());
   }
-
   DataSet data;
   data.path = path;
-  std::vector<std::vector<double>> rows;
-  std::istringstream stream(*content);
-  std::string text;
-  for (int line = 1; std::getline(stream, text); ++line) {
-    text = trimmed(text);
-    if (text.empty() || text.front() == '#') continue;
-    if (data.columns.empty()) {
-      data.columns = cellsOf(text);
-      checkHeader(data.columns, line, faults);
-      continue;
-    }
-    rows.push_back(readRow(cellsOf(text), data.columns, line, faults));
-    data.lines.push_back(line);
-    if (faults.faults().size() > kManyFaults) break;
-  }
-  if (data.columns.empty()) faults.add(0, "has no header; expected a line of column names");
-  if (!data.columns.empty() && rows.empty())
-    faults.add(0, "has no rows; expected at least one below the header");
+  data.sha256 = sha256Of(*content);
+  TableReader reader(data, faults);
+  reader.read(text);
   faults.throwIfAny();
-
-  data.values.resize(static_cast<int>(rows.size()), static_cast<int>(data.columns.size()));
-  for (int i = 0; i < data.values.rows(); ++i) {
-    data.values.row(i) = Eigen::Map<const Eigen::RowVectorXd>(rows[i].data(), data.values.cols());
-  }
+  reader.takeValues();
   return data;
 }
 
@@ -123,12 +193,13 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
 
   FaultList faults(data.path);
   bool any = false;
-  for (const std::string& column : data.columns) {
+  for (std::size_t i = 0; i < data.columns.size(); ++i) {
+    const std::string& column = data.columns[i];
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
-    if (std::find(names.begin(), names.end(), column) == names.end()) {
-      faults.add(0, unknownColumn(column, expected));
-    }
     any = true;
+    if (std::find(names.begin(), names.end(), column) != names.end()) continue;
+    faults.add(
+        0, columnText(data.columns, i) + " is of no actuator; expected pressures in " + expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();

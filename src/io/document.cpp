@@ -7,11 +7,15 @@
 #include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
+#include "helix_arm/control/quote.hpp"
+#include "map_reader.hpp"
+#include "text_file.hpp"
+
 namespace helix_arm::io {
 namespace {
 
 // Aliases can make a short file stand for a tree without end, or for one long text many times over.
-constexpr std::size_t kMostBytes = 4U << 20U;
+constexpr std::size_t kMostBytes = kMostSceneBytes;
 constexpr int kMostValues = 20000;
 constexpr int kDeepest = 50;
 constexpr std::size_t kLongestKey = 200;  // a fault repeats all keys above it
@@ -70,6 +74,10 @@ struct Conversion {
   int values = 0;
   std::size_t bytes = 0;
 
+  void count() {
+    if (++values > kMostValues) throw TooLarge();
+  }
+
   Place place(const YAML::Mark& mark, const Place& fallback) const {
     if (override_key) return {0, override_key};
     return mark.is_null() ? fallback : Place{mark.line + 1, {}};
@@ -79,7 +87,8 @@ struct Conversion {
                 int depth) {
     Value value;
     value.place = key_place;
-    if (++values > kMostValues || depth > kDeepest) throw TooLarge();
+    count();
+    if (depth > kDeepest) throw TooLarge();
     if (node.IsScalar()) {
       value.kind = Value::Kind::kText;
       value.text = node.Scalar();
@@ -103,6 +112,7 @@ struct Conversion {
   void addEntry(Value& map, std::set<std::string>& names, const YAML::Node& key,
                 const YAML::Node& node, const std::string& path, int depth) {
     const Place here = place(key.Mark(), map.place);
+    count();  // those that are left out as well
     if (!key.IsScalar()) {
       report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
       return;
@@ -122,6 +132,13 @@ struct Conversion {
   }
 };
 
+// Without the words of the document that some of them end in.
+std::string reasonOf(const YAML::Exception& error) {
+  const std::string unknown_anchor = YAML::ErrorMsg::UNKNOWN_ANCHOR;
+  if (error.msg.compare(0, unknown_anchor.size(), unknown_anchor) == 0) return unknown_anchor;
+  return error.msg.substr(0, error.msg.find(": "));
+}
+
 std::optional<Value> parse(const std::string& text, const std::optional<std::string>& override_key,
                            const std::string& path, FaultList& faults) {
   const Place start{override_key ? 0 : 1, override_key};
@@ -138,9 +155,20 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
     report(faults, start, "is nested too deeply or holds too many values");
   } catch (const YAML::Exception& error) {
     const Place place{error.mark.is_null() ? start.line : error.mark.line + 1, {}};
-    report(faults, override_key ? start : place, "is not YAML: " + error.msg);
+    report(faults, override_key ? start : place, "is not YAML: " + reasonOf(error));
   }
   return std::nullopt;
+}
+
+bool isOf(const DocumentKind& kind, const Value& document) {
+  return static_cast<std::size_t>(std::count_if(
+             kind.telling.begin(), kind.telling.end(),
+             [&](const std::string& key) { return document.find(key) != nullptr; })) >= kind.needed;
+}
+
+std::string kindOf(const Value& document) {
+  if (document.kind == Value::Kind::kText) return "a text";
+  return document.describe() + (document.kind == Value::Kind::kMap ? " of other keys" : "");
 }
 
 // The parts of `arm.sections.0.name`; entries may also be written as the messages do,
@@ -224,8 +252,7 @@ std::string Value::describe() const {
     case Kind::kMap:
       return "a map";
     case Kind::kText:
-      if (quoted) return '"' + text.substr(0, kLongest) + '"';
-      return text.size() > kLongest ? text.substr(0, kLongest) + "..." : text;
+      return quoted ? '"' + control::quoted(text, kLongest) + '"' : control::quoted(text, kLongest);
     case Kind::kEmpty:
       break;
   }
@@ -251,8 +278,17 @@ std::string indexPath(const std::string& parent, std::size_t index) {
   return parent + "[" + std::to_string(index) + "]";
 }
 
-std::optional<Value> parseDocument(const std::string& text, FaultList& faults) {
-  return parse(text, std::nullopt, {}, faults);
+std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
+                                   FaultList& faults) {
+  FaultList found = faults.ofSameFile();
+  std::optional<Value> document = parse(text, std::nullopt, {}, found);
+  if (!document || isOf(kind, *document)) {
+    faults.append(found);
+    return document;
+  }
+  report(faults, document->place,
+         "the document is " + kindOf(*document) + "; expected a map of " + alternatives(kind.keys));
+  return std::nullopt;
 }
 
 void applyOverride(Value& document, const Override& change, FaultList& faults) {

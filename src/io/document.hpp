@@ -28,7 +28,8 @@ struct Value {
 
   /// The value of a map's key, null when there is none.
   const Value* find(const std::string& key) const;
-  /// How a message names it: its text, "a list", "a map" or "empty".
+  /// How a message names it: its text (printable, 60 letters at most), "a list", "a map" or
+  /// "empty".
   std::string describe() const;
 };
 
@@ -47,10 +48,19 @@ std::string nameOf(const std::string& path);
 /// `parent[index]`.
 std::string indexPath(const std::string& parent, std::size_t index);
 
+/// How a document of ours is told from any other that somebody names, whose words no message
+/// repeats.
+struct DocumentKind {
+  std::vector<std::string> keys;     ///< at its top
+  std::vector<std::string> telling;  ///< those of them that no other document is likely to have
+  std::size_t needed = 0;            ///< of the telling ones; 0: any document will do
+};
+
 /// Reads one YAML document. Syntax errors, repeated keys and keys that are no words go to the
-/// faults.
+/// faults. A document of another kind is one fault, which holds nothing of it.
 /// @return nothing where there is no tree to go on with.
-std::optional<Value> parseDocument(const std::string& text, FaultList& faults);
+std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
+                                   FaultList& faults);
 
 /// Puts an override into the tree, making the maps on its way that are not there yet; whether its
 /// keys mean anything is for the schema to say.

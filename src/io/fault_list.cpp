@@ -1,32 +1,37 @@
 #include "helix_arm/io/fault_list.hpp"
 
-#include <algorithm>
-
 namespace helix_arm::io {
 namespace {
 
-// A file of quite another kind breaks a rule on every line; nobody reads further than this.
-constexpr std::size_t kMostShown = 100;
+// Cut, not through the middle of a letter of UTF-8.
+std::string shortened(const std::string& text, std::size_t most) {
+  if (text.size() <= most) return text;
+  std::size_t end = most;
+  while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) --end;
+  return text.substr(0, end) + "...";
+}
 
 }  // namespace
 
 void FaultList::add(int line, const std::string& fault) {
-  faults_.push_back(file_ + (line > 0 ? ":" + std::to_string(line) : "") + " " + fault);
+  if (++count_ > kMostKept) return;
+  faults_.push_back(file_ + (line > 0 ? ":" + std::to_string(line) : "") + " " +
+                    shortened(fault, kMostBytes));
 }
 
 void FaultList::append(const FaultList& other) {
-  faults_.insert(faults_.end(), other.faults_.begin(), other.faults_.end());
+  for (const std::string& fault : other.faults_) {
+    if (faults_.size() < kMostKept) faults_.push_back(fault);
+  }
+  count_ += other.count_;
 }
 
 void FaultList::throwIfAny() const {
-  if (faults_.empty()) return;
+  if (empty()) return;
   std::string message;
-  for (std::size_t i = 0; i < std::min(faults_.size(), kMostShown); ++i) {
-    message += (i == 0 ? "" : "\n") + faults_[i];
-  }
-  if (faults_.size() > kMostShown) {
-    message +=
-        "\n" + file_ + " has " + std::to_string(faults_.size() - kMostShown) + " more faults";
+  for (const std::string& fault : faults_) message += (message.empty() ? "" : "\n") + fault;
+  if (count_ > faults_.size()) {
+    message += "\n" + file_ + " has " + std::to_string(count_ - faults_.size()) + " more faults";
   }
   throw DocumentError(message);
 }

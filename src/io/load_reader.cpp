@@ -84,7 +84,7 @@ std::optional<model::Load> readLoad(const MapReader& scene, const Value& documen
                                     const ArmParts* arm, FaultList& faults) {
   const Value* value = document.find("load");
   if (value == nullptr) return std::nullopt;
-  const std::size_t faults_before = faults.faults().size();
+  const std::size_t faults_before = faults.count();
   const MapReader keys(*value, scene.path("load"), {"gravity_m_s2", "mass_kg", "tip", "points"},
                        faults);
   if (value->kind != Value::Kind::kMap) return std::nullopt;
@@ -107,7 +107,7 @@ std::optional<model::Load> readLoad(const MapReader& scene, const Value& documen
                   {"section", "s", "mass_kg", "position_m", "force_n", "moment_nm"}, faults),
         arm, R_BW));
   }
-  if (arm == nullptr || faults.faults().size() != faults_before) return std::nullopt;
+  if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
   if (isWeightless(load)) {
     keys.fault("mass_kg",
                "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: nothing "

@@ -244,6 +244,8 @@ std::string nearestWord(const std::string& word, const std::vector<std::string>&
   std::string nearest;
   std::size_t least = word.size() / 2 + 1;  // more edits than that make another word
   for (const std::string& candidate : known) {
+    const auto [shorter, longer] = std::minmax({word.size(), candidate.size()});
+    if (longer - shorter >= least) continue;
     const std::size_t distance = editDistance(word, candidate);
     if (distance < least) {
       least = distance;

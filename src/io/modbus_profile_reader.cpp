@@ -60,7 +60,7 @@ std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
                                                           const std::string& path,
                                                           const std::string& name,
                                                           FaultList& faults) {
-  const std::size_t before = faults.faults().size();
+  const std::size_t before = faults.count();
   const MapReader keys(value, path,
                        {"unit_id", "count_pa", "atmosphere_kpa", "highest_count", "outlets",
                         "outputs", "inputs", "supply", "app", "timeout_s"},

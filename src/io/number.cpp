@@ -1,5 +1,6 @@
 #include "helix_arm/io/number.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <locale>
@@ -37,6 +38,18 @@ std::string formatNumber(double value) {
     stream << value;
     if (digits == kAlwaysEnough || parseNumber(stream.str()) == value) return stream.str();
   }
+}
+
+std::string listOf(const std::vector<int>& numbers) {
+  constexpr std::size_t kMost = 20;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(numbers.size(), kMost); ++i) {
+    list += (i == 0 ? "" : ", ") + std::to_string(numbers[i]);
+  }
+  if (numbers.size() > kMost) {
+    list += " and " + std::to_string(numbers.size() - kMost) + " more";
+  }
+  return list;
 }
 
 }  // namespace helix_arm::io

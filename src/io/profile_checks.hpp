@@ -23,7 +23,7 @@ inline const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 template <class Profile>
 std::optional<Profile> checked(const Profile& profile, const Value& map, const std::string& path,
                                std::size_t faults_before, FaultList& faults) {
-  if (faults.faults().size() > faults_before) return std::nullopt;
+  if (faults.count() > faults_before) return std::nullopt;
   try {
     profile.validate();
   } catch (const std::invalid_argument& error) {

@@ -5,6 +5,7 @@
 
 #include <dlfcn.h>
 
+#include "helix_arm/control/quote.hpp"
 #include "modbus_profile_reader.hpp"
 #include "serial_profile_reader.hpp"
 #include "text_file.hpp"
@@ -16,6 +17,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kSerial = "ascii_serial";
 constexpr const char* kModbus = "modbus_tcp";
+constexpr std::size_t kLongestProfile = 200;  // of a path, in a message
 
 // Where shipped profiles are: in the share folder beside this library where it is installed, else
 // among the sources.
@@ -47,9 +49,10 @@ using Reader = std::optional<Profile> (*)(const Value&, const std::string&, cons
 template <class Profile>
 std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<Profile> reader,
                                 FaultList& faults) {
-  const std::optional<std::string> text = readTextFile(path, faults);
+  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
   if (!text) return std::nullopt;
-  const std::optional<Value> document = parseDocument(*text, faults);
+  const std::optional<Value> document =
+      parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
   if (!document) return std::nullopt;
   const MapReader file(*document, "", {kSerial, kModbus}, faults);
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
@@ -80,7 +83,9 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
       isPath(*profile) ? fs::path(*profile) : shippedFolder() / (*profile + ".yaml");
   FaultList in_file(path.string());
   std::optional<Profile> read = readFile(path, kind, reader, in_file);
-  if (!in_file.empty()) keys.complain("profile", "is " + *profile + ", which has faults:");
+  if (!in_file.empty())
+    keys.complain("profile",
+                  "is " + control::quoted(*profile, kLongestProfile) + ", which has faults:");
   faults.append(in_file);
   return read;
 }

@@ -157,7 +157,7 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Val
   const MapReader regulator(*value, scene.path("regulator"), kinds, faults);
   const std::optional<std::string> kind = regulator.exactlyOne(kinds);
   if (!kind) return std::nullopt;
-  const std::size_t before = faults.faults().size();
+  const std::size_t before = faults.count();
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm->arm.actuator(i);
     if (actuator.drive == model::Drive::kPressure) continue;
@@ -167,7 +167,7 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Val
   }
   std::optional<regulator::Config> config =
       readKind(*kind, *value->find(*kind), regulator.path(*kind), arm, faults);
-  if (!config || arm == nullptr || faults.faults().size() != before) return std::nullopt;
+  if (!config || arm == nullptr || faults.count() != before) return std::nullopt;
   try {
     regulator::makeDriver(*config, arm->arm.actuatorCount());  // made, not connected
   } catch (const std::invalid_argument& error) {

@@ -111,7 +111,7 @@ SafetyConfig readSafety(const MapReader& scene, const Value& document, const Arm
   if (hardware) setSlew(kHardwareSlew);
   const Value* value = document.find("safety");
   if (value == nullptr) return config;
-  const std::size_t before = faults.faults().size();
+  const std::size_t before = faults.count();
   const MapReader safety(
       *value, scene.path("safety"),
       {"commander_timeout_s", "target_timeout_s", "reading_timeout_s", "slew_kpa_s",
@@ -146,7 +146,7 @@ SafetyConfig readSafety(const MapReader& scene, const Value& document, const Arm
   rules.hold_time = safety.number("hold_time_s", seconds(kNotNegative), rules.hold_time);
   rules.vented_below = pressure(safety, "vented_below_kpa", rules.vented_below);
   rules.vent_time = safety.number("vent_time_s", seconds(kPositive), rules.vent_time);
-  if (faults.faults().size() == before) checkVentedBelow(safety, config);
+  if (faults.count() == before) checkVentedBelow(safety, config);
   return config;
 }
 

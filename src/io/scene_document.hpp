@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -8,10 +9,20 @@
 
 namespace helix_arm::io {
 
-/// The tree of a scene file with its overrides; overrides that do not apply are among the faults.
-/// @throws DocumentError where the file cannot be read or is not YAML.
-Value readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
-                        FaultList& faults);
+/// The tree of a scene file with its overrides, and the hash of the bytes that were read of it.
+struct SceneDocument {
+  Value document;
+  std::string sha256;
+};
+
+/// Reads a scene file; overrides that do not apply are among the faults.
+/// @throws DocumentError where the file cannot be read, is not YAML or of something else.
+SceneDocument readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
+                                FaultList& faults);
+
+/// The tree of a scene's text as it is; nothing, and a fault that holds nothing of it, where it is
+/// of something else.
+std::optional<Value> parseScene(const std::string& text, FaultList& faults);
 
 /// The scene that a tree describes.
 /// @throws DocumentError with all faults.

@@ -6,6 +6,7 @@
 #include "camera_reader.hpp"
 #include "contraction_reader.hpp"
 #include "document.hpp"
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "load_reader.hpp"
@@ -27,10 +28,10 @@ namespace {
 // Nothing where there are faults that concern it.
 std::optional<model::ArmModel> readModel(const MapReader& scene, const Value& document,
                                          const ArmParts* arm, FaultList& faults) {
-  const std::size_t faults_before = faults.faults().size();
+  const std::size_t faults_before = faults.count();
   std::optional<model::Load> load = readLoad(scene, document, arm, faults);
   const model::TierRequest request = readTierRequest(scene, document, arm, faults);
-  if (arm == nullptr || faults.faults().size() != faults_before) return std::nullopt;
+  if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
   try {
     return model::ArmModel(arm->arm, arm->planar, std::move(load), request);
   } catch (const std::invalid_argument& error) {
@@ -42,36 +43,50 @@ std::optional<model::ArmModel> readModel(const MapReader& scene, const Value& do
   }
 }
 
+const DocumentKind& sceneKind() {
+  static const DocumentKind kind{
+      {"name", "contractions", "arm", "load", "tier", "order", "accuracy", "budget", "tags",
+       "camera", "vision", "simulation", "regulator", "safety", "calibration"},
+      {"name", "contractions", "arm"},
+      2};
+  return kind;
+}
+
 std::string readText(const std::string& path, FaultList& faults) {
-  const std::optional<std::string> text = readTextFile(path, faults);
+  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
   faults.throwIfAny();
   return *text;
 }
 
 }  // namespace
 
-Value readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
-                        FaultList& faults) {
-  std::optional<Value> document = parseDocument(readText(path, faults), faults);
+std::optional<Value> parseScene(const std::string& text, FaultList& faults) {
+  return parseDocument(text, sceneKind(), faults);
+}
+
+SceneDocument readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
+                                FaultList& faults) {
+  const std::string text = readText(path, faults);
+  std::optional<Value> document = parseScene(text, faults);
   if (!document) faults.throwIfAny();
   for (const Override& change : overrides) applyOverride(*document, change, faults);
   if (Value* profile = relativeProfile(*document)) {
     profile->text = std::filesystem::absolute(path).parent_path() / profile->text;
   }
-  return std::move(*document);
+  return {std::move(*document), sha256Of(text)};
 }
 
 std::string sceneText(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
   if (overrides.empty()) {
     std::string text = readText(path, faults);
-    std::optional<Value> plain = parseDocument(text, faults);
+    std::optional<Value> plain = parseScene(text, faults);
     faults.throwIfAny();
     if (relativeProfile(*plain) == nullptr) return text;
   }
-  const Value document = readSceneDocument(path, overrides, faults);
+  const SceneDocument scene = readSceneDocument(path, overrides, faults);
   faults.throwIfAny();
-  return writeDocument(document);
+  return writeDocument(scene.document);
 }
 
 std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
@@ -87,16 +102,14 @@ std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
-  const Value document = readSceneDocument(path, overrides, faults);
-  return makeScene(document, faults);
+  SceneDocument read = readSceneDocument(path, overrides, faults);
+  Scene scene = makeScene(read.document, faults);
+  scene.sha256 = std::move(read.sha256);
+  return scene;
 }
 
 Scene makeScene(const Value& document, FaultList& faults) {
-  const MapReader scene(
-      document, "",
-      {"name", "contractions", "arm", "load", "tier", "order", "accuracy", "budget", "tags",
-       "camera", "vision", "simulation", "regulator", "safety", "calibration"},
-      faults);
+  const MapReader scene(document, "", sceneKind().keys, faults);
   const auto name = scene.word("name");
   const Contractions contractions = readContractions(scene, faults);
   std::optional<ArmParts> arm = readArm(scene, contractions, faults);
@@ -132,7 +145,8 @@ Scene makeScene(const Value& document, FaultList& faults) {
           vision,
           simulation,
           safety,
-          std::move(calibration)};
+          std::move(calibration),
+          {}};
 }
 
 }  // namespace helix_arm::io

@@ -57,7 +57,7 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                                           const std::string& path,
                                                           const std::string& name,
                                                           FaultList& faults) {
-  const std::size_t before = faults.faults().size();
+  const std::size_t before = faults.count();
   const MapReader keys(value, path, {"baud",        "terminator",     "unit",
                                      "scale",       "atmosphere_kpa", "unit_word",
                                      "decimals",    "separator",      "reply_separator",

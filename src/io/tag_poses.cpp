@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "helix_arm/io/number.hpp"
 #include "tag_table.hpp"
 
 namespace helix_arm::io {
@@ -15,7 +14,7 @@ lie::SE3 readPoseCells(const TagRow& at) {
   const Eigen::Quaterniond q(at["qw"], at["qx"], at["qy"], at["qz"]);
   const Eigen::Vector3d p(at["x_m"], at["y_m"], at["z_m"]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
-    at.faults.add(at.line(), "has a quaternion of norm " + formatNumber(q.norm()) + "; expected 1");
+    at.faults.add(at.line(), "has a quaternion qx, qy, qz, qw that is not of norm 1");
     return {Eigen::Matrix3d::Identity(), p};
   }
   return {q.normalized().toRotationMatrix(), p};

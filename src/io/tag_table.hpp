@@ -46,17 +46,15 @@ std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag re
     if (is_new) captures.push_back({number, pressure, {}});
     Capture& capture = captures[found->second];
     if (capture.pressure != pressure) {
-      faults.add(row.line(), "changes the pressures of capture " + std::to_string(number) +
-                                 "; expected them as in line " +
+      faults.add(row.line(), "changes the pressures of its capture; expected them as in line " +
                                  std::to_string(capture.tags.front().line));
     }
     const auto [same, is_first] = lines.emplace(std::make_pair(number, id), row.line());
     if (is_first) {
       capture.tags.push_back(readTag(id, row));
     } else {
-      faults.add(row.line(), "measures tag " + std::to_string(id) + " again in capture " +
-                                 std::to_string(number) + ", as line " +
-                                 std::to_string(same->second) + " does; expected it once");
+      faults.add(row.line(), "measures the tag of line " + std::to_string(same->second) +
+                                 " again in the same capture; expected it once");
     }
   }
   faults.throwIfAny();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
@@ -7,7 +8,12 @@
 
 namespace helix_arm::io {
 
-/// The whole of a file; nothing, and a fault with the system's reason, where it cannot be read.
-std::optional<std::string> readTextFile(const std::string& path, FaultList& faults);
+constexpr std::size_t kMostSceneBytes = 4U << 20U;   ///< of a scene or a profile
+constexpr std::size_t kMostTableBytes = 64U << 20U;  ///< of a data set
+
+/// The whole of a regular file of text; nothing, and a fault with the reason, where it cannot be
+/// read, is no text or has more than `most` bytes.
+std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
+                                        FaultList& faults);
 
 }  // namespace helix_arm::io

@@ -71,7 +71,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const Value& document
                                    const std::string& family, FaultList& faults) {
   vision::LocalizerConfig config;
   if (!family.empty()) config.detector.family = family;
-  const std::size_t faults_before = faults.faults().size();
+  const std::size_t faults_before = faults.count();
   if (const Value* value = document.find("vision")) {
     readKeys(MapReader(*value, scene.path("vision"),
                        {"quad_decimate", "quad_sigma_px", "threads", "refine_edges", "max_hamming",
@@ -80,7 +80,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const Value& document
                        faults),
              *value, config, faults);
   }
-  if (faults.faults().size() != faults_before) return config;
+  if (faults.count() != faults_before) return config;
   try {
     config.detector.validate();
   } catch (const std::invalid_argument& error) {

@@ -1,14 +1,11 @@
 #include "helix_arm/ros_bridge/bag_captures.hpp"
 
-#include <algorithm>
-#include <iterator>
+#include <array>
 #include <map>
-#include <set>
 
-#include <rosbag/bag.h>
-#include <rosbag/view.h>
-
+#include "bag_process.hpp"
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
@@ -17,22 +14,41 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// The topic of a bag that ends in this name and holds such messages; empty where there is none.
-std::string topicOf(const rosbag::Bag& bag, const std::string& name, const std::string& type,
-                    io::FaultList& faults) {
-  std::set<std::string> found;
-  rosbag::View all(bag);
-  for (const rosbag::ConnectionInfo* connection : all.getConnections()) {
-    const std::string& topic = connection->topic;
-    if (topic.substr(topic.rfind('/') + 1) == name && connection->datatype == type) {
-      found.insert(topic);
+constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
+
+// The one topic of each kind; empty where there is none, which is a fault but for the commands.
+using Topics = std::array<std::string, kRecordTopics>;
+
+Topics topicsOf(BagProcess& bag, const std::string& path) {
+  io::FaultList faults(path);
+  Topics out;
+  for (BagRecord record = bag.next(); record.kind != RecordKind::kTopicsEnd; record = bag.next()) {
+    const std::string name(record.bytes.begin(), record.bytes.end());
+    std::string& topic = out[static_cast<std::size_t>(record.topic)];
+    if (!topic.empty()) {
+      faults.add(0, "topics " + control::quoted(topic) + " and " + control::quoted(name) +
+                        ": of more than one arm; record one arm a bag");
     }
+    topic = name;
   }
-  if (found.size() > 1) {
-    faults.add(0, "topics " + *found.begin() + " and " + *found.rbegin() +
-                      ": of more than one arm; record one arm a bag");
+  for (const RecordTopic needed : {RecordTopic::kDetections, RecordTopic::kMeasured}) {
+    if (!out[static_cast<std::size_t>(needed)].empty()) continue;
+    faults.add(
+        0, std::string("topic ") + ruleOf(needed).name + " is missing; record it with the others");
   }
-  return found.empty() ? "" : *found.begin();
+  faults.throwIfAny();
+  return out;
+}
+
+template <class Message>
+Message messageOf(BagRecord& record, const std::string& path) try {
+  Message message;
+  ros::serialization::IStream stream(record.bytes.data(),
+                                     static_cast<std::uint32_t>(record.bytes.size()));
+  ros::serialization::deserialize(stream, message);
+  return message;
+} catch (const std::exception&) {
+  throw io::DocumentError(path + " is damaged: it holds a message of another type than it says");
 }
 
 Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& topic,
@@ -78,26 +94,12 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<control::Sample>& s
   return out;
 }
 
-std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& scene,
-                                     const control::SettleRules& rules) try {
-  rosbag::Bag bag(path, rosbag::bagmode::Read);
-  io::FaultList faults(path);
-  const auto find = [&](const char* name, const std::string& type) {
-    return topicOf(bag, name, type, faults);
-  };
-  using ros::message_traits::datatype;
-  const std::string detections = find(names::kTagDetections, datatype<TagDetections>());
-  const std::string measured = find(names::kPressureMeasured, datatype<PressureArray>());
-  const std::string command = find(names::kPressureCommand, datatype<PressureArray>());
-  const auto require = [&](const std::string& topic, const char* name) {
-    if (topic.empty()) {
-      faults.add(0, std::string("topic ") + name + " is missing; record it with the others");
-    }
-  };
-  require(detections, names::kTagDetections);
-  require(measured, names::kPressureMeasured);
-  faults.throwIfAny();
+namespace {
 
+std::vector<control::Sample> samplesOf(const control::RegularFile& file, const std::string& path,
+                                       const io::Scene& scene, const control::SettleRules& rules) {
+  BagProcess bag(file, path);
+  const Topics topics = topicsOf(bag, path);
   std::vector<std::string> actuators;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     actuators.push_back(scene.arm.actuator(i).name);
@@ -109,24 +111,25 @@ std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& s
     standing.clear();
   };
   std::string last_reason = "no tag_detections came";
-  rosbag::View view(bag,
-                    rosbag::TopicQuery(std::vector<std::string>{detections, measured, command}));
-  for (const rosbag::MessageInstance& instance : view) {
-    if (const auto pressures = instance.instantiate<PressureArray>()) {
-      const std::string& topic = instance.getTopic();
-      const double time = pressures->header.stamp.toSec();
-      const Eigen::VectorXd values = pressuresOf(*pressures, topic, scene.arm, path);
-      topic == command ? watch.command(time, values) : watch.measured(time, values);
-    } else if (const auto seen = instance.instantiate<TagDetections>()) {
-      const double time = seen->header.stamp.toSec();
-      watch.seen(time, sightingsOf(*seen, scene));
-      const control::Settling settling = watch.at(time);
-      if (settling.settled()) {
-        standing.push_back(*settling.last);
-      } else {
-        moveOn();
-        last_reason = settling.reason;
-      }
+  for (BagRecord record = bag.next(); record.kind != RecordKind::kEnd; record = bag.next()) {
+    if (record.topic != RecordTopic::kDetections) {
+      const auto pressures = messageOf<PressureArray>(record, path);
+      const double time = pressures.header.stamp.toSec();
+      const std::string& topic = topics[static_cast<std::size_t>(record.topic)];
+      const Eigen::VectorXd values = pressuresOf(pressures, topic, scene.arm, path);
+      record.topic == RecordTopic::kCommand ? watch.command(time, values)
+                                            : watch.measured(time, values);
+      continue;
+    }
+    const auto seen = messageOf<TagDetections>(record, path);
+    const double time = seen.header.stamp.toSec();
+    watch.seen(time, sightingsOf(seen, scene));
+    const control::Settling settling = watch.at(time);
+    if (settling.settled()) {
+      standing.push_back(*settling.last);
+    } else {
+      moveOn();
+      last_reason = settling.reason;
     }
   }
   moveOn();
@@ -134,10 +137,23 @@ std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& s
     throw io::DocumentError(path + ": the arm never stands still in it; at last, " + last_reason);
   }
   return out;
-} catch (const rosbag::BagException& fault) {
-  throw io::DocumentError(path + ": " + fault.what() +
-                          "; expected a bag that was closed (rosbag "
-                          "reindex mends one that was not)");
+}
+
+void requireOpen(const control::RegularFile& file, const std::string& path) {
+  if (!file.isOpen()) throw io::DocumentError(path + " " + file.fault());
+  if (file.size() > kMostBagBytes) {
+    throw io::DocumentError(path + " " + control::largerThan(kMostBagBytes) +
+                            "; expected a shorter recording");
+  }
+}
+
+}  // namespace
+
+std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& scene,
+                                     const control::SettleRules& rules) {
+  const control::RegularFile file(path);
+  requireOpen(file, path);
+  return samplesOf(file, path, scene, rules);
 }
 
 io::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
@@ -152,9 +168,17 @@ io::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<s
   }
   io::CalibrationData out = io::loadCalibrationData(scene, tables);
   for (const std::string& path : bags) {
-    const auto seen = numbered(loadBag(path, scene, rules), scene.arm);
+    control::RegularFile file(path);
+    requireOpen(file, path);
+    const std::string sha256 = io::sha256OfFile(file, path, kMostBagBytes);
+    const auto seen = numbered(samplesOf(file, path, scene, rules), scene.arm);
+    if (!file.isUnchanged()) {
+      throw io::DocumentError(path +
+                              " was written to while it was read; expected one that is "
+                              "closed");
+    }
     io::LoadedCaptures loaded = io::makeCaptures(scene, seen, path);
-    out.sources.push_back({path, io::sha256OfFile(path), static_cast<int>(loaded.captures.size())});
+    out.sources.push_back({path, sha256, static_cast<int>(loaded.captures.size())});
     io::addCaptures(std::move(loaded.captures), path, out);
   }
   return out;

@@ -32,8 +32,8 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     model::require(path.has_value(), "scene is '", control::quoted(request.scene),
                    "'; expected an absolute path, or the name of a file in config/scenes of the "
                    "package");
-    const File next{*path, io::sha256OfFile(*path)};
-    io::Scene scene = io::loadScene(next.path);
+    io::Scene scene = io::loadScene(*path);
+    const File next{*path, scene.sha256};
     const std::string name = scene.name;
     adopt_(std::move(scene));
     const std::lock_guard<std::mutex> lock(mutex_);

@@ -397,7 +397,7 @@ Taken<cv::Mat> VisionNode::decode(const Picture& picture) {
   return std::get<cv::Mat>(picture.content);
 }
 
-std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
+std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Size& size) {
   estimation::ArmView view = eyes_.localizer->view();
   const char* whose = "the scene's camera";
   {
@@ -408,10 +408,11 @@ std::optional<PictureRefusal> VisionNode::adoptCamera(const cv::Mat& gray) {
       whose = "camera_info";
     }
   }
-  if (gray.cols != view.camera.width || gray.rows != view.camera.height) {
+  if (size != cv::Size(view.camera.width, view.camera.height)) {
     return PictureRefusal{PictureFault::kWrongSize,
-                          "the picture is of " + sizeText(gray.cols, gray.rows) + " pixels, but " +
-                              whose + " of " + sizeText(view.camera.width, view.camera.height) +
+                          "the picture is of " + sizeText(size.width, size.height) +
+                              " pixels, but " + whose + " of " +
+                              sizeText(view.camera.width, view.camera.height) +
                               "; a calibration holds for one size only"};
   }
   if (!equal(view.camera, eyes_.localizer->view().camera)) {
@@ -459,22 +460,33 @@ std::optional<ModelHistory::Entry> VisionNode::modelAt(const ros::Time& stamp) {
   return models_.nearest(stamp);
 }
 
-void VisionNode::measure(const Picture& picture) {
-  const Taken<cv::Mat> taken = decode(picture);
-  const auto* gray = std::get_if<cv::Mat>(&taken);
-  std::optional<PictureRefusal> refusal;
-  if (gray == nullptr) refusal = std::get<PictureRefusal>(taken);
-  bool counted = false;
-  if (!refusal) {
-    refusal = adoptCamera(*gray);
-    counted = refusal && refusal->fault == PictureFault::kBadCameraInfo;  // when it came
+Taken<cv::Mat> VisionNode::take(const Picture& picture) {
+  // What is not of the camera's size is not worth decoding, which may take long.
+  if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+    const auto& data = (*jpeg)->data;
+    const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());
+    if (!claimed.empty()) {
+      if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
+    }
   }
-  if (refusal) {
+  Taken<cv::Mat> taken = decode(picture);
+  if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
+    if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
+  }
+  return taken;
+}
+
+void VisionNode::measure(const Picture& picture) {
+  const Taken<cv::Mat> taken = take(picture);
+  const auto* gray = std::get_if<cv::Mat>(&taken);
+  if (gray == nullptr) {
+    const auto& refusal = std::get<PictureRefusal>(taken);
+    const bool counted = refusal.fault == PictureFault::kBadCameraInfo;  // when it came
     const std::lock_guard<std::mutex> lock(mutex_);
     if (counted) {
-      enter(VisionStatus::CAMERA_FAULT, refusal->message);
+      enter(VisionStatus::CAMERA_FAULT, refusal.message);
     } else {
-      refuse(*refusal);
+      refuse(refusal);
     }
     return;
   }

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <sstream>
 #include <stdexcept>
@@ -18,8 +17,10 @@
 #include <opencv2/videoio.hpp>
 #include <unistd.h>
 
+#include "helix_arm/control/regular_file.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
+#include "picture_header.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -96,7 +97,12 @@ class V4l2Device : public VideoDevice {
       return Read::kGone;
     }
     if (config_.fourcc == "MJPG") {
-      if (const auto broken = decoder_.decode(raw_.data, raw_.total() * raw_.elemSize(), gray)) {
+      const std::size_t size = raw_.total() * raw_.elemSize();
+      if (const auto wrong = wrongSize(JpegDecoder::claimedSize(raw_.data, size))) {
+        fault = *wrong;
+        return Read::kBroken;
+      }
+      if (const auto broken = decoder_.decode(raw_.data, size, gray)) {
         fault = *broken + "; if this goes on, try another cable or port";
         return Read::kBroken;
       }
@@ -105,15 +111,21 @@ class V4l2Device : public VideoDevice {
     } else {
       cv::extractChannel(raw_, gray, config_.fourcc == "YUYV" ? 0 : 1);
     }
-    if (gray.cols == config_.width && gray.rows == config_.height) return Read::kPicture;
-    fault = text("a picture of ", gray.cols, " x ", gray.rows, " px; expected ", config_.width,
-                 " x ", config_.height);
-    return Read::kBroken;
+    const auto wrong = wrongSize(gray.size());
+    fault = wrong.value_or("");
+    return wrong ? Read::kBroken : Read::kPicture;
   }
 
   void close() override { capture_.release(); }
 
  private:
+  // Nothing is claimed where there is no sound header, which decoding tells better.
+  std::optional<std::string> wrongSize(const cv::Size& size) const {
+    if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
+    return text("a picture of ", size.width, " x ", size.height, " px; expected ", config_.width,
+                " x ", config_.height);
+  }
+
   // OpenCV reads -1 of a control that the camera does not have: then nothing can drift.
   std::optional<std::string> lock(const char* name, int mode, double manual, int control,
                                   int value) {
@@ -206,9 +218,27 @@ std::string listOf(const std::array<const char*, kSize>& extensions) {
   return list;
 }
 
+constexpr std::size_t kMostPictureBytes = 256U << 20U;
+
+// What a picture's size alone says against it.
+std::optional<std::string> sizeFault(const cv::Size& size,
+                                     const std::optional<cv::Size>& expected) {
+  const std::string found = text("the picture has ", size.width, " x ", size.height, " px");
+  if (expected && size != *expected) {
+    return text(found, "; expected ", expected->width, " x ", expected->height);
+  }
+  if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
+    return text(found, "; expected at most ", estimation::Camera::kMaxSide,
+                " px a side: make it smaller");
+  }
+  if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
+    return text(found, "; expected at most ", JpegDecoder::kMaxPixels, " pixels: make it smaller");
+  }
+  return std::nullopt;
+}
+
 // @return what is wrong, if anything.
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
-  if (bytes.empty()) return "the file is empty";
   const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
   if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
   try {
@@ -223,37 +253,45 @@ std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes,
 
 class PictureFiles : public FrameSource {
  public:
-  explicit PictureFiles(std::vector<fs::path> paths) : paths_(std::move(paths)) {}
+  PictureFiles(std::vector<fs::path> paths, std::optional<cv::Size> expected)
+      : paths_(std::move(paths)), expected_(expected) {}
 
   FrameStatus next(Frame& frame) override {
     if (number_ == paths_.size()) return FrameStatus::kEnd;
     const std::string path = paths_[number_].string();
     begin(frame, path);
-    std::ifstream file(path, std::ios::binary);
-    bytes_.assign(std::istreambuf_iterator<char>(file), {});
-    if (!file.is_open() || file.bad()) return fail(frame, path + ": the file cannot be read");
+    control::RegularFile file(path);
+    const std::optional<std::string> content = file.readAll(kMostPictureBytes);
+    if (!content) return fail(frame, path + ": the file " + file.fault());
+    bytes_.assign(content->begin(), content->end());
+    const std::variant<cv::Size, std::string> claimed = claimedSize(bytes_);
+    if (const auto* fault = std::get_if<std::string>(&claimed)) {
+      return fail(frame, path + ": " + *fault);
+    }
+    const cv::Size size = std::get<cv::Size>(claimed);
+    if (const auto fault = sizeFault(size, expected_)) {
+      if (expected_ && size != *expected_) frame.wrong_size = size;
+      return fail(frame, path + ": " + *fault);
+    }
     if (const auto fault = decodePicture(bytes_, frame.gray)) {
       return fail(frame, path + ": " + *fault);
     }
-    const cv::Size size = frame.gray.size();
-    if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
-      return fail(frame, text(path, ": the picture has ", size.width, " x ", size.height,
-                              " px; expected at most ", estimation::Camera::kMaxSide,
-                              " px a side: make it smaller"));
-    }
-    return FrameStatus::kFrame;
+    if (frame.gray.size() == size) return FrameStatus::kFrame;
+    return fail(frame, path + ": it is not of the size that its header claims");
   }
 
   bool continuous() const override { return false; }
 
  private:
   std::vector<fs::path> paths_;
+  std::optional<cv::Size> expected_;
   std::vector<std::uint8_t> bytes_;
 };
 
 class VideoFile : public FrameSource {
  public:
-  explicit VideoFile(std::string path) : path_(std::move(path)) {}
+  VideoFile(std::string path, std::optional<cv::Size> expected)
+      : path_(std::move(path)), expected_(expected) {}
 
   FrameStatus next(Frame& frame) override {
     if (through_) return FrameStatus::kEnd;
@@ -262,15 +300,25 @@ class VideoFile : public FrameSource {
       through_ = true;
       return fail(frame, path_ + ": it is broken or no video");
     }
+    if (const auto fault = sizeFault(size_, expected_)) {
+      through_ = true;
+      if (expected_ && size_ != *expected_) frame.wrong_size = size_;
+      return fail(frame, path_ + ": " + *fault);
+    }
     if (!capture_.read(raw_) || raw_.empty()) {
       through_ = true;
       if (frame.number > 0) return FrameStatus::kEnd;
       return fail(frame, path_ + ": the video holds no pictures");
     }
     if (!packets_) {
+      if (raw_.size() != size_) return failSize(frame, raw_.size());
       cv::cvtColor(raw_, frame.gray, cv::COLOR_BGR2GRAY);
-    } else if (const auto fault =
-                   decoder_.decode(raw_.data, raw_.total() * raw_.elemSize(), frame.gray)) {
+      return FrameStatus::kFrame;
+    }
+    const std::size_t bytes = raw_.total() * raw_.elemSize();
+    const cv::Size claimed = JpegDecoder::claimedSize(raw_.data, bytes);
+    if (!claimed.empty() && claimed != size_) return failSize(frame, claimed);
+    if (const auto fault = decoder_.decode(raw_.data, bytes, frame.gray)) {
       return fail(frame, frame.name + ": " + *fault);
     }
     return FrameStatus::kFrame;
@@ -279,14 +327,23 @@ class VideoFile : public FrameSource {
   bool continuous() const override { return true; }
 
  private:
+  FrameStatus failSize(Frame& frame, const cv::Size& size) const {
+    return fail(frame, text(frame.name, ": a picture of ", size.width, " x ", size.height,
+                            " px in a video of ", size_.width, " x ", size_.height));
+  }
+
   bool open() {
     if (!capture_.open(path_, cv::CAP_FFMPEG)) return false;
     const std::string fourcc = fourccOf(static_cast<int>(capture_.get(cv::CAP_PROP_FOURCC)));
+    size_ = cv::Size(static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
+                     static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT)));
     packets_ = (fourcc == "MJPG" || fourcc == "mjpe") && capture_.set(cv::CAP_PROP_FORMAT, -1);
     return true;
   }
 
   std::string path_;
+  std::optional<cv::Size> expected_;
+  cv::Size size_;  // as the video says
   cv::VideoCapture capture_;
   bool packets_ = false;  // what is read are JPEGs
   bool through_ = false;
@@ -328,6 +385,7 @@ void WebcamConfig::validate() const {
 void FrameSource::begin(Frame& frame, const std::string& name) {
   frame.name = name;
   frame.fault.clear();
+  frame.wrong_size.reset();
   frame.retry_after = 0;
   frame.number = number_++;
 }
@@ -351,7 +409,8 @@ std::unique_ptr<FrameSource> FrameSource::camera(std::unique_ptr<VideoDevice> de
   return std::make_unique<CameraSource>(std::move(device), name, reconnect_after, std::move(now));
 }
 
-std::unique_ptr<FrameSource> FrameSource::files(const std::string& path) {
+std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
+                                                std::optional<cv::Size> expected) {
   std::error_code error;
   if (fs::is_directory(path, error)) {
     std::vector<fs::path> pictures = picturesIn(path);
@@ -359,16 +418,16 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path) {
       throw std::invalid_argument(path + " holds no pictures; expected files ending in " +
                                   listOf(kPictures));
     }
-    return std::make_unique<PictureFiles>(std::move(pictures));
+    return std::make_unique<PictureFiles>(std::move(pictures), expected);
   }
   if (!fs::is_regular_file(path, error)) {
     throw std::invalid_argument(path + " is no file and no folder" +
                                 (error ? ": " + error.message() : ""));
   }
   if (hasExtension(path, kPictures)) {
-    return std::make_unique<PictureFiles>(std::vector<fs::path>{path});
+    return std::make_unique<PictureFiles>(std::vector<fs::path>{path}, expected);
   }
-  if (hasExtension(path, kVideos)) return std::make_unique<VideoFile>(path);
+  if (hasExtension(path, kVideos)) return std::make_unique<VideoFile>(path, expected);
   throw std::invalid_argument(path + " is neither a picture (" + listOf(kPictures) +
                               ") nor a video (" + listOf(kVideos) + ")");
 }

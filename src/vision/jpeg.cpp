@@ -1,5 +1,6 @@
 #include "helix_arm/vision/jpeg.hpp"
 
+#include <algorithm>
 #include <new>
 #include <stdexcept>
 #include <type_traits>
@@ -22,6 +23,28 @@ bool isHarmless(const std::string& warning) {
   return warning.find("extraneous bytes before marker 0xd9") != std::string::npos;
 }
 
+// Of all that can begin a scan, those within the segments before the first one left out: they are
+// of small pictures inside this one.
+int scansOf(const std::uint8_t* data, std::size_t size) {
+  constexpr std::uint8_t kMark = 0xff, kFirstSegment = 0xc0, kScan = 0xda;
+  int scans = 0;
+  for (std::size_t i = 2; i + 1 < size;) {
+    const std::uint8_t code = data[i + 1];
+    if (data[i] != kMark || code == kMark) {
+      ++i;
+      continue;
+    }
+    i += 2;
+    if (code == kScan) {
+      ++scans;
+    } else if (scans == 0 && code >= kFirstSegment && (code < 0xd0 || code > 0xd9) &&
+               i + 1 < size) {
+      i += std::max<std::size_t>(2, 256U * data[i] + data[i + 1]);
+    }
+  }
+  return scans;
+}
+
 std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, std::size_t size,
                                       cv::Mat& gray) {
   if (size == 0) return "no data; expected a JPEG";
@@ -40,6 +63,11 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
   }
   if (pixels / kMaxPixelsPerByte > static_cast<long>(size)) {
     return claim + ", which " + std::to_string(size) + " bytes cannot hold";
+  }
+  const int scans = scansOf(data, size);
+  if (scans > JpegDecoder::kMaxScans) {
+    return "a JPEG of " + std::to_string(scans) + " scans; expected at most " +
+           std::to_string(JpegDecoder::kMaxScans);
   }
   gray.create(height, width, CV_8UC1);
   if (tjDecompress2(codec, data, size, gray.data, width, static_cast<int>(gray.step[0]), height,
@@ -61,6 +89,17 @@ std::optional<std::string> JpegDecoder::decode(const std::uint8_t* data, std::si
   std::optional<std::string> fault = decodeWith(codec.get(), data, size, gray);
   if (fault) gray.release();
   return fault;
+}
+
+cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
+  const Codec codec(tjInitDecompress());
+  if (!codec) throw std::bad_alloc();
+  int width = 0, height = 0, subsampling = 0, colours = 0;
+  if (size == 0 ||
+      tjDecompressHeader3(codec.get(), data, size, &width, &height, &subsampling, &colours) != 0) {
+    return {};
+  }
+  return {width, height};
 }
 
 struct JpegEncoder::Handle {

@@ -137,12 +137,12 @@ TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
   const Outcome outcome = runCommand({"evaluate", scene.path(), high.path()});
   expectCallerError(outcome,
                     high.path() +
-                        ":3 pressure_1_kpa is 101 kPa; expected the limits of muscle_1, 0 kPa to "
+                        ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to "
                         "100 kPa");
   expectCallerError(outcome, high.path() + ":4 pressure_1_kpa is -1 kPa");
   const TemporaryFile broken("pressure_1_kpa,curvature_rad\n50,nan\n");
   expectCallerError(runCommand({"evaluate", scene.path(), broken.path()}),
-                    broken.path() + ":2 curvature_rad is nan; expected a finite number");
+                    broken.path() + ":2 curvature_rad is no finite number; expected one");
 }
 
 TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
@@ -152,7 +152,7 @@ TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
   expectCallerError(evaluate("planar_76", no_pressure.path()),
                     "expected columns pressure_1_kpa to pressure_2_kpa");
   const TemporaryFile three("pressure_3_kpa,curvature_rad\n0,0\n");
-  expectCallerError(evaluate("planar_76", three.path()), "has a column pressure_3_kpa");
+  expectCallerError(evaluate("planar_76", three.path()), "pressure_3_kpa is of no actuator");
   const TemporaryFile tags(
       "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,6,0,0,0,0,0,0,1\n");
   expectCallerError(evaluate("spatial_50", tags.path()),

@@ -232,7 +232,7 @@ TEST(Fit, WhatTheCallerErredInIsSaid) {
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
   expectCallerError(fit(scene, curvature), "has no column capture");
   const TemporaryFile twice(kTagPoseHeader + "1,0,6,0,0,0,0,0,0,1\n1,0,6,0,0,0,0,0,0,1\n");
-  expectCallerError(fit(scene, twice), twice.path() + ":3 measures tag 6 again in capture 1");
+  expectCallerError(fit(scene, twice), twice.path() + ":3 measures the tag of line 2 again");
   expectCallerError(runCommand({"fit", scene.path(), "/nowhere.csv"}),
                     "/nowhere.csv cannot be read");
 }

@@ -295,7 +295,7 @@ TEST_F(Localize, WithoutACameraOrTagsTheTagsAreListed) {
   EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
   const json frame = outcome.json()["frames"][0];
   EXPECT_EQ(frame["state"], "wrong_size");
-  EXPECT_GE(frame["tags"].size(), 4u);
+  EXPECT_TRUE(frame["tags"].empty()) << "its header is enough";
   EXPECT_EQ(frame["reason"].get<std::string>().find(
                 "the picture has 1280 x 720 pixels, the camera of scene demo 640 x 480"),
             0u);

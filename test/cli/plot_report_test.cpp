@@ -203,6 +203,8 @@ TEST_F(PlotReport, AMissingReportIsNamed) {
   EXPECT_NE(errors().find("none.json cannot be read: No such file"), std::string::npos) << errors();
   EXPECT_EQ(run(folder_.path(), target_), 2);
   EXPECT_NE(errors().find("cannot be read: Is a directory"), std::string::npos) << errors();
+  EXPECT_EQ(run("/dev/zero", target_), 2);
+  EXPECT_NE(errors().find("/dev/zero is no regular file"), std::string::npos) << errors();
 }
 
 TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {

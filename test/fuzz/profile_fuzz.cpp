@@ -41,12 +41,12 @@ bool readsModbus(const io::Value& document) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   io::FaultList faults("profile.yaml");
   const auto document =
-      io::parseDocument(std::string(reinterpret_cast<const char*>(bytes), size), faults);
+      io::parseDocument(std::string(reinterpret_cast<const char*>(bytes), size), {}, faults);
   demand(document.has_value() || !faults.empty());
   if (!document) return 0;
   const bool serial = readsSerial(*document), modbus = readsModbus(*document);
   if (!faults.empty() || !(serial || modbus)) return 0;
-  const auto again = io::parseDocument(io::writeDocument(*document), faults);
+  const auto again = io::parseDocument(io::writeDocument(*document), {}, faults);
   demand(again.has_value() && faults.empty());
   demand(readsSerial(*again) == serial && readsModbus(*again) == modbus);
   return 0;

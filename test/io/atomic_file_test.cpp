@@ -170,6 +170,21 @@ TEST(AtomicFile, ALinkIsFollowed) {
   EXPECT_EQ(namesIn(folder / "real"), std::set<std::string>{"scene.yaml"});
 }
 
+TEST(AtomicFile, ALinkToNothingIsRefusedAndKept) {
+  const TemporaryFolder folder;
+  const std::string link = folder / "link.yaml";
+  fs::create_symlink(folder / "nothing.yaml", link);
+  const std::string message = link +
+                              " cannot be written: it is a link to a file that is not there; "
+                              "remove the link, or name the file that it leads to";
+  EXPECT_EQ(refusal(link, "text"), message);
+  fs::create_symlink("loop.yaml", folder / "loop.yaml");
+  EXPECT_NE(refusal(folder / "loop.yaml", "text"), "");
+  EXPECT_TRUE(fs::is_symlink(link));
+  EXPECT_TRUE(fs::is_symlink(folder / "loop.yaml"));
+  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"link.yaml", "loop.yaml"}));
+}
+
 TEST(AtomicFile, OnlyAFileIsReplaced) {
   const TemporaryFolder folder;
   EXPECT_EQ(refusal(folder.path(), "text"),

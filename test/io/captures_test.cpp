@@ -112,18 +112,19 @@ TEST(Captures, KindsAreToldByTheirColumns) {
 
 TEST(Captures, ANumberThatIsNoneIsAFault) {
   EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n"),
-            ":3 curvature_rad is nan; expected a finite number");
+            ":3 curvature_rad is no finite number; expected one");
 }
 
 TEST(Captures, ACurvatureHasNoSign) {
   EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n"),
-            ":3 curvature_rad is -0.2; expected a finite value >= 0");
+            ":3 curvature_rad is negative; expected a finite value >= 0");
 }
 
 TEST(Captures, DataOfAnotherArmIsAFault) {
   const Scene planar = sceneOf(kPlanarScene), spatial = sceneOf(kSpatialScene);
-  EXPECT_EQ(faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
-            " has a column pressure_3_kpa; expected pressures in pressure_1_kpa to pressure_2_kpa");
+  EXPECT_EQ(
+      faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
+      " pressure_3_kpa is of no actuator; expected pressures in pressure_1_kpa to pressure_2_kpa");
   EXPECT_EQ(faultsOf(spatial, kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" +
                                   "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n"),
             " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?");
@@ -136,16 +137,16 @@ TEST(Captures, DataOfAnotherArmIsAFault) {
 TEST(Captures, PressuresOutsideTheLimitsAreNamedWithTheirLines) {
   EXPECT_EQ(faultsOf(sceneOf(kPlanarScene),
                      "pressure_1_kpa,pressure_2_kpa,curvature_rad\n0,401,0.1\n-1,0,0.1\n0,0,0\n"),
-            ":2 pressure_2_kpa is 401 kPa; expected the limits of muscle_2, 0 kPa to 400 kPa\n"
-            ":3 pressure_1_kpa is -1 kPa; expected the limits of muscle_1, 0 kPa to 400 kPa");
+            ":2 pressure_2_kpa is not within the limits of muscle_2, 0 kPa to 400 kPa\n"
+            ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to 400 kPa");
   EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + "1,0,0,0,0,0,0,1,0,0,0,0,0,0,1\n"),
-            ":2 pressure_5_kpa is 0 kPa; expected the limits of muscle_5, 10 kPa to 90 kPa");
+            ":2 pressure_5_kpa is not within the limits of muscle_5, 10 kPa to 90 kPa");
 }
 
 TEST(Captures, ATagTwiceInACaptureIsAFault) {
   const std::string row = "1,0,0,0,0,50,0,1,0,0,0,0,0,0,1\n";
   EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + row + row),
-            ":3 measures tag 1 again in capture 1, as line 2 does; expected it once");
+            ":3 measures the tag of line 2 again in the same capture; expected it once");
 }
 
 TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
@@ -173,9 +174,10 @@ TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
 TEST(Captures, ACornerWhoseDistortionCannotBeUndoneIsAFault) {
   const Scene scene = sceneOf(kSpatialScene, {{"camera.distortion", "[-0.4, 0, 0, 0]"}});
   ASSERT_FALSE(scene.camera->model.directionOf({3000, 240}));
-  EXPECT_EQ(faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
-            ":2 corner 2 of tag 1 in capture 1 is at 3000, 240 px; expected a place where the "
-            "camera's distortion can be undone");
+  EXPECT_EQ(
+      faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
+      ":2 x2_px, y2_px are not in the picture; expected a place where the camera's distortion "
+      "can be undone");
 }
 
 TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
@@ -195,7 +197,7 @@ TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
   high.pressure[3] = 101e3;
   few.pressure.conservativeResize(5);
   EXPECT_EQ(refusal(high),
-            "record pressure_4_kpa is 101 kPa; expected the limits of left, 0 kPa to 100 kPa");
+            "record pressure_4_kpa is not within the limits of left, 0 kPa to 100 kPa");
   EXPECT_EQ(refusal(few), "record has 5 pressures in capture 1; expected 6");
 }
 

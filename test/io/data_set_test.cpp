@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "support/temporary_file.hpp"
 #include "table_faults.hpp"
@@ -35,15 +36,15 @@ TEST(DataSet, ReadsWhatASpreadsheetWrites) {
 
 TEST(DataSet, AllFaultsAreReportedWithTheirLines) {
   EXPECT_EQ(faultsOf("# c\na_m,b_m\n1,nan\n1\n1,2,3\n,x\n4,inf\n5,6\n"),
-            ":3 b_m is nan; expected a finite number\n"
+            ":3 column 2 is no finite number; expected one\n"
             ":4 has 1 cells; expected 2, one for each column\n"
             ":5 has 3 cells; expected 2, one for each column\n"
-            ":6 a_m is empty; expected a finite number\n"
-            ":6 b_m is x; expected a finite number\n"
-            ":7 b_m is inf; expected a finite number");
+            ":6 column 1 is empty; expected a finite number\n"
+            ":6 column 2 is no finite number; expected one\n"
+            ":7 column 2 is no finite number; expected one");
   EXPECT_EQ(faultsOf("a_m,,a_m\n1,2,3\n"),
-            ":1 column 2 has no name; expected one with its unit\n:1 column a_m is named twice; "
-            "expected it once");
+            ":1 column 2 has no name; expected one with its unit\n"
+            ":1 column 3 has the name of column 1; expected each name once");
 }
 
 TEST(DataSet, AFileWithoutATableIsAFault) {
@@ -69,8 +70,8 @@ TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
 TEST(DataSet, NoNumberBecomesInfiniteInPascals) {
   EXPECT_EQ(faultsOf("a_kpa\n1e300\n-1e300\n"), "");
   EXPECT_EQ(faultsOf("a_kpa\n1e308\n-1e301\n"),
-            ":2 a_kpa is 1e308; expected a number of at most 1e+300\n"
-            ":3 a_kpa is -1e301; expected a number of at most 1e+300");
+            ":2 column 1 is too large a number; expected at most 1e+300\n"
+            ":3 column 1 is too large a number; expected at most 1e+300");
 }
 
 TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
@@ -85,8 +86,55 @@ TEST(DataSet, AFileWithoutEndIsRefused) {
     loadDataSet("/dev/zero");
     FAIL();
   } catch (const DocumentError& error) {
-    EXPECT_STREQ(error.what(), "/dev/zero is larger than 256 MiB; expected a text file");
+    EXPECT_STREQ(error.what(), "/dev/zero is a device; expected a regular file");
   }
+}
+
+// From NIST's vectors of SHA-256, like those of sha256Of().
+TEST(DataSet, HasTheHashOfTheBytesItWasReadFrom) {
+  const std::string text = "\xEF\xBB\xBF# c\r\na_m\r\n1\r\n";
+  EXPECT_EQ(load(text).sha256, sha256Of(text));
+  EXPECT_NE(load(text).sha256, load("a_m\n1\n").sha256);
+}
+
+TEST(DataSet, WhatIsOursIsNamedAndOtherHeadersAreCounted) {
+  EXPECT_EQ(faultsOf("pressure_2_kpa,pressure_02_kpa,pressure_2000_kpa,x4_px,x5_px\nx,x,x,x,x\n"),
+            ":2 pressure_2_kpa is no finite number; expected one\n"
+            ":2 column 2 is no finite number; expected one\n"
+            ":2 column 3 is no finite number; expected one\n"
+            ":2 x4_px is no finite number; expected one\n"
+            ":2 column 5 is no finite number; expected one");
+}
+
+TEST(DataSet, EveryLimitIsKeptFromBothSides) {
+  const auto table = [](int columns, int rows) {
+    std::string text = "c0", row = "1";
+    for (int i = 1; i < columns; ++i) {
+      text += ",c" + std::to_string(i);
+      row += ",1";
+    }
+    text += "\n";
+    for (int i = 0; i < rows; ++i) text += row + "\n";
+    return text;
+  };
+  EXPECT_EQ(faultsOf(table(1000, 2)), "");
+  EXPECT_EQ(faultsOf(table(1001, 2)), ":1 has 1001 columns; expected at most 1000");
+  EXPECT_EQ(faultsOf(table(1, 200'000)), "");
+  EXPECT_EQ(faultsOf(table(1, 200'001)),
+            ":200002 is row 200001; expected at most 200000 rows: give part of them");
+  EXPECT_EQ(faultsOf(table(40, 100'000)), "");
+  EXPECT_EQ(faultsOf(table(40, 100'001)),
+            ":100002 is row 100001 of 40 columns; expected at most 4000000 cells: give part of the "
+            "rows");
+  EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
+  EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),
+            ":1 column 2 has 201 letters in its name; expected at most 200");
+  EXPECT_EQ(faultsOf("a\n1" + std::string(999, '0') + "\n").find(" letters"), std::string::npos);
+  EXPECT_EQ(faultsOf("a\n1" + std::string(1000, '0') + "\n"),
+            ":2 column 1 has 1001 letters; expected at most 1000");
+  EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 6, ' ') + "\na\n1\n"), "");
+  EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 5, ' ') + "\na\n1\n"),
+            " is larger than 64 MiB; expected a text file");
 }
 
 TEST(PressuresOf, ConvertsToPascalsAndTakesAMissingColumnAsVented) {
@@ -114,8 +162,10 @@ TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
             "data.csv has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
   for (const char* column :
        {"pressure_3_kpa", "pressure_0_kpa", "pressure_1_psi", "pressure_01_kpa"}) {
-    EXPECT_EQ(message(column, 2), std::string("data.csv has a column ") + column +
-                                      "; expected pressures in pressure_1_kpa to pressure_2_kpa");
+    const bool ours = column == std::string("pressure_3_kpa");
+    EXPECT_EQ(message(column, 2), std::string("data.csv ") + (ours ? column : "column 1") +
+                                      " is of no actuator; expected pressures in pressure_1_kpa to "
+                                      "pressure_2_kpa");
   }
 }
 

@@ -27,7 +27,7 @@ ReadProfile<Profile> readProfile(const std::string& text, const std::string& key
                                                                   const std::string& name,
                                                                   io::FaultList&)) {
   io::FaultList faults("f");
-  const std::optional<io::Value> document = io::parseDocument(text, faults);
+  const std::optional<io::Value> document = io::parseDocument(text, {}, faults);
   const io::Value* map = document ? document->find(key) : nullptr;
   if (map == nullptr) return {std::nullopt, {"no map " + key}};
   ReadProfile<Profile> result;

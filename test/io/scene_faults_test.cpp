@@ -139,7 +139,9 @@ TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
   EXPECT_EQ(faultsOf(""), std::vector<std::string>{":1 the document is empty" + keys});
   EXPECT_EQ(faultsOf("# nothing\n"), std::vector<std::string>{":1 the document is empty" + keys});
   EXPECT_EQ(faultsOf("[1, 2]"), std::vector<std::string>{":1 the document is a list" + keys});
-  EXPECT_EQ(faultsOf("just text"), std::vector<std::string>{":1 the document is just text" + keys});
+  EXPECT_EQ(faultsOf("just text"), std::vector<std::string>{":1 the document is a text" + keys});
+  EXPECT_EQ(faultsOf("name: deploy\nsafety: {key: 12}\n"),
+            std::vector<std::string>{":1 the document is a map of other keys" + keys});
   EXPECT_EQ(faultsOf(kPlanarScene + "---\nname: other\n"),
             std::vector<std::string>{":11 begins another document; expected one"});
   EXPECT_EQ(
@@ -176,7 +178,6 @@ TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
       repeated("{a: ", 50'000),
       repeated("- ", 50'000) + "1\n",
       keys,
-      "# " + repeated("x", 5'000'000) + "\nname: rig\n",
       // One long text a hundred times.
       "a: &a " + repeated("x", 100'000) + "\nb: [" + repeated("*a, ", 100) + "*a]\n",
   };
@@ -188,6 +189,37 @@ TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
     EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5))
         << bomb.substr(0, 40);
   }
+}
+
+TEST(SceneFaults, AFileOfMoreThanASceneHoldsIsNotRead) {
+  const std::string comment(4U << 20U, '#');
+  EXPECT_EQ(faultsOf(comment + "\n" + kPlanarScene),
+            std::vector<std::string>{" is larger than 4 MiB; expected a text file"});
+}
+
+TEST(SceneFaults, AreBoundedInNumberAndLength) {
+  std::string text = kPlanarScene;
+  for (int i = 0; i < 5000; ++i) text += std::string(190, 'k') + std::to_string(i) + ": 1\n";
+  const auto faults = faultsOf(text);
+  ASSERT_EQ(faults.size(), 101u);
+  EXPECT_EQ(faults[100], " has 4900 more faults");
+  FaultList list("a.yaml");
+  list.add(3, std::string(5'000'000, 'x'));
+  list.add(4, std::string(999, 'y') + "\xc3\xa4");
+  ASSERT_EQ(list.faults().size(), 2u);
+  EXPECT_EQ(list.faults()[0], "a.yaml:3 " + std::string(1000, 'x') + "...");
+  EXPECT_EQ(list.faults()[1], "a.yaml:4 " + std::string(999, 'y') + "...") << "no half a letter";
+}
+
+// Repeated keys in a map that aliases repeat, each under long keys.
+TEST(SceneFaults, RepeatedKeysOfAliasesAreCountedAsValues) {
+  std::string map = "&a {";
+  for (int i = 0; i < 9000; ++i) map += "k: 1, ";
+  map += "k: 1}";
+  std::string text = "list: [" + map;
+  for (int i = 0; i < 9000; ++i) text += ", *a";
+  EXPECT_EQ(faultsOf(text + "]\n"),
+            std::vector<std::string>{":1 is nested too deeply or holds too many values"});
 }
 
 TEST(SceneFaults, KeysAreNotRepeatedAtAnyLength) {

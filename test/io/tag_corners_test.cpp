@@ -79,12 +79,12 @@ TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
                                "1,0,5,4,1,2,3,4,5,6,7,8\n"
                                "-1,0,0,4,1,2,3,4,5,6,7,8\n"
                                "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
-            ":3 measures tag 3 again in capture 1, as line 2 does; expected it once\n"
-            ":4 changes the pressures of capture 1; expected them as in line 2\n"
-            ":5 capture is -1; expected a whole number >= 0\n"
-            ":6 tag is 0.5; expected a whole number >= 0");
+            ":3 measures the tag of line 2 again in the same capture; expected it once\n"
+            ":4 changes the pressures of its capture; expected them as in line 2\n"
+            ":5 capture is no whole number from 0 to 1e+09\n"
+            ":6 tag is no whole number from 0 to 1e+09");
   EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
-            ":2 x2_px is nan; expected a finite number");
+            ":2 x2_px is no finite number; expected one");
   EXPECT_EQ(faultsOf("capture,pressure_1_kpa,x1_px\n1,0,0\n"),
             " has no column tag, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, y4_px; expected "
             "capture, pressure_1_kpa .., tag, x1_px, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, "

@@ -69,12 +69,12 @@ TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
                                "2,0,0,-1,0,0,0,0,0,0,1\n"
                                "2,0,0,5,0,0,0,0,0,0,0.5\n"
                                "2,0,0,6,0,0,0,0,0,0,0\n"),
-            ":3 measures tag 3 again in capture 1, as line 2 does; expected it once\n"
-            ":4 changes the pressures of capture 1; expected them as in line 2\n"
-            ":5 capture is 1.5; expected a whole number >= 0\n"
-            ":6 tag is -1; expected a whole number >= 0\n"
-            ":7 has a quaternion of norm 0.5; expected 1\n"
-            ":8 has a quaternion of norm 0; expected 1");
+            ":3 measures the tag of line 2 again in the same capture; expected it once\n"
+            ":4 changes the pressures of its capture; expected them as in line 2\n"
+            ":5 capture is no whole number from 0 to 1e+09\n"
+            ":6 tag is no whole number from 0 to 1e+09\n"
+            ":7 has a quaternion qx, qy, qz, qw that is not of norm 1\n"
+            ":8 has a quaternion qx, qy, qz, qw that is not of norm 1");
 }
 
 TEST(TagPoses, MissingColumnsAreNamed) {

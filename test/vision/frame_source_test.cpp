@@ -7,6 +7,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
+#include <sys/stat.h>
 
 #include "helix_arm/vision/jpeg.hpp"
 #include "jpeg_pictures.hpp"
@@ -108,6 +109,80 @@ TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
   EXPECT_EQ(frame.fault, "");
   EXPECT_EQ(frame.number, 6u);
   EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
+}
+
+// What a decoder would have to take from the system first is refused by the header. The pictures
+// are those of libpng and others, with another size written into their headers.
+TEST(PictureFiles, TheHeaderIsEnoughToRefuseAPictureThatIsTooLarge) {
+  const cv::Mat picture = grayPicture(64, 48);
+  const auto put = [](Bytes bytes, std::size_t place, const Bytes& size) {
+    std::copy(size.begin(), size.end(), bytes.begin() + static_cast<long>(place));
+    return bytes;
+  };
+  const Bytes png = put(encoded(".png", picture), 16, {0, 0, 0x7d, 0, 0, 0, 0x7d, 0});
+  const Bytes bmp = put(encoded(".bmp", picture), 18, {0, 0x7d, 0, 0, 0, 0x83, 0xff, 0xff});
+  const std::string text = "P5\n# 3 4\n32000 \n32000\n255\n";
+  const Bytes pgm(text.begin(), text.end());
+  // VP8L: 14 bits each of width and height, less 1.
+  const Bytes webp = {'R', 'I', 'F', 'F', 30, 0, 0,    0,    'W',  'E',  'B',  'P', 'V', 'P',
+                      '8', 'L', 20,  0,   0,  0, 0x2f, 0xff, 0xff, 0xff, 0x0f, 0,   0,   0};
+  // Little and big endian: width, height.
+  const Bytes tiff = {'I',  'I', 42, 0, 8, 0, 0, 0, 2, 0, 0, 1, 3,    0, 1, 0, 0, 0, 0,
+                      0x7d, 0,   0,  1, 1, 4, 0, 1, 0, 0, 0, 0, 0x7d, 0, 0, 0, 0, 0, 0};
+  const Bytes motorola = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 2, 1, 0, 0, 3,    0, 0, 0, 1, 0x7d,
+                          0,   0,   0, 1,  1, 0, 4, 0, 0, 0, 1, 0, 0, 0x7d, 0, 0, 0, 0, 0};
+  const std::vector<std::pair<const char*, Bytes>> pictures = {
+      {"a.png", png}, {"b.bmp", bmp}, {"c.pgm", pgm}, {"d.tif", tiff}, {"e.tiff", motorola}};
+  const TemporaryFolder folder;
+  for (const auto& [name, bytes] : pictures) write(folder, name, bytes);
+  write(folder, "f.webp", webp);
+  const auto source = FrameSource::files(folder.path());
+  Frame frame;
+  for (const auto& [name, bytes] : pictures) {
+    ASSERT_EQ(source->next(frame), FrameStatus::kFault) << name;
+    EXPECT_EQ(frame.fault, folder / name +
+                               ": the picture has 32000 x 32000 px; expected at most 64000000 "
+                               "pixels: make it smaller");
+    EXPECT_FALSE(frame.wrong_size) << "none was expected";
+  }
+  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_NE(frame.fault.find("16384 x 16384 px; expected at most"), std::string::npos)
+      << frame.fault;
+}
+
+TEST(PictureFiles, APictureThatIsNotOfTheCamerasSizeIsRefusedByItsHeader) {
+  const TemporaryFolder folder;
+  const cv::Mat picture = grayPicture(64, 48);
+  std::vector<std::string> names;
+  for (const char* extension : {".bmp", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".webp"}) {
+    names.push_back(std::string("a") + extension);
+    const bool coloured = std::string(extension) == ".ppm";
+    write(folder, names.back(), encoded(extension, coloured ? colourPicture(64, 48) : picture));
+  }
+  for (const bool wrong : {false, true}) {
+    const auto source =
+        FrameSource::files(folder.path(), wrong ? cv::Size(64, 47) : cv::Size(64, 48));
+    Frame frame;
+    for (const std::string& name : names) {
+      const FrameStatus status = source->next(frame);
+      EXPECT_EQ(status, wrong ? FrameStatus::kFault : FrameStatus::kFrame) << frame.fault;
+      EXPECT_EQ(frame.wrong_size.has_value(), wrong) << name;
+      if (!wrong) continue;
+      EXPECT_EQ(*frame.wrong_size, cv::Size(64, 48));
+      EXPECT_EQ(frame.fault, folder / name + ": the picture has 64 x 48 px; expected 64 x 47");
+    }
+  }
+}
+
+TEST(PictureFiles, OnlyRegularFilesAreOpened) {
+  const TemporaryFolder folder;
+  write(folder, "a.png", encoded(".png", grayPicture(64, 48)));
+  const auto source = FrameSource::files(folder.path());
+  fs::remove(folder / "a.png");
+  ASSERT_EQ(mkfifo((folder / "a.png").c_str(), 0600), 0);
+  Frame frame;
+  EXPECT_EQ(source->next(frame), FrameStatus::kFault);
+  EXPECT_EQ(frame.fault, folder / "a.png: the file is a FIFO; expected a regular file");
 }
 
 TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {

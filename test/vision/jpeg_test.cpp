@@ -180,6 +180,52 @@ TEST(Jpeg, ClaimedSizesThatCannotBeAreRefused) {
   EXPECT_EQ(faultOf(jpegOf(flat, TJPF_GRAY, TJSAMP_GRAY, 50, TJFLAG_PROGRESSIVE)), "");
 }
 
+TEST(Jpeg, TheClaimedSizeIsKnownByTheHeaderAlone) {
+  const Bytes bytes = JpegEncoder(90).encode(grayPicture(640, 480));
+  EXPECT_EQ(JpegDecoder::claimedSize(bytes.data(), bytes.size()), cv::Size(640, 480));
+  const std::size_t scan = markerAt(bytes, 0xda);
+  EXPECT_EQ(JpegDecoder::claimedSize(bytes.data(), scan + 2 + 8), cv::Size(640, 480));
+  EXPECT_TRUE(JpegDecoder::claimedSize(bytes.data(), 10).empty());
+  EXPECT_TRUE(JpegDecoder::claimedSize(nullptr, 0).empty());
+}
+
+// A picture whose last scan comes again and again: each is decoded over all of its pixels.
+Bytes withScans(const Bytes& bytes, int count) {
+  std::vector<std::size_t> scans;
+  for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
+    if (bytes[i] == 0xff && bytes[i + 1] == 0xda) scans.push_back(i);
+  }
+  const auto last = bytes.begin() + static_cast<long>(scans.back()), end = bytes.end() - 2;
+  const Bytes scan(last, end);
+  Bytes out(bytes.begin(), end);
+  for (int i = static_cast<int>(scans.size()); i < count; ++i) {
+    out.insert(out.end(), scan.begin(), scan.end());
+  }
+  out.insert(out.end(), {0xff, 0xd9});
+  return out;
+}
+
+TEST(Jpeg, ScansAreCountedBeforeTheyAreDecoded) {
+  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_420, 90, TJFLAG_PROGRESSIVE);
+  ASSERT_EQ(faultOf(bytes), "");
+  EXPECT_EQ(faultOf(withScans(bytes, JpegDecoder::kMaxScans)).find(" scans; expected"),
+            std::string::npos);
+  for (const int count : {JpegDecoder::kMaxScans + 1, 490}) {
+    EXPECT_EQ(faultOf(withScans(bytes, count)), "a JPEG of " + std::to_string(count) +
+                                                    " scans; expected at most " +
+                                                    std::to_string(JpegDecoder::kMaxScans));
+  }
+}
+
+// A camera puts a small picture of its own into a segment before the first scan.
+TEST(Jpeg, ScansOfAPictureInsideThePictureDoNotCount) {
+  Bytes bytes = JpegEncoder(90).encode(grayPicture(64, 48));
+  Bytes segment = {0xff, 0xe1, 0x01, 0x02};
+  for (int i = 0; i < 128; ++i) segment.insert(segment.end(), {0xff, 0xda});
+  bytes.insert(bytes.begin() + 2, segment.begin(), segment.end());
+  EXPECT_EQ(faultOf(bytes), "");
+}
+
 TEST(Jpeg, PaddingOfWebcamsIsAccepted) {
   const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
   Bytes after = bytes;

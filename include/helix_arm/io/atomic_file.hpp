@@ -13,8 +13,8 @@ namespace helix_arm::io {
 ///
 /// A temporary file beside it (`.NAME.<16 digits>.tmp`) is written, synced and renamed, and the
 /// folder is synced. A file that is there keeps its permissions, and belongs to who wrote it last;
-/// a link to it is followed. Temporary files of the same name whose writers were killed are
-/// removed. Several writers may write at once: the last one stays.
+/// a link to it is followed, a link to nothing is refused. Temporary files of the same name whose
+/// writers were killed are removed. Several writers may write at once: the last one stays.
 ///
 /// Everything throws FileError naming path, reason and remedy: a place that cannot be written or is
 /// no regular file, a read-only file, a full disk. The old file is then untouched, and no temporary

@@ -28,12 +28,14 @@ struct SceneCalibration {
 
 /// The text of a scene file with a calibration in it: loading it gives the calibrated scene, whose
 /// X_CB and placements agree to 1e-12. The comments of the file are not kept.
-/// @throws DocumentError where the file cannot be read or breaks its rules, before or after: also
-/// where an actuator's limits reach beyond a new curve.
+/// @param sha256  of the file that the calibration is of; empty: of whatever it holds now.
+/// @throws DocumentError where the file cannot be read, is not the one that was calibrated or
+/// breaks its rules, before or after: also where an actuator's limits reach beyond a new curve.
 /// @throws std::invalid_argument on what the scene has no place for: a camera pose without a
 /// camera, tags that are not the scene's, another number of actuators, a contraction that it does
 /// not have.
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
-                                const SceneCalibration& calibration);
+                                const SceneCalibration& calibration,
+                                const std::string& sha256 = {});
 
 }  // namespace helix_arm::io

@@ -33,6 +33,8 @@ struct LoadedCaptures {
   std::vector<estimation::Capture> captures;
   /// How often each tag was seen that the scene does not have; those sights are left out.
   std::map<int, int> unknown_tags;
+  /// Those tags, ascending.
+  std::vector<int> unknownIds() const;
 };
 
 /// The curvatures, tag poses or tag corners of a data set as those of a scene's arm. Poses are seen

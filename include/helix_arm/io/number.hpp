@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace helix_arm::io {
 
@@ -11,6 +12,9 @@ std::optional<double> parseNumber(const std::string& text);
 
 /// The shortest decimal that reads back as the same number.
 std::string formatNumber(double value);
+
+/// Numbers as a message lists them: "1, 2, 5", of many the first 20 and how many more there are.
+std::string listOf(const std::vector<int>& numbers);
 
 /// The one place where kilopascals of files and command lines become pascals: equal kPa give equal
 /// Pa, so a pressure at its limit stays inside.

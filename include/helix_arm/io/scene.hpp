@@ -74,6 +74,9 @@ struct Scene {
   SimulationConfig simulation;
   SafetyConfig safety;
   std::optional<Provenance> calibration;  ///< where it was calibrated
+  /// SHA-256 of the bytes that were read of its file, overrides left out; empty where it is of
+  /// none.
+  std::string sha256;
 
   /// The arm's base seen from the camera. Only with a camera.
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }

@@ -21,12 +21,14 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<control::Sample>& s
                                            const model::Arm& arm);
 
 /// The moments of a recording in which the arm stands still: one sample each time, the median of
-/// its pictures. Times are the stamps in the messages.
+/// its pictures. Times are the stamps in the messages. A process of its own reads the file, so that
+/// no damage in it does harm to this one.
 ///
 /// @param path  of a bag with one topic each that ends in tag_detections and pressure_measured; one
 ///              that ends in pressure_command tells the set points.
-/// @throws io::DocumentError where it cannot be read, lacks a topic or has more than one, where
-/// pressures are not of the scene's arm, or where the arm never stands still.
+/// @throws io::DocumentError where it cannot be read, is damaged, has more than 16 GiB, lacks a
+/// topic or has more than one, where pressures are not of the scene's arm, or where the arm never
+/// stands still.
 std::vector<control::Sample> loadBag(const std::string& path, const io::Scene& scene,
                                      const control::SettleRules& rules);
 

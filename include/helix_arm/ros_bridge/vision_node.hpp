@@ -137,7 +137,9 @@ class VisionNode {
   void work();
   void measure(const Picture& picture);
   Taken<cv::Mat> decode(const Picture& picture);
-  std::optional<PictureRefusal> adoptCamera(const cv::Mat& gray);
+  /// The picture, of the size of the camera that it adopts.
+  Taken<cv::Mat> take(const Picture& picture);
+  std::optional<PictureRefusal> adoptCamera(const cv::Size& size);
   std::optional<ModelHistory::Entry> modelAt(const ros::Time& stamp);
   void publish(const ros::Time& stamp, const cv::Mat& gray, const vision::Sight& sight,
                const std::optional<ModelHistory::Entry>& model);

@@ -34,9 +34,11 @@ enum class FrameStatus {
 };
 
 struct Frame {
-  cv::Mat gray;              ///< (CV_8UC1) empty with a fault; its memory is used again
-  std::string name;          ///< file, or `file#number`, or the device
-  std::string fault;         ///< culprit and remedy
+  cv::Mat gray;       ///< (CV_8UC1) empty with a fault; its memory is used again
+  std::string name;   ///< file, or `file#number`, or the device
+  std::string fault;  ///< culprit and remedy
+  /// With a fault: the picture's size, where that is not the expected one.
+  std::optional<cv::Size> wrong_size;
   double retry_after = 0;    ///< with a fault: before this nothing will have changed [s]
   std::uint64_t number = 0;  ///< counted from 0, faults included
 };
@@ -83,10 +85,13 @@ class FrameSource {
   static std::unique_ptr<FrameSource> camera(std::unique_ptr<VideoDevice> device,
                                              const std::string& name, double reconnect_after,
                                              std::function<double()> now);
-  /// A broken picture or video is a fault that names it.
+  /// A broken picture or video is a fault that names it; so is, by its header and before it is
+  /// decoded, one of more pixels than JpegDecoder::kMaxPixels, or of another size than expected.
+  /// @param expected  [px]; none: any.
   /// @throws std::invalid_argument when there is no such file or folder, or nothing in it that
   /// could be a picture.
-  static std::unique_ptr<FrameSource> files(const std::string& path);
+  static std::unique_ptr<FrameSource> files(const std::string& path,
+                                            std::optional<cv::Size> expected = {});
 
  protected:
   void begin(Frame& frame, const std::string& name);

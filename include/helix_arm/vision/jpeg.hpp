@@ -18,6 +18,11 @@ class JpegDecoder {
   /// Most pixels a picture may have; a header that claims more, or more than its bytes can hold, is
   /// refused before anything is allocated.
   static constexpr int kMaxPixels = 64'000'000;
+  /// Most scans of a progressive picture: each goes through all of its pixels. Encoders make 10.
+  static constexpr int kMaxScans = 32;
+
+  /// The size [px] that the header claims, by the header alone; empty where there is no sound one.
+  static cv::Size claimedSize(const std::uint8_t* data, std::size_t size);
 
   /// Takes gray and YCbCr, baseline and progressive, with or without Huffman tables (MJPEG leaves
   /// out the usual ones), with any padding after the last pixel. All else that breaks the standard

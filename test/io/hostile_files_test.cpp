@@ -1,0 +1,273 @@
+// Files that somebody names who must not read them, that block who opens them, and that swell.
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iostream>
+#include <sstream>
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include "helix_arm/io/captures.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/file_error.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/tag_corners.hpp"
+#include "helix_arm/io/tag_poses.hpp"
+#include "scene_text.hpp"
+#include "support/bounded_child.hpp"
+#include "support/random.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::Random;
+using test::replaced;
+using test::TemporaryFile;
+using test::TemporaryFolder;
+
+using Reader = std::function<void(const std::string& path)>;
+
+Scene sceneOf(const std::string& text) { return loadScene(TemporaryFile(text).path()); }
+
+// A scene whose regulator has its profile in another file.
+void loadProfile(const std::string& path) {
+  const TemporaryFolder folder;
+  std::filesystem::create_symlink(path, folder / "profile.yaml");
+  const std::string regulator =
+      "  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, "
+      "seed: 7}";
+  std::ofstream(folder / "arm.yaml") << replaced(
+      kSpatialScene, regulator,
+      "  ascii_serial: {profile: ./profile.yaml, device: /dev/ttyUSB0, addresses: [a, b, c, d, e, "
+      "f]}");
+  loadScene(folder / "arm.yaml");
+}
+
+// Whoever takes the path of a file.
+std::vector<Reader> readers() {
+  static const Scene scene = sceneOf(kSpatialScene);
+  return {
+      [](const std::string& path) { loadScene(path); },
+      [](const std::string& path) { sceneText(path); },
+      [](const std::string& path) {
+        sceneText(path, {{"name", "other"}});
+      },
+      loadProfile,
+      [](const std::string& path) { kindOf(loadDataSet(path)); },
+      [](const std::string& path) { pressuresOf(loadDataSet(path), 3); },
+      [](const std::string& path) { loadLengths(loadDataSet(path)); },
+      [](const std::string& path) { loadTagPoses(loadDataSet(path), 3, lie::SE3()); },
+      [](const std::string& path) { loadTagCorners(loadDataSet(path), 3); },
+      [](const std::string& path) { loadCaptures(scene, loadDataSet(path)); },
+  };
+}
+
+std::string messageOf(const Reader& reader, const std::string& path) {
+  try {
+    reader(path);
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return {};
+}
+
+TEST(HostileFiles, NoReaderWaitsForAFifoOrADevice) {
+  const TemporaryFolder folder;
+  const std::string fifo = folder / "fifo";
+  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
+  std::vector<Reader> all = readers();
+  all.push_back([](const std::string& path) { sha256OfFile(path); });
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    EXPECT_NE(messageOf(all[i], fifo).find("is a FIFO; expected a regular file"), std::string::npos)
+        << i << ": " << messageOf(all[i], fifo);
+    EXPECT_NE(messageOf(all[i], "/dev/zero").find("is a device; expected a regular file"),
+              std::string::npos)
+        << i << ": " << messageOf(all[i], "/dev/zero");
+  }
+}
+
+// ---- What is in a file of somebody else ---------------------------------------------------------
+
+// A word that stands in no message of ours.
+std::string secret(Random& random) {
+  std::string word = "Q";
+  for (int i = 0; i < 9; ++i) word += "0123456789XZ"[random.integer(0, 11)];
+  return word;
+}
+
+// Files of other people, each @ a secret word.
+const char* const kForeign[] = {
+    "root:$6$@$@:19000:0:99999:7:::\ndaemon:*:19000:0:99999:7:::\n@:!:19000::::::\n",
+    "root:x:0:0:@:/root:/bin/@\n",
+    "machine @ login @ password @\n",
+    "-----BEGIN OPENSSH PRIVATE KEY-----\n@@@@@@@@\n@@@\n-----END OPENSSH PRIVATE KEY-----\n",
+    "@: @\n",
+    "name: @\n@: {@: @, @: [@, @]}\n",
+    "name: @\nsafety: {@: @}\ntags: [@, @]\ncamera: @\n",
+    "[@, @, {@: @}]\n",
+    "? [@, @]\n: @\n",
+    "@: 1\n@: 1\n\"@\": 2\n",
+    "a: &@ 1\nb: *@\nc: *Q@\n",
+    "a: \"\\@\"\n",
+    "a: \"\\uZZ@\"\n",
+    "%YAML @\n---\na: @\n",
+    "!@!@ b: @\n",
+    "'@\n",
+    "{@: @\n",
+    "@: @\n---\n@: @\n",
+    "\"@\"\n",
+    "@,@,@\n@,@,@\n1,@,2\n",
+    "@\n@\n",
+    "@,@\n1,2\n3,4\n",
+    "@,@\n1\n1,2,3\n",
+    "pressure_@_kpa,pressure_1_@,curvature_rad\n1,2,3\n",
+    "capture,tag,@\n@,@,@\n",
+    "x_m,curvature_rad,@\n@,@,@\n",
+    "user,password\n@,@\n",
+    "export TOKEN=@\nexport KEY='@'\n",
+};
+
+TEST(HostileFiles, NoMessageHoldsAWordOfAFileThatIsNotOurs) {
+  Random random(17);
+  int refused = 0;
+  for (const std::string form : kForeign) {
+    std::string text;
+    std::vector<std::string> secrets;
+    for (const char c : form) {
+      if (c == '@') secrets.push_back(secret(random));
+      text += c == '@' ? secrets.back() : std::string(1, c);
+    }
+    const TemporaryFile file(text);
+    for (const Reader& reader : readers()) {
+      const std::string message = messageOf(reader, file.path());
+      refused += message.empty() ? 0 : 1;
+      for (const std::string& word : secrets) {
+        EXPECT_EQ(message.find(word), std::string::npos) << message << "\n... of\n" << text;
+        EXPECT_EQ(message.find(word.substr(1, 5)), std::string::npos) << message;
+      }
+    }
+  }
+  EXPECT_GT(refused, 200) << "nothing is told where nothing is refused";
+}
+
+TEST(HostileFiles, NoMessageHoldsACellOfADataSet) {
+  const Scene scene = sceneOf(kSpatialScene);
+  const std::string corners =
+      "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"
+      "x4_px,y4_px\n";
+  const std::string tables[] = {
+      corners + "1,77123.5,3,1,2,3,4,5,6,7,8\n",
+      corners + "-77123.5,0,3,1,2,3,4,5,6,7,8\n",
+      corners + "1,0,77123.5,1,2,3,4,5,6,7,8\n",
+      corners + "1,0,3,1,2,3,4,5,6,77123.5x,8\n",
+      corners + "1,0,3,1,2,3,4,5,6,77123.5e301,8\n",
+      "capture,tag,x_m,y_m,z_m,qx,qy,qz,qw,pressure_1_kpa\n1,3,0,0,0,77123.5,0,0,0,0\n",
+      "pressure_1_kpa,curvature_rad\n1,-77123.5\n",
+      "pressure_1_kpa,curvature_rad\n1,77123.5,2\n",
+  };
+  for (const std::string& table : tables) {
+    const TemporaryFile file(table);
+    for (const Reader& reader : readers()) {
+      const std::string message = messageOf(reader, file.path());
+      EXPECT_EQ(message.find("77123"), std::string::npos) << message;
+    }
+    const std::string message = messageOf(readers().back(), file.path());
+    EXPECT_FALSE(message.empty()) << table;
+  }
+}
+
+// ---- What swells --------------------------------------------------------------------------------
+
+constexpr double kMostMegabytes = 500;
+constexpr std::size_t kMostLetters = 200'000;
+
+void expectBounded(const std::string& what, const std::string& text,
+                   const std::function<std::string(const std::string& path)>& read) {
+  const TemporaryFile file(text);
+  const test::ChildRun run = test::runInChild([&] { return read(file.path()); });
+  EXPECT_EQ(run.signal, 0) << what;
+  EXPECT_LT(run.megabytes, kMostMegabytes) << what;
+  EXPECT_LT(run.text.size(), kMostLetters) << what;
+  std::cout << what << ": " << run.megabytes << " MB, says " << run.text.substr(0, 150) << "\n";
+}
+
+std::string repeated(const std::string& text, int times) {
+  std::string all;
+  all.reserve(text.size() * static_cast<std::size_t>(times));
+  for (int i = 0; i < times; ++i) all += text;
+  return all;
+}
+
+TEST(HostileFiles, TablesAreReadInBoundedMemory) {
+  const auto load = [](const std::string& path) {
+    return messageOf([](const std::string& file) { loadDataSet(file); }, path);
+  };
+  const std::string name(5'000'000, 'n');
+  expectBounded("a long name", name + "\n" + repeated("x\n", 1000), load);
+  expectBounded("a long name twice", name + "," + name + "\n1,2\n", load);
+  expectBounded("a long cell", "a,b\n" + repeated("1," + name + "\n", 10), load);
+  expectBounded("a long row", "a,b\n" + repeated("1,", 16'000'000) + "\n", load);
+  expectBounded("a long header", repeated("a,", 16'000'000) + "\n1\n", load);
+  expectBounded("many rows", "a\n" + repeated("1\n", 16'000'000), load);
+  expectBounded("many comments", repeated("#\n", 16'000'000) + "a\n1\n", load);
+  expectBounded("many faults", "a\n" + repeated("x\n", 16'000'000), load);
+}
+
+TEST(HostileFiles, ASoundTableOf16MegabytesIsReadInBoundedMemory) {
+  std::string text = "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
+  const std::string corners = ",100.125,200.25,140.5,200.125,140.75,160.5,100.25,160.125\n";
+  for (int i = 0; text.size() < 16'000'000; ++i) {
+    text += std::to_string(i / 2 + 1) + ",100," + (i % 2 == 0 ? "3" : "1") + corners;
+  }
+  const Scene scene = sceneOf(kSpatialScene);
+  expectBounded("a sound table", text, [&](const std::string& path) {
+    try {
+      const LoadedCaptures read = loadCaptures(scene, loadDataSet(path));
+      return std::to_string(read.captures.size()) + " captures";
+    } catch (const DocumentError& error) {
+      return std::string(error.what());
+    }
+  });
+}
+
+TEST(HostileFiles, ScenesAreReadInBoundedMemory) {
+  const auto load = [](const std::string& path) {
+    return messageOf([](const std::string& file) { loadScene(file); }, path);
+  };
+  const std::string key(195, 'k'), long_text(3'500'000, 'x');
+  std::string deep;  // repeated keys, each below 45 long ones
+  for (int i = 0; i < 45; ++i) deep += std::string(2 * i, ' ') + key + ":\n";
+  deep += repeated(std::string(90, ' ') + "k: 1\n", 18'000);
+  std::string aliases = "list: [&a {" + repeated(key + ": 1, ", 15'000) + "k: 1}";
+  aliases += repeated(", *a", 15'000) + "]\n";
+  std::string unknown;
+  for (int i = 0; i < 17'000; ++i) unknown += key + std::to_string(i) + ": 1\n";
+  expectBounded("deep repeated keys", kPlanarScene + deep, load);
+  expectBounded("aliases of repeated keys", kPlanarScene + aliases, load);
+  expectBounded("unknown keys", kPlanarScene + unknown, load);
+  expectBounded("a long word", replaced(kPlanarScene, "geometry: planar", "geometry: " + long_text),
+                load);
+  expectBounded("a long name", replaced(kPlanarScene, "name: only", "name: " + long_text + "!"),
+                load);
+  expectBounded("a long key", kPlanarScene + long_text + ": 1\n", load);
+  expectBounded("a long comment", kPlanarScene + "#" + long_text + "\n", load);
+  expectBounded("a list", kPlanarScene + "tags: [" + repeated("1,", 1'700'000) + "]\n", load);
+  expectBounded("a flow map of nothing", kPlanarScene + "tags: {" + repeated(",", 3'400'000), load);
+  expectBounded("anchors", kPlanarScene + "tags: [" + repeated("&a ,", 850'000) + "]\n", load);
+  expectBounded("quotes", kPlanarScene + "tags: \"" + repeated("\\n", 1'700'000) + "\"\n", load);
+  expectBounded("open brackets", kPlanarScene + "tags: " + repeated("[", 3'400'000), load);
+  expectBounded("colons", kPlanarScene + repeated("? ", 1'700'000), load);
+  expectBounded("dashes", kPlanarScene + repeated("- ", 1'700'000), load);
+  expectBounded("no value", kPlanarScene + repeated("a:\n", 1'100'000), load);
+  expectBounded("blank lines", kPlanarScene + repeated("\n", 3'500'000), load);
+}
+
+}  // namespace
+}  // namespace helix_arm::io
