@@ -168,7 +168,8 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
       ->check(within(kTipErrorPercent));
   command
       .add_option("--budget", arguments.budget_us,
-                  "choose the most accurate tier that takes no longer [us]")
+                  "choose the most accurate tier that takes no longer on average over sampled "
+                  "inputs [us]")
       ->type_name("US")
       ->check(within(kTimeUs));
 }

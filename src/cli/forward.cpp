@@ -87,7 +87,7 @@ ForwardResult forward(const model::ArmModel& model, const Eigen::VectorXd& input
                        planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
                        {}};
   result.twists = result.solution.shape.twists();
-  if (samples > 0) result.curve = model::sampleCurve(result.solution.shape, samples);
+  if (samples > 0) result.curve = model.curve(inputs, samples);
   return result;
 }
 
@@ -263,7 +263,9 @@ Subcommand addForward(CLI::App& app) {
       "energy), curvature_rad,\n"
       "helix {radius_m (null when straight), pitch_m, turns}}], pressure_pa, actuators; under load "
       "pieces (a section)\n"
-      "and piece_twist (all pieces x 6); with --samples curve [{s, position_m, "
+      "and piece_twist (all pieces x 6; their ends lie on the curve, and between them they are "
+      "helices, off it by\n"
+      "2e-5 of the length and more); with --samples curve [{s, position_m, "
       "quaternion_xyzw}]. csv: one row, or the\n"
       "rows of the curve. --tier, --order, --accuracy and --budget take the place of all that the "
       "scene says of them.\n"

@@ -49,8 +49,9 @@ const char* modelTier(const io::Scene& scene) {
 std::string reasonForNoShape(model::SolveStatus status) {
   return status == model::SolveStatus::kUnsupported
              ? "the load pulls along a motion that no actuator resists"
-             : "the search for the shape that balances the load came to no end; less load, a "
-               "higher order or tier: exact may help";
+             : "no shape that balances the load was found within the error that the tier states; "
+               "less "
+               "load, a higher order or tier: exact may help";
 }
 
 std::string noteOnStart(const model::Solution& solution) {

@@ -1,11 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <random>
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/fraction.hpp"
+#include "helix_arm/model/input_samples.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "helix_arm/model/median_time.hpp"
 #include "trade.hpp"
@@ -15,21 +14,10 @@ namespace {
 
 using model::Tier;
 
-constexpr int kSamples = 40;
+constexpr int kCorners = 100;
+constexpr int kInner = 300;
 constexpr int kDrawnShapes = 8;
 constexpr int kDenseFactor = 16;  // points that a drawn line is compared at, between its own
-
-// The lower and the upper limits, and inputs within them.
-std::vector<Eigen::VectorXd> sampleInputs(const model::Arm& arm, int count) {
-  std::vector<Eigen::VectorXd> out = {arm.inputAt(0.0), arm.inputAt(1.0)};
-  std::mt19937_64 generator(20240229);
-  while (static_cast<int>(out.size()) < count) {
-    Eigen::VectorXd fraction(arm.actuatorCount());
-    for (double& one : fraction) one = model::fractionOf(generator());
-    out.push_back(arm.inputAt(fraction));
-  }
-  return out;
-}
 
 // Of a scene that has none: the loaded tiers run all the same, and show what they cost.
 model::Load loadOf(const io::Scene& scene) {
@@ -86,7 +74,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
   const model::ExactArm exact(scene.arm, load);
   std::vector<Eigen::VectorXd> inputs;
   std::vector<Eigen::Vector3d> tips;
-  for (const Eigen::VectorXd& q : sampleInputs(scene.arm, kSamples)) {
+  for (const Eigen::VectorXd& q : model::sampleInputs(scene.arm, kCorners, kInner)) {
     const model::Solution solution = exact.solve(scene.arm.twists(q));
     if (!solution.converged()) continue;
     inputs.push_back(q);
@@ -117,7 +105,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
 std::vector<TradeRow> drawingRows(const io::Scene& scene) {
   const model::Arm& arm = scene.arm;
   std::vector<model::Shape> shapes;
-  for (const Eigen::VectorXd& q : sampleInputs(arm, kDrawnShapes)) {
+  for (const Eigen::VectorXd& q : model::sampleInputs(arm, 0, kDrawnShapes)) {
     model::Solution solution = scene.model.solve(q);
     if (solution.converged()) shapes.push_back(std::move(solution.shape));
   }

@@ -48,5 +48,7 @@ double Anderson<kMost>::advance(Values x, const Eigen::Ref<const Eigen::VectorXd
 
 template class Anderson<kMaxRates<3>>;
 template class Anderson<kMaxRates<6>>;
+template class Anderson<kMaxFineRates<3>>;
+template class Anderson<kMaxFineRates<6>>;
 
 }  // namespace helix_arm::model

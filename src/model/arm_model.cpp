@@ -72,6 +72,10 @@ Tip ArmModel::tipOfLengths(const Eigen::VectorXd& lengths) const {
   return solvers_->solver.tip(lengths);
 }
 
+std::vector<CurvePoint<lie::SE3>> ArmModel::curve(const InputRef& q, int count) const {
+  return solvers_->solver.curve(q, count);
+}
+
 TipResponse ArmModel::tipResponse(const Eigen::VectorXd& lengths) const {
   return solvers_->solver.tipResponse(lengths);
 }

@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "curve_place.hpp"
+
 namespace helix_arm::model {
 namespace {
 
@@ -35,16 +37,14 @@ Group poseOnCurve(const Pieces& pieces, double along) {
 
 template <class Group, class Pieces>
 std::vector<CurvePoint<Group>> sample(const Pieces& pieces, int sections, int count) {
-  if (count < 2)
-    throw std::invalid_argument("a curve of " + std::to_string(count) +
-                                " points; expected at least 2");
+  requireCurve(count);
   const auto per_section = static_cast<double>(pieces.cols() / sections);
   std::vector<CurvePoint<Group>> curve;
   curve.reserve(count);
   int j = 0;
   Group X_j;
   for (int i = 0; i < count; ++i) {
-    const double s = static_cast<double>(sections) * i / (count - 1);
+    const double s = curvePlace(sections, i, count);
     const double along = per_section * s;
     for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = X_j * Group::exp(pieces.col(j));
     curve.push_back({s, X_j * Group::exp((along - j) * pieces.col(j))});

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "compliance.hpp"
+#include "curve_place.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "rod_flow.hpp"
 #include "twist_near.hpp"
@@ -105,6 +106,7 @@ class ExactArm::Rod {
  public:
   Rod(const Arm& arm, const Load& load, const ExactOptions& options);
   Solution solve(const Twists& unloaded) const;
+  std::vector<CurvePoint<lie::SE3>> curve(const Twists& unloaded, int count) const;
 
  private:
   // The arm shot from given nodes, with all that Newton's method asks for.
@@ -115,9 +117,14 @@ class ExactArm::Rod {
                                   // one the moment that is left over
     double norm = std::numeric_limits<double>::infinity();
   };
-  struct Curve {
-    Shape::Pieces pieces;
-    lie::SE3 tip;
+  // The nodes that balance the largest share of the load that was reached.
+  struct Reached {
+    std::vector<Node> nodes;
+    double share = 0.0, residual = 0.0;
+    int iterations = 0;
+  };
+  // What a walk along the arm met.
+  struct Trace {
     bool finite = true;
     bool supported = true;
   };
@@ -136,7 +143,13 @@ class ExactArm::Rod {
   };
   Balance newton(std::vector<Node> nodes, const Twists& unloaded, double share, bool damped,
                  int& iterations) const;
-  Curve curve(const std::vector<Node>& nodes, const Twists& unloaded, double share) const;
+  Reached reach(const Twists& unloaded) const;
+  // Calls visit(X, turned) with the pose at each of the stops, s over the whole arm that do not
+  // decrease, and the integral of the angular strain up to it.
+  template <class Visit>
+  Trace trace(const Reached& reached, const Twists& unloaded, const std::vector<double>& stops,
+              const Visit& visit) const;
+  void check(const Twists& unloaded) const;
   Shape unloadedShape(const Twists& unloaded) const;
 
   ExactOptions options_;
@@ -350,53 +363,44 @@ ExactArm::Rod::Balance ExactArm::Rod::newton(std::vector<Node> nodes, const Twis
   return balance;
 }
 
-ExactArm::Rod::Curve ExactArm::Rod::curve(const std::vector<Node>& nodes, const Twists& unloaded,
-                                          double share) const {
-  const int per_section = options_.pieces_per_section;
-  Curve out;
-  out.pieces.resize(6, unloaded.cols() * per_section);
-  lie::SE3 X_start;
-  Vector3d turned_start = Vector3d::Zero();
+template <class Visit>
+ExactArm::Rod::Trace ExactArm::Rod::trace(const Reached& reached, const Twists& unloaded,
+                                          const std::vector<double>& stops,
+                                          const Visit& visit) const {
+  Trace out;
   Flow<0>::State y = Flow<0>::State::Zero();
-  double h = 1.0 / per_section;
-  int piece = 0;  // of the section
+  double h = 1.0 / options_.pieces_per_section;
+  std::size_t next = 0;
   for (std::size_t j = 0; j < segments_.size(); ++j) {
-    const auto part = flow<0>(static_cast<int>(j), unloaded, share);
+    const auto part = flow<0>(static_cast<int>(j), unloaded, reached.share);
     const auto& N = part.law.null_space;
-    const auto check = [&](double s) {
+    const auto checkSupport = [&](double s) {
       const Vector6 w = part.wrench(s, y);
       for (int i = 0; i < N.cols(); ++i) {
         const double scale =
             N.col(i).head<3>().norm() * force_scale_ + N.col(i).tail<3>().norm() * moment_scale_;
-        out.supported &=
-            std::abs(N.col(i).dot(w)) <= std::max(kNoWork, 10 * options_.tolerance) * share * scale;
+        out.supported &= std::abs(N.col(i).dot(w)) <=
+                         std::max(kNoWork, 10 * options_.tolerance) * reached.share * scale;
       }
     };
-    y.head<7>() << nodes[j].R.coeffs(), nodes[j].m;
-    if (part.segment.begin == 0) piece = 0;
+    y.head<7>() << reached.nodes[j].R.coeffs(), reached.nodes[j].m;
     double s = part.segment.begin;
-    check(s);
-    while (s < part.segment.end) {
-      const double piece_end =
-          piece + 1 == per_section ? 1.0 : static_cast<double>(piece + 1) / per_section;
-      const double end = std::min(piece_end, part.segment.end);
-      if (!part.advance(s, end, y, h)) {
+    const double end = part.segment.end;
+    checkSupport(s);
+    while (s < end || (next < stops.size() && stops[next] - part.segment.section <= end)) {
+      const double stop = next < stops.size() ? stops[next] - part.segment.section : end;
+      const double to = std::clamp(stop, s, end);
+      if (!part.advance(s, to, y, h)) {
         out.finite = false;
         return out;
       }
-      s = end;
-      check(s);
-      if (s < piece_end) continue;
-      const lie::SE3 X{Flow<0>::rotation(y), y.segment<3>(7)};
-      out.pieces.col(part.segment.section * per_section + piece) =
-          twistNear(X_start.inverse() * X, y.tail<3>() - turned_start);
-      X_start = X;
-      turned_start = y.tail<3>();
-      ++piece;
+      s = to;
+      checkSupport(s);
+      if (next == stops.size() || s < stop) continue;
+      visit(lie::SE3{Flow<0>::rotation(y), y.segment<3>(7)}, Vector3d(y.tail<3>()));
+      ++next;
     }
   }
-  out.tip = X_start;
-  out.finite = out.pieces.allFinite();
   return out;
 }
 
@@ -408,10 +412,51 @@ Shape ExactArm::Rod::unloadedShape(const Twists& unloaded) const {
   return Shape(pieces, per_section);
 }
 
-Solution ExactArm::Rod::solve(const Twists& unloaded) const {
+void ExactArm::Rod::check(const Twists& unloaded) const {
   requireValue(unloaded.cols() == static_cast<int>(laws_.size()), "exact tier",
                "the number of unloaded twists", unloaded.cols(), "one for each section");
   require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
+}
+
+ExactArm::Rod::Reached ExactArm::Rod::reach(const Twists& unloaded) const {
+  Reached out;
+  out.nodes = unloadedNodes(unloaded);
+  std::vector<Node> before;
+  double share_before = 0.0, load_step = 1.0;
+  while (out.share < 1.0) {
+    const double target = load_step >= 1.0 - out.share ? 1.0 : out.share + load_step;
+    std::vector<Node> guess = out.nodes;
+    if (!before.empty()) {
+      const double factor = (target - out.share) / (out.share - share_before);
+      for (std::size_t j = 0; j < guess.size(); ++j) {
+        guess[j].R = out.nodes[j].R * turn(factor * turnBetween(before[j].R, out.nodes[j].R));
+        guess[j].m += factor * (out.nodes[j].m - before[j].m);
+      }
+    }
+    const int iterations_before = out.iterations;
+    Balance balance = newton(std::move(guess), unloaded, target, false, out.iterations);
+    if (balance.found) {
+      before = std::exchange(out.nodes, std::move(balance.nodes));
+      share_before = std::exchange(out.share, target);
+      out.residual = balance.residual;
+      if (out.iterations - iterations_before <= 5) load_step *= 2.0;
+      continue;
+    }
+    if (out.iterations == options_.max_iterations) break;
+    load_step = 0.5 * (target - out.share);
+    if (load_step >= std::max(kLeastLoadStep, kBranchEnd * out.share)) continue;
+    // The branch ends here: the arm drops to another shape, if there is one.
+    balance = newton(out.nodes, unloaded, 1.0, true, out.iterations);
+    if (!balance.found) break;
+    out.nodes = std::move(balance.nodes);
+    out.residual = balance.residual;
+    out.share = 1.0;
+  }
+  return out;
+}
+
+Solution ExactArm::Rod::solve(const Twists& unloaded) const {
+  check(unloaded);
   Solution solution;
   solution.shape = unloadedShape(unloaded);
   for (int k = 0; k < unloaded.cols(); ++k) {
@@ -419,61 +464,68 @@ Solution ExactArm::Rod::solve(const Twists& unloaded) const {
   }
   if (empty_) return solution;
 
-  std::vector<Node> nodes = unloadedNodes(unloaded), before;
-  double share = 0.0, share_before = 0.0, load_step = 1.0, residual = 0.0;
-  while (share < 1.0) {
-    const double target = load_step >= 1.0 - share ? 1.0 : share + load_step;
-    std::vector<Node> guess = nodes;
-    if (!before.empty()) {
-      const double factor = (target - share) / (share - share_before);
-      for (std::size_t j = 0; j < guess.size(); ++j) {
-        guess[j].R = nodes[j].R * turn(factor * turnBetween(before[j].R, nodes[j].R));
-        guess[j].m += factor * (nodes[j].m - before[j].m);
-      }
-    }
-    const int iterations_before = solution.iterations;
-    Balance balance = newton(std::move(guess), unloaded, target, false, solution.iterations);
-    if (balance.found) {
-      before = std::exchange(nodes, std::move(balance.nodes));
-      share_before = std::exchange(share, target);
-      residual = balance.residual;
-      if (solution.iterations - iterations_before <= 5) load_step *= 2.0;
-      continue;
-    }
-    if (solution.iterations == options_.max_iterations) break;
-    load_step = 0.5 * (target - share);
-    if (load_step >= std::max(kLeastLoadStep, kBranchEnd * share)) continue;
-    // The branch ends here: the arm drops to another shape, if there is one.
-    balance = newton(nodes, unloaded, 1.0, true, solution.iterations);
-    if (!balance.found) break;
-    nodes = std::move(balance.nodes);
-    residual = balance.residual;
-    share = 1.0;
-  }
-
-  if (share < 1.0) {
+  const Reached reached = reach(unloaded);
+  solution.iterations = reached.iterations;
+  solution.residual = reached.residual;
+  if (reached.share < 1.0) {
     solution.status = SolveStatus::kNotConverged;
-    const Shot shot = shoot(nodes, unloaded, 1.0);
-    residual = std::numeric_limits<double>::infinity();
-    if (std::isfinite(shot.norm)) residual = newtonStep(shot).size();
+    const Shot shot = shoot(reached.nodes, unloaded, 1.0);
+    solution.residual = std::numeric_limits<double>::infinity();
+    if (std::isfinite(shot.norm)) solution.residual = newtonStep(shot).size();
   }
-  solution.residual = residual;
-  if (share == 0.0) return solution;
-  const Curve found = curve(nodes, unloaded, share);
-  if (!found.finite) {
+  if (reached.share == 0.0) return solution;
+  const int per_section = options_.pieces_per_section;
+  std::vector<double> stops;
+  for (int k = 0; k < unloaded.cols(); ++k) {
+    for (int piece = 1; piece < per_section; ++piece) {
+      stops.push_back(k + static_cast<double>(piece) / per_section);
+    }
+    stops.push_back(k + 1.0);
+  }
+  Shape::Pieces pieces(6, unloaded.cols() * per_section);
+  lie::SE3 X_start;
+  Vector3d turned_start = Vector3d::Zero();
+  int piece = 0;
+  const Trace found =
+      trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d& turned) {
+        pieces.col(piece++) = twistNear(X_start.inverse() * X, turned - turned_start);
+        X_start = X;
+        turned_start = turned;
+      });
+  if (!found.finite || !pieces.allFinite()) {
     solution.status = SolveStatus::kNotConverged;
     solution.residual = std::numeric_limits<double>::infinity();
     return solution;
   }
   if (!found.supported) solution.status = SolveStatus::kUnsupported;
-  solution.shape = Shape(found.pieces, options_.pieces_per_section);
-  solution.tip = found.tip;
+  solution.shape = Shape(pieces, per_section);
+  solution.tip = X_start;
   return solution;
+}
+
+std::vector<CurvePoint<lie::SE3>> ExactArm::Rod::curve(const Twists& unloaded, int count) const {
+  requireCurve(count);
+  check(unloaded);
+  const int sections = static_cast<int>(unloaded.cols());
+  const Reached reached = empty_ ? Reached{} : reach(unloaded);
+  if (reached.share < 1.0) return sampleCurve(solve(unloaded).shape, count);
+  std::vector<double> stops;
+  for (int i = 0; i < count; ++i) stops.push_back(curvePlace(sections, i, count));
+  std::vector<CurvePoint<lie::SE3>> out;
+  out.reserve(count);
+  const Trace found = trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&) {
+    out.push_back({stops[out.size()], X});
+  });
+  return found.finite ? out : sampleCurve(solve(unloaded).shape, count);
 }
 
 ExactArm::ExactArm(const Arm& arm, const Load& load, const ExactOptions& options)
     : rod_(std::make_shared<const Rod>(arm, load, options)) {}
 
 Solution ExactArm::solve(const Twists& unloaded) const { return rod_->solve(unloaded); }
+
+std::vector<CurvePoint<lie::SE3>> ExactArm::curve(const Twists& unloaded, int count) const {
+  return rod_->curve(unloaded, count);
+}
 
 }  // namespace helix_arm::model

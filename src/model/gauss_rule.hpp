@@ -24,6 +24,17 @@ class GaussRule {
   /// The same from node j to 1.
   const Matrix& after() const { return after_; }
 
+  /// Weights of the value at t in [0, 1].
+  Vector at(double t) const {
+    double P[kNodes + 1];
+    legendre(t, P);
+    Vector out = Vector::Zero();
+    for (int n = 0; n < kNodes; ++n) out += (2 * n + 1) * P[n] * at_nodes_.col(n);
+    return out.cwiseProduct(weights_);
+  }
+  /// Weights of the highest mode, P_nodes-1.
+  const Vector& highest() const { return highest_; }
+
   /// Weights of the integral from 0 to t in [0, 1].
   Vector upTo(double t) const {
     // The polynomial that is 1 at node l is w_l sum_n (2n + 1) P_n(c_l) P_n(t), and (2n + 1) times
@@ -53,6 +64,7 @@ class GaussRule {
       legendre(nodes_[j], P);
       for (int n = 0; n < kNodes; ++n) at_nodes_(j, n) = P[n];
     }
+    highest_ = (2 * kNodes - 1) * at_nodes_.col(kNodes - 1).cwiseProduct(weights_);
     for (int j = 0; j < kNodes; ++j) before_.col(j) = upTo(nodes_[j]);
     after_ = (-before_).colwise() + weights_;
   }
@@ -65,7 +77,7 @@ class GaussRule {
     for (int n = 1; n < kNodes; ++n) P[n + 1] = ((2 * n + 1) * x * P[n] - n * P[n - 1]) / (n + 1);
   }
 
-  Vector nodes_, weights_;
+  Vector nodes_, weights_, highest_;
   Matrix at_nodes_;  // P_n at the nodes, column n
   Matrix before_, after_;
 };

@@ -10,4 +10,9 @@ inline constexpr int kMaxElements = kMaxSections + kMaxInnerPoints;
 template <int kDof>
 inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
 
+/// Gauss points of the solution that others are compared with.
+inline constexpr int kFineNodes = 16;
+template <int kDof>
+inline constexpr int kMaxFineRates = kDof* kFineNodes* kMaxElements;
+
 }  // namespace helix_arm::model

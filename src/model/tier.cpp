@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <random>
 #include <sstream>
 #include <stdexcept>
 
 #include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/fraction.hpp"
+#include "helix_arm/model/input_samples.hpp"
 #include "helix_arm/model/loaded.hpp"
 #include "helix_arm/model/median_time.hpp"
 #include "helix_arm/model/requirement.hpp"
@@ -17,10 +16,11 @@
 namespace helix_arm::model {
 namespace {
 
-constexpr int kRandomSamples = 16;
+constexpr int kCornerSamples = 40;  // for each section
+constexpr int kMostCornerSamples = 160;
+constexpr int kInnerSamples = 16;
 // Where none of so many samples finds a balance, the others are not tried: each takes long.
-constexpr int kHopeless = 4;
-constexpr int kMostCornerActuators = 3;
+constexpr int kHopeless = 6;
 
 std::string percent(double part) {
   std::ostringstream text;
@@ -36,21 +36,9 @@ std::string microseconds(double seconds) {
   return text.str();
 }
 
-// Free lengths at random inputs within the limits, and at their corners: of the first actuators,
-// the others with them in turn.
-std::vector<Eigen::VectorXd> sampleLengths(const Arm& arm) {
-  std::vector<Eigen::VectorXd> out;
-  const int n = arm.actuatorCount();
-  std::mt19937_64 generator(20240229);
-  const int free = std::min(n, kMostCornerActuators);
-  for (int sample = 0; sample < kRandomSamples + (1 << free); ++sample) {
-    Eigen::VectorXd fraction(n);
-    for (int i = 0; i < n; ++i) {
-      fraction[i] = sample < (1 << free) ? (sample >> (i % free)) & 1 : fractionOf(generator());
-    }
-    out.push_back(arm.lengths(arm.inputAt(fraction)));
-  }
-  return out;
+std::vector<Eigen::VectorXd> samplesOf(const Arm& arm) {
+  const int corners = std::min(kCornerSamples * arm.sectionCount(), kMostCornerSamples);
+  return sampleInputs(arm, corners, kInnerSamples);
 }
 
 // Where the exact tier puts the tip.
@@ -62,6 +50,8 @@ struct Sample {
 struct Samples {
   std::vector<Sample> balanced;
   int unbalanced = 0;  // inputs where the load finds no balance
+
+  std::size_t count() const { return balanced.size() + unbalanced; }
 };
 
 Samples sampleTips(const Arm& arm, const Load& load) {
@@ -69,8 +59,9 @@ Samples sampleTips(const Arm& arm, const Load& load) {
   std::vector<Sample> out;
   int unbalanced = 0;
   SolveStatus refused = SolveStatus::kConverged;
-  for (Eigen::VectorXd& lengths : sampleLengths(arm)) {
+  for (const Eigen::VectorXd& q : samplesOf(arm)) {
     if (out.empty() && unbalanced == kHopeless) break;
+    Eigen::VectorXd lengths = arm.lengths(q);
     const Solution solution = exact.solve(arm.twistsOfLengths(lengths));
     if (solution.converged()) {
       out.push_back({std::move(lengths), solution.tip.translation});
@@ -99,8 +90,12 @@ double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, dou
   return std::max(error, kExactTipError);
 }
 
-double timeOf(const TierSolver& solver, const Eigen::VectorXd& lengths) {
-  return medianTime([&] { solver.tip(lengths); });
+// Mean time of a solution over the samples: inputs differ by twice and more in what they take.
+double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& lengths) {
+  const double all = medianTime([&] {
+    for (const Eigen::VectorXd& one : lengths) solver.tip(one);
+  });
+  return all / static_cast<double>(lengths.size());
 }
 
 // From the cheapest to the dearest.
@@ -137,15 +132,15 @@ struct Scale {
     } else {
       out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
       if (std::isfinite(out.tip_error)) {
-        reason << " errs by up to " << percent(out.tip_error) << " of the arm's length";
+        reason << " errs by up to " << percent(out.tip_error) << " of the arm's length at "
+               << samples.balanced.size() << " sampled inputs";
       } else {
-        reason << " finds no balance at some inputs";
+        reason << " does not converge at some sampled inputs";
       }
     }
     if (!takesLoad(setting.tier)) reason << ", as it leaves the load out";
     if (samples.unbalanced > 0) {
-      reason << " (at " << samples.unbalanced << " of "
-             << samples.unbalanced + samples.balanced.size()
+      reason << " (at " << samples.unbalanced << " of " << samples.count()
              << " sampled inputs no shape balances the load)";
     }
     out.reason = reason.str();
@@ -156,19 +151,21 @@ struct Scale {
 TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierSetting>& settings) {
   std::optional<TierChoice> best;
   std::string cheapest;
+  std::vector<Eigen::VectorXd> lengths;
+  for (const Sample& sample : scale.samples.balanced) lengths.push_back(sample.lengths);
   for (const TierSetting& setting : settings) {
     const TierSolver solver = scale.solverOf(setting);
-    const double taken = timeOf(solver, scale.samples.balanced.back().lengths);
-    if (cheapest.empty()) cheapest = setting.name() + ", takes about " + microseconds(taken);
+    const double taken = meanTime(solver, lengths);
+    if (cheapest.empty()) cheapest = setting.name() + ", takes " + microseconds(taken);
     if (taken > time) continue;
     TierChoice choice = scale.judge(setting, solver);
     if (best && best->tip_error <= choice.tip_error) continue;
-    choice.reason +=
-        ", takes " + microseconds(taken) + " of the " + microseconds(time) + " allowed";
+    choice.reason += ", takes " + microseconds(taken) + " on average over them of the " +
+                     microseconds(time) + " allowed";
     best = std::move(choice);
   }
   require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
-          "; allow twice that, as times vary");
+          " on average over sampled inputs; allow twice that, as times vary");
   return *best;
 }
 
@@ -220,9 +217,14 @@ TierChoice chooseUnloaded(const Arm& arm, const std::optional<PlanarArm>& planar
   require(!takesLoad(setting.tier), "tier: ", nameOf(setting.tier),
           " needs a load; give the scene the key load, or use tier: linear");
   if (request.time) {
-    const double time = timeOf(TierSolver(arm, planar, {}, setting), arm.lengths(arm.inputAt(0.5)));
+    std::vector<Eigen::VectorXd> lengths;
+    for (const Eigen::VectorXd& q : samplesOf(arm)) {
+      lengths.push_back(arm.lengths(q));
+    }
+    const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
     require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
-            ", takes about ", microseconds(time), "; allow twice that, as times vary");
+            ", takes ", microseconds(time),
+            " on average over sampled inputs; allow twice that, as times vary");
   }
   if (request.tier) return {setting, 0.0, "asked for; nothing loads the arm"};
   return {setting, 0.0,

@@ -93,6 +93,13 @@ Tip TierSolver::tipOfInputs(const InputRef& q) const {
   return tipFrom([&](const auto& arm) { return arm.twists(q); });
 }
 
+std::vector<CurvePoint<lie::SE3>> TierSolver::curve(const InputRef& q, int count) const {
+  if (planar_loaded_) return planar_loaded_->curve(plane_->twists(q), count);
+  if (loaded_) return loaded_->curve(arm_.twists(q), count);
+  if (exact_) return exact_->curve(arm_.twists(q), count);
+  return sampleCurve(solveInputs(q).shape, count);
+}
+
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
   if (loaded_) {
     const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <optional>
+#include <vector>
 
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/exact.hpp"
 #include "helix_arm/model/load.hpp"
 #include "helix_arm/model/loaded.hpp"
@@ -23,6 +25,7 @@ class TierSolver {
   /// The same without the shape.
   Tip tip(const Eigen::VectorXd& lengths) const;
   Tip tipOfInputs(const InputRef& q) const;
+  std::vector<CurvePoint<lie::SE3>> curve(const InputRef& q, int count) const;
   TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
 
  private:

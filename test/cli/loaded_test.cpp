@@ -6,6 +6,7 @@
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/exact.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -112,6 +113,39 @@ TEST(ForwardLoaded, TheCurveEndsAtTheTipOfItsTier) {
   for (int i = 0; i < 6; ++i) mean[i] = result["twist"][0][i].get<double>();
   const lie::SE3 half = lie::SE3::exp(0.5 * mean);
   EXPECT_GT((positionOf(result["curve"][4]) - half.translation).norm(), 1e-3);
+}
+
+// Between the ends of the pieces, too.
+TEST(ForwardLoaded, TheCurveIsTheTiersOwnAtEverySample) {
+  const nlohmann::json result =
+      forward("loaded", {"--tier", "exact", "--samples", "101", "--set", kHorizontal}).json();
+  const io::Scene scene = io::loadScene(scenePath("loaded"), {{"arm.base.rpy_deg", "[0, 0, 0]"}});
+  model::ExactOptions fine;
+  fine.pieces_per_section = 100;
+  const model::Shape shape = model::ExactArm(scene.arm, *scene.model.load(), fine)
+                                 .solve(scene.arm.twists(Eigen::Vector3d(200e3, 0, 50e3)))
+                                 .shape;
+  ASSERT_EQ(result["curve"].size(), 101u);
+  for (int i = 0; i <= 100; ++i) {
+    const Eigen::Vector3d expected = model::poseAt(shape, i / 100.0).translation;
+    EXPECT_LT((positionOf(result["curve"][i]) - expected).norm(), 1e-10) << i;
+  }
+}
+
+// Six muscles, three of them inflated: corners that repeat after three muscles bend nothing.
+TEST(ForwardLoaded, AnAccuracyIsKeptByARingOfSix) {
+  const std::vector<std::string> ring{"--set", "arm.sections.0.ring.count=6",
+                                      "--set", "load.mass_kg=0.3",
+                                      "--set", "arm.stiffness.K_eps_n=900"};
+  std::vector<std::string> asked = ring, exact = ring;
+  asked.insert(asked.end(), {"--accuracy", "3.4e-5"});
+  exact.insert(exact.end(), {"--tier", "exact"});
+  const std::string bent = "413.6,413.6,413.6,0,0,0";
+  const Outcome chosen = forward("spatial_50", asked, bent);
+  ASSERT_EQ(chosen.exit_code, 0) << chosen.err;
+  const Eigen::Vector3d off = positionOf(chosen.json()["tip"]) -
+                              positionOf(forward("spatial_50", exact, bent).json()["tip"]);
+  EXPECT_LE(100 * off.norm() / 0.4269760703, 3.4e-5) << chosen.json()["reason"];
 }
 
 TEST(ForwardLoaded, AccuracyAndBudgetChoose) {

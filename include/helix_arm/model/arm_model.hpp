@@ -2,8 +2,10 @@
 
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/load.hpp"
 #include "helix_arm/model/solution.hpp"
 #include "helix_arm/model/tier.hpp"
@@ -42,6 +44,11 @@ class ArmModel {
   Solution solve(const InputRef& q) const;
   /// Shape at given free lengths (n) [m]; not checked.
   Solution solveLengths(const Eigen::VectorXd& lengths) const;
+  /// The curve at inputs q (n), `count` >= 2 evenly spaced s, base and tip included: as good as the
+  /// tip at every s, where solve()'s shape is a helix from one end of a piece to the next. Where no
+  /// shape holds the load, the curve of what solve() gives.
+  /// @throws as Arm::lengths() does, and std::invalid_argument when count < 2.
+  std::vector<CurvePoint<lie::SE3>> curve(const InputRef& q, int count) const;
   /// Pose of the tip at inputs q (n), without the shape. Throws as Arm::lengths() does; does not
   /// allocate but in the exact tier.
   Tip tip(const InputRef& q) const;

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/load.hpp"
 #include "helix_arm/model/solution.hpp"
 
@@ -41,6 +43,12 @@ class ExactArm {
   /// and the Newton step towards the whole load as residual.
   /// @throws std::invalid_argument on another number of sections or twists that are not finite.
   Solution solve(const Twists& unloaded) const;
+
+  /// The curve at `count` >= 2 evenly spaced s, base and tip included, each point integrated as the
+  /// tip is: not that of solve()'s pieces, which are helices from one end to the next. Where no
+  /// shape is found, that of the pieces.
+  /// @throws as solve() does, and std::invalid_argument when count < 2.
+  std::vector<CurvePoint<lie::SE3>> curve(const Twists& unloaded, int count) const;
 
  private:
   class Rod;

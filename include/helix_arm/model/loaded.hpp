@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/load.hpp"
 #include "helix_arm/model/solution.hpp"
 #include "helix_arm/model/tier.hpp"
@@ -15,6 +16,22 @@ inline constexpr int kLoadedPieces = 8;
 /// The most places inside sections, not at their ends, where points may pull.
 inline constexpr int kMaxInnerPoints = 16;
 
+/// Largest error of a converged tip against the exact tier, as a part of the arm's length: what
+/// SolveStatus::kConverged of an order means. Most tips are better by far; what they err by on an
+/// arm and its load is TierChoice::tip_error.
+constexpr double statedTipError(int order) {
+  switch (order) {
+    case 2:
+      return 1e-2;
+    case 3:
+      return 5e-3;
+    case 4:
+      return 2e-3;
+    default:
+      return 1e-3;
+  }
+}
+
 /// Statics of a loaded arm, its strain in Legendre modes on Gauss points.
 ///
 /// In each section the wrench of the load bends what the actuators shape:
@@ -24,6 +41,9 @@ inline constexpr int kMaxInnerPoints = 16;
 /// iteration with Anderson's acceleration; points that pull inside a section cut it there. Order
 /// kLeastOrder takes one step and recovers the strain once more, whatever the load. Without load it
 /// is the linear model.
+/// Where a shape may be off by more than statedTipError(), as close to a load that buckles the arm
+/// or with more turns a section than the order follows, it is compared with one on 16 Gauss points
+/// and counts as not converged where it is.
 /// Of loads that could buckle the arm, a shape that balances but would not stay (a motion away from
 /// it frees energy) counts as not converged.
 ///
@@ -56,6 +76,11 @@ class LoadedArmOf {
   /// The same with the shape, kLoadedPieces a section.
   Solution solve(const Twists& unloaded) const;
 
+  /// The curve at `count` >= 2 evenly spaced s, base and tip included, as good as the tip: not that
+  /// of solve()'s pieces, which are helices from one end to the next.
+  /// @throws std::invalid_argument when count < 2.
+  std::vector<CurvePoint<lie::SE3>> curve(const Twists& unloaded, int count) const;
+
   /// Tip, and its change when the twists without load change along each of m directions (dof *
   /// sections x m): with map and slope of the contraction of an actuator, its input. Central
   /// differences of solutions, good to 1e-6 of the largest column.
@@ -77,6 +102,9 @@ class LoadedArmOf {
   // A relaxation that has run, from the solution of a problem nearby where there is one.
   template <class Solver>
   Solver solved(const Load& load, const Twists& unloaded, const Solver* near) const;
+  // Refuses a relaxation whose tip is not that of a finer one.
+  template <class Solver>
+  void check(const Load& load, const Twists& unloaded, Solver& solver) const;
 
   int order_;
   Load load_;

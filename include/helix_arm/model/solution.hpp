@@ -6,8 +6,9 @@
 namespace helix_arm::model {
 
 enum class SolveStatus {
-  kConverged,
-  kNotConverged,  ///< the last iterate is given; it does not balance the load
+  kConverged,     ///< of the loaded tier: the tip is within statedTipError() of its order
+  kNotConverged,  ///< the last iterate is given; it does not balance the load, does not hold, or is
+                  ///< off by more than statedTipError() of its order
   kUnsupported,   ///< the load pulls along a motion that no actuator resists: no shape holds it
 };
 /// "converged", "not_converged" or "unsupported".
@@ -18,8 +19,10 @@ struct Solution {
   Shape shape;
   lie::SE3 tip;  ///< seen from the base
   SolveStatus status = SolveStatus::kConverged;
-  double residual = 0.0;  ///< what the last iteration still moved, relative to the arm's size
-  int iterations = 0;     ///< 0 where the answer is in closed form
+  /// What the last iteration still moved, relative to the arm's size; where an order is refused for
+  /// its error, that error.
+  double residual = 0.0;
+  int iterations = 0;  ///< 0 where the answer is in closed form
 
   bool converged() const { return status == SolveStatus::kConverged; }
 };
