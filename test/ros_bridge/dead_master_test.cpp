@@ -79,6 +79,41 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
       1e3 * (regulator::steadyNow() - begin));
 }
 
+// One that hangs takes what it is told and answers nothing, the unregistering at the end included.
+TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
+  Process arm(node(), master_.variables());
+  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
+  Process hand = commander();
+  ASSERT_TRUE(inflates()) << arm.output();
+  const double begin = regulator::steadyNow();
+  master_.signal(SIGSTOP);
+  EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
+  std::printf("[  FIGURE  ] master hung: the node has ended after %.1f s\n",
+              regulator::steadyNow() - begin);
+  EXPECT_NE(arm.output().find("does not answer"), std::string::npos) << arm.output();
+  EXPECT_EQ(arm.output().find("guard:"), std::string::npos) << "the node has not vented";
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
+  EXPECT_EQ(hand.exitCode(60), 1) << hand.output();
+  master_.signal(SIGCONT);
+}
+
+TEST_F(DeadMaster, ANodeThatIsAskedToEndVentsFirstThoughTheMasterHangs) {
+  Process arm(node(), master_.variables());
+  ASSERT_TRUE(arm.prints("loop at")) << arm.output();
+  Process hand = commander();
+  ASSERT_TRUE(inflates()) << arm.output();
+  master_.signal(SIGSTOP);
+  const double begin = regulator::steadyNow();
+  arm.signal(SIGINT);
+  EXPECT_TRUE(vents(5));
+  EXPECT_EQ(arm.exitCode(60), 1) << arm.output();
+  std::printf("[  FIGURE  ] interrupted while the master hangs: the node has ended after %.1f s\n",
+              regulator::steadyNow() - begin);
+  EXPECT_EQ(arm.output().find("guard:"), std::string::npos) << "the node has not vented";
+  EXPECT_LT(regulator_.pressure().maxCoeff(), kEmpty);
+  master_.signal(SIGCONT);
+}
+
 TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
   const TemporaryFolder folder;
   const std::string log = folder / "log";

@@ -60,6 +60,18 @@ class DeadParts : public ::testing::TestWithParam<Line> {
 
   bool deviceVents(double rule) { return rig_.ventsBy(regulator::steadyNow(), rule + kSlack); }
 
+  // By what they say of a scene that is not there.
+  int guardsStarted() {
+    int count = 0;
+    const std::string& output = rig_.node.outputNow();
+    const std::string words = regulator_.scene() + ": ";
+    for (std::size_t at = output.find(words); at != std::string::npos;
+         at = output.find(words, at + 1)) {
+      ++count;
+    }
+    return count;
+  }
+
   void expectEmpties() {
     EXPECT_TRUE(eventually([this] { return regulator_.pressure().maxCoeff() < kEmpty; },
                            kVentTime + kSlack));
@@ -186,6 +198,36 @@ TEST_P(DeadParts, AKilledGuardVentsTheArmAndIsReplaced) {
 
 TEST_P(DeadParts, AGuardThatStandsStillVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGSTOP, kStandstill + kGuardLooks);
+}
+
+// Two faults at once: nobody would be left to vent the arm were the node killed now.
+TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
+  const std::string scene = regulator_.scene(), hidden = scene + ".hidden";
+  const std::vector<pid_t> first = guardsOf(scene);
+  ASSERT_EQ(first.size(), 1u);
+  std::filesystem::rename(scene, hidden);
+  ASSERT_EQ(kill(first[0], SIGKILL), 0);
+  ASSERT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
+  EXPECT_EQ(rig_.safety.last().cause, "guard_lost") << rig_.safety.last().reason;
+  // Its targets go on; every look of the node starts a guard that ends at once.
+  const int kLooks = 3, before = guardsStarted();
+  std::string refusal;
+  bool enabled = false, inflated = false;
+  EXPECT_TRUE(waitFor([&] {
+    const auto answer = rig_.trigger(names::kEnable);
+    enabled = enabled || answer.success;
+    if (!answer.success) refusal = answer.message;
+    inflated = inflated || !regulator_.isVented();
+    return guardsStarted() >= before + kLooks;
+  })) << rig_.node.output();
+  EXPECT_FALSE(enabled);
+  EXPECT_FALSE(inflated);
+  EXPECT_NE(refusal.find("the guard, which vents where this process is killed"), std::string::npos)
+      << refusal;
+  EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
+  std::filesystem::rename(hidden, scene);
+  EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
+  EXPECT_EQ(guardsOf(scene).size(), 1u);
 }
 
 TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
