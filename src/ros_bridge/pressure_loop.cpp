@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <mutex>
 #include <utility>
 
@@ -35,6 +36,13 @@ class Call : public ros::CallbackInterface {
  private:
   std::function<void()> call_;
 };
+
+// Of a reading on its way here; a stamp of 0 tells nothing, nor does simulated time, which may run
+// faster than the rules' clock [s].
+double ageOf(const ros::Time& stamp) {
+  if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
+  return ros::Time::now().toSec() - stamp.toSec();
+}
 
 helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
   const control::SafetyCore& core = path.core();
@@ -194,13 +202,18 @@ bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response
 void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
-  if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
-    path_.core().measured(steadyNow(), *measured);
-    post({*measured, reading->header.stamp});
-  } else if (bad_readings_.add()) {
-    log_.write(ros::console::levels::Warn, "pressure_measured is not of this arm: " +
-                                               std::get<control::Refusal>(checked).message);
+  const double age = ageOf(reading->header.stamp);
+  auto refusal =
+      control::checkAge(age, path_.core().rules().reading_timeout, control::Timed::kReading);
+  if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
+  if (refusal) {
+    if (!bad_readings_.add()) return;
+    log_.write(ros::console::levels::Warn, "a pressure_measured is dropped: " + refusal->message);
+    return;
   }
+  const auto& measured = std::get<Eigen::VectorXd>(checked);
+  path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
+  post({measured, reading->header.stamp});
 }
 
 void PressureLoop::turn(double now) {

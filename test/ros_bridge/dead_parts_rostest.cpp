@@ -64,7 +64,7 @@ class DeadParts : public ::testing::TestWithParam<Line> {
   int guardsStarted() {
     int count = 0;
     const std::string& output = rig_.node.outputNow();
-    const std::string words = regulator_.scene() + ": ";
+    const std::string words = regulator_.scene() + " cannot be read";
     for (std::size_t at = output.find(words); at != std::string::npos;
          at = output.find(words, at + 1)) {
       ++count;
@@ -255,6 +255,43 @@ TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
   EXPECT_EQ(rig.node.exitCode(), 128 + SIGKILL);
   EXPECT_TRUE(
       eventually([&] { return regulator.pressure().maxCoeff() < kEmpty; }, kVentTime + kSlack));
+}
+
+// A regulator's node whose readings wait in some queue on their way, or whose clock is ahead.
+TEST(DeadReadings, AReadingOnATopicIsAsOldAsItsStampSays) {
+  ros::NodeHandle node("/old");
+  Process command({HELIX_ARM_PRESSURE_COMMAND, "__ns:=/old", "_scene:=demo", "_regulator:=topic",
+                   "_handle:=false"});
+  Inbox<SafetyState> safety(node, names::kSafetyState);
+  ros::Publisher publisher = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  double age = 10;  // [s]
+  const auto timer = node.createSteadyTimer(ros::WallDuration(0.02), [&](const auto&) {
+    PressureArray reading;
+    reading.header.stamp = ros::Time::now() - ros::Duration(age);
+    reading.pressure = {0, 0, 0};
+    publisher.publish(reading);
+  });
+  ros::NodeHandle services("/old/pressure_command");
+  std_srvs::Trigger call;
+  const auto enables = [&] {
+    services.serviceClient<std_srvs::Trigger>(names::kEnable).call(call);
+    return call.response.success;
+  };
+  ASSERT_TRUE(ros::service::waitForService("/old/pressure_command/enable", ros::Duration(20)));
+  for (const double wrong : {10.0, -10.0}) {
+    age = wrong;
+    const char* const words = wrong > 0 ? "s ago, more than 0.5 s" : "s ahead of this machine's";
+    EXPECT_TRUE(waitFor([&] { return command.outputNow().find(words) != std::string::npos; }))
+        << command.output();
+    EXPECT_FALSE(enables());
+    EXPECT_NE(call.response.message.find("has not been read yet"), std::string::npos)
+        << call.response.message;
+  }
+  age = 0;
+  EXPECT_TRUE(waitFor(enables)) << call.response.message;
+  age = 10;
+  EXPECT_TRUE(waitFor([&] { return safety.last().state == "fault"; }));
+  EXPECT_EQ(safety.last().cause, "stale_reading");
 }
 
 // The arm of the demo, whose regulator is another node.
