@@ -98,9 +98,10 @@ class DeadParts : public ::testing::TestWithParam<Line> {
     // One that stood still wakes up, and finds that it is no longer the guard.
     kill(first[0], SIGCONT);
     EXPECT_TRUE(waitFor([&] { return guardsOf(regulator_.scene()) == others(); }));
-    EXPECT_EQ(rig_.safety.last().state, "enabled") << rig_.safety.last().reason;
-    EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
     EXPECT_EQ(others().size(), 1u);
+    EXPECT_EQ(rig_.node.outputNow().find("guard: "), std::string::npos)
+        << "the first one has vented: " << rig_.node.output();
+    EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
   }
 
   EmulatedRegulator regulator_{GetParam()};
@@ -234,8 +235,11 @@ TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
   const std::string ns = GetParam() == Line::kSerial ? "/serial" : "/modbus";
   Process second({HELIX_ARM_SERIES, "__ns:=" + ns, "_scene:=" + regulator_.scene()});
   ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
-  EXPECT_EQ(rig_.safety.last().state, "enabled");
-  EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
+  // Ours, or none where a machine that is busy has silenced us.
+  const Eigen::VectorXd set_point = regulator_.setPoint();
+  EXPECT_TRUE((set_point - kPressures).cwiseAbs().maxCoeff() < 1e3 || regulator_.isVented())
+      << set_point.transpose();
+  EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
 // Where node and guard die together nobody is left but the device itself.
