@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/device_fault.hpp"
 #include "interrupt_watch.hpp"
@@ -295,7 +296,13 @@ Subcommand addRegulator(CLI::App& app) {
       "atmosphere",
       ventRegulator);
   add("guard", "wait for the end of stdin, then vent; for the node that moves the arm",
-      guardRegulator);
+      guardRegulator)
+      ->add_option(
+          "--realtime-priority", options->realtime_priority,
+          "run ahead of other programs (SCHED_FIFO) where the user's limits allow; default "
+          "0: as any other")
+      ->type_name("N")
+      ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
   addSeconds(
       add("emulate", "stand in for the device, at its address on this machine", emulateRegulator),
       "how long; default: until Ctrl-C");

@@ -19,6 +19,7 @@ struct RegulatorOptions {
   std::string pressure_kpa;       ///< set
   std::optional<double> seconds;  ///< probe, set, emulate
   bool yes = false;               ///< set: air may move
+  int realtime_priority = 0;      ///< guard: as regulator::scheduleRealtime() where it is allowed
 };
 
 int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global);

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "helix_arm/regulator/guard_process.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "regulator_actions.hpp"
 
@@ -80,6 +81,9 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
   const auto driver = driverOf(scene);  // what it needs is there before it is needed
+  // Once what takes long is done. Refused, it says nothing: who started it has said so.
+  regulator::scheduleRealtime(options.realtime_priority);
+  if (options.realtime_priority > 0) regulator::lockMemory();
   const End end = awaitEnd();
   if (end == End::kDismissesGuard) return kDone;
   if (end == End::kStandsStill) endWard();

@@ -5,8 +5,9 @@
 #include <iomanip>
 #include <iostream>
 #include <limits>
-#include <optional>
+#include <memory>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -40,13 +41,14 @@ struct Outcome {
 class Session {
  public:
   // guard: null where none is needed.
-  Session(const io::Scene& scene, regulator::GuardProcess* guard, bool talks)
+  Session(const io::Scene& scene, std::shared_ptr<const regulator::GuardProcess> guard, bool talks)
       : scene_(scene),
-        guard_(guard),
+        guard_(std::move(guard)),
         talks_(talks),
         path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
               std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
                                                        regulator::ioRulesFor(scene.safety.rules))) {
+    path_.guardedBy(guard_);
   }
 
   Outcome run(const Eigen::VectorXd& target, double seconds) {
@@ -78,13 +80,10 @@ class Session {
     // What stood in the arm when the link came up is vented first.
     const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
     turnUntil(deadline, [this] {
-      return interrupted() || !guarded() || path_.core().refusal(steadyNow()).empty();
+      const bool unguarded = guard_ && control::isGone(guard_->state());
+      return interrupted() || unguarded || path_.core().refusal(steadyNow()).empty();
     });
     if (interrupted()) return "interrupted";
-    if (!guarded()) {
-      return "the guard, which vents where this command is killed, has ended or stands still; "
-             "nothing was enabled";
-    }
     return path_.enable(steadyNow());
   }
 
@@ -93,7 +92,6 @@ class Session {
     control::SafetyCore& core = path_.core();
     double end = kNever;
     turnUntil(kNever, [&] {
-      if (!guarded()) core.vent(steadyNow(), SafetyCause::kGuardLost);
       if (interrupted() || !core.target(steadyNow(), target)) return true;
       if (end == kNever && core.orders().set_point == core.goal()) end = steadyNow() + seconds;
       return steadyNow() >= end;
@@ -101,8 +99,6 @@ class Session {
     if (core.state() != SafetyState::kEnabled) return path_.reason();
     return interrupted() ? "interrupted" : "";
   }
-
-  bool guarded() { return guard_ == nullptr || guard_->stands(); }
 
   std::string vent() {
     path_.core().vent(steadyNow());
@@ -126,7 +122,7 @@ class Session {
   }
 
   const io::Scene& scene_;
-  regulator::GuardProcess* const guard_;
+  const std::shared_ptr<const regulator::GuardProcess> guard_;
   const bool talks_;
   regulator::PressurePath path_;
   double told_ = 0;
@@ -178,9 +174,11 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   }
   const InterruptWatch watch;
   std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is no reason to leave the pressure
-  std::optional<regulator::GuardProcess> guard;
-  if (regulator::isHardware(*scene.regulator)) guard.emplace(guardCommand(options, global));
-  const Outcome outcome = Session(scene, guard ? &*guard : nullptr, global.format == Format::kText)
+  std::shared_ptr<regulator::GuardProcess> guard;
+  if (regulator::isHardware(*scene.regulator)) {
+    guard = std::make_shared<regulator::GuardProcess>(guardCommand(options, global));
+  }
+  const Outcome outcome = Session(scene, guard, global.format == Format::kText)
                               .run(target, options.seconds.value_or(kStay));
   const bool never_enabled = outcome.state == SafetyState::kDisabled;
   if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();

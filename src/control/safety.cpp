@@ -48,6 +48,12 @@ bool isGrave(SafetyCause cause) {
   }
 }
 
+// What is over once somebody speaks again.
+bool passes(SafetyCause cause) {
+  return cause == SafetyCause::kStaleTarget || cause == SafetyCause::kStaleReading ||
+         cause == SafetyCause::kRegulatorLost;
+}
+
 void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules& rules) {
   model::require(!channels.empty(), "safety core: no channels; expected at least one");
   for (const ChannelRules& channel : channels) {
@@ -121,6 +127,10 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
   rules_ = rules;
 }
 
+bool SafetyCore::isVented() const {
+  return report_.state == SafetyState::kDisabled || report_.state == SafetyState::kVented;
+}
+
 void SafetyCore::pass(double now) {
   if (!std::isfinite(now)) return;
   if (!started_) {
@@ -150,6 +160,7 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
 // A cause that comes about, in a state where it counts.
 void SafetyCore::raise(SafetyCause cause, int channel, double value, double limit) {
   const bool regulated = report_.state == SafetyState::kEnabled;
+  report_.passing = report_.passing && passes(cause);
   if (report_.state != SafetyState::kFault) {
     setState(SafetyState::kFault, cause, channel, value, limit);
     if (!regulated) std::fill(vents_since_.begin(), vents_since_.end(), now_);
@@ -181,6 +192,7 @@ std::string SafetyCore::enable(double now) {
   if (!refused.empty()) return refused;
   pass(now);
   setState(SafetyState::kEnabled, SafetyCause::kNone, -1, 0, 0);
+  report_.passing = true;
   for (int i = 0; i < count(); ++i) {
     orders_.valve[i] = Valve::kRegulate;
     orders_.set_point[i] = 0;
@@ -193,11 +205,12 @@ std::string SafetyCore::enable(double now) {
   return {};
 }
 
-void SafetyCore::vent(double now, SafetyCause why) {
+bool SafetyCore::mayEnableItself() const { return isVented() && report_.passing; }
+
+void SafetyCore::vent(double now) {
   pass(now);
-  const bool vented =
-      report_.state == SafetyState::kDisabled || report_.state == SafetyState::kVented;
-  if (!vented) raise(why, -1, 0, 0);
+  report_.passing = false;
+  if (!isVented()) raise(SafetyCause::kVentRequested, -1, 0, 0);
 }
 
 void SafetyCore::emergencyStop(double now, bool engaged) {
@@ -269,8 +282,14 @@ void SafetyCore::linked(double now, bool up) {
   pass(now);
   if (up != link_up_) ++report_.changes;
   link_up_ = up;
-  const bool acts = report_.state == SafetyState::kEnabled || report_.state == SafetyState::kFault;
-  if (!up && acts) raise(SafetyCause::kRegulatorLost, -1, 0, 0);
+  if (!up && !isVented()) raise(SafetyCause::kRegulatorLost, -1, 0, 0);
+}
+
+void SafetyCore::guarded(double now, Guard guard) {
+  pass(now);
+  guard_ = guard;
+  const bool alone = guard != Guard::kNotNeeded && guard != Guard::kStands;
+  if (alone && !isVented()) raise(SafetyCause::kGuardLost, -1, 0, 0);
 }
 
 const ValveOrders& SafetyCore::advance(double now) {

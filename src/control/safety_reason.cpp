@@ -90,11 +90,33 @@ std::string SafetyCore::supplyRefusal(double now) const {
       1e-3 * supply_, 1e-3 * *rules_.min_supply);
 }
 
+std::string SafetyCore::guardRefusal() const {
+  const std::string guard = "the guard, which vents where this process is killed, ";
+  const char* const remedy =
+      "; look at what it and this process have printed (a kill, a scene file that is gone or "
+      "cannot "
+      "be read, too little memory), then call enable";
+  switch (guard_) {
+    case Guard::kStarting:
+      return guard + "has not answered yet; call enable again once it has, in a moment";
+    case Guard::kStandsStill:
+      return guard + "stands still" + remedy;
+    case Guard::kEnded:
+      return guard + "has ended" + remedy;
+    case Guard::kNotNeeded:
+    case Guard::kStands:
+      break;
+  }
+  return {};
+}
+
 std::string SafetyCore::refusal(double now) const {
   if (report_.state == SafetyState::kEnabled) return "it is enabled already; send targets";
   if (report_.stopped) return "the emergency stop is engaged; make the arm safe and release it";
   if (report_.state == SafetyState::kFault) return reason();
   if (!link_up_) return "the regulator's link is down; look at its power and cable";
+  std::string unguarded = guardRefusal();
+  if (!unguarded.empty()) return unguarded;
   now = now >= now_ ? now : now_;  // as every other call has it; also where it is no number
   for (int i = 0; i < count(); ++i) {
     std::string refused = channelRefusal(i, now);

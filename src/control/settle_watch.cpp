@@ -13,6 +13,10 @@ namespace {
 // So many of the tags must stand still: a few of them may be misread.
 constexpr double kStillShare = 0.75;
 
+// Of each history: more than two minutes bring, at 1000 and at 60 Hz.
+constexpr std::size_t kMostReadings = 1 << 17;
+constexpr std::size_t kMostSights = 1 << 13;
+
 template <class... Arguments>
 std::string format(const char* pattern, Arguments... arguments) {
   char text[256];
@@ -67,13 +71,15 @@ void SettleWatch::checkSize(const Eigen::VectorXd& pressure) const {
 }
 
 template <class Entry>
-void SettleWatch::add(std::deque<Entry>& history, Entry entry) const {
+void SettleWatch::add(std::deque<Entry>& history, Entry entry, std::size_t most) const {
   if (!history.empty()) {
     const double step = entry.time - history.back().time;
     if (step == 0) history.pop_back();  // a clock that stands still
     if (step < 0 || step > rules_.max_age) history.clear();
   }
   history.push_back(std::move(entry));
+  // Stamps that creep would never let one go.
+  if (history.size() > most) history.pop_front();
 }
 
 void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
@@ -86,14 +92,14 @@ void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
 
 void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   checkSize(pressure);
-  add(readings_, Reading{time, pressure});
+  add(readings_, Reading{time, pressure}, kMostReadings);
   // Pictures are later than pressures: what they may still ask for is kept.
   const double oldest = time - rules_.window - rules_.max_age;
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
 
 void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
-  add(sights_, Sight{time, std::move(tags)});
+  add(sights_, Sight{time, std::move(tags)}, kMostSights);
   while (sights_.size() > 1 && sights_[1].time <= windowBegin()) sights_.pop_front();
 }
 

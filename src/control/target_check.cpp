@@ -94,15 +94,18 @@ Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputR
   return assign(arm, command, name, pressure, wayToLimits);
 }
 
-std::optional<Refusal> checkAge(double age, double timeout) {
+std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
+  const char* const name = what == Timed::kTarget ? "the target" : "the reading";
+  const char* const key =
+      what == Timed::kTarget ? "safety.target_timeout_s" : "safety.reading_timeout_s";
   if (age < -timeout) {
-    return refuse(Fault::kStale, "the target is stamped ", -age,
-                  " s ahead of this machine's clock, more than ", timeout,
-                  " s (safety.target_timeout_s); set the clocks alike");
+    return refuse(Fault::kStale, name, " is stamped ", -age,
+                  " s ahead of this machine's clock, more than ", timeout, " s (", key,
+                  "); set the clocks alike");
   }
   if (!(age > timeout)) return std::nullopt;
-  return refuse(Fault::kStale, "the target is stamped ", age, " s ago, more than ", timeout,
-                " s (safety.target_timeout_s); send fresh ones, and set the clocks alike");
+  return refuse(Fault::kStale, name, " is stamped ", age, " s ago, more than ", timeout, " s (",
+                key, "); send fresh ones, and set the clocks alike");
 }
 
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,

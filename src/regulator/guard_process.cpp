@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "helix_arm/model/requirement.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -27,7 +28,7 @@ constexpr int kBetweenLooks = 5;  // [ms]
 
 }  // namespace
 
-GuardProcess::GuardProcess(const std::vector<std::string>& command) {
+GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime_priority) {
   model::require(!command.empty(), "a guard without a command; expected a program");
   int ends[2];
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair", errno);
@@ -56,7 +57,7 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command) {
     fail(command[0], error);
   }
   beat();  // from now on silence counts
-  beats_ = std::thread([this] { keepBeating(); });
+  beats_ = std::thread([this, realtime_priority] { keepBeating(realtime_priority); });
 }
 
 GuardProcess::~GuardProcess() {
@@ -70,17 +71,19 @@ GuardProcess::~GuardProcess() {
 }
 
 void GuardProcess::beat() const {
-  // Fails where the guard has ended or does not listen: who looks at stands() sees to it.
+  // Fails where the guard has ended or does not listen: who looks at state() sees to it.
   send(line_, &kBeat, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
-void GuardProcess::keepBeating() {
+void GuardProcess::keepBeating(int realtime_priority) {
+  scheduleRealtime(realtime_priority);
   const std::chrono::duration<double> period(kBeatPeriod);
   std::unique_lock<std::mutex> lock(mutex_);
   while (!ends_.wait_for(lock, period, [this] { return ended_; })) {
     // Periods, not the time: a machine that was suspended has lost one.
     if (takeAnswers()) {
       patience_ = kMissedBeats;
+      answered_ = true;
     } else if (patience_ > 0) {
       --patience_;
     }
@@ -97,6 +100,7 @@ bool GuardProcess::takeAnswers() const {
 }
 
 void GuardProcess::dismiss() {
+  dismissed_ = true;
   if (hasEnded()) return;
   // Fails only where the guard has just ended.
   send(line_, &kDismissal, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -106,7 +110,18 @@ void GuardProcess::dismiss() {
   pid_ = -1;
 }
 
-bool GuardProcess::stands() { return !hasEnded() && patience_ > 0; }
+control::Guard GuardProcess::state() const {
+  using control::Guard;
+  if (dismissed_ || hangsUp()) return Guard::kEnded;
+  if (patience_ <= 0) return Guard::kStandsStill;
+  return answered_ ? Guard::kStands : Guard::kStarting;
+}
+
+// Whatever ends it closes its end of the line.
+bool GuardProcess::hangsUp() const {
+  pollfd end{line_, 0, 0};
+  return poll(&end, 1, 0) > 0 && (end.revents & POLLHUP) != 0;
+}
 
 bool GuardProcess::hasEnded() {
   if (pid_ > 0 && waitpid(pid_, nullptr, WNOHANG) == pid_) pid_ = -1;

@@ -29,8 +29,13 @@ PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo
                       "a value > 0");
 }
 
+void PressurePath::askGuard(double now) {
+  core_.guarded(now, guard_ ? guard_->state() : control::Guard::kNotNeeded);
+}
+
 const control::ValveOrders& PressurePath::turn(double now) {
   fresh_ = false;
+  askGuard(now);
   if (now - last_turn_ > longest_gap_) {
     core_.linked(now, false);
     core_.linked(now, true);
@@ -76,6 +81,7 @@ std::string PressurePath::reason() const {
 }
 
 std::string PressurePath::enable(double now) {
+  askGuard(now);
   std::string refusal = core_.enable(now);
   if (refusal.empty() || !io_) return refusal;
   const IoStatus line = io_->status();

@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "helix_arm/model/requirement.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -115,6 +116,7 @@ IoStatus RegulatorIo::status() const {
 }
 
 void RegulatorIo::run() {
+  scheduleRealtime(rules_.realtime_priority);
   while (!stop_) {
     if (!up_) {
       connect();

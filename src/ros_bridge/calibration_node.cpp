@@ -236,7 +236,11 @@ void CalibrationNode::onVision(const VisionStatusConstPtr& status) {
 void CalibrationNode::onWatch(const ros::SteadyTimerEvent&) {
   const std::lock_guard<std::mutex> lock(mutex_);
   clock_.now();
-  if (end_request_.made() && !running_) ros::requestShutdown();
+}
+
+bool CalibrationNode::isBusy() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return running_;
 }
 
 void CalibrationNode::requireIdle() const {
@@ -476,7 +480,7 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   model::require(target_publisher_.getNumSubscribers() > 0,
                  "nobody listens on pressure_target; is pressure_command up?");
   const std::lock_guard<std::mutex> lock(mutex_);
-  model::require(!end_request_.made(), "the node is about to end");
+  model::require(!EndRequest::made(), "the node is about to end");
   model::require(scene_.camera && scene_.tags, "scene ", scene_.name,
                  " has no `camera` or no `tags`: nothing could be recorded; add them to it");
   const auto plan = control::checkPlan(scene_.arm, goal.plan);
@@ -507,7 +511,7 @@ bool CalibrationNode::play() {
       using control::RunEnd;
       const double now = clock_.now();
       if (server_->isPreemptRequested()) run_->end(RunEnd::kPreempted, "it was cancelled");
-      if (end_request_.made()) run_->end(RunEnd::kAborted, "the node is to end");
+      if (EndRequest::made()) run_->end(RunEnd::kAborted, "the node is to end");
       if (clock_.stands()) {
         run_->end(RunEnd::kAborted, "ROS time stands still; is the node that gives /clock up?");
       }

@@ -3,18 +3,17 @@
 #include <atomic>
 #include <csignal>
 
-#include <ros/init.h>
 #include <ros/xmlrpc_manager.h>
 
 namespace helix_arm::ros_bridge {
 namespace {
 
+constexpr int kUrgent = 2;
+
 std::atomic<int> requests{0};
 static_assert(std::atomic<int>::is_always_lock_free, "signal handlers must not wait");
 
-void onSignal(int) {
-  if (requests.fetch_add(1) > 0) ros::requestShutdown();
-}
+void onSignal(int) { requests.fetch_add(1); }
 
 // Of the master, as rosnode kill sends it.
 void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
@@ -32,6 +31,8 @@ EndRequest::EndRequest() {
   manager->bind("shutdown", onShutdown);
 }
 
-bool EndRequest::made() const { return requests > 0; }
+void EndRequest::make() { requests.fetch_add(kUrgent); }
+bool EndRequest::made() { return requests > 0; }
+bool EndRequest::isUrgent() { return requests >= kUrgent; }
 
 }  // namespace helix_arm::ros_bridge

@@ -154,12 +154,12 @@ void MonitorNode::onSecond(const ros::SteadyTimerEvent&) {
     std::printf("waiting for %s\n", ros::names::resolve(model_.topic).c_str());
     last_line_ = now;
     const bool given_up = options_.seconds > 0 && (now - start_).toSec() > options_.startup;
-    if (given_up) ros::requestShutdown();
+    if (given_up) EndRequest::make();
     return;
   }
   const double seconds = (now - model_.first).toSec();
   printLine(seconds);
-  if (options_.seconds > 0 && seconds >= options_.seconds) ros::requestShutdown();
+  if (options_.seconds > 0 && seconds >= options_.seconds) EndRequest::make();
 }
 
 void MonitorNode::printLine(double seconds) {

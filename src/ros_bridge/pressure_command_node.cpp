@@ -14,6 +14,7 @@
 #include "helix_arm/control/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
@@ -43,6 +44,8 @@ PressureCommandOptions PressureCommandOptions::load() {
   out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
   out.auto_enable = reader.flag("auto_enable", out.regulator == "scene");
   out.allow_sim_time = reader.flag("allow_sim_time", out.allow_sim_time);
+  out.realtime_priority = reader.count("realtime_priority", out.realtime_priority, 0,
+                                       regulator::kHighestRealtimePriority);
   reader.finish();
   return out;
 }
@@ -92,19 +95,21 @@ PressureCommandNode::PressureCommandNode()
   const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
   if (hardware) {
     refuseSimulatedTime();
-    guard_.emplace(guardOf(options_.scene));
+    guard_ = startGuard(options_.scene, options_.realtime_priority);
   }
+  tellRealtime(hardware);
   std::unique_ptr<regulator::RegulatorIo> io;
   try {
-    if (own) io = startRegulator(scene_, options_.rate);
+    if (own) io = startRegulator(scene_, options_.rate, options_.realtime_priority);
   } catch (...) {
     if (guard_) guard_->dismiss();  // nothing was connected
     throw;
   }
+  regulator::PressurePath path({scene_.safety.channels, scene_.safety.rules}, std::move(io),
+                               longestGap(options_.rate));
+  path.guardedBy(guard_);
   loop_.emplace(
-      node_, scene_.arm, options_.rate,
-      regulator::PressurePath({scene_.safety.channels, scene_.safety.rules}, std::move(io),
-                              longestGap(options_.rate)),
+      node_, scene_.arm, options_.rate, options_.realtime_priority, std::move(path),
       options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
       [this](const PressureLoop::Reading& reading) { take(reading.pressure, reading.stamp); });
   draw_timer_ = every(options_.draw_rate, &Node::onDraw);
@@ -114,9 +119,12 @@ PressureCommandNode::PressureCommandNode()
   tellTier();
 }
 
-PressureCommandNode::~PressureCommandNode() {
+PressureCommandNode::~PressureCommandNode() { finish(); }
+
+int PressureCommandNode::finish() {
   const bool vented = loop_->end();
   if (guard_ && vented) guard_->dismiss();
+  return loop_->verdict();
 }
 
 void PressureCommandNode::refuseSimulatedTime() const {
@@ -127,6 +135,23 @@ void PressureCommandNode::refuseSimulatedTime() const {
                          "~allow_sim_time to true where that is meant");
   }
   ROS_WARN("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
+}
+
+// Wanted, never required; without it a busy machine is the only one that suffers.
+void PressureCommandNode::tellRealtime(bool hardware) const {
+  const int priority = options_.realtime_priority;
+  if (priority == 0) return;
+  const auto tell = [hardware](const std::string& refusal, const char* success) {
+    if (refusal.empty()) {
+      ROS_INFO("%s", success);
+    } else {
+      ROS_LOG(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
+              ROSCONSOLE_DEFAULT_NAME, "%s; without it other programs may delay a vent",
+              refusal.c_str());
+    }
+  };
+  tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
+  if (hardware) tell(regulator::lockMemory(), "the node's memory is locked");
 }
 
 void PressureCommandNode::tellTier() const {
@@ -399,16 +424,27 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   for (DiagnosticStatus& status : pressureStatuses(node, scene_, path)) {
     msg.status.push_back(std::move(status));
   }
-  if (guard_ && !guard_->stands()) {
-    ROS_ERROR(
-        "the guard, which vents where this node is killed, has ended or stands still: the arm "
-        "vents, and another guard is started");
-    loop_->vent(control::SafetyCause::kGuardLost);
-    guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
-    guard_.emplace(guardOf(options_.scene));
-  }
+  if (guard_ && control::isGone(guard_->state())) replaceGuard();
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
+}
+
+void PressureCommandNode::replaceGuard() {
+  const bool tell = guard_losses_.add();
+  if (tell) {
+    ROS_ERROR(
+        "the guard, which vents where this node is killed, has ended or stands still (%lu times so "
+        "far): the arm vents, and another guard is started",
+        static_cast<unsigned long>(guard_losses_.total()));
+  }
+  guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
+  try {
+    auto next = startGuard(options_.scene, options_.realtime_priority);
+    loop_->guardedBy(next);
+    guard_ = std::move(next);
+  } catch (const std::runtime_error& error) {
+    if (tell) ROS_ERROR("%s; the arm stays vented until one can be", error.what());
+  }
 }
 
 TargetStatus PressureCommandNode::answerTo(const Sender& sender) const {

@@ -1,12 +1,16 @@
 #include "helix_arm/ros_bridge/pressure_loop.hpp"
 
+#include <algorithm>
 #include <cstddef>
+#include <limits>
+#include <mutex>
 #include <utility>
 
 #include <boost/make_shared.hpp>
 #include <ros/console.h>
 
 #include "helix_arm/SafetyState.h"
+#include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 
@@ -33,6 +37,13 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
+// Of a reading on its way here; a stamp of 0 tells nothing, nor does simulated time, which may run
+// faster than the rules' clock [s].
+double ageOf(const ros::Time& stamp) {
+  if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
+  return ros::Time::now().toSec() - stamp.toSec();
+}
+
 helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
   const control::SafetyCore& core = path.core();
   const control::SafetyReport& report = core.report();
@@ -51,14 +62,6 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::Pres
   return out;
 }
 
-// Before it is enabled for the first time, and after what has passed by itself.
-bool mayEnableItself(const control::SafetyReport& report) {
-  if (report.state == SafetyState::kDisabled) return true;
-  return report.state == SafetyState::kVented &&
-         (report.cause == SafetyCause::kStaleTarget || report.cause == SafetyCause::kStaleReading ||
-          report.cause == SafetyCause::kRegulatorLost);
-}
-
 LogThread::Level levelOf(const control::SafetyReport& report) {
   const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
   if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
@@ -70,19 +73,21 @@ LogThread::Level levelOf(const control::SafetyReport& report) {
 
 template <class Change>
 void PressureLoop::act(const Change& change) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   change(steadyNow());
 }
 
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
-                           regulator::PressurePath path, bool auto_enable, Take take)
-    : auto_enable_(auto_enable),
+                           int realtime_priority, regulator::PressurePath path, bool auto_enable,
+                           Take take)
+    : period_(1.0 / rate),
+      realtime_priority_(realtime_priority),
+      auto_enable_(auto_enable),
       take_(std::move(take)),
       arm_(arm),
       path_(std::move(path)),
       command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
-      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
-      spinner_(1, &queue_) {
+      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)) {
   node.setCallbackQueue(&queue_);
   if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
@@ -95,14 +100,25 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
   enable_server_ = below.advertiseService(names::kEnable, &PressureLoop::onEnable, this);
   vent_server_ = below.advertiseService(names::kVent, &PressureLoop::onVent, this);
   stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
-  timer_ =
-      node.createSteadyTimer(ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) {
-        act([this](double now) {
-          ++turns_;
-          turn(now);
-        });
-      });
-  spinner_.start();
+  thread_.start([this] { run(); });
+}
+
+void PressureLoop::run() {
+  regulator::scheduleRealtime(realtime_priority_);
+  // By its own clock: a timer's thread is scheduled as any other.
+  for (double due = steadyNow(); !ends_;) {
+    const double now = steadyNow();
+    if (now < due) {
+      queue_.callAvailable(ros::WallDuration(due - now));
+      continue;
+    }
+    act([this](double at) {
+      ++turns_;
+      turn(at);
+    });
+    due = std::max(due + period_, now);
+    queue_.callAvailable();  // however late the turns are
+  }
 }
 
 PressureLoop::~PressureLoop() {
@@ -111,8 +127,8 @@ PressureLoop::~PressureLoop() {
 }
 
 bool PressureLoop::end() {
-  timer_.stop();
-  spinner_.stop();
+  ends_ = true;
+  thread_.join();
   return path_.end();
 }
 
@@ -120,7 +136,7 @@ std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
   std::string refusal;
   act([&](double now) {
     control::SafetyCore& core = path_.core();
-    if (auto_enable_ && mayEnableItself(core.report())) refusal = path_.enable(now);
+    if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
     if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
     publish(now);
   });
@@ -129,25 +145,23 @@ std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
 
 void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
                          const control::SafetyRules& rules) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   path_.core().adopt(std::move(channels), rules);
   arm_ = arm;
 }
 
-void PressureLoop::vent(SafetyCause why) {
-  act([&](double now) {
-    path_.core().vent(now, why);
-    turn(now);
-  });
+void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  path_.guardedBy(std::move(guard));
 }
 
 Eigen::VectorXd PressureLoop::goal() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
 }
 
 PressureLoop::Snapshot PressureLoop::snapshot() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   const control::SafetyCore& core = path_.core();
   Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
                core.reading(), std::nullopt,   turns_,        bad_readings_};
@@ -186,15 +200,20 @@ bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response
 }
 
 void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
   const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
-  if (const auto* measured = std::get_if<Eigen::VectorXd>(&checked)) {
-    path_.core().measured(steadyNow(), *measured);
-    post({*measured, reading->header.stamp});
-  } else if (bad_readings_.add()) {
-    log_.write(ros::console::levels::Warn, "pressure_measured is not of this arm: " +
-                                               std::get<control::Refusal>(checked).message);
+  const double age = ageOf(reading->header.stamp);
+  auto refusal =
+      control::checkAge(age, path_.core().rules().reading_timeout, control::Timed::kReading);
+  if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
+  if (refusal) {
+    if (!bad_readings_.add()) return;
+    log_.write(ros::console::levels::Warn, "a pressure_measured is dropped: " + refusal->message);
+    return;
   }
+  const auto& measured = std::get<Eigen::VectorXd>(checked);
+  path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
+  post({measured, reading->header.stamp});
 }
 
 void PressureLoop::turn(double now) {
@@ -235,7 +254,7 @@ void PressureLoop::post(Reading reading) {
 void PressureLoop::takeWaiting() {
   std::vector<Reading> readings;
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
     readings.swap(waiting_);
   }
   if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);

@@ -149,7 +149,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
   if (player_->finished()) {
     ROS_INFO("the series is over");
-    ros::requestShutdown();
+    EndRequest::make();
   }
 }
 

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include <ros/console.h>
 
@@ -54,11 +55,13 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
   return {scene.arm.actuatorCount(), *simulated};
 }
 
-std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate) {
+std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
+                                                       int realtime_priority) {
   const regulator::Config& config = requireRegulator(scene);
   regulator::IoRules rules = regulator::ioRulesFor(scene.safety.rules);
   rules.period = kShare / rate;
   rules.order_timeout = kPatience * longestGap(rate);
+  rules.realtime_priority = realtime_priority;
   const int channels = scene.arm.actuatorCount();
   ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   auto driver = regulator::makeDriver(config, channels);
@@ -74,9 +77,13 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
 
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
-std::vector<std::string> guardOf(const std::string& scene_path) {
+std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
+                                                    int realtime_priority) {
   const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";
-  return {program.string(), "regulator", scene_path, "guard"};
+  return std::make_shared<regulator::GuardProcess>(
+      std::vector<std::string>{program.string(), "regulator", scene_path, "guard",
+                               "--realtime-priority", std::to_string(realtime_priority)},
+      realtime_priority);
 }
 
 }  // namespace helix_arm::ros_bridge

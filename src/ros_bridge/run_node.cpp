@@ -3,6 +3,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include <ros/callback_queue.h>
 #include <ros/console.h>
 
 #include "helix_arm/io/fault_list.hpp"
@@ -17,7 +18,19 @@ int report(const std::exception& error, ExitCode code) {
   return code;
 }
 
+constexpr double kLongestWait = 0.1;  // for a callback [s]
+
 }  // namespace
+
+void spinUntilEnd(EndWatch& end_watch, const std::function<bool()>& may_end) {
+  const auto is_to_end = [&] {
+    return EndRequest::isUrgent() || (EndRequest::made() && may_end()) || ros::isShuttingDown();
+  };
+  while (!is_to_end()) {
+    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(kLongestWait));
+    end_watch.turn();
+  }
+}
 
 int guarded(const std::function<int()>& body) {
   try {

@@ -203,7 +203,7 @@ int VisionNode::finish() const {
 
 void VisionNode::onFailure() {
   if (host_ == Host::kOwnProcess) {
-    ros::requestShutdown();
+    EndRequest::make();
     return;
   }
   {

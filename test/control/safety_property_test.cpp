@@ -128,6 +128,19 @@ struct Witness {
     }
     ASSERT_EQ(enabling, state == State::kEnabled && before != State::kEnabled);
     before = state;
+    if (enabling) barred = false;
+    const Cause cause = core.report().cause;
+    const bool passes = cause == Cause::kNone || cause == Cause::kStaleTarget ||
+                        cause == Cause::kStaleReading || cause == Cause::kRegulatorLost;
+    const bool rests = state == State::kDisabled || state == State::kVented;
+    ASSERT_TRUE(!core.mayEnableItself() || (rests && passes && !barred)) << core.reason();
+    if (state != State::kVented || !passes) return lookAtOrders(grave);
+    ++(barred ? barred_turns : passed_turns);
+    lookAtOrders(grave);
+  }
+
+  void lookAtOrders(bool grave) {
+    const State state = core.state();
     const ValveOrders& orders = core.orders();
     for (int i = 0; i < count(); ++i) {
       const model::Range& limits = given.channels[i].limits;
@@ -156,6 +169,9 @@ struct Witness {
       was_held[i] = valve != Valve::kVent;
     }
   }
+
+  void stoppedOrVented() { barred = true; }
+  bool guardStands() const { return guard == Guard::kNotNeeded || guard == Guard::kStands; }
 
   void afterEnable() {
     target_at.reset();
@@ -191,6 +207,7 @@ struct Witness {
     if (core.state() == State::kEnabled) {
       ASSERT_FALSE(stopped);
       ASSERT_TRUE(link_up);
+      ASSERT_TRUE(guardStands());
       ASSERT_LE(now - target_at.value_or(now), given.rules.target_timeout);
       for (const double at : read_at) ASSERT_LE(now - at, given.rules.reading_timeout);
       for (int i = 0; i < count(); ++i) {
@@ -223,9 +240,11 @@ struct Witness {
   Eigen::VectorXd last;
   double order_at = 0, fault_at = 0;
   bool stopped = false, link_up = true;
+  bool barred = false;  // stopped, or a vent requested, since it was enabled
+  Guard guard = Guard::kNotNeeded;
   std::set<std::pair<State, State>> edges;
   std::set<Cause> causes;
-  int regulated_turns = 0, held_turns = 0;
+  int regulated_turns = 0, held_turns = 0, barred_turns = 0, passed_turns = 0;
 };
 
 // One turn of a loop that is jostled: its clock stands, jumps back or is no number, the loop
@@ -253,6 +272,7 @@ void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random
   if (chance(600)) {
     witness.stopped = true;
     core.emergencyStop(told, true);
+    witness.stoppedOrVented();
     witness.look(false, true);
   } else if (witness.stopped && chance(30)) {
     witness.stopped = false;
@@ -260,8 +280,14 @@ void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random
     witness.look(false, false);
   }
   if (chance(600)) {
-    core.vent(told, chance(2) ? Cause::kVentRequested : Cause::kGuardLost);
+    core.vent(told);
+    witness.stoppedOrVented();
     witness.look(false, true);
+  }
+  if (chance(400) || (!witness.guardStands() && chance(20))) {
+    witness.guard = static_cast<Guard>(random.integer(0, static_cast<int>(Guard::kEnded)));
+    core.guarded(told, witness.guard);
+    witness.look(false, !witness.guardStands());
   }
   if (witness.link_up && !chance(25)) {
     const Eigen::VectorXd reading = plant.read();
@@ -274,7 +300,7 @@ void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random
     const State was = core.state();
     const bool enabled = core.enable(told).empty();
     ASSERT_TRUE(!enabled || was == State::kDisabled || was == State::kVented);
-    ASSERT_FALSE(enabled && (witness.stopped || !witness.link_up));
+    ASSERT_FALSE(enabled && (witness.stopped || !witness.link_up || !witness.guardStands()));
     witness.look(enabled, false);
     if (enabled) witness.afterEnable();
   }
@@ -295,7 +321,7 @@ void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random
 TEST(SafetyProperty, NoSequenceOfEventsBreaksWhatTheCorePromises) {
   std::set<std::pair<State, State>> edges;
   std::set<Cause> causes;
-  long regulated = 0, held = 0;
+  long regulated = 0, held = 0, barred = 0, passed = 0;
   for (unsigned seed = 1; seed <= kRuns; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     test::Random random(seed);
@@ -322,6 +348,8 @@ TEST(SafetyProperty, NoSequenceOfEventsBreaksWhatTheCorePromises) {
     causes.insert(witness.causes.begin(), witness.causes.end());
     regulated += witness.regulated_turns;
     held += witness.held_turns;
+    barred += witness.barred_turns;
+    passed += witness.passed_turns;
   }
   const std::set<std::pair<State, State>> documented = {
       {State::kDisabled, State::kEnabled}, {State::kDisabled, State::kFault},
@@ -332,6 +360,8 @@ TEST(SafetyProperty, NoSequenceOfEventsBreaksWhatTheCorePromises) {
   // The runs were about something.
   EXPECT_GT(regulated, 100000);
   EXPECT_GT(held, 10000);
+  EXPECT_GT(barred, 1000);
+  EXPECT_GT(passed, 1000);
 }
 
 }  // namespace

@@ -39,7 +39,7 @@ TEST(SafetyReason, EveryFaultNamesItsCulpritValueRuleAndRemedy) {
       "fault: the regulator's link went down, or orders did not reach it in time: all channels are "
       "to vent as soon as the regulator hears it; until then shut the supply and open the relief "
       "valve by hand; look at the regulator's power and cable, then call enable");
-  EXPECT_EQ(faultOf([](Bench& b) { b.core.vent(b.now, SafetyCause::kGuardLost); }),
+  EXPECT_EQ(faultOf([](Bench& b) { b.core.guarded(b.now, Guard::kEnded); }),
             "fault: the guard, which vents where this process is killed, has ended or stands "
             "still: all channels vent; look for what ended or stopped it (a kill, too little "
             "memory), then call enable");
@@ -103,6 +103,20 @@ TEST(SafetyReason, TheOtherStatesSayWhatStandsAgainstEnabling) {
 TEST(SafetyReason, ARefusalNamesWhatIsWrongNow) {
   Bench bench;
   bench.turn();
+  bench.core.guarded(bench.now, Guard::kStarting);
+  EXPECT_EQ(
+      bench.core.refusal(bench.now),
+      "the guard, which vents where this process is killed, has not answered yet; call enable "
+      "again once it has, in a moment");
+  for (const Guard guard : {Guard::kStandsStill, Guard::kEnded}) {
+    bench.core.guarded(bench.now, guard);
+    EXPECT_EQ(bench.core.refusal(bench.now),
+              std::string("the guard, which vents where this process is killed, ") +
+                  (guard == Guard::kEnded ? "has ended" : "stands still") +
+                  "; look at what it and this process have printed (a kill, a scene file that is "
+                  "gone or cannot be read, too little memory), then call enable");
+  }
+  bench.core.guarded(bench.now, Guard::kStands);
   bench.core.linked(bench.now, false);
   EXPECT_EQ(bench.core.refusal(bench.now),
             "the regulator's link is down; look at its power and cable");

@@ -155,7 +155,10 @@ void standingForAWhile(Bench& bench) {
   bench.spoil = nullptr;
   bench.run(1);
 }
-void guardLost(Bench& bench) { bench.core.vent(bench.now, Cause::kGuardLost); }
+template <Guard guard>
+void guarded(Bench& bench) {
+  bench.core.guarded(bench.now, guard);
+}
 void timePasses(Bench& bench) { bench.run(7.5); }
 void holdTimePasses(Bench& bench) { bench.turn(8); }
 void holdTimePassesUnread(Bench& bench) {
@@ -207,6 +210,11 @@ const Row kTable[] = {
     {"enable, link up again", State::kDisabled, disabled, both<both<linkLost, linkUp>, enable>, State::kEnabled, Cause::kNone, "rrr"},
     {"enable, low supply", State::kDisabled, disabled, enableWith<lowSupply>, State::kDisabled, Cause::kNone, "vvv"},
     {"enable, supply unread", State::kDisabled, disabled, enableWith<noSupplyReading>, State::kDisabled, Cause::kNone, "vvv"},
+    {"enable, guard starts", State::kDisabled, disabled, enableWith<guarded<Guard::kStarting>>, State::kDisabled, Cause::kNone, "vvv"},
+    {"enable, guard stands still", State::kDisabled, disabled, enableWith<guarded<Guard::kStandsStill>>, State::kDisabled, Cause::kNone, "vvv"},
+    {"enable, guard gone", State::kDisabled, disabled, enableWith<guarded<Guard::kEnded>>, State::kDisabled, Cause::kNone, "vvv"},
+    {"enable, guard stands", State::kDisabled, disabled, both<guarded<Guard::kStands>, enable>, State::kEnabled, Cause::kNone, "rrr"},
+    {"guard lost", State::kDisabled, disabled, guarded<Guard::kEnded>, State::kDisabled, Cause::kNone, "vvv"},
     {"vent", State::kDisabled, disabled, vent, State::kDisabled, Cause::kNone, "vvv"},
     {"target", State::kDisabled, disabled, target, State::kDisabled, Cause::kNone, "vvv"},
     {"no target", State::kDisabled, disabled, noTarget, State::kDisabled, Cause::kNone, "vvv"},
@@ -226,7 +234,10 @@ const Row kTable[] = {
     {"link up", State::kEnabled, enabled, linkUp, State::kEnabled, Cause::kNone, "rrr"},
     {"time passes", State::kEnabled, enabled, timePasses, State::kEnabled, Cause::kNone, "rrr"},
     {"vent", State::kEnabled, enabled, vent, State::kFault, Cause::kVentRequested, "vvv"},
-    {"guard lost", State::kEnabled, enabled, guardLost, State::kFault, Cause::kGuardLost, "vvv"},
+    {"guard lost", State::kEnabled, enabled, guarded<Guard::kEnded>, State::kFault, Cause::kGuardLost, "vvv"},
+    {"guard stands still", State::kEnabled, enabled, guarded<Guard::kStandsStill>, State::kFault, Cause::kGuardLost, "vvv"},
+    {"another guard starts", State::kEnabled, enabled, guarded<Guard::kStarting>, State::kFault, Cause::kGuardLost, "vvv"},
+    {"guard stands", State::kEnabled, enabled, guarded<Guard::kStands>, State::kEnabled, Cause::kNone, "rrr"},
     {"stop", State::kEnabled, enabled, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
     {"no target any more", State::kEnabled, enabled, [](Bench& b) { b.commands = false; b.run(1.5); }, State::kFault, Cause::kStaleTarget, "vrc"},
     {"no target yet", State::kEnabled, enabledUntouched, noTarget, State::kEnabled, Cause::kNone, "rrr"},
@@ -249,6 +260,7 @@ const Row kTable[] = {
     {"hold time passes", State::kFault, holding, holdTimePasses, State::kFault, Cause::kStaleTarget, "vvv"},
     {"vent", State::kFault, holding, vent, State::kFault, Cause::kStaleTarget, "vvv"},
     {"stop", State::kFault, holding, stop, State::kFault, Cause::kStaleTarget, "vvv"},
+    {"guard lost", State::kFault, holding, guarded<Guard::kEnded>, State::kFault, Cause::kStaleTarget, "vvv"},
     {"over limit", State::kFault, holding, overLimit, State::kFault, Cause::kStaleTarget, "vvv"},
     {"spike", State::kFault, holding, spike, State::kFault, Cause::kStaleTarget, "vrc"},
     {"leak of the held", State::kFault, holding, leak<1>, State::kFault, Cause::kStaleTarget, "vvv"},
@@ -273,6 +285,8 @@ const Row kTable[] = {
     {"release", State::kVented, ventedAndStopped, release, State::kVented, Cause::kEmergencyStop, "vvv"},
     {"release and enable", State::kVented, ventedAndStopped, both<release, enable>, State::kEnabled, Cause::kNone, "rrr"},
     {"stop again, stopped", State::kVented, ventedAndStopped, stop, State::kVented, Cause::kEmergencyStop, "vvv"},
+    {"enable, guard gone", State::kVented, vented, enableWith<guarded<Guard::kEnded>>, State::kVented, Cause::kVentRequested, "vvv"},
+    {"guard lost", State::kVented, vented, guarded<Guard::kEnded>, State::kVented, Cause::kVentRequested, "vvv"},
     {"enable, link down", State::kVented, vented, enableWith<linkLost>, State::kVented, Cause::kVentRequested, "vvv"},
     {"enable, reading stale", State::kVented, vented, enableWith<noReading>, State::kVented, Cause::kVentRequested, "vvv"},
     {"enable, low supply", State::kVented, vented, enableWith<lowSupply>, State::kVented, Cause::kVentRequested, "vvv"},
@@ -315,6 +329,67 @@ TEST(SafetyTransitions, TheTableNamesEveryEdgeAndEveryCauseAndNoOther) {
       {State::kVented, State::kEnabled},   {State::kVented, State::kFault}};
   EXPECT_EQ(edges, documented);
   EXPECT_EQ(causes.size(), kSafetyCauseCount - 1u);  // all but none
+}
+
+// Whatever comes first: silence and a lost link pass by themselves, nothing else does.
+TEST(SafetyTransitions, ATargetAloneEnablesOnlyAfterWhatPassesByItself) {
+  using Event = void (*)(Bench&);
+  const Event passing[] = {noTarget, noReadingForAWhile, noReadingOfOne, linkLost, nothing};
+  const std::pair<Event, bool> lasting[] = {// and whether it is a fault of a vented arm, too
+                                            {stop, true},          {vent, true},
+                                            {overLimit, true},     {leak<1>, false},
+                                            {stuckHigh<0>, false}, {guarded<Guard::kEnded>, false}};
+  // Afterwards all is well again, and empty.
+  const auto rests = [](Bench& bench) {
+    release(bench);
+    linkUp(bench);
+    bench.core.guarded(bench.now, Guard::kNotNeeded);
+    bench.reads = true;
+    bench.spoil = nullptr;
+    bench.commands = false;
+    bench.run(kLong);
+    return bench.core.refusal(bench.now).empty();
+  };
+  for (const Event first : passing) {
+    Bench passed;
+    enabled(passed);
+    EXPECT_FALSE(passed.core.mayEnableItself());
+    first(passed);
+    ASSERT_TRUE(rests(passed)) << passed.core.reason();
+    EXPECT_TRUE(passed.core.mayEnableItself()) << passed.core.reason();
+    for (const auto& [second, ever] : lasting) {
+      for (const bool reversed : {true, false}) {
+        if (!reversed && !ever) continue;
+        Bench bench;
+        enabled(bench);
+        (reversed ? second : first)(bench);
+        bench.reads = true;
+        (reversed ? first : second)(bench);
+        ASSERT_TRUE(rests(bench)) << bench.core.reason();
+        EXPECT_FALSE(bench.core.mayEnableItself()) << bench.core.reason();
+        EXPECT_EQ(bench.core.enable(bench.now), "");
+        bench.commands = false;
+        noTarget(bench);
+        EXPECT_FALSE(bench.core.mayEnableItself()) << "it is enabled";
+      }
+    }
+  }
+}
+
+TEST(SafetyTransitions, AStopOrAVentOfAVentedArmBarsItAsWell) {
+  for (const auto event : {stop, vent}) {
+    for (const auto prepare : {disabled, holdingEmpty}) {
+      Bench bench;
+      prepare(bench);
+      bench.commands = false;
+      bench.run(kLong);
+      ASSERT_TRUE(bench.core.mayEnableItself()) << bench.core.reason();
+      event(bench);
+      release(bench);
+      bench.run(kLong);
+      EXPECT_FALSE(bench.core.mayEnableItself()) << bench.core.reason();
+    }
+  }
 }
 
 TEST(SafetyTransitions, TheFirstCauseIsKeptAndNamesItsChannelAndValues) {

@@ -1,6 +1,7 @@
 #include "helix_arm/control/settle_watch.hpp"
 
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <random>
 #include <stdexcept>
@@ -68,6 +69,29 @@ TEST(SettleWatch, SettlesOnceAWindowHasPassedWithoutMotion) {
   EXPECT_EQ(state.last->tags.size(), 8u);
   EXPECT_GE(arm.watch.samples().size(), 10u);
   EXPECT_LE(arm.watch.samples().size(), 12u);
+}
+
+// A clock that creeps a microsecond from one message to the next: a window holds a million of them.
+TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
+  constexpr double kCreep = 1e-6;
+  constexpr int kPictures = 20000, kReadings = 300000;
+  Watched arm;
+  for (int k = 0; k < kReadings; ++k) arm.watch.measured(1 + k * kCreep, kSetPoint);
+  for (int k = 0; k < kPictures; ++k) arm.watch.seen(1 + k * kCreep, tagsAt(5));
+  EXPECT_LE(arm.watch.samples().size(), 60u * 120 + 1000);
+  // The oldest readings are gone, and with them the window.
+  const std::string reason = arm.watch.at(1 + kReadings * kCreep).reason;
+  double measured = 1;
+  ASSERT_EQ(std::sscanf(reason.c_str(), "pressures were measured for %lf s", &measured), 1)
+      << reason;
+  EXPECT_LE(measured, 1000 * 120 * kCreep + 0.02);
+  // A clock that goes on is believed again.
+  for (int k = 1; k <= 300; ++k) {
+    arm.watch.command(2 + 0.01 * k, kSetPoint);
+    arm.watch.measured(2 + 0.01 * k, kSetPoint);
+    if (k % 10 == 0) arm.watch.seen(2 + 0.01 * k, tagsAt(5));
+  }
+  EXPECT_TRUE(arm.watch.at(5).settled()) << arm.watch.at(5).reason;
 }
 
 TEST(SettleWatch, ANewSetPointBeginsAnew) {

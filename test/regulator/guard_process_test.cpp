@@ -18,6 +18,7 @@ namespace helix_arm::regulator {
 namespace {
 
 namespace fs = std::filesystem;
+using control::Guard;
 
 // A guard that answers, and notes what it was told, beats aside, until its input ended.
 class Noting : public ::testing::Test {
@@ -51,9 +52,9 @@ class Noting : public ::testing::Test {
 TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
   {
     GuardProcess guard(command());
-    EXPECT_TRUE(guard.stands());
+    EXPECT_FALSE(control::isGone(guard.state()));
     guard.dismiss();
-    EXPECT_FALSE(guard.stands());
+    EXPECT_EQ(guard.state(), Guard::kEnded);
   }
   EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
@@ -90,28 +91,53 @@ TEST_F(Noting, HearsABeatWithoutAnybodysDoing) {
   EXPECT_EQ(told(), "");
 }
 
-TEST_F(Noting, ThatHasEndedNoLongerStands) {
-  GuardProcess guard({"/bin/true"});
-  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+TEST_F(Noting, ThatHasEndedNeverStood) {
+  const GuardProcess guard({"/bin/true"});
+  bool stood = false;
+  EXPECT_TRUE(test::eventually([&] {
+    stood = stood || guard.state() == Guard::kStands;
+    return guard.state() == Guard::kEnded;
+  }));
+  EXPECT_FALSE(stood);
+}
+
+// Silence takes ten beats to be known, an end takes none.
+TEST_F(Noting, ThatIsKilledIsKnownToHaveEndedBeforeItMissesABeat) {
+  const GuardProcess guard(single());
+  ASSERT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
+  ASSERT_EQ(kill(numberOfSingle(), SIGKILL), 0);
+  ASSERT_EQ(waitid(P_PID, static_cast<id_t>(numberOfSingle()), nullptr, WEXITED | WNOWAIT), 0);
+  EXPECT_EQ(guard.state(), Guard::kEnded);
+}
+
+TEST_F(Noting, StandsOnceItHasAnsweredAndNotBefore) {
+  const std::string go = folder_ / "go";
+  const GuardProcess guard(
+      {"/bin/sh", "-c", "until [ -e \"$1\" ]; do sleep 0.05; done; exec tee \"$0\" >&0 2>/dev/null",
+       note(), go});
+  EXPECT_EQ(guard.state(), Guard::kStarting);
+  EXPECT_EQ(beats(), 0U);
+  std::ofstream(go).put('\n');
+  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
 TEST_F(Noting, ThatIsStoppedNoLongerStandsUntilItWakesUp) {
   GuardProcess guard(single());
   ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
-  EXPECT_TRUE(test::eventually([&] { return guard.stands(); }));
+  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
-  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
-  EXPECT_TRUE(test::eventually([&] { return guard.stands(); }));
+  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
 TEST_F(Noting, ThatIsStoppedFindsItsDismissalWhenItWakesUp) {
   GuardProcess guard(single());
   ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
-  ASSERT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  ASSERT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
   guard.dismiss();
-  EXPECT_FALSE(guard.stands());
+  EXPECT_EQ(guard.state(), Guard::kEnded);
   EXPECT_EQ(told(), "");
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
   EXPECT_TRUE(test::eventually([&] { return told() == std::string(1, GuardProcess::kDismissal); }));
@@ -122,14 +148,14 @@ TEST_F(Noting, HasMoreTimeForItsFirstAnswerThanForOthers) {
   GuardProcess guard({"/bin/sh", "-c",
                       "sleep " + std::to_string(late) + "; exec tee \"$0\" >&0 2>/dev/null",
                       note()});
-  EXPECT_TRUE(test::eventually([&] { return beats() > 0 || !guard.stands(); }));
-  EXPECT_TRUE(guard.stands());
+  EXPECT_TRUE(test::eventually([&] { return guard.state() != Guard::kStarting; }));
+  EXPECT_EQ(guard.state(), Guard::kStands);
 }
 
 TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
   GuardProcess guard({"/bin/sh", "-c", "exec cat > \"$0\"", note()});
-  EXPECT_TRUE(guard.stands());
-  EXPECT_TRUE(test::eventually([&] { return !guard.stands(); }));
+  EXPECT_EQ(guard.state(), Guard::kStarting);
+  EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStandsStill; }));
   EXPECT_GT(beats(), 0U);
 }
 

@@ -1,10 +1,13 @@
 #include "helix_arm/regulator/pressure_path.hpp"
 
+#include <fstream>
+
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
 #include "support/eventually.hpp"
 #include "support/scripted_driver.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -87,6 +90,41 @@ TEST_F(Path, ADeviceThatHangsIsAFault) {
   device_.hangs = false;
   ASSERT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kVented; }));
   EXPECT_TRUE(eventually([&] { return device_.taken().valve[0] == Valve::kVent; }));
+}
+
+// The guard answers once a file is there, and ends once another one is.
+TEST_F(Path, IsEnabledOnlyWhileItsGuardStands) {
+  const test::TemporaryFolder folder;
+  const std::string answers = folder / "answers";
+  const auto refusal = [&] { return path_->enable(steadyNow()); };
+  const auto guard = std::make_shared<GuardProcess>(std::vector<std::string>{
+      "/bin/sh", "-c", "until [ -e \"$0\" ]; do sleep 0.05; done; exec tee /dev/null >&0",
+      answers});
+  path_->guardedBy(guard);
+  ASSERT_TRUE(turnUntil([&] { return path_->io()->status().reads > 0; }));
+  const std::string early = refusal();
+  EXPECT_NE(early.find("the guard"), std::string::npos) << early;
+  EXPECT_NE(early.find("has not answered yet"), std::string::npos) << early;
+  EXPECT_EQ(path_->core().state(), SafetyState::kDisabled);
+  std::ofstream(answers).put('\n');
+  ASSERT_TRUE(turnUntil([&] { return refusal().empty(); })) << refusal();
+  EXPECT_EQ(path_->core().state(), SafetyState::kEnabled);
+
+  // It goes: known with the next turn, before it could have missed a beat.
+  guard->dismiss();
+  path_->turn(steadyNow());
+  EXPECT_EQ(path_->core().report().cause, SafetyCause::kGuardLost);
+  EXPECT_EQ(path_->core().orders().valve[0], Valve::kVent);
+  ASSERT_TRUE(turnUntil([&] { return path_->core().state() == SafetyState::kVented; }));
+  const std::string late = refusal();
+  EXPECT_NE(late.find("the guard"), std::string::npos) << late;
+  EXPECT_NE(late.find("has ended"), std::string::npos) << late;
+
+  const auto next = std::make_shared<GuardProcess>(
+      std::vector<std::string>{"/bin/sh", "-c", "exec tee /dev/null >&0"});
+  path_->guardedBy(next);
+  EXPECT_TRUE(turnUntil([&] { return refusal().empty(); })) << refusal();
+  next->dismiss();
 }
 
 TEST(PressurePath, TurnsThatAreTooFarApartAreALostLink) {

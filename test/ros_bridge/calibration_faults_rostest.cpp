@@ -20,14 +20,14 @@ class CalibrationFaults : public CalibrationRig {
     RunCalibrationGoal goal;
     goal.fit = {"K_kappa"};
     goal.plan = {3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5};
-    first_command_ = rig_.command.all().size();
+    first_target_ = targets_.all().size();
     client_->sendGoal(goal);
     ASSERT_TRUE(rig_.command.next([](const PressureArray& command) {
       return command.pressure[0] > 2.9e5;
     })) << calibration_->output();
   }
 
-  std::size_t first_command_ = 0;
+  std::size_t first_target_ = 0;
 };
 
 TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
@@ -148,7 +148,7 @@ TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
   EXPECT_EQ(ending(), "PREEMPTED");
   EXPECT_NE(client_->getResult()->message.find("cancelled"), std::string::npos);
   EXPECT_TRUE(atRest());
-  expectRamps(first_command_);
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
@@ -161,7 +161,7 @@ TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
   ASSERT_TRUE(ends());
   EXPECT_TRUE(client_->getResult()) << calibration_->output();
   EXPECT_TRUE(atRest());
-  expectRamps(first_command_);
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
@@ -179,7 +179,7 @@ TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
   calibration_->signal(SIGINT);
   EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
   EXPECT_TRUE(atRest());
-  expectRamps(first_command_);
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, KilledItLeavesAnArmThatVents) {

@@ -55,7 +55,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   goal.fit = {"stiffness", "length_scale", "placement"};
   goal.out = folder / "calibrated.yaml";
   std::vector<RunCalibrationFeedback> progress;
-  const std::size_t first_command = rig_.command.all().size();
+  const std::size_t first_target = targets_.all().size();
   client_->sendGoal(goal, {}, {},
                     [&](const RunCalibrationFeedbackConstPtr& f) { progress.push_back(*f); });
   ASSERT_TRUE(ends()) << calibration_->output();
@@ -64,7 +64,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   EXPECT_TRUE(result.success);
   EXPECT_EQ(result.out, goal.out);
   EXPECT_TRUE(atRest());
-  expectRamps(first_command);
+  expectRamps(first_target);
 
   // Told step by step.
   ASSERT_FALSE(progress.empty());

@@ -60,6 +60,18 @@ class DeadParts : public ::testing::TestWithParam<Line> {
 
   bool deviceVents(double rule) { return rig_.ventsBy(regulator::steadyNow(), rule + kSlack); }
 
+  // By what they say of a scene that is not there.
+  int guardsStarted() {
+    int count = 0;
+    const std::string& output = rig_.node.outputNow();
+    const std::string words = regulator_.scene() + " cannot be read";
+    for (std::size_t at = output.find(words); at != std::string::npos;
+         at = output.find(words, at + 1)) {
+      ++count;
+    }
+    return count;
+  }
+
   void expectEmpties() {
     EXPECT_TRUE(eventually([this] { return regulator_.pressure().maxCoeff() < kEmpty; },
                            kVentTime + kSlack));
@@ -86,9 +98,10 @@ class DeadParts : public ::testing::TestWithParam<Line> {
     // One that stood still wakes up, and finds that it is no longer the guard.
     kill(first[0], SIGCONT);
     EXPECT_TRUE(waitFor([&] { return guardsOf(regulator_.scene()) == others(); }));
-    EXPECT_EQ(rig_.safety.last().state, "enabled") << rig_.safety.last().reason;
-    EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
     EXPECT_EQ(others().size(), 1u);
+    EXPECT_EQ(rig_.node.outputNow().find("guard: "), std::string::npos)
+        << "the first one has vented: " << rig_.node.output();
+    EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
   }
 
   EmulatedRegulator regulator_{GetParam()};
@@ -188,12 +201,45 @@ TEST_P(DeadParts, AGuardThatStandsStillVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGSTOP, kStandstill + kGuardLooks);
 }
 
+// Two faults at once: nobody would be left to vent the arm were the node killed now.
+TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
+  const std::string scene = regulator_.scene(), hidden = scene + ".hidden";
+  const std::vector<pid_t> first = guardsOf(scene);
+  ASSERT_EQ(first.size(), 1u);
+  std::filesystem::rename(scene, hidden);
+  ASSERT_EQ(kill(first[0], SIGKILL), 0);
+  ASSERT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
+  EXPECT_EQ(rig_.safety.last().cause, "guard_lost") << rig_.safety.last().reason;
+  // Its targets go on; every look of the node starts a guard that ends at once.
+  const int kLooks = 3, before = guardsStarted();
+  std::string refusal;
+  bool enabled = false, inflated = false;
+  EXPECT_TRUE(waitFor([&] {
+    const auto answer = rig_.trigger(names::kEnable);
+    enabled = enabled || answer.success;
+    if (!answer.success) refusal = answer.message;
+    inflated = inflated || !regulator_.isVented();
+    return guardsStarted() >= before + kLooks;
+  })) << rig_.node.output();
+  EXPECT_FALSE(enabled);
+  EXPECT_FALSE(inflated);
+  EXPECT_NE(refusal.find("the guard, which vents where this process is killed"), std::string::npos)
+      << refusal;
+  EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
+  std::filesystem::rename(hidden, scene);
+  EXPECT_TRUE(rig_.bringTo(kPressures)) << rig_.safety.last().reason;
+  EXPECT_EQ(guardsOf(scene).size(), 1u);
+}
+
 TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
   const std::string ns = GetParam() == Line::kSerial ? "/serial" : "/modbus";
   Process second({HELIX_ARM_SERIES, "__ns:=" + ns, "_scene:=" + regulator_.scene()});
   ASSERT_TRUE(rig_.status.next([](const TargetStatus& s) { return s.fault == "other_commander"; }));
-  EXPECT_EQ(rig_.safety.last().state, "enabled");
-  EXPECT_LT((regulator_.pressure() - kPressures).cwiseAbs().maxCoeff(), 5e3);
+  // Ours, or none where a machine that is busy has silenced us.
+  const Eigen::VectorXd set_point = regulator_.setPoint();
+  EXPECT_TRUE((set_point - kPressures).cwiseAbs().maxCoeff() < 1e3 || regulator_.isVented())
+      << set_point.transpose();
+  EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
 // Where node and guard die together nobody is left but the device itself.
@@ -213,6 +259,43 @@ TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
   EXPECT_EQ(rig.node.exitCode(), 128 + SIGKILL);
   EXPECT_TRUE(
       eventually([&] { return regulator.pressure().maxCoeff() < kEmpty; }, kVentTime + kSlack));
+}
+
+// A regulator's node whose readings wait in some queue on their way, or whose clock is ahead.
+TEST(DeadReadings, AReadingOnATopicIsAsOldAsItsStampSays) {
+  ros::NodeHandle node("/old");
+  Process command({HELIX_ARM_PRESSURE_COMMAND, "__ns:=/old", "_scene:=demo", "_regulator:=topic",
+                   "_handle:=false"});
+  Inbox<SafetyState> safety(node, names::kSafetyState);
+  ros::Publisher publisher = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  double age = 10;  // [s]
+  const auto timer = node.createSteadyTimer(ros::WallDuration(0.02), [&](const auto&) {
+    PressureArray reading;
+    reading.header.stamp = ros::Time::now() - ros::Duration(age);
+    reading.pressure = {0, 0, 0};
+    publisher.publish(reading);
+  });
+  ros::NodeHandle services("/old/pressure_command");
+  std_srvs::Trigger call;
+  const auto enables = [&] {
+    services.serviceClient<std_srvs::Trigger>(names::kEnable).call(call);
+    return call.response.success;
+  };
+  ASSERT_TRUE(ros::service::waitForService("/old/pressure_command/enable", ros::Duration(20)));
+  for (const double wrong : {10.0, -10.0}) {
+    age = wrong;
+    const char* const words = wrong > 0 ? "s ago, more than 0.5 s" : "s ahead of this machine's";
+    EXPECT_TRUE(waitFor([&] { return command.outputNow().find(words) != std::string::npos; }))
+        << command.output();
+    EXPECT_FALSE(enables());
+    EXPECT_NE(call.response.message.find("has not been read yet"), std::string::npos)
+        << call.response.message;
+  }
+  age = 0;
+  EXPECT_TRUE(waitFor(enables)) << call.response.message;
+  age = 10;
+  EXPECT_TRUE(waitFor([&] { return safety.last().state == "fault"; }));
+  EXPECT_EQ(safety.last().cause, "stale_reading");
 }
 
 // The arm of the demo, whose regulator is another node.

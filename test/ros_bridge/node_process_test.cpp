@@ -202,6 +202,28 @@ TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {
   }
 }
 
+TEST_F(NodeProcess, AHungMasterEndsEveryNodeWith1) {
+  Process command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
+  Process series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables());
+  Process monitor({HELIX_ARM_MONITOR}, variables());
+  Process rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables());
+  Process vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables());
+  Process calibration({HELIX_ARM_CALIBRATION, "__ns:=rig", "_scene:=demo"}, variables());
+  ASSERT_TRUE(calibration.prints("ready to record")) << calibration.output();
+  ASSERT_TRUE(series.prints("row 1")) << series.output();
+  ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
+  ASSERT_TRUE(vision.prints("measured")) << vision.output();
+  master_.signal(SIGSTOP);
+  // One of them is asked to end before it could see that.
+  monitor.signal(SIGINT);
+  for (Process* node : {&command, &series, &monitor, &rig, &vision, &calibration}) {
+    EXPECT_EQ(node->exitCode(60), 1) << node->output();
+    if (node == &monitor) continue;
+    EXPECT_NE(node->output().find("does not answer"), std::string::npos) << node->output();
+  }
+  master_.signal(SIGCONT);
+}
+
 TEST_F(NodeProcess, AMasterThatForgotTheNodeEndsIt) {
   Process node({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
   ASSERT_TRUE(node.prints(kReady)) << node.output();

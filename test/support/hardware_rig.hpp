@@ -1,23 +1,30 @@
 #pragma once
 
+#include <atomic>
+#include <chrono>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/SafetyState.h"
+#include "helix_arm/regulator/realtime.hpp"
 #include "support/emulated_regulator.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 
 namespace helix_arm::test {
 
-/// Of a machine that is busy, beyond what a rule allows [s].
-inline constexpr double kSlack = 2;
+/// Of a machine that is busy, beyond what a rule allows: tells late from never. How late it is, is
+/// a figure [s].
+inline constexpr double kSlack = 10;
 
-/// One pressure_command process, and a commander of it in this one.
+/// One pressure_command process, and a commander of it in this one, in a thread of its own: no call
+/// that a test waits for silences it.
 class HardwareRig {
  public:
   HardwareRig(EmulatedRegulator& device, const std::string& ns)
@@ -29,7 +36,11 @@ class HardwareRig {
         targets_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
         safety(node_, names::kSafetyState),
         status(node_, names::kTargetStatus),
-        timer_(node_.createSteadyTimer(ros::WallDuration(0.02), &HardwareRig::send, this)) {}
+        commander_([this] { send(); }) {}
+  ~HardwareRig() {
+    ends_ = true;
+    commander_.join();
+  }
 
   /// Whether the latched state is this one, within the deadline [s].
   bool comesTo(const std::string& state, double deadline = 20) {
@@ -69,34 +80,46 @@ class HardwareRig {
     });
   }
   /// Sends these at 50 Hz from now on [Pa].
-  void command(const Eigen::Vector3d& pressure) { wanted_ = pressure; }
-  void fallSilent() { wanted_.reset(); }
+  void command(const Eigen::Vector3d& pressure) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    wanted_ = pressure;
+  }
+  void fallSilent() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    wanted_.reset();
+  }
   double lastTarget() const { return last_target_; }  ///< when, of regulator::steadyNow() [s]
 
   EmulatedRegulator& regulator;
   Process node;
 
  private:
-  void send(const ros::SteadyTimerEvent&) {
-    if (!wanted_) return;
-    PressureArray target;
-    target.header.stamp = ros::Time::now();
-    target.pressure.assign(wanted_->begin(), wanted_->end());
-    last_target_ = regulator::steadyNow();
-    targets_.publish(target);
+  void send() {
+    regulator::scheduleRealtime(regulator::kRealtimePriority);  // where it may
+    for (; !ends_; std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (!wanted_) continue;
+      PressureArray target;
+      target.header.stamp = ros::Time::now();
+      target.pressure.assign(wanted_->begin(), wanted_->end());
+      last_target_ = regulator::steadyNow();
+      targets_.publish(target);
+    }
   }
 
   ros::NodeHandle node_, services_;
   ros::Publisher targets_;
+  std::mutex mutex_;  // of the wanted ones
   std::optional<Eigen::Vector3d> wanted_;
-  double last_target_ = 0;
+  std::atomic<double> last_target_{0};
+  std::atomic<bool> ends_{false};
 
  public:
   Inbox<SafetyState> safety;
   Inbox<TargetStatus> status;
 
  private:
-  ros::SteadyTimer timer_;
+  std::thread commander_;
 };
 
 }  // namespace helix_arm::test

@@ -61,6 +61,7 @@ class Master {
   int port() const { return port_; }
   /// Ends it; start() brings up a new one on the same port.
   void stop() { process_.reset(); }
+  void signal(int number) const { process_->signal(number); }
   void start();
 
  private:

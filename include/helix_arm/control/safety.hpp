@@ -38,6 +38,17 @@ enum class SafetyCause : std::uint8_t {
 };
 inline constexpr int kSafetyCauseCount = 12;
 
+/// Who would vent the arm where the process that moves it were killed.
+enum class Guard : std::uint8_t {
+  kNotNeeded,    ///< nobody: no hardware, or not this process's
+  kStarting,     ///< somebody who has not answered yet
+  kStands,       ///< somebody who answers
+  kStandsStill,  ///< somebody who answers no longer
+  kEnded,        ///< nobody any more
+};
+/// Whether nobody answers, nor will.
+constexpr bool isGone(Guard guard) { return guard >= Guard::kStandsStill; }
+
 /// What a channel does in a fault that is not its own danger.
 enum class FaultAction : std::uint8_t {
   kVent,
@@ -94,12 +105,15 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
 struct SafetyReport {
   SafetyState state = SafetyState::kDisabled;
   SafetyCause cause =
-      SafetyCause::kNone;     ///< of the newest fault; the first one where several came
-  int channel = -1;           ///< of the cause, where it is one channel's
-  double value = 0;           ///< what was seen of the cause [Pa] or [s]
-  double limit = 0;           ///< and what its rule allows
-  double since = 0;           ///< when it came to this state [s]
-  bool stopped = false;       ///< the emergency stop is engaged
+      SafetyCause::kNone;  ///< of the newest fault; the first one where several came
+  int channel = -1;        ///< of the cause, where it is one channel's
+  double value = 0;        ///< what was seen of the cause [Pa] or [s]
+  double limit = 0;        ///< and what its rule allows
+  double since = 0;        ///< when it came to this state [s]
+  bool stopped = false;    ///< the emergency stop is engaged
+  /// Since it was enabled nothing has come but what passes by itself: silence of the commander or
+  /// of the regulator, a lost link. Nobody has stopped it or asked for a vent.
+  bool passing = true;
   bool vent_overdue = false;  ///< pressure still stands after vent_time
   std::uint64_t changes = 0;  ///< of anything above but `value`, and of the link, so far
 };
@@ -123,16 +137,18 @@ class SafetyCore {
   SafetyCore(std::vector<ChannelRules> channels, const SafetyRules& rules);
 
   /// Why it cannot be enabled now; empty when it can: from kDisabled and kVented, with the
-  /// emergency stop released, fresh readings that show no pressure, a regulator that answers and
-  /// its supply.
+  /// emergency stop released, a guard that stands, fresh readings that show no pressure, a
+  /// regulator that answers and its supply.
   std::string refusal(double now) const;
   /// Enables, with set points that go from the atmosphere to the limits that are nearest to it, or
   /// says why not. The watchdog of targets begins with the first one.
   /// @return as refusal().
   std::string enable(double now);
-  /// Vents all; ends in kVented. Nothing to do while disabled or vented.
-  /// @param why  kVentRequested or kGuardLost.
-  void vent(double now, SafetyCause why = SafetyCause::kVentRequested);
+  /// Whether a target alone may enable it, where the user allows that at all: before it was enabled
+  /// for the first time, and after what has passed by itself (SafetyReport::passing).
+  bool mayEnableItself() const;
+  /// Vents all; ends in kVented. While disabled or vented it only bars mayEnableItself().
+  void vent(double now);
   /// Engaged: vents all, latched. Released: nothing moves, but it can be enabled again.
   void emergencyStop(double now, bool engaged);
 
@@ -147,6 +163,9 @@ class SafetyCore {
   /// Whether the regulator's link is up; it counts as up until told otherwise.
   void linked(double now, bool up);
   bool linked() const { return link_up_; }
+  /// Who guards; nobody needs to until told otherwise. Where somebody needs to it is enabled only
+  /// while he stands, and vents all when he no longer does.
+  void guarded(double now, Guard guard);
 
   /// Lets time pass up to now, and says what to do until the next turn.
   const ValveOrders& advance(double now);
@@ -170,6 +189,7 @@ class SafetyCore {
 
  private:
   int count() const { return static_cast<int>(channels_.size()); }
+  bool isVented() const;  // in kDisabled or kVented
   void pass(double now);
   double startOf(int i) const;
   void setState(SafetyState state, SafetyCause cause, int channel, double value, double limit);
@@ -181,6 +201,7 @@ class SafetyCore {
   void endHold();
   void endFault();
   bool allVentAndEmpty() const;
+  std::string guardRefusal() const;
   std::string supplyRefusal(double now) const;
   std::string channelRefusal(int i, double now) const;
   std::string causeText() const;
@@ -204,6 +225,7 @@ class SafetyCore {
   double turn_at_ = 0;
   bool started_ = false;
   bool link_up_ = true;
+  Guard guard_ = Guard::kNotNeeded;
 };
 
 }  // namespace helix_arm::control

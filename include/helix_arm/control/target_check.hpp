@@ -56,11 +56,15 @@ Checked<Eigen::VectorXd> checkCommand(const model::Arm& arm, const model::InputR
                                       const std::vector<std::string>& name,
                                       const std::vector<double>& pressure);
 
-/// Refuses a target that was stamped longer ago than its timeout: it has waited in some queue. And
-/// one that is stamped as far ahead: by its sender's clock nobody can tell how old it is.
+/// What may have waited in some queue.
+enum class Timed { kTarget, kReading };
+
+/// Refuses a target or reading that was stamped longer ago than its timeout: it has waited in some
+/// queue. And one that is stamped as far ahead: by its sender's clock nobody can tell how old it
+/// is.
 ///
 /// @param age  of its stamp, < 0 where that is ahead [s].
-std::optional<Refusal> checkAge(double age, double timeout);
+std::optional<Refusal> checkAge(double age, double timeout, Timed what = Timed::kTarget);
 
 /// What an instrument reads of all the arm's pressures: (n) gauge [Pa]. Unlike a target it may lie
 /// outside the limits.

@@ -9,6 +9,8 @@
 
 #include <sys/types.h>
 
+#include "helix_arm/control/safety.hpp"
+
 namespace helix_arm::regulator {
 
 /// A process that outlives this one, to vent the arm where this one is killed or stands still.
@@ -27,24 +29,27 @@ class GuardProcess {
   static constexpr int kFirstBeats = 50;      ///< until its first answer: it loads a scene
   static constexpr double kDismissTime = 2;   ///< to go once dismissed [s]
 
-  /// @param command  program by its path, and its arguments.
+  /// @param command            program by its path, and its arguments.
+  /// @param realtime_priority  of the thread of beats, as scheduleRealtime() where that is allowed.
   /// @throws std::runtime_error naming the program when it cannot be started.
-  explicit GuardProcess(const std::vector<std::string>& command);
+  explicit GuardProcess(const std::vector<std::string>& command, int realtime_priority = 0);
   /// Leaves it to its task, unless it was dismissed.
   ~GuardProcess();
   GuardProcess(const GuardProcess&) = delete;
   GuardProcess& operator=(const GuardProcess&) = delete;
 
-  /// Whether it still stands by: it has neither ended nor been dismissed, and answers beats.
-  bool stands();
+  /// Whether it stands by: it has answered, answers still, and has neither ended nor been
+  /// dismissed. An end is known at once. Of any thread; neither waits nor allocates.
+  control::Guard state() const;
   /// Tells it to go, and waits for its end, kDismissTime at most: one that is stopped finds the
   /// dismissal when it wakes up.
   void dismiss();
 
  private:
   bool hasEnded();
+  bool hangsUp() const;
   void beat() const;
-  void keepBeating();
+  void keepBeating(int realtime_priority);
   bool takeAnswers() const;
 
   pid_t pid_ = -1;
@@ -52,6 +57,7 @@ class GuardProcess {
   std::mutex mutex_;
   std::condition_variable ends_;
   bool ended_ = false;
+  std::atomic<bool> answered_{false}, dismissed_{false};
   std::atomic<int> patience_{kFirstBeats};  ///< periods to wait for an answer
   std::thread beats_;
 };

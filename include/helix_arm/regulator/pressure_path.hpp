@@ -5,8 +5,10 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 
 namespace helix_arm::regulator {
@@ -25,6 +27,9 @@ class PressurePath {
   ///                     itself, and the link counts as lost, > 0 [s].
   /// @throws std::invalid_argument naming the value and its rule.
   PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io, double longest_gap = 0.4);
+
+  /// Who guards from now on, asked on every turn and before it is enabled; null: nobody needs to.
+  void guardedBy(std::shared_ptr<const GuardProcess> guard) { guard_ = std::move(guard); }
 
   /// One turn at `now`, of steadyNow() [s]: takes readings in, lets the core decide, hands its
   /// orders on. To be called often, and neither waits nor allocates.
@@ -48,12 +53,15 @@ class PressurePath {
   bool end() { return io_ && io_->end(); }
 
  private:
+  void askGuard(double now);
+
   control::SafetyCore core_;
   Reading reading_;
   bool fresh_ = false;
   double longest_gap_;
   double last_turn_ = std::numeric_limits<double>::infinity();  // so far none [s]
   std::uint64_t breaks_seen_ = 0;
+  std::shared_ptr<const GuardProcess> guard_;
   std::unique_ptr<RegulatorIo> io_;
 };
 

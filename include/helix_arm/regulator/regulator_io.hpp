@@ -28,6 +28,7 @@ struct IoRules {
   int most_bad_replies = 5;       ///< in a row, >= 1, until the link counts as no good
   double vented_below = 1.5e4;    ///< at the end: a reading within this is no pressure, > 0 [Pa]
   double vent_time = 3.0;         ///< and is waited for so long, >= 0 [s]
+  int realtime_priority = 0;      ///< of its thread, as scheduleRealtime() where that is allowed
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

@@ -25,7 +25,6 @@
 #include "helix_arm/control/settle_watch.hpp"
 #include "helix_arm/io/calibration_job.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
-#include "helix_arm/ros_bridge/end_request.hpp"
 #include "helix_arm/ros_bridge/moving_clock.hpp"
 #include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
@@ -82,6 +81,7 @@ class CalibrationNode {
   ~CalibrationNode();
 
   int finish() const { return kDone; }
+  bool isBusy() const;  ///< run_calibration is under way: the arm is to be ramped down first
 
  private:
   using Server = actionlib::SimpleActionServer<RunCalibrationAction>;
@@ -134,8 +134,6 @@ class CalibrationNode {
                                    const std::function<bool()>& cancelled);
 
   const CalibrationNodeOptions options_;
-  EndRequest end_request_;
-
   mutable std::mutex mutex_;  ///< of all below, up to the publisher
   MovingClock clock_;
   io::Scene scene_;
@@ -157,5 +155,7 @@ class CalibrationNode {
   ros::SteadyTimer watch_timer_;
   std::unique_ptr<Server> server_;
 };
+
+inline bool mayEnd(const CalibrationNode& node) { return !node.isBusy(); }
 
 }  // namespace helix_arm::ros_bridge

@@ -17,8 +17,7 @@ class GuardedThread {
 
   /// @param on_failure  called by the thread, last of all, when the body threw.
   void start(
-      std::function<void()> body,
-      std::function<void()> on_failure = [] { ros::requestShutdown(); });
+      std::function<void()> body, std::function<void()> on_failure = [] { EndRequest::make(); });
   void join();
 
   /// What the node should end with for the body's sake.

@@ -8,20 +8,24 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Ends the node when its ROS master is gone, or was restarted and no longer knows the node: roscpp
-/// notices neither.
+/// Asks the node to end when its ROS master is gone, hangs, or was restarted and no longer knows
+/// the node: roscpp notices none of these.
 ///
-/// Asks from a thread of its own, so that a master that hangs cannot stall a control loop.
+/// Asks from a thread of its own, and waits for no answer longer than kPatience: a master that
+/// hangs stalls nothing.
 class MasterWatch {
  public:
+  static constexpr double kPatience = 2;  ///< for an answer [s]
+
   /// @param period  between two questions.
   /// @param misses  questions in a row without an answer that mean the master is gone, >= 1.
   explicit MasterWatch(std::chrono::milliseconds period = std::chrono::seconds(1), int misses = 3);
+  /// Waits kPatience at most.
   ~MasterWatch();
   MasterWatch(const MasterWatch&) = delete;
   MasterWatch& operator=(const MasterWatch&) = delete;
 
-  /// True once the master was found gone and the node was told to shut down.
+  /// True once the master was found gone and the node was asked to end.
   bool lost() const { return lost_; }
 
  private:

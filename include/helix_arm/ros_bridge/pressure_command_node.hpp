@@ -16,6 +16,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/inverse.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
+#include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/arm_frames.hpp"
 #include "helix_arm/ros_bridge/arm_markers.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
@@ -46,6 +47,10 @@ struct PressureCommandOptions {
   /// ~allow_sim_time: drive hardware although ROS time is simulated; the safety rules run on the
   /// steady clock in any case.
   bool allow_sim_time = false;
+  /// ~realtime_priority: of the threads between targets and valves (SCHED_FIFO), and of the guard,
+  /// where the user's limits allow it: the log says what was given. 0: none, up to 99. With
+  /// hardware the memory is locked along with it.
+  int realtime_priority = regulator::kRealtimePriority;
 
   /// @throws ParameterError with every fault.
   static PressureCommandOptions load();
@@ -109,7 +114,8 @@ class PressureCommandNode {
   PressureCommandNode();
   ~PressureCommandNode();
 
-  int finish() const { return kDone; }
+  /// Vents, and returns once that is done.
+  int finish();
 
  private:
   /// Who sent which target.
@@ -146,10 +152,12 @@ class PressureCommandNode {
 
   void onDraw(const ros::SteadyTimerEvent& event);
   void onDiagnose(const ros::SteadyTimerEvent& event);
+  void replaceGuard();
   void sendFrames(const ros::Time& stamp);
 
   void solve();  ///< the shape at the measured pressures
   void refuseSimulatedTime() const;
+  void tellRealtime(bool hardware) const;
   void tellTier() const;
   TargetStatus answerTo(const Sender& sender) const;
 
@@ -183,8 +191,8 @@ class PressureCommandNode {
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
-  std::optional<regulator::GuardProcess>
-      guard_;                         ///< of hardware; before the loop, which it outlives
+  std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
+  FaultCount guard_losses_;
   std::optional<PressureLoop> loop_;  ///< last: its readings come to all of the above
 };
 

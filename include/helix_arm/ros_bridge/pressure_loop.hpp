@@ -4,15 +4,13 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
-#include <mutex>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
-#include <ros/spinner.h>
-#include <ros/steady_timer.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
@@ -20,7 +18,9 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/regulator/priority_mutex.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/log_thread.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -52,15 +52,19 @@ class PressureLoop {
     FaultCount bad_readings;
   };
 
-  /// @param arm          whose actuators are named in the messages.
-  /// @param rate         of the loop [Hz].
-  /// @param path         without I/O where another node regulates: its readings are then taken from
+  /// @param arm                whose actuators are named in the messages.
+  /// @param rate               of the loop [Hz].
+  /// @param realtime_priority  of its thread, as scheduleRealtime() where that is allowed.
+  /// @param path               without I/O where another node regulates: its readings are then
+  /// taken from
   ///                     pressure_measured.
-  /// @param auto_enable  a target enables the path: at first, and after targets, readings or link
+  /// @param auto_enable        a target enables the path: at first, and after targets, readings or
+  /// link
   ///                     had failed.
-  /// @param take         gets the readings, in order, from the node's own callback queue; the last
+  /// @param take               gets the readings, in order, from the node's own callback queue; the
+  /// last
   ///                     alone where it cannot keep up.
-  PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
+  PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
                regulator::PressurePath path, bool auto_enable, Take take);
   ~PressureLoop();
   PressureLoop(const PressureLoop&) = delete;
@@ -75,12 +79,14 @@ class PressureLoop {
   void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
              const control::SafetyRules& rules);
 
-  /// @param why  as SafetyCore::vent().
-  void vent(control::SafetyCause why);
+  /// As PressurePath::guardedBy().
+  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard);
   /// Vents, where the regulator is the node's own, waits until no pressure stands, for a while, and
   /// does nothing from then on.
   /// @return whether the regulator has read so.
   bool end();
+  /// What the node should end with for the loop's sake.
+  int verdict() const { return thread_.verdict(); }
 
   Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
   Snapshot snapshot() const;
@@ -101,16 +107,19 @@ class PressureLoop {
   void post(Reading reading);
 
   // None of these does.
+  void run();
   /// Does change(now) under the lock.
   template <class Change>
   void act(const Change& change);
   void takeWaiting();
 
+  const double period_;  ///< [s]
+  const int realtime_priority_;
   const bool auto_enable_;
   const Take take_;
   LogThread log_;
 
-  mutable std::mutex mutex_;  ///< of all that follows, and of the order of commands
+  mutable regulator::PriorityMutex mutex_;  ///< of all that follows, and of the order of commands
   model::Arm arm_;
   regulator::PressurePath path_;
   std::uint64_t turns_ = 0;
@@ -118,12 +127,12 @@ class PressureLoop {
   FaultCount bad_readings_;
   std::vector<Reading> waiting_;
 
+  ros::CallbackQueue queue_;  ///< of all that follows, which leaves it when it goes
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
-  ros::CallbackQueue queue_;  ///< of what follows
   ros::Subscriber reading_subscriber_;
   ros::ServiceServer enable_server_, vent_server_, stop_server_;
-  ros::SteadyTimer timer_;
-  ros::AsyncSpinner spinner_;
+  std::atomic<bool> ends_{false};
+  GuardedThread thread_;  ///< of the queue
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -2,9 +2,9 @@
 
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
@@ -19,16 +19,20 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
 
 /// The scene's regulator, on a line of its own. Tells of it, and warns as makeRegulator().
-/// @param rate  of the loop that gives the orders [Hz].
+/// @param rate               of the loop that gives the orders [Hz].
+/// @param realtime_priority  as IoRules::realtime_priority.
 /// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
 /// regulator::RegulatorIo.
-std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate);
+std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
+                                                       int realtime_priority);
 
 /// Longest gap between two turns of a loop at this rate [Hz] before whoever takes its orders may
 /// have vented by itself [s].
 double longestGap(double rate);
 
-/// The command of the guard that vents the scene's regulator where this process is killed.
-std::vector<std::string> guardOf(const std::string& scene_path);
+/// A guard that vents the scene's regulator where this process is killed.
+/// @throws std::runtime_error as regulator::GuardProcess.
+std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
+                                                    int realtime_priority);
 
 }  // namespace helix_arm::ros_bridge

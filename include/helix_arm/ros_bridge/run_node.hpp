@@ -7,16 +7,12 @@
 #include <ros/init.h>
 #include <ros/node_handle.h>
 
+#include "helix_arm/ros_bridge/end_request.hpp"
+#include "helix_arm/ros_bridge/end_watch.hpp"
+#include "helix_arm/ros_bridge/exit_code.hpp"
 #include "helix_arm/ros_bridge/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
-
-/// What a node's process ends with.
-enum ExitCode {
-  kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or its work is done
-  kFailed = 1,            ///< the ROS master was lost, or the node's own verdict
-  kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
-};
 
 /// Thrown by the set-up of a node that has no work here, and rightly so: it ends with kDone.
 class NothingToDo : public std::runtime_error {
@@ -29,22 +25,46 @@ class NothingToDo : public std::runtime_error {
 /// ROS must be up, since it does the printing.
 int guarded(const std::function<int()>& body);
 
+/// Handles callbacks until the node is to end.
+///
+/// @param may_end  whether a first request to end is followed at once.
+void spinUntilEnd(EndWatch& end_watch, const std::function<bool()>& may_end);
+
+/// Whether a node is about nothing that it should finish before it ends; by default none is.
+template <class Node>
+bool mayEnd(const Node&) {
+  return true;
+}
+
 /// The main of a node: makes it, spins until it is to end, returns its exit code.
 ///
 /// A Node does its set-up in the default constructor, which may throw; finish() gives the verdict
-/// on its run.
+/// on its run, and may take its time as long as it asks nothing of the ROS master. It is called
+/// before ROS is shut down: a master that hangs delays the end by EndWatch::kPatience, and turns it
+/// into kFailed, but delays nothing that finish() does. What a callback throws ends the node in the
+/// same order, with kFailed.
 template <class Node>
 int runNode(int argc, char** argv, const char* name) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // lines show at once in pipes and files, too
   ros::init(argc, argv, name);
+  EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
-  return guarded([]() -> int {
+  const EndRequest takes_over;
+  return guarded([&end_watch]() -> int {
+    MasterWatch master;
     Node node;
-    MasterWatch watch;
-    ros::spin();
+    const int thrown = guarded([&] {
+      spinUntilEnd(end_watch, [&node] { return mayEnd(node); });
+      return kDone;
+    });
+    EndRequest::make();  // whatever ended it: what is left is watched
+    end_watch.waits(true);
     const int verdict = node.finish();
-    return watch.lost() ? kFailed : verdict;
+    end_watch.waits(false);
+    if (master.lost()) end_watch.hurry();
+    ros::shutdown();
+    return thrown != kDone || master.lost() ? kFailed : verdict;
   });
 }
 
