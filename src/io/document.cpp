@@ -20,6 +20,10 @@ constexpr int kMostValues = 20000;
 constexpr int kDeepest = 50;
 constexpr std::size_t kLongestKey = 200;  // a fault repeats all keys above it
 
+// Inside brackets yaml-cpp keeps all that may be a key until it knows, some 200 bytes for each
+// mark.
+constexpr long kMostMarks = 4L * kMostValues;
+
 struct TooLarge {};
 
 // Notes where documents start, and throws TooLarge as soon as there is too much of them, before a
@@ -58,6 +62,12 @@ class Survey : public YAML::EventHandler {
 
   int count_ = 0, depth_ = 0;
 };
+
+long markCount(const std::string& text) {
+  const std::string marks = "[]{},:";
+  return std::count_if(text.begin(), text.end(),
+                       [&](char c) { return marks.find(c) != std::string::npos; });
+}
 
 // Where a text goes on after its first document. YAML::Load drops all that follows in silence.
 std::optional<YAML::Mark> secondDocument(const std::string& text) {
@@ -143,14 +153,18 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
                            const std::string& path, FaultList& faults) {
   const Place start{override_key ? 0 : 1, override_key};
   try {
-    if (text.size() > kMostBytes) throw TooLarge();
+    if (text.size() > kMostBytes || markCount(text) > kMostMarks) throw TooLarge();
     if (const std::optional<YAML::Mark> second = secondDocument(text)) {
       const Place place{second->line + 1, {}};
       report(faults, override_key ? start : place, "begins another document; expected one");
       return std::nullopt;
     }
-    Conversion conversion{faults, override_key};
-    return conversion.convert(YAML::Load(text), path, start, 0);
+    // What ends the conversion stands for all that came before it.
+    FaultList found = faults.ofSameFile();
+    Conversion conversion{found, override_key};
+    Value document = conversion.convert(YAML::Load(text), path, start, 0);
+    faults.append(found);
+    return document;
   } catch (const TooLarge&) {
     report(faults, start, "is nested too deeply or holds too many values");
   } catch (const YAML::Exception& error) {

@@ -9,8 +9,11 @@
 namespace helix_arm::io {
 
 std::optional<double> parseNumber(const std::string& text) {
-  std::istringstream stream(text);
+  // Making one takes longer than reading the number, and tables have millions.
+  thread_local std::istringstream stream;
   stream.imbue(std::locale::classic());
+  stream.clear();
+  stream.str(text);
   double value = 0.0;
   if (!(stream >> std::noskipws >> value) ||
       stream.peek() != std::istringstream::traits_type::eof()) {

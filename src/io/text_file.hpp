@@ -8,7 +8,7 @@
 
 namespace helix_arm::io {
 
-constexpr std::size_t kMostSceneBytes = 4U << 20U;   ///< of a scene or a profile
+constexpr std::size_t kMostSceneBytes = 1U << 20U;   ///< of a scene or a profile
 constexpr std::size_t kMostTableBytes = 64U << 20U;  ///< of a data set
 
 /// The whole of a regular file of text; nothing, and a fault with the reason, where it cannot be

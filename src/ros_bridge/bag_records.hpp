@@ -48,7 +48,7 @@ struct RecordHead {
 inline constexpr std::uint32_t kMostRecordBytes = 1U << 20U;
 
 // What it may take [bytes, s of processor time]: a recording says itself how much memory it wants.
-inline constexpr std::uint64_t kMostReaderMemory = 2ULL << 30U;
+inline constexpr std::uint64_t kMostReaderMemory = 1ULL << 30U;
 inline constexpr int kMostReaderTime = 120;
 
 }  // namespace helix_arm::ros_bridge

@@ -12,15 +12,12 @@
 #include <stdexcept>
 #include <vector>
 
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <unistd.h>
 
-#include "helix_arm/control/regular_file.hpp"
-#include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
-#include "picture_header.hpp"
+#include "picture_files.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -218,76 +215,6 @@ std::string listOf(const std::array<const char*, kSize>& extensions) {
   return list;
 }
 
-constexpr std::size_t kMostPictureBytes = 256U << 20U;
-
-// What a picture's size alone says against it.
-std::optional<std::string> sizeFault(const cv::Size& size,
-                                     const std::optional<cv::Size>& expected) {
-  const std::string found = text("the picture has ", size.width, " x ", size.height, " px");
-  if (expected && size != *expected) {
-    return text(found, "; expected ", expected->width, " x ", expected->height);
-  }
-  if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
-    return text(found, "; expected at most ", estimation::Camera::kMaxSide,
-                " px a side: make it smaller");
-  }
-  if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
-    return text(found, "; expected at most ", JpegDecoder::kMaxPixels, " pixels: make it smaller");
-  }
-  return std::nullopt;
-}
-
-// @return what is wrong, if anything.
-std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
-  const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
-  if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
-  try {
-    // As the camera saw it: its calibration knows of no orientation noted in the file.
-    gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& error) {
-    return "it does not decode: " + error.err;
-  }
-  if (gray.empty()) return "it is broken, truncated or no picture";
-  return std::nullopt;
-}
-
-class PictureFiles : public FrameSource {
- public:
-  PictureFiles(std::vector<fs::path> paths, std::optional<cv::Size> expected)
-      : paths_(std::move(paths)), expected_(expected) {}
-
-  FrameStatus next(Frame& frame) override {
-    if (number_ == paths_.size()) return FrameStatus::kEnd;
-    const std::string path = paths_[number_].string();
-    begin(frame, path);
-    control::RegularFile file(path);
-    const std::optional<std::string> content = file.readAll(kMostPictureBytes);
-    if (!content) return fail(frame, path + ": the file " + file.fault());
-    bytes_.assign(content->begin(), content->end());
-    const std::variant<cv::Size, std::string> claimed = claimedSize(bytes_);
-    if (const auto* fault = std::get_if<std::string>(&claimed)) {
-      return fail(frame, path + ": " + *fault);
-    }
-    const cv::Size size = std::get<cv::Size>(claimed);
-    if (const auto fault = sizeFault(size, expected_)) {
-      if (expected_ && size != *expected_) frame.wrong_size = size;
-      return fail(frame, path + ": " + *fault);
-    }
-    if (const auto fault = decodePicture(bytes_, frame.gray)) {
-      return fail(frame, path + ": " + *fault);
-    }
-    if (frame.gray.size() == size) return FrameStatus::kFrame;
-    return fail(frame, path + ": it is not of the size that its header claims");
-  }
-
-  bool continuous() const override { return false; }
-
- private:
-  std::vector<fs::path> paths_;
-  std::optional<cv::Size> expected_;
-  std::vector<std::uint8_t> bytes_;
-};
-
 class VideoFile : public FrameSource {
  public:
   VideoFile(std::string path, std::optional<cv::Size> expected)
@@ -418,14 +345,14 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
       throw std::invalid_argument(path + " holds no pictures; expected files ending in " +
                                   listOf(kPictures));
     }
-    return std::make_unique<PictureFiles>(std::move(pictures), expected);
+    return pictureFiles(std::move(pictures), expected);
   }
   if (!fs::is_regular_file(path, error)) {
     throw std::invalid_argument(path + " is no file and no folder" +
                                 (error ? ": " + error.message() : ""));
   }
   if (hasExtension(path, kPictures)) {
-    return std::make_unique<PictureFiles>(std::vector<fs::path>{path}, expected);
+    return pictureFiles({path}, expected);
   }
   if (hasExtension(path, kVideos)) return std::make_unique<VideoFile>(path, expected);
   throw std::invalid_argument(path + " is neither a picture (" + listOf(kPictures) +

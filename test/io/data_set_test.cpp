@@ -122,9 +122,9 @@ TEST(DataSet, EveryLimitIsKeptFromBothSides) {
   EXPECT_EQ(faultsOf(table(1, 200'000)), "");
   EXPECT_EQ(faultsOf(table(1, 200'001)),
             ":200002 is row 200001; expected at most 200000 rows: give part of them");
-  EXPECT_EQ(faultsOf(table(40, 100'000)), "");
-  EXPECT_EQ(faultsOf(table(40, 100'001)),
-            ":100002 is row 100001 of 40 columns; expected at most 4000000 cells: give part of the "
+  EXPECT_EQ(faultsOf(table(1000, 4000)), "");
+  EXPECT_EQ(faultsOf(table(1000, 4001)),
+            ":4002 is row 4001 of 1000 columns; expected at most 4000000 cells: give part of the "
             "rows");
   EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
   EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),

@@ -81,8 +81,8 @@ TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
                                "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
             ":3 measures the tag of line 2 again in the same capture; expected it once\n"
             ":4 changes the pressures of its capture; expected them as in line 2\n"
-            ":5 capture is no whole number from 0 to 1e+09\n"
-            ":6 tag is no whole number from 0 to 1e+09");
+            ":5 capture is no whole number from 0 to 1000000000\n"
+            ":6 tag is no whole number from 0 to 1000000000");
   EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
             ":2 x2_px is no finite number; expected one");
   EXPECT_EQ(faultsOf("capture,pressure_1_kpa,x1_px\n1,0,0\n"),

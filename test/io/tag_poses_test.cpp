@@ -71,8 +71,8 @@ TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
                                "2,0,0,6,0,0,0,0,0,0,0\n"),
             ":3 measures the tag of line 2 again in the same capture; expected it once\n"
             ":4 changes the pressures of its capture; expected them as in line 2\n"
-            ":5 capture is no whole number from 0 to 1e+09\n"
-            ":6 tag is no whole number from 0 to 1e+09\n"
+            ":5 capture is no whole number from 0 to 1000000000\n"
+            ":6 tag is no whole number from 0 to 1000000000\n"
             ":7 has a quaternion qx, qy, qz, qw that is not of norm 1\n"
             ":8 has a quaternion qx, qy, qz, qw that is not of norm 1");
 }

@@ -1,0 +1,96 @@
+#include "picture_files.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+#include <variant>
+
+#include <opencv2/imgcodecs.hpp>
+
+#include "helix_arm/control/regular_file.hpp"
+#include "helix_arm/estimation/camera.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "picture_header.hpp"
+
+namespace helix_arm::vision {
+namespace {
+
+constexpr std::size_t kMostBytes = 128U << 20U;  // of a file
+
+std::string sizeText(const cv::Size& size) {
+  return std::to_string(size.width) + " x " + std::to_string(size.height);
+}
+
+// @return what is wrong, if anything.
+std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
+  const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
+  if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  try {
+    // As the camera saw it: its calibration knows of no orientation noted in the file.
+    gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception& error) {
+    return "it does not decode: " + error.err;
+  }
+  if (gray.empty()) return "it is broken, truncated or no picture";
+  return std::nullopt;
+}
+
+class PictureFiles : public FrameSource {
+ public:
+  PictureFiles(std::vector<std::filesystem::path> paths, std::optional<cv::Size> expected)
+      : paths_(std::move(paths)), expected_(expected) {}
+
+  FrameStatus next(Frame& frame) override {
+    if (number_ == paths_.size()) return FrameStatus::kEnd;
+    begin(frame, paths_[number_].string());
+    if (const auto fault = read(frame)) return fail(frame, frame.name + ": " + *fault);
+    return FrameStatus::kFrame;
+  }
+
+  bool continuous() const override { return false; }
+
+ private:
+  // @return what is wrong, if anything.
+  std::optional<std::string> read(Frame& frame) {
+    control::RegularFile file(frame.name);
+    const std::optional<std::string> content = file.readAll(kMostBytes);
+    if (!content) return "the file " + file.fault();
+    bytes_.assign(content->begin(), content->end());
+    const std::variant<cv::Size, std::string> claimed = claimedSize(bytes_);
+    if (const auto* fault = std::get_if<std::string>(&claimed)) return *fault;
+    const cv::Size size = std::get<cv::Size>(claimed);
+    if (expected_ && size != *expected_) frame.wrong_size = size;
+    if (const auto fault = sizeFault(size, expected_)) return fault;
+    if (const auto fault = decodePicture(bytes_, frame.gray)) return fault;
+    if (frame.gray.size() != size) return "it is not of the size that its header claims";
+    return std::nullopt;
+  }
+
+  std::vector<std::filesystem::path> paths_;
+  std::optional<cv::Size> expected_;
+  std::vector<std::uint8_t> bytes_;
+};
+
+}  // namespace
+
+std::optional<std::string> sizeFault(const cv::Size& size,
+                                     const std::optional<cv::Size>& expected) {
+  const std::string found = "the picture has " + sizeText(size) + " px; expected ";
+  if (expected && size != *expected) return found + sizeText(*expected);
+  if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
+    return found + "at most " + std::to_string(estimation::Camera::kMaxSide) +
+           " px a side: make it smaller";
+  }
+  if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
+    return found + "at most " + std::to_string(JpegDecoder::kMaxPixels) +
+           " pixels: make it smaller";
+  }
+  return std::nullopt;
+}
+
+std::unique_ptr<FrameSource> pictureFiles(std::vector<std::filesystem::path> paths,
+                                          std::optional<cv::Size> expected) {
+  return std::make_unique<PictureFiles>(std::move(paths), expected);
+}
+
+}  // namespace helix_arm::vision
