@@ -358,6 +358,21 @@ TEST(Loaded, FindsTheTipWithoutTheHeap) {
   EXPECT_EQ(tip.translation, once.translation);
 }
 
+TEST(Loaded, IsComparedWithAFinerSolutionWithoutTheHeap) {
+  test::Ring ring = test::straightRing();
+  ring.stiffness.tau = 1e-4;
+  const Arm arm = test::ringArm(ring);
+  Load load = test::weight(Posture::kHanging, 0.0, 900);
+  load.points.resize(1);
+  load.points[0].force = {-16.75, 0, 0.01};
+  const LoadedArm loaded(arm, load, kLeastOrder);
+  const Twists twists = arm.twists(arm.inputAt(0.0));
+  ASSERT_FALSE(loaded.tip(twists).converged());
+  const test::AllocationCounter counter;
+  loaded.tip(twists);
+  EXPECT_EQ(counter.count(), 0u);
+}
+
 TEST(Loaded, RefusesWhatItCannotSolve) {
   const Arm arm = test::softHelicalArm();
   const Load load = test::weight(Posture::kHanging, 0.2, 800);
