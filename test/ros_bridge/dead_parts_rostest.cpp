@@ -211,7 +211,7 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   ASSERT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
   EXPECT_EQ(rig_.safety.last().cause, "guard_lost") << rig_.safety.last().reason;
   // Its targets go on; every look of the node starts a guard that ends at once.
-  const int kLooks = 3, before = guardsStarted();
+  const int kLooks = 2, before = guardsStarted();
   std::string refusal;
   bool enabled = false, inflated = false;
   EXPECT_TRUE(waitFor([&] {

@@ -73,11 +73,14 @@ class HardwareRig {
       return false;
     }
     command(pressure);
-    return waitFor([&] {
-      const bool enabled = !safety.all().empty() && safety.last().state == "enabled";
-      if (!enabled) trigger(names::kEnable);  // a busy machine trips the brisk rules of the scene
-      return enabled && (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3;
-    });
+    return waitFor(
+        [&] {
+          const bool enabled = !safety.all().empty() && safety.last().state == "enabled";
+          if (!enabled)
+            trigger(names::kEnable);  // a busy machine trips the brisk rules of the scene
+          return enabled && (regulator.pressure() - pressure).cwiseAbs().maxCoeff() < 5e3;
+        },
+        60);
   }
   /// Sends these at 50 Hz from now on [Pa].
   void command(const Eigen::Vector3d& pressure) {
