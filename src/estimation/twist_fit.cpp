@@ -252,7 +252,7 @@ struct TwistFitter::Workspace {
     result.covariance = twists_all;
     if (2 * fitting <= static_cast<int>(result.tags.size())) {
       result.status = FitStatus::kUnexplained;
-    } else if (result.status == FitStatus::kConverged && !determined()) {
+    } else if (result.status == FitStatus::kConverged && !determined(inverse)) {
       result.status = FitStatus::kUnderdetermined;
     }
     const double scale = ellipsoidScale(sumOfShares(twists_by_tags, twists_all), noise.freedom);
@@ -272,12 +272,14 @@ struct TwistFitter::Workspace {
     result.tip_covariance += (tip_scale - 1) * tip_by_tags;
   }
 
-  // Whether the tags say something about every entry of the twists.
-  bool determined() const {
+  // Whether the tags, if they are as good as expected, say something about every entry of the
+  // twists: `covariance` is that of the answer then. Tags that are worse are for residuals to tell.
+  template <class Matrix>
+  bool determined(const Matrix& covariance) const {
     for (int entry = 0; entry < 6 * sections(); ++entry) {
       if (equations.held(entry)) continue;
       const double deviation = equations.modelDeviation(entry);
-      const double left = result.covariance(entry, entry) / (deviation * deviation);
+      const double left = covariance(entry, entry) / (deviation * deviation);
       if (!(left < 1 - kLeastGain)) return false;
     }
     return true;
