@@ -204,6 +204,10 @@ Subcommand addFit(CLI::App& app) {
       "or "
       "no shape fits most of\n"
       "them, twist is null. csv: one row a capture.\n"
+      "covariance, of all twists [m, rad], is so large that its ellipsoid of 95 % (chi-square of "
+      "as "
+      "many degrees of freedom as\n"
+      "entries) holds the truth in 95 % of captures, however few tags tell their noise.\n"
       "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }

@@ -78,9 +78,9 @@ json finite(double value) { return std::isfinite(value) ? json(value) : json(); 
 std::string reasonFor(const InverseResult& result) {
   std::ostringstream reason;
   if (result.status == InverseStatus::kUnreachable) {
-    reason
-        << "no inputs within the limits reach the target; the closest found leaves a residual of "
-        << result.residual << " m";
+    reason << "no inputs within the limits were found to reach the target; the closest leaves a "
+              "residual of "
+           << result.residual << " m";
   } else if (!std::isfinite(result.residual)) {
     reason << "no shape holds the load at the inputs that were tried; lower the key load, or start "
               "elsewhere with --start-kpa";

@@ -1,6 +1,5 @@
 #include "helix_arm/model/workspace.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <deque>
@@ -22,6 +21,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/model/median.hpp"
+#include "helix_arm/model/workspace_extremes.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
 #include "plot.hpp"
@@ -60,8 +60,8 @@ struct WorkspaceArguments {
 struct Summary {
   std::uint64_t inputs = 0, unbalanced = 0;
   double seconds = 0.0;
-  Eigen::AlignedBox3d bounds;  // base frame [m]
-  double reach = 0.0;          // largest distance from the base [m]
+  model::WorkspaceExtremes sampled;   // of the points
+  model::WorkspaceExtremes extremes;  // that a search found from there
   Eigen::Vector3d worst = Eigen::Vector3d::Zero();
   std::vector<CloudPoint> kept;
   bool whole = false;  // not interrupted
@@ -78,10 +78,7 @@ void add(const model::WorkspacePoints& points, bool keep, Summary& summary) {
   summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
   summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
   if (points.count() == 0) return;
-  summary.bounds.extend(Eigen::Vector3d(points.tips.colwise().minCoeff()));
-  summary.bounds.extend(Eigen::Vector3d(points.tips.colwise().maxCoeff()));
-  summary.reach =
-      std::max(summary.reach, std::sqrt(points.tips.rowwise().squaredNorm().maxCoeff()));
+  summary.sampled.add(points);
   const bool sensitive = points.sensitivity.rows() > 0;
   if (sensitive) {
     summary.worst =
@@ -191,7 +188,7 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
   const ReportFile report({{"scene", scene},
                            {"tier", tier},
                            {"points", summary.kept.size()},
-                           {"reach_m", summary.reach},
+                           {"reach_m", summary.extremes.reach()},
                            {"maps", maps}});
   drawReport(report.path(), arguments.png, "leave out --png");
 }
@@ -208,7 +205,10 @@ json toJson(const io::Scene& scene, const model::TierSetting& setting,
     sensitivity[model::kSensitivityNames[k]] = {{"median", summary.median(k)},
                                                 {"max", summary.worst[k]}};
   }
-  const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
+  const auto bounds = [](const model::WorkspaceExtremes& extremes) {
+    const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
+    return json{{"min", corner(extremes.bounds().min())}, {"max", corner(extremes.bounds().max())}};
+  };
   const std::string failure = failureOf(summary);
   return {{"scene", scene.name},
           {"tier", model::nameOf(setting.tier)},
@@ -219,10 +219,10 @@ json toJson(const io::Scene& scene, const model::TierSetting& setting,
           {"failure", failure.empty() ? json() : json(failure)},
           {"seconds", summary.seconds},
           {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
-          {"bounds_m",
-           some ? json{{"min", corner(summary.bounds.min())}, {"max", corner(summary.bounds.max())}}
-                : json()},
-          {"reach_m", some ? json(summary.reach) : json()},
+          {"bounds_m", some ? bounds(summary.extremes) : json()},
+          {"reach_m", some ? json(summary.extremes.reach()) : json()},
+          {"sampled_bounds_m", some ? bounds(summary.sampled) : json()},
+          {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
           {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
           {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
           {"sensitivity", sensitivity}};
@@ -238,18 +238,24 @@ CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
                     {"count", std::to_string(summary.inputs)},
                     {"unbalanced", std::to_string(summary.unbalanced)},
                     {"seconds", exact(summary.seconds)}};
-  const char* const axes[] = {"x_m", "y_m", "z_m"};
-  for (int i = 0; i < 3; ++i) {
-    const std::string name = axes[i];
-    row.emplace_back("min_" + name, some ? exact(summary.bounds.min()[i]) : "");
-    row.emplace_back("max_" + name, some ? exact(summary.bounds.max()[i]) : "");
-  }
-  row.emplace_back("reach_m", some ? exact(summary.reach) : "");
+  const auto addExtremes = [some, &row](const std::string& prefix,
+                                        const model::WorkspaceExtremes& extremes) {
+    const char* const axes[] = {"x_m", "y_m", "z_m"};
+    const Eigen::AlignedBox3d bounds = extremes.bounds();
+    for (int i = 0; i < 3; ++i) {
+      const std::string name = axes[i];
+      row.emplace_back(prefix + "min_" + name, some ? exact(bounds.min()[i]) : "");
+      row.emplace_back(prefix + "max_" + name, some ? exact(bounds.max()[i]) : "");
+    }
+    row.emplace_back(prefix + "reach_m", some ? exact(extremes.reach()) : "");
+  };
+  addExtremes("", summary.extremes);
   for (int k = 0; k < model::kSensitivities && some && arguments.sensitivity; ++k) {
     const std::string name = model::kSensitivityNames[k];
     row.emplace_back("median_" + name, exact(summary.median(k)));
     row.emplace_back("max_" + name, exact(summary.worst[k]));
   }
+  addExtremes("sampled_", summary.sampled);
   CsvTable table;
   table.add(row);
   return table;
@@ -267,9 +273,11 @@ void printText(const io::Scene& scene, const model::TierSetting& setting,
     std::cout << failureOf(summary) << "\n";
     return;
   }
-  std::cout << "tips, seen from the arm's base: from " << bracketed(summary.bounds.min()) << " to "
-            << bracketed(summary.bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
-            << summary.reach << " m\n";
+  const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
+  std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
+            << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
+            << summary.extremes.reach() << " m, searched from the samples and the limits' corners; "
+            << "of the samples alone " << summary.sampled.reach() << " m\n";
   const char* const errors[] = {"1 kPa in every pressure", "1 mm in every free length",
                                 "1 % in the stiffness"};
   for (int k = 0; k < model::kSensitivities && arguments.sensitivity; ++k) {
@@ -312,6 +320,9 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
                    CloudOrigin{scene.name, setting.name(), arguments.seed, arguments.sensitivity});
     }
     summary = sample(workspace, arguments, file ? &*file : nullptr);
+  }
+  if (summary.whole && summary.points() > 0) {
+    summary.extremes = model::findExtremes(workspace.model(), summary.sampled);
   }
   if (!summary.whole) {
     std::cerr << "interrupted after " << summary.inputs << " of " << arguments.inputs()
@@ -361,6 +372,12 @@ Subcommand addWorkspace(CLI::App& app) {
       ->capture_default_str();
   addTierOptions(*command, arguments->tier);
   command->footer(
+      "Bounds and reach are the largest that a search finds which climbs from the sampled points "
+      "and "
+      "from corners of the\n"
+      "limits (1024, under load 128, exact tier 8) to local maxima: each is a tip of the arm, and "
+      "none beyond it is known.\n"
+      "sampled_*: of the sampled points alone.\n"
       "Sensitivity: how far the tip moves [m] for an error of 1 kPa in every pressure (per_kpa_m), "
       "of 1 mm in every free\n"
       "length (per_mm_m), of 1 % in every entry of the stiffness, under load also K_eps "
@@ -371,8 +388,9 @@ Subcommand addWorkspace(CLI::App& app) {
       "with --sensitivity, with 1 % more stiffness), failure (null where there are points), "
       "seconds, "
       "points_per_second,\n"
-      "bounds_m {min, max}, reach_m (largest distance from the base), out, png, sensitivity (null, "
-      "or for each {median,\n"
+      "bounds_m {min, max}, reach_m (largest distance from the base), sampled_bounds_m, "
+      "sampled_reach_m, out, png, sensitivity\n"
+      "(null, or for each {median,\n"
       "max}; medians, and maps, of the first 2 million points). csv: one row of the same. Progress "
       "is told on stderr.\n"
       "A file takes its place when it is whole. Ctrl-C: nothing is written, exit code 130. Exit "

@@ -26,7 +26,6 @@ struct FitPoint {
   lie::Vector6 base_offset = lie::Vector6::Zero();  ///< log of X_B0B, for the prior
   double bleed = 0;
   double cost = std::numeric_limits<double>::infinity();
-  double prior_cost = 0;  ///< of that
   std::vector<TagResidual> residuals;
   std::vector<double> squares;  ///< of the tags' residuals, in expected variances
 };
@@ -162,21 +161,20 @@ class TwistEquations {
       cost += limit * std::log1p(square / limit);
       accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
     }
-    point.prior_cost = addPriors<Model>(point, 1.0, system);
-    point.cost = cost + point.prior_cost;
+    point.cost = cost + addPriors<Model>(point, system);
   }
 
-  /// Adds `share` of the priors' equations; returns their cost.
+  /// Adds the priors' equations; returns their cost.
   template <class Model, int kSize>
-  double addPriors(const FitPoint& point, double share, NormalEquations<kSize>& system) const {
+  double addPriors(const FitPoint& point, NormalEquations<kSize>& system) const {
     double cost = 0;
     for (int entry = 0; entry < 6 * sections_; ++entry) {
       const double precision = 1 / modelDeviation(entry);
       const double residual =
           held(entry) ? 0 : precision * (point.twists.data()[entry] - prior_.data()[entry]);
       cost += residual * residual;
-      system.hessian(entry, entry) += share * precision * precision;
-      system.gradient[entry] += share * precision * residual;
+      system.hessian(entry, entry) += precision * precision;
+      system.gradient[entry] += precision * residual;
     }
     if (options_.free_base) {
       // The prior is of log X_B0B, a step moves X_B0B on its right.
@@ -187,18 +185,17 @@ class TwistEquations {
       const lie::Matrix6 rows =
           precision.asDiagonal() * lie::SE3::rightJacobianInverse(point.base_offset);
       cost += residual.squaredNorm();
-      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) +=
-          share * (rows.transpose() * rows);
-      system.gradient.template segment<6>(baseColumn()) += share * (rows.transpose() * residual);
+      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) += rows.transpose() * rows;
+      system.gradient.template segment<6>(baseColumn()) += rows.transpose() * residual;
     }
     if (bleeds<Model>()) {
       const int b = bleedColumn();
       const double precision = 1 / options_.bleed_prior, residual = precision * point.bleed;
       cost += residual * residual;
-      system.hessian(b, b) += share * precision * precision;
-      system.gradient[b] += share * precision * residual;
+      system.hessian(b, b) += precision * precision;
+      system.gradient[b] += precision * residual;
     }
-    return share * cost;
+    return cost;
   }
 
  private:

@@ -31,14 +31,46 @@ constexpr double kLeastGain = 0.75;
 // proportion and up to a limit: tags that are off by more are wrong, however many they are.
 constexpr double kNoisy = 1.5;
 constexpr double kMostNoise = 7.0;
-// The expected noise counts as much as this many residuals when few say how large it really is.
-constexpr double kNoisePrior = 4.0;
+// Where fewer residuals than this are left over, ones as large as expected make up for them.
+constexpr double kLeastFreedom = 4.0;
+// No readings are taken for better than this share of their expected errors' variance.
+constexpr double kLeastVariance = 0.01;
 // A cold search also starts this far to each side [rad], but at no more places than these.
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
 
 void require(bool holds, const char* what, double value, const char* rule) {
   model::requireValue(holds, "twist fit", what, value, rule);
+}
+
+// What the residuals say of the noise: its variance, in expected ones, and from how many residuals
+// beyond those that the parameters take.
+struct ResidualNoise {
+  double variance, freedom;
+};
+
+// Share of a part of a covariance in the whole, summed over its directions.
+template <class Matrix>
+double sumOfShares(const Matrix& part, const Matrix& whole) {
+  Matrix quotient = part;
+  Eigen::LLT<Matrix>(whole).solveInPlace(quotient);
+  return quotient.trace();
+}
+
+// By how much a covariance whose scale is known from `freedom` residuals only must grow, so that
+// the ellipsoid of 95 % of a chi-square of as many directions does hold 95 %: Hotelling's factor by
+// the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
+double ellipsoidScale(double directions, double freedom) {
+  constexpr double kNormal95 = 1.6449;
+  constexpr double kLambda = (kNormal95 * kNormal95 - 3) / 6;
+  constexpr double kFewest = 2;  // with less the formula is no longer good
+  const double per_direction = 1 / (std::max(directions, kFewest) - 1);
+  const auto logOfQuantile = [per_direction](double per_freedom) {
+    const double h = 2 / (per_direction + per_freedom);
+    return 2 * (kNormal95 * std::sqrt(h + kLambda) / h -
+                (per_direction - per_freedom) * (kLambda + 5.0 / 6 - 2 / (3 * h)));
+  };
+  return std::exp(logOfQuantile(1 / (freedom - 1)) - logOfQuantile(0));
 }
 
 // Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
@@ -138,7 +170,7 @@ struct TwistFitter::Workspace {
       }
     }
     report();
-    reportStatistics(model, system);
+    reportStatistics(model, system, trial);
   }
 
   void report() {
@@ -150,51 +182,104 @@ struct TwistFitter::Workspace {
     result.tags = at.residuals;
   }
 
-  template <class Model, int kSize>
-  void reportStatistics(const Model& model, NormalEquations<kSize>& system) {
-    const int m = model.residuals();
-    const double limit = equations.threshold(model);
-    // Every parameter has a prior: as many residuals more as there are parameters to subtract.
-    double weighted = at.prior_cost, freedom = 0, square = 0;
+  // Tags that do not fit, and the RMS of the others; returns how many those are.
+  int reportTags(double limit) {
+    double square = 0;
     int fitting = 0;
     for (std::size_t i = 0; i < result.tags.size(); ++i) {
       TagResidual& tag = result.tags[i];
       tag.outlier = at.squares[i] > limit;
-      weighted += tag.weight * at.squares[i];
-      freedom += tag.weight * m;
       if (tag.outlier) continue;
       square += tag.rms * tag.rms;
       ++fitting;
     }
     result.rms = fitting > 0 ? std::sqrt(square / fitting) : 0;
-
-    // What the residuals say of the noise; the priors are what they are.
-    const double variance = (kNoisePrior + weighted) / (kNoisePrior + freedom);
-    system.hessian /= variance;
-    equations.addPriors<Model>(at, 1 - 1 / variance, system);
-    using Matrix = typename NormalEquations<kSize>::Matrix;
-    const int size = static_cast<int>(system.gradient.size());
-    Matrix inverse = Matrix::Identity(size, size);
-    Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
-    for (int entry = 0; entry < 6 * sections(); ++entry) {
-      if (!equations.held(entry)) continue;
-      inverse.row(entry).setZero();
-      inverse.col(entry).setZero();
-    }
-    result.covariance = inverse.topLeftCorner(6 * sections(), 6 * sections());
-    result.tip_covariance = tipCovarianceOf(at.X_B0B, at.shape, options().free_base, inverse);
-    if (2 * fitting <= static_cast<int>(result.tags.size())) {
-      result.status = FitStatus::kUnexplained;
-    } else if (result.status == FitStatus::kConverged && !determined()) {
-      result.status = FitStatus::kUnderdetermined;
-    }
+    return fitting;
   }
 
-  // Whether the tags say something about every entry of the twists.
-  bool determined() const {
+  // Of errors of normal distribution under a loss that weighs them (Huber, Robust Statistics, 7.6):
+  // the squares that count over the slopes of the equations, by which larger errors count less.
+  ResidualNoise noiseOf(double residuals, double data_parameters) const {
+    double weights = 0, weights2 = 0, squares = 0, slopes = 0, slopes2 = 0;
+    for (std::size_t i = 0; i < result.tags.size(); ++i) {
+      const double weight = result.tags[i].weight;
+      const double radial = weight * (2 * weight - 1);  // across it the slope is the weight
+      weights += weight;
+      weights2 += weight * weight;
+      squares += weight * weight * at.squares[i];
+      slopes += (residuals - 1) * weight + radial;
+      slopes2 += (residuals - 1) * weight * weight + radial * radial;
+    }
+    const double all = residuals * static_cast<double>(result.tags.size());
+    // Tags without weight are none.
+    const double count = residuals * weights * weights / weights2;
+    const double freedom = std::max(0.0, count - data_parameters);
+    const double spread = all * slopes2 / (slopes * slopes) - 1;
+    const double correction = 1 + data_parameters / all * spread;
+    const double square =
+        correction * correction * squares * count * residuals * weights / (slopes * slopes);
+    const double expected = std::max(0.0, kLeastFreedom - freedom);
+    return {std::max(kLeastVariance, (expected + square) / (expected + freedom)),
+            expected + freedom};
+  }
+
+  template <class Model, int kSize>
+  void reportStatistics(const Model& model, const NormalEquations<kSize>& system,
+                        NormalEquations<kSize>& priors) {
+    using Matrix = typename NormalEquations<kSize>::Matrix;
+    const int fitting = reportTags(equations.threshold(model));
+    const auto size = system.gradient.size();
+    priors.gradient.setZero(size);
+    priors.hessian.setZero(size, size);
+    equations.addPriors<Model>(at, priors);
+    Matrix inverse = Matrix::Identity(size, size);
+    Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
+    // Errors of the tags and of the priors, by how much each moves the answer.
+    Matrix from_priors, by_priors;
+    from_priors.noalias() = inverse.lazyProduct(priors.hessian);
+    by_priors.noalias() = from_priors.lazyProduct(inverse);
+    const double data_parameters = static_cast<double>(size) - from_priors.trace();
+    const ResidualNoise noise = noiseOf(model.residuals(), data_parameters);
+    const Matrix by_tags = noise.variance * (inverse - by_priors);
+    const Matrix all = by_tags + by_priors;
+
+    // Of the twists alone.
+    using Part = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                               NormalEquations<kSize>::kMax, NormalEquations<kSize>::kMax>;
+    const int twists = 6 * sections();
+    const Part twists_all = all.topLeftCorner(twists, twists);
+    const Part twists_by_tags = by_tags.topLeftCorner(twists, twists);
+    result.covariance = twists_all;
+    if (2 * fitting <= static_cast<int>(result.tags.size())) {
+      result.status = FitStatus::kUnexplained;
+    } else if (result.status == FitStatus::kConverged && !determined(inverse)) {
+      result.status = FitStatus::kUnderdetermined;
+    }
+    const double scale = ellipsoidScale(sumOfShares(twists_by_tags, twists_all), noise.freedom);
+    result.covariance += (scale - 1) * twists_by_tags;
+    for (int entry = 0; entry < twists; ++entry) {
+      if (!equations.held(entry)) continue;
+      result.covariance.row(entry).setZero();
+      result.covariance.col(entry).setZero();
+    }
+    const auto tipOf = [this](const Matrix& covariance) {
+      return tipCovarianceOf(at.X_B0B, at.shape, options().free_base, covariance);
+    };
+    result.tip_covariance = tipOf(all);
+    const Eigen::Matrix3d tip_by_tags = tipOf(by_tags);
+    const double tip_scale =
+        ellipsoidScale(sumOfShares(tip_by_tags, result.tip_covariance), noise.freedom);
+    result.tip_covariance += (tip_scale - 1) * tip_by_tags;
+  }
+
+  // Whether the tags, if they are as good as expected, say something about every entry of the
+  // twists: `covariance` is that of the answer then. Tags that are worse are for residuals to tell.
+  template <class Matrix>
+  bool determined(const Matrix& covariance) const {
     for (int entry = 0; entry < 6 * sections(); ++entry) {
+      if (equations.held(entry)) continue;
       const double deviation = equations.modelDeviation(entry);
-      const double left = result.covariance(entry, entry) / (deviation * deviation);
+      const double left = covariance(entry, entry) / (deviation * deviation);
       if (!(left < 1 - kLeastGain)) return false;
     }
     return true;

@@ -19,7 +19,8 @@ namespace helix_arm::model {
 namespace {
 
 constexpr int kSeedCount = 1024;
-constexpr int kNearestStarts = 12;    // of the seeds; later starts are spread over all of them
+constexpr int kNearestStarts = 12;    // of the seeds
+constexpr int kCornerStarts = 10;     // then of the limits' corners; later ones are spread over all
 constexpr int kMostLoadedStarts = 6;  // each takes a thousand times as long as without load
 constexpr int kMaxActuatorsForCorners = 6;
 constexpr double kGoalFraction =
@@ -28,6 +29,14 @@ constexpr double kMapRankTolerance = 1e-9;
 constexpr double kSnapFraction = 1e-2;   // of the tolerance: closer to a limit is at it
 constexpr double kAtRest = 1e-13;        // relative decrease that is no longer worth a step
 constexpr double kLeastDamping = 1e-12;  // relative to the mean of diag(J'J)
+// A residual this small, of the arm's length, is a near miss; where the linear model promises to
+// take this share of its square away, the target may well be reached.
+constexpr double kNearMiss = 1e-2;
+constexpr double kValleyPromise = 0.5;
+constexpr double kValleyGain = 0.9;  // a step along a valley leaves less of the squared residual
+constexpr int kValleyDescent = 25;   // iterations from a step back to the valley's floor
+constexpr int kValleyBudget = 6000;  // iterations in valleys for one target
+constexpr int kLoadedValleyBudget = 60;
 constexpr double kPreferenceAtRest =
     1e-7;  // steps of the preference, relative to the range of the lengths
 constexpr double kLeastStepFraction = 0.01;
@@ -77,9 +86,12 @@ class InverseSolver::Workspace {
   void sumNormalEquations(const Point& point) noexcept;
   void setStepBounds(const Point& point) noexcept;
   bool takeNewtonStep(Point& point) noexcept;
-  Descent descend(Point& point) noexcept;
+  Descent descend(Point& point, int most_iterations) noexcept;
+  double proposeStep(const Point& point, double damping) noexcept;
+  Descent followValley(Point& point, Descent before) noexcept;
   Descent tryOtherStarts(Descent first) noexcept;
   void sampleSeeds();
+  int nearestSeed(int count) const noexcept;
   int nextSeed(int start_number) noexcept;
   void snapToLimits() noexcept;
   void readInputs(const Eigen::VectorXd& lengths) noexcept;
@@ -106,7 +118,9 @@ class InverseSolver::Workspace {
   BoxQuadratic step_;
   Eigen::MatrixXd normal_;  // J'J, lower triangle
   double scale_ = 1.0;      // mean of its diagonal
+  int valley_budget_ = 0;   // iterations left for this target
   Eigen::MatrixXd seeds_;   // (n x seeds) lengths [m]
+  int corners_ = 0;         // of the limits: the first of the seeds
   std::vector<lie::SE3> seed_tips_;
   std::vector<char> seed_used_;
   InverseResult result_;
@@ -165,12 +179,12 @@ InverseSolver::Workspace::Workspace(const Arm& arm, const ArmModel* loaded,
 }
 
 void InverseSolver::Workspace::sampleSeeds() {
-  const int corners = n_ <= kMaxActuatorsForCorners ? 1 << n_ : 0;
-  seeds_.resize(n_, kSeedCount + corners);
+  corners_ = n_ <= kMaxActuatorsForCorners ? 1 << n_ : 0;
+  seeds_.resize(n_, kSeedCount + corners_);
   std::mt19937_64 generator(20240229);
   for (int s = 0; s < seeds_.cols(); ++s) {
     for (int i = 0; i < n_; ++i) {
-      const bool corner = s < corners;
+      const bool corner = s < corners_;
       const double fraction = corner ? (s >> i) & 1 : fractionOf(generator());
       seeds_(i, s) = lower_[i] + fraction * (upper_[i] - lower_[i]);
     }
@@ -182,22 +196,32 @@ void InverseSolver::Workspace::sampleSeeds() {
   seed_used_.resize(seeds_.cols());
 }
 
+// Of the first `count` seeds that have not been used, the one with its tip nearest to the target;
+// -1 where there is none.
+int InverseSolver::Workspace::nearestSeed(int count) const noexcept {
+  int choice = -1;
+  double least = std::numeric_limits<double>::infinity();
+  for (int s = 0; s < count; ++s) {
+    if (seed_used_[s]) continue;
+    const double error = task_.squaredErrorOfTip(seed_tips_[s]);
+    if (error < least) {
+      least = error;
+      choice = s;
+    }
+  }
+  return choice;
+}
+
 int InverseSolver::Workspace::nextSeed(int start_number) noexcept {
   if (start_number == 0) std::fill(seed_used_.begin(), seed_used_.end(), 0);
-  int choice = 0;
+  const int count = static_cast<int>(seeds_.cols());
+  int choice = -1;
   if (start_number < kNearestStarts) {
-    double least = std::numeric_limits<double>::infinity();
-    for (int s = 0; s < seeds_.cols(); ++s) {
-      if (seed_used_[s]) continue;
-      const double error = task_.squaredErrorOfTip(seed_tips_[s]);
-      if (error < least) {
-        least = error;
-        choice = s;
-      }
-    }
-  } else {
-    choice = static_cast<int>((start_number - kNearestStarts) * 97 % seeds_.cols());
+    choice = nearestSeed(count);
+  } else if (start_number < kNearestStarts + kCornerStarts) {
+    choice = nearestSeed(corners_);
   }
+  if (choice < 0) choice = std::max(0, start_number - kNearestStarts) * 97 % count;
   seed_used_[choice] = 1;
   return choice;
 }
@@ -264,15 +288,34 @@ bool InverseSolver::Workspace::takeNewtonStep(Point& point) noexcept {
   return true;
 }
 
+// The damped step of the normal equations into trial_.lengths; returns the decrease of the cost
+// that the linear model of the residual promises.
+double InverseSolver::Workspace::proposeStep(const Point& point, double damping) noexcept {
+  for (int a = 0; a < n_; ++a) {
+    for (int b = 0; b < a; ++b) step_.H(a, b) = normal_(a, b);
+    step_.H(a, a) = normal_(a, a) + damping * scale_;
+  }
+  const Eigen::VectorXd& delta = step_.solve();
+  double promised = 0.0;
+  for (int a = 0; a < n_; ++a) {
+    double row = 0.5 * normal_(a, a) * delta[a];
+    for (int b = 0; b < a; ++b) row += normal_(a, b) * delta[b];
+    promised -= 2.0 * delta[a] * (step_.g[a] + row);
+    trial_.lengths[a] = std::min(std::max(point.lengths[a] + delta[a], lower_[a]), upper_[a]);
+  }
+  return promised;
+}
+
 // Levenberg-Marquardt inside the box, from a point evaluated to the goal or to a local minimum.
-InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point) noexcept {
+InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point,
+                                                                    int most_iterations) noexcept {
   const double goal = std::pow(kGoalFraction * options_.position_tolerance, 2);
   // A residual that no step shortens by a thousandth of the tolerance is as short as it gets.
   const double rest_gain = 2e-3 * options_.position_tolerance;
   double damping = kLeastDamping;
   bool fresh = true;
   bool newton = n_ == 3 && task_.rows() == 3 && !hasSpareActuators();
-  for (int i = 0; i < options_.max_iterations; ++i) {
+  for (int i = 0; i < most_iterations; ++i) {
     if (point.cost <= goal) return Descent::kReached;
     ++result_.iterations;
     if (newton) {
@@ -283,19 +326,7 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point
       buildNormalEquations(point);
       setStepBounds(point);
     }
-    for (int a = 0; a < n_; ++a) {
-      for (int b = 0; b < a; ++b) step_.H(a, b) = normal_(a, b);
-      step_.H(a, a) = normal_(a, a) + damping * scale_;
-    }
-    const Eigen::VectorXd& delta = step_.solve();
-    // The decrease that the linear model of the residual promises.
-    double promised = 0.0;
-    for (int a = 0; a < n_; ++a) {
-      double row = 0.5 * normal_(a, a) * delta[a];
-      for (int b = 0; b < a; ++b) row += normal_(a, b) * delta[b];
-      promised -= 2.0 * delta[a] * (step_.g[a] + row);
-      trial_.lengths[a] = std::min(std::max(point.lengths[a] + delta[a], lower_[a]), upper_[a]);
-    }
+    const double promised = proposeStep(point, damping);
     if (promised <= std::max(kAtRest * point.cost, rest_gain * std::sqrt(point.cost))) {
       return Descent::kAtRest;
     }
@@ -313,6 +344,37 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::descend(Point& point
     }
   }
   return point.cost <= goal ? Descent::kReached : Descent::kExhausted;
+}
+
+// A section that closes to a circle hardly moves its tip when the circle turns about its start: a
+// narrow valley, bent so much that a descent creeps along it. Steps as far along it as the linear
+// model wants, falls back to its floor, and compares only there.
+InverseSolver::Workspace::Descent InverseSolver::Workspace::followValley(Point& point,
+                                                                         Descent before) noexcept {
+  const double near = kNearMiss * arm_.restLength();
+  if (before == Descent::kReached || point.cost > near * near) return before;
+  bool gained = true;
+  while (gained && valley_budget_ > 0) {
+    buildNormalEquations(point);
+    setStepBounds(point);
+    if (proposeStep(point, kLeastDamping) < kValleyPromise * point.cost) return before;
+    tangent_ = trial_.lengths - point.lengths;
+    base_lengths_ = point.lengths;
+    const double cost = point.cost;
+    gained = false;
+    for (double fraction = 1.0; !gained && fraction > kLeastStepFraction; fraction *= 0.5) {
+      point.lengths = base_lengths_ + fraction * tangent_;
+      evaluate(point);
+      const int iterations = result_.iterations;
+      if (descend(point, kValleyDescent) == Descent::kReached) return Descent::kReached;
+      valley_budget_ -= 1 + result_.iterations - iterations;
+      gained = point.cost < kValleyGain * cost;
+    }
+    if (gained) continue;
+    point.lengths = base_lengths_;
+    evaluate(point);
+  }
+  return gained ? Descent::kExhausted : before;
 }
 
 void InverseSolver::Workspace::aimAt(const Eigen::Vector3d& position) noexcept {
@@ -352,11 +414,13 @@ const InverseResult& InverseSolver::Workspace::solve(const InputRef& start) {
   } else {
     evaluate(current_);
   }
-  Descent outcome = descend(current_);
+  Descent outcome = descend(current_, options_.max_iterations);
   // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs
   // behind another.
   if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
-    outcome = tryOtherStarts(outcome);
+    valley_budget_ = loaded_ != nullptr ? kLoadedValleyBudget : kValleyBudget;
+    outcome = followValley(current_, outcome);
+    if (outcome != Descent::kReached) outcome = tryOtherStarts(outcome);
   }
   readInputs(current_.lengths);
   if (outcome == Descent::kReached && hasSpareActuators()) followPreference();
@@ -375,7 +439,7 @@ InverseSolver::Workspace::Descent InverseSolver::Workspace::tryOtherStarts(Desce
   for (int s = 0; s < options_.max_starts; ++s) {
     current_.lengths = seeds_.col(nextSeed(s));
     evaluate(current_);
-    const Descent descent = descend(current_);
+    const Descent descent = followValley(current_, descend(current_, options_.max_iterations));
     if (descent == Descent::kReached) return descent;
     if (descent == Descent::kAtRest) rest_cost = std::min(rest_cost, current_.cost);
     if (current_.cost < best_.cost) std::swap(best_, current_);
@@ -471,7 +535,7 @@ bool InverseSolver::Workspace::improvePreference() noexcept {
   for (double fraction = 1.0; fraction > kLeastStepFraction; fraction *= 0.5) {
     current_.lengths = (base_lengths_ + fraction * tangent_).cwiseMax(lower_).cwiseMin(upper_);
     evaluate(current_);
-    if (descend(current_) != Descent::kReached) continue;
+    if (descend(current_, options_.max_iterations) != Descent::kReached) continue;
     readInputs(current_.lengths);
     if (preferenceCost() < before) return true;
   }

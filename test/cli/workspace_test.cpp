@@ -114,13 +114,28 @@ TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
     EXPECT_EQ(result["out"], path);
     EXPECT_TRUE(result["failure"].is_null());
     EXPECT_TRUE(result["sensitivity"].is_null());
-    EXPECT_NEAR(result["reach_m"].get<double>(), reach, 1e-11);
+    EXPECT_NEAR(result["sampled_reach_m"].get<double>(), reach, 1e-11);
+    EXPECT_GE(result["reach_m"].get<double>(), reach - 1e-11);
     EXPECT_GT(result["seconds"].get<double>(), 0);
+    const nlohmann::json &sampled = result["sampled_bounds_m"], &bounds = result["bounds_m"];
     for (int i = 0; i < 3; ++i) {
-      EXPECT_NEAR(result["bounds_m"]["min"][i].get<double>(), least[i], 1e-11);
-      EXPECT_NEAR(result["bounds_m"]["max"][i].get<double>(), most[i], 1e-11);
+      EXPECT_NEAR(sampled["min"][i].get<double>(), least[i], 1e-11);
+      EXPECT_NEAR(sampled["max"][i].get<double>(), most[i], 1e-11);
+      EXPECT_LE(bounds["min"][i].get<double>(), least[i] + 1e-11);
+      EXPECT_GE(bounds["max"][i].get<double>(), most[i] - 1e-11);
     }
   }
+}
+
+// Without pressure a straight arm is as long as its muscles, which no sample hits.
+TEST(Workspace, TheReachIsThatOfTheVentedArm) {
+  const io::Scene scene = io::loadScene(scenePath("spatial_50"));
+  const Eigen::VectorXd vented = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
+  const double length = scene.arm.lengths(vented)[0];
+  const nlohmann::json result = workspace(scenePath("spatial_50"), {"--count", "300"}).json();
+  EXPECT_NEAR(result["reach_m"].get<double>(), length, 1e-12);
+  EXPECT_NEAR(result["bounds_m"]["max"][0].get<double>(), length, 1e-12);
+  EXPECT_LT(result["sampled_reach_m"].get<double>(), length - 1e-5);
 }
 
 TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
@@ -229,7 +244,8 @@ TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
   const nlohmann::json result = none.json();
   EXPECT_EQ(result["unbalanced"], 400);
   EXPECT_EQ(result["failure"], "at no sampled input a shape balances the load");
-  for (const char* key : {"bounds_m", "reach_m", "out", "sensitivity"}) {
+  for (const char* key :
+       {"bounds_m", "reach_m", "sampled_bounds_m", "sampled_reach_m", "out", "sensitivity"}) {
     EXPECT_TRUE(result[key].is_null()) << key;
   }
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{});

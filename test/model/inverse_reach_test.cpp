@@ -1,4 +1,5 @@
 // Targets that can be reached are reached, all of them.
+#include <cmath>
 #include <cstdio>
 
 #include <gtest/gtest.h>
@@ -67,6 +68,40 @@ TEST(Inverse, ReachesTipsAtTheLimits) {
       const InverseResult& result = solver.toPosition(arm.tip(q).translation, arm.inputAt(0.5));
       EXPECT_EQ(result.status, InverseStatus::kReached) << q.transpose();
     }
+  }
+}
+
+// Thin soft arms bend to more than a circle: the tip comes back to the base, where turning the
+// circle hardly moves it, and a start in another direction has no way on.
+TEST(Inverse, ReachesTipsOfArmsThatCurlToTheirOwnBase) {
+  struct Curl {
+    test::Ring ring;
+    int sections, count;
+  };
+  const test::Ring soft{3, 0.006, 0.0, {10.0, 0.0, 1e-6}}, thin{3, 0.0075, 0.0, {10.0, 0.0, 5e-6}};
+  test::Ring four = thin, six = thin;
+  four.count = 4;
+  six.count = 6;
+  test::Random random(99);
+  for (const Curl& curl :
+       {Curl{soft, 1, 3000}, {thin, 1, 3000}, {four, 1, 3000}, {six, 1, 500}, {thin, 2, 500}}) {
+    const Arm arm = test::ringArm(curl.ring, curl.sections);
+    EXPECT_EQ(failuresToPosition(arm, curl.count, 99), 0);
+    // Again with the last section within 0.2 rad of a whole turn.
+    InverseSolver solver(arm);
+    int failures = 0, compared = 0;
+    while (compared < curl.count) {
+      const Eigen::VectorXd q = test::randomInput(arm, random);
+      const double turn = arm.twists(q).col(curl.sections - 1).tail<3>().norm();
+      if (std::abs(turn - 2 * test::kPi) > 0.2) continue;
+      ++compared;
+      const Eigen::Vector3d target = arm.tip(q).translation;
+      const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
+      const bool reached = result.status == InverseStatus::kReached &&
+                           (arm.tip(result.input).translation - target).norm() <= 1e-6;
+      if (!reached) ++failures;
+    }
+    EXPECT_EQ(failures, 0) << curl.ring.count << " actuators, " << curl.sections << " sections";
   }
 }
 

@@ -39,7 +39,8 @@ enum class Limit { kNone, kLower, kUpper };
 enum class InverseStatus {
   kReached,       ///< residual <= position_tolerance
   kUnreachable,   ///< a local minimum of the residual, the least of all starts: the closest found
-  kNotConverged,  ///< the best start had not come to rest within max_iterations
+  kNotConverged,  ///< the best start had not come to rest within max_iterations, or its valley had
+                  ///< not ended: the target may be reachable, the residual says how near it came
 };
 
 struct InverseResult {
@@ -59,9 +60,11 @@ struct InverseResult {
 ///
 /// Works in the actuators' lengths, where the arm without load is linear up to exp and the limits
 /// stay a box; least squares by Levenberg-Marquardt with an active set, from the start given and,
-/// if that fails, from sampled ones. Finds every reachable target of arms whose sections turn once
-/// at most; of arms that curl up further it may miss some. All memory is taken in the constructor:
-/// solving does not allocate where nothing loads the arm.
+/// if that fails, from sampled ones and corners of the limits. A near miss, such as of an arm that
+/// curls to its own base, is followed along its valley. Finds every tip of sampled inputs of the
+/// tested arms, whose sections turn up to one and a half times; of arms that curl up further it may
+/// miss some. All memory is taken in the constructor: solving does not allocate where nothing loads
+/// the arm.
 class InverseSolver {
  public:
   /// Keeps a reference to the arm, which must outlive the solver.
