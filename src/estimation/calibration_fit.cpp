@@ -80,8 +80,8 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationPro
   return covariance;
 }
 
-// The information sees a valley as straight. Where it bends, values far along it fit nearly as well:
-// the profile of the cost, with the other parameters refitted, tells how far.
+// The information sees a valley as straight. Where it bends, values far along it fit nearly as
+// well: the profile of the cost, with the other parameters refitted, tells how far.
 //
 // @param covariance  (parameters)^2 without what is not known of all that is not fitted.
 // @return what to add to it.
@@ -97,8 +97,7 @@ Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& be
     double profile = variance;
     for (const double side : {-kSpan, kSpan}) {
       problem.values().stiffness += side * along.head(entries);
-      const double rise =
-          problem.solve(best.solved_scale, everyCapture, e).cost - best.cost;
+      const double rise = problem.solve(best.solved_scale, everyCapture, e).cost - best.cost;
       profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
       setValues(problem, full);
     }
