@@ -136,7 +136,7 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
       if (infos[i].name != one.name || !one.identifiable) continue;
       one.standard_error = std::max(one.standard_error,
                                     standardErrorOf(infos[i], one.value, std::sqrt(variance[i])));
-      one.identifiable = isIdentified(infos[i], variance[i]);
+      if (infos[i].logarithmic) one.identifiable = isIdentified(infos[i], variance[i]);
     }
   }
 }

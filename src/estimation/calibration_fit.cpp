@@ -32,7 +32,7 @@ Parameter heldParameter(const ParameterInfo& info) {
 }
 
 // All that moves the readings and could be fitted to them, whether it was asked for or not, but for
-// base and length scales.
+// base, length scales and K_eps.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
   const bool one_arm = arms.size() == 1;
   if (one_arm && (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) wanted.tags = true;
@@ -40,8 +40,8 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
   if (wanted.free_shapes) return wanted;
   Elasticity initial = ShapeModel(arms, {}).initial();
   std::vector<StiffnessEntry>& entries = wanted.stiffness;
-  for (const StiffnessEntry entry : {StiffnessEntry::kKappa, StiffnessEntry::kGamma,
-                                     StiffnessEntry::kTau, StiffnessEntry::kEps}) {
+  for (const StiffnessEntry entry :
+       {StiffnessEntry::kKappa, StiffnessEntry::kGamma, StiffnessEntry::kTau}) {
     const bool asked = std::find(entries.begin(), entries.end(), entry) != entries.end();
     // What the scene does not have is not there.
     if (!asked && entryOf(initial, entry) > 0) entries.push_back(entry);

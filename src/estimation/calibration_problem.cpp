@@ -16,19 +16,17 @@ namespace {
 // Of the log of a stiffness that is held during a search: Ceres 1 and 2 have no common way to hold
 // one entry of a block.
 constexpr double kHeldDeviation = 1e-4;
-// A step that lowers the cost by less ends a search: a parameter that is off by its standard error
-// costs 0.5. Readings that the robust loss holds off leave steps that are all in one direction and
-// shrink slowly, long after they matter.
-constexpr double kSettledStep = 1e-5;
+// A search whose last step lowers the cost by less is at its end: a parameter that is off by its
+// standard error costs 0.5. Where the robust loss holds readings off, steps shrink slowly and go on
+// long after they matter.
+constexpr double kSettledStep = 1e-4;
 
-class SettledCallback final : public ceres::IterationCallback {
- public:
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& step) override {
-    const bool settled =
-        step.iteration > 0 && step.step_is_successful && step.cost_change < kSettledStep;
-    return settled ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
-  }
-};
+bool isAtItsEnd(const ceres::Solver::Summary& summary) {
+  if (summary.termination_type == ceres::CONVERGENCE) return true;
+  const ceres::IterationSummary& last = summary.iterations.back();
+  return summary.termination_type == ceres::NO_CONVERGENCE && last.step_is_successful &&
+         last.cost_change < kSettledStep;
+}
 
 const char* parameterName(StiffnessEntry entry) {
   switch (entry) {
@@ -390,13 +388,9 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   solver.function_tolerance = 1e-9;
   solver.parameter_tolerance = 1e-10;
   solver.logging_type = ceres::SILENT;
-  SettledCallback settled;
-  solver.callbacks.push_back(&settled);
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem, &summary);
-  const bool converged = summary.termination_type == ceres::CONVERGENCE ||
-                         summary.termination_type == ceres::USER_SUCCESS;
-  return {converged, summary.final_cost};
+  return {isAtItsEnd(summary), summary.final_cost};
 }
 
 std::vector<Comparison> CalibrationProblem::compare(double noise_scale) const {

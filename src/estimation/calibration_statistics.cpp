@@ -34,8 +34,9 @@ double typicalNoise(const std::vector<Comparison>& comparisons, double data_para
     sizes.push_back(std::sqrt(one.square / medianSquare(one.residuals)));
     residuals += one.residuals;
   }
-  const double free = std::max(kLeastFree, 1 - data_parameters / residuals);
-  return model::medianOf(std::move(sizes)) / std::sqrt(free);
+  const double free = std::max(kLeastFree * residuals, residuals - data_parameters);
+  // The median of a few may be far too small: Rousseeuw's factor for such.
+  return model::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
 }
 
 // The scale of the noise, of the expected one, that the residuals speak of.

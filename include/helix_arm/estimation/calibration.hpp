@@ -130,11 +130,12 @@ struct Parameter {
   double initial;    ///< before
   double value;      ///< fitted; of a stiffness that is not identifiable, the initial one
   /// The larger of what the noise gives, with what their priors leave unknown of tags, bleeding and
-  /// stiffness that are not fitted, and of what leaving out one pressure at a time does. Base and
-  /// length scales that are not fitted count as exact. Where not identifiable, how little is known.
+  /// ratios of stiffness that are not fitted, and of what leaving out one pressure at a time does.
+  /// Base, length scales and K_eps that are not fitted count as exact. Where not identifiable, how
+  /// little is known.
   double standard_error;
-  /// The standard error is at most half of the prior's deviation, and, of a stiffness or a length
-  /// scale, at most kLargestRelativeError of the value.
+  /// What the noise gives is at most half of the prior's deviation. Of a stiffness or a length
+  /// scale the whole standard error is, and at most kLargestRelativeError of the value.
   bool identifiable;
 };
 
