@@ -80,6 +80,7 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
   const auto driver = driverOf(scene);  // what it needs is there before it is needed
+  driver->ignoreOthers();               // its ward may be dying still, and hold the device
   const End end = awaitEnd();
   if (end == End::kDismissesGuard) return kDone;
   if (end == End::kStandsStill) endWard();
