@@ -82,27 +82,30 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
       path_(std::move(path)),
       command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
       safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
-      spinner_(1, &queue_) {
+      spinner_(1, &queue_),
+      reading_spinner_(1, &reading_queue_),
+      take_guard_("a reading") {
   node.setCallbackQueue(&queue_);
+  // Nothing here waits for the log.
+  const FaultGuard::Log log = [this](const std::string& line) {
+    log_.write(ros::console::levels::Warn, line);
+  };
   if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
   } else {
-    reading_subscriber_ = node.subscribe(names::kPressureMeasured, 10, &PressureLoop::onReading,
-                                         this, ros::TransportHints().tcpNoDelay());
+    ros::NodeHandle other = node;
+    other.setCallbackQueue(&reading_queue_);
+    reading_subscriber_ =
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this, log);
   }
   ros::NodeHandle below("~");
   below.setCallbackQueue(&queue_);
-  enable_server_ = below.advertiseService(names::kEnable, &PressureLoop::onEnable, this);
-  vent_server_ = below.advertiseService(names::kVent, &PressureLoop::onVent, this);
-  stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
-  timer_ =
-      node.createSteadyTimer(ros::WallDuration(1.0 / rate), [this](const ros::SteadyTimerEvent&) {
-        act([this](double now) {
-          ++turns_;
-          turn(now);
-        });
-      });
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
+  timer_ = repeat(node, "the pressure loop", 1.0 / rate, &PressureLoop::onTurn, this, log);
   spinner_.start();
+  reading_spinner_.start();
 }
 
 PressureLoop::~PressureLoop() {
@@ -113,6 +116,7 @@ PressureLoop::~PressureLoop() {
 bool PressureLoop::end() {
   timer_.stop();
   spinner_.stop();
+  reading_spinner_.stop();
   return path_.end();
 }
 
@@ -185,6 +189,13 @@ bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response
   return true;
 }
 
+void PressureLoop::onTurn(const ros::SteadyTimerEvent&) {
+  act([this](double now) {
+    ++turns_;
+    turn(now);
+  });
+}
+
 void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
@@ -239,7 +250,9 @@ void PressureLoop::takeWaiting() {
     readings.swap(waiting_);
   }
   if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);
-  for (const Reading& reading : readings) take_(reading);
+  for (const Reading& reading : readings) {
+    take_guard_.run("", [&] { take_(reading); });
+  }
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -21,12 +21,16 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/log_thread.hpp"
 
 namespace helix_arm::ros_bridge {
 
 /// The pressure path of a node, in a thread of its own: nothing that the node computes delays it,
 /// nor what stops it.
+///
+/// Readings that come on a topic have a thread of their own as well, so that none of them delays a
+/// stop.
 ///
 /// Publishes pressure_command, at once on a new target and with every turn; pressure_measured,
 /// where the regulator is the node's own; and safety_state, latched, on every change, with a line
@@ -92,6 +96,7 @@ class PressureLoop {
   bool onEnable(Trigger::Request&, Trigger::Response& response);
   bool onVent(Trigger::Request&, Trigger::Response& response);
   bool onStop(SetBool::Request& request, SetBool::Response& response);
+  void onTurn(const ros::SteadyTimerEvent& event);
   void onReading(const PressureArrayConstPtr& reading);
 
   // All of these want the lock.
@@ -119,11 +124,14 @@ class PressureLoop {
   std::vector<Reading> waiting_;
 
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
-  ros::CallbackQueue queue_;  ///< of what follows
+  /// Of the readings alone: whatever comes as one, and however large, delays no stop.
+  ros::CallbackQueue reading_queue_;
+  ros::CallbackQueue queue_;  ///< of the services and the timer
   ros::Subscriber reading_subscriber_;
   ros::ServiceServer enable_server_, vent_server_, stop_server_;
   ros::SteadyTimer timer_;
-  ros::AsyncSpinner spinner_;
+  ros::AsyncSpinner spinner_, reading_spinner_;
+  FaultGuard take_guard_;
 };
 
 }  // namespace helix_arm::ros_bridge

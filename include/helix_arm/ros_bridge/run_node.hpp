@@ -7,6 +7,7 @@
 #include <ros/init.h>
 #include <ros/node_handle.h>
 
+#include "helix_arm/ros_bridge/clock_gate.hpp"
 #include "helix_arm/ros_bridge/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -36,10 +37,11 @@ int guarded(const std::function<int()>& body);
 template <class Node>
 int runNode(int argc, char** argv, const char* name) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // lines show at once in pipes and files, too
-  ros::init(argc, argv, name);
+  ClockGate::init(argc, argv, name);
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
   return guarded([]() -> int {
+    const ClockGate clock;
     Node node;
     MasterWatch watch;
     ros::spin();
