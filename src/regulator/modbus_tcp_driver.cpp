@@ -116,9 +116,10 @@ class ModbusTcpDriver::Link {
   void read(Pressures& pressures);
   void vent();
   bool keepsAirOnClose() const noexcept { return profile_.app && context_; }
+  void ignoreOthers() noexcept { tcp_.ignoreOthers(); }
   void close() noexcept {
-    if (context_) modbus_close(context_.get());
-    context_.reset();
+    disconnect();
+    tcp_.release();
   }
 
  private:
@@ -128,6 +129,10 @@ class ModbusTcpDriver::Link {
     double since;  // when it was told so, where that is something new [s]
   };
 
+  void disconnect() noexcept {
+    if (context_) modbus_close(context_.get());
+    context_.reset();
+  }
   void open();
   void command(Slot& slot, int word);
   void commandAll(int word);
@@ -178,7 +183,7 @@ void ModbusTcpDriver::Link::open() {
 }
 
 void ModbusTcpDriver::Link::connect() {
-  close();
+  disconnect();
   open();
   clearOutputs();
   try {
@@ -382,6 +387,8 @@ void ModbusTcpDriver::connect() { link_->connect(); }
 void ModbusTcpDriver::write(const control::ValveOrders& orders) { link_->write(orders); }
 void ModbusTcpDriver::read(Pressures& pressures) { link_->read(pressures); }
 void ModbusTcpDriver::vent() { link_->vent(); }
+void ModbusTcpDriver::ignoreOthers() noexcept { link_->ignoreOthers(); }
+
 bool ModbusTcpDriver::keepsAirOnClose() const noexcept { return link_->keepsAirOnClose(); }
 void ModbusTcpDriver::close() noexcept { link_->close(); }
 

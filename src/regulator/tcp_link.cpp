@@ -112,11 +112,21 @@ std::vector<TcpLink::Address> TcpLink::resolve(double timeout) {
   return resolved.addresses;
 }
 
+void TcpLink::claim(const Address& address) {
+  char host[NI_MAXHOST] = "";
+  getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
+  const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
+  if (!holder || ignores_others_) return;
+  throw LinkError(place_ + " is driven by " + *holder +
+                  "; end that one first, or vent and stop the arm through it");
+}
+
 int TcpLink::open(double timeout) {
   std::vector<Address> addresses = resolve(timeout);
   if (addresses.size() > kMostAddresses) addresses.resize(kMostAddresses);
   int error = EADDRNOTAVAIL;
   for (const Address& address : addresses) {
+    claim(address);
     const int family = address.get()->sa_family;
     const int socket = ::socket(family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (socket < 0) {
@@ -133,6 +143,7 @@ int TcpLink::open(double timeout) {
     }
     ::close(socket);
   }
+  release();
   throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
 }
 

@@ -2,6 +2,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/model_history.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -42,6 +43,11 @@ std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& n
   }
   out.push_back(transform(names.base, names.tip, X_BS * model::tipPose(shape), stamp));
   return out;
+}
+
+bool endsTf(const ros::Time& stamp) {
+  constexpr double kFarAhead = 9;  // [s]
+  return secondsBetween(ros::Time::now(), stamp) >= kFarAhead;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <functional>
 #include <limits>
@@ -12,7 +11,6 @@
 
 #include <ros/console.h>
 #include <ros/this_node.h>
-#include <unistd.h>
 
 #include "helix_arm/control/pressure_plan.hpp"
 #include "helix_arm/control/quote.hpp"
@@ -21,17 +19,72 @@
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/model/requirement.hpp"
 #include "helix_arm/ros_bridge/bag_captures.hpp"
+#include "helix_arm/ros_bridge/clock_gate.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/pneumatics.hpp"
 
+namespace ros::serialization {
+
+// actionlib subscribes by itself. Goals and cancellations with a stamp that it could not count
+// with, in callbacks where nobody catches, are not read at all.
+template <>
+struct Serializer<actionlib_msgs::GoalID> {
+  using GoalID = actionlib_msgs::GoalID;
+  template <class Stream>
+  static void read(Stream& stream, GoalID& goal) {
+    stream.next(goal.stamp);
+    stream.next(goal.id);
+    if (helix_arm::ros_bridge::ClockGate::isSound(goal.stamp)) return;
+    throw std::runtime_error("its stamp is " + std::to_string(goal.stamp.sec) + " s and " +
+                             std::to_string(goal.stamp.nsec) + " ns; expected less than 2^31 s");
+  }
+  template <class Stream>
+  static void write(Stream& stream, const GoalID& goal) {
+    stream.next(goal.stamp);
+    stream.next(goal.id);
+  }
+  static std::uint32_t serializedLength(const GoalID& goal) {
+    return serializationLength(goal.stamp) + serializationLength(goal.id);
+  }
+};
+
+// And goals are read as all other messages are, see CheckedStream.
+template <>
+struct Serializer<helix_arm::RunCalibrationActionGoal> {
+  using Goal = helix_arm::RunCalibrationActionGoal;
+  template <class Stream>
+  static void read(Stream& stream, Goal& goal) {
+    helix_arm::ros_bridge::CheckedStream checked(stream.getData(), stream.getLength());
+    checked.next(goal.header);
+    checked.next(goal.goal_id);
+    checked.next(goal.goal);
+    stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
+  }
+  template <class Stream>
+  static void write(Stream& stream, const Goal& goal) {
+    stream.next(goal.header);
+    stream.next(goal.goal_id);
+    stream.next(goal.goal);
+  }
+  static std::uint32_t serializedLength(const Goal& goal) {
+    return serializationLength(goal.header) + serializationLength(goal.goal_id) +
+           serializationLength(goal.goal);
+  }
+};
+
+}  // namespace ros::serialization
+
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kWatchPeriod = 0.1;     // [s]
-constexpr double kFeedbackPeriod = 0.2;  // [s]
-constexpr int kUsualCaptures = 3;        // a pressure
+constexpr double kWatchPeriod = 0.1;           // [s]
+constexpr double kFeedbackPeriod = 0.2;        // [s]
+constexpr int kUsualCaptures = 3;              // a pressure
+constexpr std::size_t kLongestMessage = 1000;  // of another node
 constexpr char kRecorded[] = "recorded samples";
 
 std::vector<std::string> actuatorNames(const model::Arm& arm) {
@@ -40,30 +93,13 @@ std::vector<std::string> actuatorNames(const model::Arm& arm) {
   return out;
 }
 
-bool endsIn(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
-
-void requireAbsolute(const char* what, const std::string& path) {
-  model::require(!path.empty() && path.front() == '/', what, " is '", control::quoted(path),
-                 "'; expected an absolute path");
-}
-
-// What would be found out after a long run only.
-void requireWritable(const std::string& out) {
-  if (out.empty()) return;
-  requireAbsolute("out", out);
-  std::error_code ignored;
-  const bool is_file =
-      std::filesystem::path(out).has_filename() && !std::filesystem::is_directory(out, ignored);
-  model::require(is_file, "out is '", control::quoted(out), "'; expected the path of a file");
-  const bool is_there = std::filesystem::exists(out, ignored);
-  model::require(!is_there || access(out.c_str(), W_OK) == 0, "out is '", control::quoted(out),
-                 "', which cannot be written over; expected another path");
-  const std::string folder = std::filesystem::path(out).parent_path().string();
-  model::require(access(folder.c_str(), W_OK) == 0, "out is '", control::quoted(out), "', but ",
-                 folder, " cannot be written (", std::strerror(errno),
-                 "); expected a path in a folder that can");
+void makeFolder(const std::string& folder) {
+  std::error_code fault;
+  std::filesystem::create_directories(folder, fault);
+  if (fault) {
+    ROS_WARN("the folder %s is not there and cannot be made (%s): services find no files in it",
+             folder.c_str(), fault.message().c_str());
+  }
 }
 
 // Runs what answers a service: what it throws is the answer.
@@ -138,6 +174,9 @@ CalibrationNodeOptions CalibrationNodeOptions::load() {
   out.run.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * out.run.ramp, {0.1, 10000});
   out.run.patience = reader.number("patience_s", out.run.patience, {0.1, 3600});
   out.rate = reader.number("rate", out.rate, {5, 1000});
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
+  out.data_folder = reader.folder("data_folder", defaultFolder());
+  out.out_folder = reader.folder("out_folder", defaultFolder());
   reader.finish();
   return out;
 }
@@ -145,32 +184,34 @@ CalibrationNodeOptions CalibrationNodeOptions::load() {
 CalibrationNode::CalibrationNode()
     : options_(CalibrationNodeOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
+      data_access_({{options_.data_folder, "~data_folder"}, {options_.out_folder, "~out_folder"}}),
+      out_access_({{options_.out_folder, "~out_folder"}}),
       watch_(actuatorNames(scene_.arm), options_.settle) {
+  makeFolder(options_.data_folder);
+  makeFolder(options_.out_folder);
   target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   using Node = CalibrationNode;
-  const auto hints = ros::TransportHints().tcpNoDelay();
-  const auto listen = [&](const char* topic, auto callback) {
-    return node_.subscribe(topic, 100, callback, this, hints);
-  };
-  detections_subscriber_ = listen(names::kTagDetections, &Node::onDetections);
-  measured_subscriber_ = listen(names::kPressureMeasured, &Node::onMeasured);
-  command_subscriber_ = listen(names::kPressureCommand, &Node::onCommand);
-  status_subscriber_ = listen(names::kTargetStatus, &Node::onStatus);
-  vision_subscriber_ = listen(names::kVisionStatus, &Node::onVision);
+  detections_subscriber_ = listen(node_, names::kTagDetections, 100, &Node::onDetections, this);
+  measured_subscriber_ = listen(node_, names::kPressureMeasured, 100, &Node::onMeasured, this);
+  command_subscriber_ = listen(node_, names::kPressureCommand, 100, &Node::onCommand, this);
+  status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
+  vision_subscriber_ = listen(node_, names::kVisionStatus, 100, &Node::onVision, this);
 
   ros::NodeHandle mine("~");
-  calibrate_ = mine.advertiseService(names::kCalibrate, &Node::onCalibrate, this);
-  fit_contraction_ = mine.advertiseService(names::kFitContraction, &Node::onFitContraction, this);
-  record_ = mine.advertiseService(names::kRecordSample, &Node::onRecord, this);
-  clear_ = mine.advertiseService(names::kClearSamples, &Node::onClear, this);
-  save_ = mine.advertiseService(names::kSave, &Node::onSave, this);
-  reload_ = std::make_unique<ReloadServer>(mine, options_.scene,
+  calibrate_ = serve(mine, names::kCalibrate, &Node::onCalibrate, this);
+  fit_contraction_ = serve(mine, names::kFitContraction, &Node::onFitContraction, this);
+  record_ = serve(mine, names::kRecordSample, &Node::onRecord, this);
+  clear_ = serve(mine, names::kClearSamples, &Node::onClear, this);
+  save_ = serve(mine, names::kSave, &Node::onSave, this);
+  reload_ = std::make_unique<ReloadServer>(mine, options_.scene, options_.scene_folder,
                                            [this](io::Scene next) { adopt(std::move(next)); });
-  watch_timer_ =
-      node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &CalibrationNode::onWatch, this);
+  watch_timer_ = repeat(node_, "the watch", kWatchPeriod, &Node::onWatch, this);
   server_ = std::make_unique<Server>(
       mine, names::kRunCalibration,
-      [this](const RunCalibrationGoalConstPtr& goal) { onGoal(goal); }, false);
+      [this](const RunCalibrationGoalConstPtr& goal) {
+        goal_guard_.run("", [&] { onGoal(*goal); });
+      },
+      false);
   server_->start();
   ROS_INFO("%s: %s", scene_.name.c_str(),
            scene_.camera && scene_.tags
@@ -218,13 +259,14 @@ void CalibrationNode::onStatus(const TargetStatusConstPtr& status) {
   }
   const std::lock_guard<std::mutex> lock(mutex_);
   if (!run_) return;
+  const std::string message = control::quoted(status->message, kLongestMessage);
   if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
-    run_->yield(status->message);
+    run_->yield(message);
   } else if (status->fault == control::nameOf(control::Fault::kStale)) {
     // The next one may be in time; where none is, the arm vents, and that ends the run.
-    ROS_WARN_THROTTLE(1, "%s", status->message.c_str());
+    ROS_WARN_THROTTLE(1, "%s", message.c_str());
   } else {
-    run_->end(control::RunEnd::kAborted, "pressure_command refused a target: " + status->message);
+    run_->end(control::RunEnd::kAborted, "pressure_command refused a target: " + message);
   }
 }
 
@@ -253,7 +295,7 @@ control::Settling CalibrationNode::settling(double now) const {
   // Vision knows better why.
   const bool blind = out.stale() || out.state == control::SettleState::kNoTags;
   if (blind && vision_ && vision_->state != VisionStatus::MEASURED) {
-    out.reason += "; vision says: " + vision_->message;
+    out.reason += "; vision says: " + control::quoted(vision_->message, kLongestMessage);
   }
   return out;
 }
@@ -295,11 +337,9 @@ bool CalibrationNode::onClear(ClearSamples::Request&, ClearSamples::Response& re
 
 bool CalibrationNode::onSave(Save::Request& request, Save::Response& response) {
   return answer(names::kSave, response, [&] {
-    requireAbsolute("path", request.path);
-    const bool table = endsIn(request.path, ".csv");
-    model::require(table || endsIn(request.path, ".yaml"), "path is '",
-                   control::quoted(request.path),
-                   "'; expected .yaml for the last calibration or .csv for what was recorded");
+    // The last calibration, or what was recorded.
+    const std::string path = out_access_.toWrite("path", request.path, {".yaml", ".csv"});
+    const bool table = std::filesystem::path(path).extension() == ".csv";
     std::string text;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -307,15 +347,15 @@ bool CalibrationNode::onSave(Save::Request& request, Save::Response& response) {
       if (table) {
         model::require(!samples_.empty(), "nothing was recorded; call record_sample first");
         text = io::tagCornerCsv(numbered(samples_, scene_.arm), scene_.arm.actuatorCount(),
-                                "recorded of scene " + scene_.name + ", " + io::utcNow());
-        response.message = std::to_string(samples_.size()) + " samples in " + request.path;
+                                kRecordedTitle + scene_.name + ", " + io::utcNow());
+        response.message = std::to_string(samples_.size()) + " samples in " + path;
       } else {
         model::require(last_.has_value(), "nothing was calibrated; call calibrate first");
         text = last_->scene_text;
-        response.message = "the last calibration of " + scene_.name + " in " + request.path;
+        response.message = "the last calibration of " + scene_.name + " in " + path;
       }
     }
-    io::writeFileAtomically(request.path, text);
+    io::writeFileAtomically(path, text);
     response.success = true;
   });
 }
@@ -342,16 +382,22 @@ io::CalibrationData CalibrationNode::recorded() const {
   return out;
 }
 
+std::string CalibrationNode::writable(const std::string& out) const {
+  return out.empty() ? out : out_access_.toWrite("out", out, {".yaml"});
+}
+
 io::CalibrationData CalibrationNode::load(const std::vector<std::string>& paths) const {
-  for (const std::string& path : paths) requireAbsolute("data", path);
-  return loadMeasurements(scene_, paths, options_.settle);
+  std::vector<std::string> allowed;
+  for (const std::string& path : paths) {
+    allowed.push_back(data_access_.toRead("data", path, {".csv", ".bag"}));
+  }
+  return loadMeasurements(scene_, allowed, options_.settle);
 }
 
 io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& request,
                                                   const io::CalibrationData& data,
                                                   const std::string& out,
                                                   const std::function<bool()>& cancelled) {
-  requireWritable(out);
   const ReloadServer::File file = reload_->file();
   model::require(io::sha256OfFile(file.path) == file.sha256, file.path,
                  " is not what it was when it was loaded; call reload first");
@@ -380,6 +426,7 @@ io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& 
 bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Response& response) {
   response.held_out_error = std::numeric_limits<double>::quiet_NaN();
   return answer(names::kCalibrate, response, [&] {
+    const std::string out = writable(request.out);
     io::CalibrationData data;
     const Fitting busy(*this);
     {
@@ -393,7 +440,7 @@ bool CalibrationNode::onCalibrate(Calibrate::Request& request, Calibrate::Respon
     job.position_noise = request.position_noise;
     job.rotation_noise = request.rotation_noise;
     job.date = io::utcNow();
-    fill(response, calibrate(job, data, request.out, [] { return false; }), request.out);
+    fill(response, calibrate(job, data, out, [] { return false; }), out);
   });
 }
 
@@ -412,19 +459,20 @@ bool CalibrationNode::onFitContraction(FitContraction::Request& request,
         "branch", request.branch,
         {{"both", Branch::kBoth}, {"rising", Branch::kRising}, {"falling", Branch::kFalling}});
     job.date = io::utcNow();
-    requireAbsolute("data", request.data);
+    const std::string path = data_access_.toRead("data", request.data, {".csv"});
+    const std::string out = writable(request.out);
     io::CalibrationData data;
     const Fitting busy(*this);
     {
       const std::lock_guard<std::mutex> lock(mutex_);
-      data = io::loadCalibrationData(scene_, {request.data});
+      data = io::loadCalibrationData(scene_, {path});
     }
-    model::require(!data.lengths.empty(), request.data,
+    model::require(!data.lengths.empty(), path,
                    " holds no free lengths; expected the columns pressure_kpa and length_m");
-    const io::CalibrationOutcome outcome = calibrate(job, data, request.out, [] { return false; });
+    const io::CalibrationOutcome outcome = calibrate(job, data, out, [] { return false; });
     response.success = outcome.success;
     response.message = outcome.message;
-    if (outcome.success) response.out = request.out;
+    if (outcome.success) response.out = out;
     if (outcome.contractions.empty()) return;
     const estimation::ContractionFit& fit = outcome.contractions.front().second;
     if (!fit.curve) return;
@@ -441,7 +489,7 @@ bool CalibrationNode::onFitContraction(FitContraction::Request& request,
   });
 }
 
-void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
+void CalibrationNode::onGoal(const RunCalibrationGoal& goal) {
   RunCalibrationResult refused;
   refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
   answer(names::kRunCalibration, refused, [&] {
@@ -450,7 +498,7 @@ void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
       requireIdle();
       running_ = true;
     }
-    begin(*goal);
+    begin(goal);
     refused.success = true;
     refused.message = "begins";
   });
@@ -462,7 +510,17 @@ void CalibrationNode::onGoal(const RunCalibrationGoalConstPtr& goal) {
     server_->setAborted(refused, refused.message);
     return;
   }
-  if (play()) conclude(*goal);
+  std::string why;
+  if (!goal_guard_.run(
+          "",
+          [&] {
+            if (play()) conclude(goal);
+          },
+          &why) &&
+      server_->isActive()) {
+    refused.success = false;
+    server_->setAborted(refused, why);
+  }
   const std::lock_guard<std::mutex> lock(mutex_);
   run_.reset();
   running_ = false;
@@ -473,7 +531,7 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   io::CalibrationRequest request;
   request.fit = goal.fit;
   io::runCalibration(reload_->file().path, {}, request, {});
-  requireWritable(goal.out);
+  writable(goal.out);  // what would be found out after a long run only
   control::RunRules rules = options_.run;
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
@@ -573,7 +631,8 @@ void CalibrationNode::conclude(const RunCalibrationGoal& goal) {
     request.fit = goal.fit;
     request.date = io::utcNow();
     const auto cancelled = [this] { return server_->isPreemptRequested(); };
-    fill(result, calibrate(request, data, goal.out, cancelled), goal.out);
+    const std::string out = writable(goal.out);
+    fill(result, calibrate(request, data, out, cancelled), out);
   });
   if (!result.success && server_->isPreemptRequested()) {
     server_->setPreempted(result, result.message);

@@ -8,10 +8,13 @@
 
 #include <ros/names.h>
 
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/vision_ledger.hpp"
@@ -25,7 +28,9 @@ double medianOf(std::vector<double> values) {
   return *middle;
 }
 
-constexpr std::size_t kMostErrors = 100000;  // an hour's at 30 Hz
+constexpr std::size_t kMostErrors = 100000;    // an hour's at 30 Hz
+constexpr std::size_t kLongestMessage = 1000;  // of another node
+constexpr std::size_t kMostPressures = 100;    // in a line
 constexpr double kSilence = 2.0;  // a topic silent for so long at the end has stopped [s]
 
 bool allFinite(const std::vector<double>& values) {
@@ -57,6 +62,7 @@ MonitorOptions MonitorOptions::load() {
   out.min_rate = reader.number("min_rate", out.min_rate, {0.1, 1000.0});
   out.min_measured_rate = reader.number("min_measured_rate", out.min_measured_rate, {0.1, 1000.0});
   out.scene = reader.optionalFile("scene", "config/scenes", ".yaml");
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
   reader.finish();
   return out;
 }
@@ -83,21 +89,21 @@ MonitorNode::MonitorNode()
   if (!options_.scene.empty()) {
     scene_ = io::loadScene(options_.scene);
     reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
-                                             [this](io::Scene next) {
+                                             options_.scene_folder, [this](io::Scene next) {
                                                requireSameRig(*scene_, next);
                                                scene_ = std::move(next);
                                              });
   }
   using Node = MonitorNode;
-  command_subscriber_ = node_.subscribe(command_.topic, 1000, &Node::onCommand, this);
-  measured_subscriber_ = node_.subscribe(measured_.topic, 1000, &Node::onMeasured, this);
-  model_subscriber_ = node_.subscribe(model_.topic, 1000, &Node::onModel, this);
-  shape_subscriber_ = node_.subscribe(shape_.topic, 1000, &Node::onShape, this);
-  error_subscriber_ = node_.subscribe(names::kModelError, 1000, &Node::onModelError, this);
-  vision_subscriber_ = node_.subscribe(names::kVisionStatus, 100, &Node::onVisionStatus, this);
-  safety_subscriber_ = node_.subscribe(names::kSafetyState, 10, &Node::onSafety, this);
-  diagnostics_subscriber_ = node_.subscribe(names::kDiagnostics, 10, &Node::onDiagnostics, this);
-  timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
+  command_subscriber_ = listen(node_, command_.topic, 1000, &Node::onCommand, this);
+  measured_subscriber_ = listen(node_, measured_.topic, 1000, &Node::onMeasured, this);
+  model_subscriber_ = listen(node_, model_.topic, 1000, &Node::onModel, this);
+  shape_subscriber_ = listen(node_, shape_.topic, 1000, &Node::onShape, this);
+  error_subscriber_ = listen(node_, names::kModelError, 1000, &Node::onModelError, this);
+  vision_subscriber_ = listen(node_, names::kVisionStatus, 100, &Node::onVisionStatus, this);
+  safety_subscriber_ = listen(node_, names::kSafetyState, 10, &Node::onSafety, this);
+  diagnostics_subscriber_ = listen(node_, names::kDiagnostics, 10, &Node::onDiagnostics, this);
+  timer_ = repeat(node_, "the lines", 1.0, &Node::onSecond, this);
 }
 
 void MonitorNode::onCommand(const PressureArrayConstPtr& command) {
@@ -112,7 +118,7 @@ void MonitorNode::onMeasured(const PressureArrayConstPtr& measured) {
 void MonitorNode::onModel(const ArmShapeConstPtr& model) {
   const auto& p = model->tip.position;
   tip_ = {p.x, p.y, p.z};
-  reach_.extend(tip_);
+  if (tip_.allFinite()) reach_.extend(tip_);
   model_.arrived(allFinite(model->twist) && allFinite(model->piece_twist) && tip_.allFinite());
 }
 
@@ -123,6 +129,7 @@ void MonitorNode::onShape(const ArmShapeConstPtr& shape) {
 
 void MonitorNode::onModelError(const ModelErrorConstPtr& error) {
   model_error_ = *error;
+  if (!std::isfinite(error->tip_error)) return;
   tip_errors_.push_back(error->tip_error);
   if (tip_errors_.size() > kMostErrors) tip_errors_.pop_front();
 }
@@ -136,7 +143,9 @@ void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
   for (const auto& status : diagnostics->status) {
     if (status.name.compare(0, node.size(), node) != 0) continue;
     diagnosed_ = true;
-    if (status.level >= diagnostic_msgs::DiagnosticStatus::ERROR) error_ = status.message;
+    if (status.level >= diagnostic_msgs::DiagnosticStatus::ERROR) {
+      error_ = control::quoted(status.message, kLongestMessage);
+    }
     if (status.name != node + names::kTargetsStatus) continue;
     dropped_ = countOf(status, names::kDroppedKey);
     const auto countOfDropped = [&](control::Fault fault) {
@@ -144,7 +153,7 @@ void MonitorNode::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
     };
     refused_ = countOfDropped(control::Fault::kOtherCommander) +
                countOfDropped(control::Fault::kNotEnabled) + countOfDropped(control::Fault::kStale);
-    last_fault_ = valueOf(status, names::kLastFaultKey);
+    last_fault_ = control::quoted(valueOf(status, names::kLastFaultKey), kLongestMessage);
   }
 }
 
@@ -170,10 +179,11 @@ void MonitorNode::printLine(double seconds) {
   char part[64];
   std::snprintf(part, sizeof part, "%7.1f s  kPa", seconds);
   line += part;
-  for (const double pressure : pressure_) {
-    std::snprintf(part, sizeof part, " %6.1f", pressure / 1e3);
+  for (std::size_t i = 0; i < std::min(pressure_.size(), kMostPressures); ++i) {
+    std::snprintf(part, sizeof part, " %6.1f", pressure_[i] / 1e3);
     line += part;
   }
+  if (pressure_.size() > kMostPressures) line += " ...";
   std::snprintf(part, sizeof part, "  tip %6.3f %6.3f %6.3f m ", tip_.x(), tip_.y(), tip_.z());
   line += part;
   for (Stream* stream : {&command_, &measured_, &model_, &shape_}) {
@@ -190,7 +200,8 @@ void MonitorNode::printLine(double seconds) {
 std::string MonitorNode::safetyText() const {
   if (!safety_) return "";
   const bool usual = safety_->cause == control::nameOf(control::SafetyCause::kNone);
-  return "  " + safety_->state + (usual ? "" : " (" + safety_->cause + ")");
+  return "  " + control::quoted(safety_->state) +
+         (usual ? "" : " (" + control::quoted(safety_->cause) + ")");
 }
 
 std::string MonitorNode::visionText() const {

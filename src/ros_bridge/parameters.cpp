@@ -123,6 +123,14 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   return path;
 }
 
+std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
+  const std::string given = text(name, "");
+  if (given.empty()) return fallback;
+  if (given.front() == '/') return given;
+  fault(name, XmlRpc::XmlRpcValue(given), "the absolute path of a folder");
+  return fallback;
+}
+
 void ParameterReader::finish() {
   std::vector<std::string> set;
   node_.getParamNames(set);

@@ -16,6 +16,9 @@
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/model_history.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/pneumatics.hpp"
@@ -46,6 +49,7 @@ PressureCommandOptions PressureCommandOptions::load() {
   out.allow_sim_time = reader.flag("allow_sim_time", out.allow_sim_time);
   out.realtime_priority = reader.count("realtime_priority", out.realtime_priority, 0,
                                        regulator::kHighestRealtimePriority);
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
   reader.finish();
   return out;
 }
@@ -77,20 +81,14 @@ PressureCommandNode::PressureCommandNode()
   }
 
   using Node = PressureCommandNode;
-  const auto hints = ros::TransportHints().tcpNoDelay();
-  const auto listen = [&](const char* topic, auto callback) {
-    return node_.subscribe(topic, 10, callback, this, hints);
-  };
-  pressure_subscriber_ = listen(names::kPressureTarget, &Node::onPressureTarget);
-  shape_subscriber_ = listen(names::kShapeTarget, &Node::onShapeTarget);
-  tip_subscriber_ = listen(names::kTipTarget, &Node::onTipTarget);
+  pressure_subscriber_ = listen(node_, names::kPressureTarget, 10, &Node::onPressureTarget, this);
+  shape_subscriber_ = listen(node_, names::kShapeTarget, 10, &Node::onShapeTarget, this);
+  tip_subscriber_ = listen(node_, names::kTipTarget, 10, &Node::onTipTarget, this);
 
-  reload_ = std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene,
-                                           [this](io::Scene next) { adopt(std::move(next)); });
+  reload_ =
+      std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
+                                     [this](io::Scene next) { adopt(std::move(next)); });
 
-  const auto every = [&](double rate, auto callback) {
-    return node_.createSteadyTimer(ros::WallDuration(1.0 / rate), callback, this);
-  };
   const bool own = options_.regulator == "scene";
   const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
   if (hardware) {
@@ -112,8 +110,8 @@ PressureCommandNode::PressureCommandNode()
       node_, scene_.arm, options_.rate, options_.realtime_priority, std::move(path),
       options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
       [this](const PressureLoop::Reading& reading) { take(reading.pressure, reading.stamp); });
-  draw_timer_ = every(options_.draw_rate, &Node::onDraw);
-  diagnose_timer_ = every(1.0, &Node::onDiagnose);
+  draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Node::onDraw, this);
+  diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onDiagnose, this);
   ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
            scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
   tellTier();
@@ -212,7 +210,7 @@ template <class T>
 control::Checked<T> PressureCommandNode::fresh(const Sender& sender,
                                                control::Checked<T> checked) const {
   if (sender.stamp.isZero()) return checked;
-  const double age = (ros::Time::now() - sender.stamp).toSec();
+  const double age = secondsBetween(sender.stamp, ros::Time::now());
   auto refusal = control::checkAge(age, scene_.safety.rules.target_timeout);
   return refusal ? control::Checked<T>(*refusal) : checked;
 }
@@ -337,6 +335,15 @@ bool PressureCommandNode::measures() const {
 
 void PressureCommandNode::sendFrames(const ros::Time& stamp) {
   if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
+  if (endsTf(stamp)) {
+    if (far_stamps_.add()) {
+      ROS_WARN(
+          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no frames are "
+          "given for it; set the clocks alike",
+          secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
+    }
+    return;
+  }
   last_tf_stamp_ = stamp;
   tf_.sendTransform(curveTransforms(frames_, solution_.shape, stamp));
 }

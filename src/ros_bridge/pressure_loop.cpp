@@ -87,19 +87,28 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
       arm_(arm),
       path_(std::move(path)),
       command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
-      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)) {
+      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
+      reading_spinner_(1, &reading_queue_),
+      take_guard_("a reading") {
   node.setCallbackQueue(&queue_);
+  // Nothing here waits for the log.
+  const FaultGuard::Log log = [this](const std::string& line) {
+    log_.write(ros::console::levels::Warn, line);
+  };
   if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
   } else {
-    reading_subscriber_ = node.subscribe(names::kPressureMeasured, 10, &PressureLoop::onReading,
-                                         this, ros::TransportHints().tcpNoDelay());
+    ros::NodeHandle other = node;
+    other.setCallbackQueue(&reading_queue_);
+    reading_subscriber_ =
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this, log);
   }
   ros::NodeHandle below("~");
   below.setCallbackQueue(&queue_);
-  enable_server_ = below.advertiseService(names::kEnable, &PressureLoop::onEnable, this);
-  vent_server_ = below.advertiseService(names::kVent, &PressureLoop::onVent, this);
-  stop_server_ = below.advertiseService(names::kEmergencyStop, &PressureLoop::onStop, this);
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
+  reading_spinner_.start();
   thread_.start([this] { run(); });
 }
 
@@ -129,6 +138,7 @@ PressureLoop::~PressureLoop() {
 bool PressureLoop::end() {
   ends_ = true;
   thread_.join();
+  reading_spinner_.stop();
   return path_.end();
 }
 
@@ -258,7 +268,9 @@ void PressureLoop::takeWaiting() {
     readings.swap(waiting_);
   }
   if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);
-  for (const Reading& reading : readings) take_(reading);
+  for (const Reading& reading : readings) {
+    take_guard_.run("", [&] { take_(reading); });
+  }
 }
 
 }  // namespace helix_arm::ros_bridge

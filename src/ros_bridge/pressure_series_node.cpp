@@ -9,17 +9,24 @@
 #include <ros/this_node.h>
 
 #include "helix_arm/control/pressure_tour.hpp"
+#include "helix_arm/control/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kReminder = 10;      // between two words of what keeps the series waiting [s]
-constexpr double kLongestStep = 0.1;  // a series that stood still leaps over nothing [s]
+constexpr double kReminder = 10;  // between two words of what keeps the series waiting [s]
+constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+// A refusal, and a command of another arm, ends the series only where it is no single message: so
+// many of them, for so long, and nothing better in between.
+constexpr int kLeastTrouble = 10;
+constexpr double kLongestTrouble = 2;  // [s]
+constexpr double kLongestStep = 0.1;   // a series that stood still leaps over nothing [s]
 
 // The rows to play, each of them a target that the node would take.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
@@ -77,44 +84,60 @@ PressureSeriesNode::PressureSeriesNode()
     : options_(PressureSeriesOptions::load()),
       scene_(io::loadScene(options_.scene)),
       rows_(loadRows(options_, scene_.arm)) {
-  const auto hints = ros::TransportHints().tcpNoDelay();
+  using Node = PressureSeriesNode;
   target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
-  command_subscriber_ =
-      node_.subscribe(names::kPressureCommand, 10, &PressureSeriesNode::onCommand, this, hints);
-  status_subscriber_ =
-      node_.subscribe(names::kTargetStatus, 100, &PressureSeriesNode::onStatus, this, hints);
-  timer_ = node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate),
-                                   &PressureSeriesNode::onTick, this);
+  command_subscriber_ = listen(node_, names::kPressureCommand, 10, &Node::onCommand, this);
+  status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
+  timer_ = repeat(node_, "the series", 1.0 / options_.rate, &Node::onTick, this);
+}
+
+bool PressureSeriesNode::Trouble::goesOn() {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (messages++ == 0) since = now;
+  return messages >= kLeastTrouble && now - since >= ros::WallDuration(kLongestTrouble);
+}
+
+void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
+  if (trouble.warnings.add()) ROS_WARN("%s", what.c_str());
+  if (!trouble.goesOn() || verdict_ != kDone) return;
+  ROS_FATAL("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
+  verdict_ = kFailed;
+  ros::requestShutdown();
 }
 
 void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
   const auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    throw std::runtime_error("pressure_command is not of scene " + scene_.name + ": " +
-                             refusal->message);
+    suffer(foreign_, "pressure_command is not of scene " + scene_.name + ": " + refusal->message);
+    return;
   }
+  foreign_.messages = 0;
   command_ = scene_.arm.clamped(std::get<Eigen::VectorXd>(checked));  // vented: the atmosphere
   if (!player_) player_.emplace(rows_, command_, options_.timing);
 }
 
 void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const bool mine = status->commander == ros::this_node::getName();
+  const std::string message = control::quoted(status->message, kLongestMessage);
   if (mine && passes(status->fault)) {
-    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", status->message.c_str());
+    refused_.messages = 0;
+    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", message.c_str());
     held_back_ = true;
     return;
   }
   if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
     ROS_INFO("the arm takes targets: the series goes on");
     held_back_ = false;
-    player_->resume(command_);
+    if (player_) player_->resume(command_);
   }
   const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
   const bool others_command =
       mine ? refused_to_command : refused_to_command || status->outcome != TargetStatus::DROPPED;
   const bool waits = options_.yields && others_command;
   if (mine && status->outcome == TargetStatus::DROPPED && !waits) {
-    throw std::runtime_error("the series was refused: " + status->message);
+    suffer(refused_, "the series was refused: " + message);
+  } else if (mine) {
+    refused_.messages = 0;
   }
   if (!waits) return;
   if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");

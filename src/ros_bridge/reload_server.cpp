@@ -1,39 +1,59 @@
 #include "helix_arm/ros_bridge/reload_server.hpp"
 
 #include <exception>
-#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include <ros/console.h>
+#include <ros/package.h>
 
 #include "helix_arm/control/quote.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/model/requirement.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
 
-ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, Adopt adopt)
-    : file_{path, io::sha256OfFile(path)},
+constexpr char kShippedScenes[] = "config/scenes";
+
+}  // namespace
+
+ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
+                           Adopt adopt)
+    : first_path_(path),
+      scene_folder_(std::move(scene_folder)),
+      file_{path, io::sha256OfFile(path)},
       adopt_(std::move(adopt)),
-      server_(private_node.advertiseService(names::kReload, &ReloadServer::onReload, this)) {}
+      server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
 
 ReloadServer::File ReloadServer::file() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return file_;
 }
 
+std::string ReloadServer::allowed(const std::string& scene) const {
+  if (scene.empty()) return file().path;
+  if (scene == first_path_) return scene;
+  const auto path = filePath(scene, kShippedScenes, ".yaml");
+  model::require(path.has_value(), "scene is '", control::quoted(scene),
+                 "'; expected an absolute path, or the name of a file in ", kShippedScenes,
+                 " of the package");
+  if (scene.front() != '/') return *path;
+  const FileAccess access(
+      {{scene_folder_, "~scene_folder"},
+       {ros::package::getPath("helix_arm") + "/" + kShippedScenes, "the package's own"}});
+  return access.toRead("scene", *path, {".yaml"});
+}
+
 bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
   try {
-    const auto path = request.scene.empty() ? std::optional(file().path)
-                                            : filePath(request.scene, "config/scenes", ".yaml");
-    model::require(path.has_value(), "scene is '", control::quoted(request.scene),
-                   "'; expected an absolute path, or the name of a file in config/scenes of the "
-                   "package");
-    io::Scene scene = io::loadScene(*path);
-    const File next{*path, scene.sha256};
+    const std::string path = allowed(request.scene);
+    io::Scene scene = io::loadScene(path);
+    const File next{path, scene.sha256};
     const std::string name = scene.name;
     adopt_(std::move(scene));
     const std::lock_guard<std::mutex> lock(mutex_);

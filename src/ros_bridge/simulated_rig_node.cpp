@@ -13,6 +13,7 @@
 
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 #include "helix_arm/ros_bridge/pictures.hpp"
@@ -63,10 +64,9 @@ SimulatedRigNode::SimulatedRigNode()
   }
   measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
   truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
-  command_subscriber_ = node_.subscribe(names::kPressureCommand, 10, &SimulatedRigNode::onCommand,
-                                        this, ros::TransportHints().tcpNoDelay());
-  loop_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate),
-                                        &SimulatedRigNode::onLoop, this);
+  command_subscriber_ =
+      listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+  loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
   const bool seen = scene_.camera && scene_.tags;
   if (seen) {
     image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);

@@ -63,8 +63,9 @@ visualization_msgs::InteractiveMarker handle(const std::string& frame, bool plan
 
 TipHandle::TipHandle(const std::string& base_frame, bool planar, double size, OnTarget on_target)
     : on_target_(std::move(on_target)), server_(names::kTipHandle) {
-  server_.insert(handle(base_frame, planar, size),
-                 [this](const auto& feedback) { onFeedback(feedback); });
+  server_.insert(handle(base_frame, planar, size), [this](const Feedback::ConstPtr& feedback) {
+    guard_.run(feedback->client_id, [&] { onFeedback(feedback); });
+  });
   server_.applyChanges();
 }
 

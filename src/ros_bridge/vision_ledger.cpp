@@ -17,7 +17,7 @@ using diagnostic_msgs::DiagnosticStatus;
 const char* nameOfState(std::uint8_t state) {
   static constexpr std::array<const char*, VisionStatus::ENDED + 1> kNames = {
       "measured", "few_tags", "no_tags", "no_fit", "waiting", "stale", "camera_fault", "ended"};
-  return kNames.at(state);
+  return state < kNames.size() ? kNames[state] : "in an unknown state";
 }
 
 VisionLedger::VisionLedger(const std::string& waiting) {

@@ -9,6 +9,7 @@
 #include <ros/console.h>
 
 #include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/overlay.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
@@ -112,6 +113,7 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   out.world_frame = reader.frame("world_frame", names::kWorldFrame);
   out.frame_prefix = reader.frame("frame_prefix", "");
   out.optional = reader.flag("optional", out.optional);
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
   reader.finish();
   return out;
 }
@@ -152,19 +154,15 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
       frames_.world, options_.frame_prefix + names::kCameraFrame, rig_.camera->X_WC));
 
   using Node = VisionNode;
-  const auto hints = ros::TransportHints().tcpNoDelay();
-  const auto listen = [&](const char* topic, int queue, auto callback) {
-    return node_.subscribe(topic, queue, callback, this, hints);
-  };
   const bool any = options_.source == kTopic;
   if (any || options_.source == names::kImage) {
-    image_subscriber_ = listen(names::kImage, 1, &Node::onImage);
+    image_subscriber_ = listen(node_, names::kImage, 1, &Node::onImage, this);
   }
   if (any || options_.source == names::kCompressedImage) {
-    compressed_subscriber_ = listen(names::kCompressedImage, 1, &Node::onCompressed);
+    compressed_subscriber_ = listen(node_, names::kCompressedImage, 1, &Node::onCompressed, this);
   }
   if (source_ == nullptr && options_.use_camera_info) {
-    info_subscriber_ = listen(names::kCameraInfo, 1, &Node::onCameraInfo);
+    info_subscriber_ = listen(node_, names::kCameraInfo, 1, &Node::onCameraInfo, this);
   }
   if (source_ != nullptr && !options_.camera_info_url.empty()) {
     calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
@@ -174,11 +172,11 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
                                   "; expected the URL of a calibration");
     }
   }
-  model_subscriber_ = listen(names::kModel, 100, &Node::onModel);
-  reload_ = std::make_unique<ReloadServer>(private_node, options_.scene,
+  model_subscriber_ = listen(node_, names::kModel, 100, &Node::onModel, this);
+  reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                            [this](io::Scene next) { adopt(std::move(next)); });
-  watch_timer_ = node_.createSteadyTimer(ros::WallDuration(kWatchPeriod), &Node::onWatch, this);
-  second_timer_ = node_.createSteadyTimer(ros::WallDuration(1.0), &Node::onSecond, this);
+  watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Node::onWatch, this);
+  second_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onSecond, this);
   const auto on_failure = [this] { onFailure(); };
   worker_.start([this] { work(); }, on_failure);
   if (source_ != nullptr) capturer_.start([this] { capture(); }, on_failure);
@@ -378,9 +376,12 @@ void VisionNode::work() {
       next_eyes_.reset();
       busy_ = true;
     }
-    measure(*picture);
+    std::string why;
+    const bool sound = picture_guard_.run(
+        "", [&] { measure(*picture); }, &why);
     {
       const std::lock_guard<std::mutex> lock(mutex_);
+      if (!sound) enter(VisionStatus::CAMERA_FAULT, "a picture cannot be measured in: " + why);
       busy_ = false;
     }
     wake_.notify_all();
@@ -530,7 +531,15 @@ void VisionNode::publish(const ros::Time& stamp, const cv::Mat& gray, const visi
         toShapeMsg(header, "measured", sight.fit.shape, sight.fit.covariance));
     if (model) error_publisher_.publish(error.emplace(toMsg(header, sight.fit, *model)));
     // tf warns of repeated stamps.
-    if (stamp > last_tf_stamp_) {
+    if (endsTf(stamp)) {
+      if (far_stamps_.add()) {
+        ROS_WARN(
+            "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no frames are given "
+            "for them; set the clocks alike",
+            secondsBetween(ros::Time::now(), stamp),
+            static_cast<unsigned long>(far_stamps_.total()));
+      }
+    } else if (stamp > last_tf_stamp_) {
       tf_.sendTransform(curveTransforms(frames_, sight.fit.shape, stamp, sight.fit.X_B0B));
       last_tf_stamp_ = stamp;
     }

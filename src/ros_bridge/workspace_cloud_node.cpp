@@ -8,6 +8,8 @@
 #include <ros/console.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/names.hpp"
 #include "helix_arm/ros_bridge/parameters.hpp"
 
@@ -38,6 +40,7 @@ WorkspaceCloudOptions WorkspaceCloudOptions::load() {
   out.count = reader.count("count", out.count, 1, kMostPoints);
   out.seed = reader.count("seed", out.seed, 0, std::numeric_limits<int>::max());
   out.frame_prefix = reader.frame("frame_prefix", "");
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
   reader.finish();
   return out;
 }
@@ -47,10 +50,10 @@ WorkspaceCloudNode::WorkspaceCloudNode()
       scene_(io::loadScene(options_.scene)),
       sensitivity_(allPressures(scene_.arm)),
       workspace_(workspaceOf(scene_, options_, sensitivity_)),
-      reload_(ros::NodeHandle("~"), options_.scene,
+      reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
               [this](io::Scene next) { adopt(std::move(next)); }) {
   publisher_ = node_.advertise<sensor_msgs::PointCloud2>(names::kWorkspace, 1, true);
-  timer_ = node_.createSteadyTimer(ros::WallDuration(kPeriod), &WorkspaceCloudNode::onTick, this);
+  timer_ = repeat(node_, "the sampling", kPeriod, &WorkspaceCloudNode::onTick, this);
 }
 
 void WorkspaceCloudNode::adopt(io::Scene next) {

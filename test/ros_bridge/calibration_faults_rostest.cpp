@@ -1,8 +1,12 @@
 // What a calibration refuses, and how it ends when something goes wrong: with a reason, and with
 // the pressures ramped down. Time runs at five times its pace.
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
@@ -41,8 +45,9 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
   };
   Calibrate::Request request;
   says(refusal(request), "nothing was recorded");
-  request.data = {HELIX_ARM_SOURCE_DIR "/config/series/tour_3.csv"};
-  EXPECT_FALSE(refusal(request).empty());
+  const TemporaryFile series("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,0,0\n", ".csv");
+  request.data = {series.path()};
+  says(refusal(request), series.path());
   request.data = {"relative.csv"};
   says(refusal(request), "absolute path");
   request.data = {"/no/such.csv"};
@@ -50,11 +55,9 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
   request.data = {"/no/such.bag"};
   says(refusal(request), "/no/such.bag");
 
-  const TemporaryFile not_a_bag("pressure_kpa,length_m\n0,0.4\n");
-  std::filesystem::rename(not_a_bag.path(), not_a_bag.path() + ".bag");
-  request.data = {not_a_bag.path() + ".bag"};
+  const TemporaryFile not_a_bag("pressure_kpa,length_m\n0,0.4\n", ".bag");
+  request.data = {not_a_bag.path()};
   says(refusal(request), not_a_bag.path());
-  std::filesystem::remove(not_a_bag.path() + ".bag");
 
   Save::Request save;
   save.path = "/tmp/samples.csv";
@@ -93,6 +96,84 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
   goal.out = "/no/such/folder/scene.yaml";
   says(refusedRun(goal), "/no/such/folder");
   EXPECT_EQ(rig_.command.last().pressure, (std::vector<double>{0, 0, 0}));
+}
+
+// Whoever reaches the node names what path he likes: what is elsewhere is neither read nor written,
+// whatever links lead there, and no line of a file is told.
+TEST_F(CalibrationFaults, FilesAreReadAndWrittenInTheirFoldersAlone) {
+  const TemporaryFolder folder;  // below that of the node
+  const std::string secret = "root:x:0:0:secret";
+  const auto write = [](const std::string& path, const std::string& text) {
+    std::ofstream(path) << text;
+    return path;
+  };
+  std::filesystem::create_symlink("/etc/passwd", folder / "link.csv");
+  std::filesystem::create_symlink("/etc", folder / "etc");
+  std::filesystem::create_symlink(folder / "nothing.yaml", folder / "dangling.yaml");
+  ASSERT_EQ(mkfifo((folder / "fifo.csv").c_str(), 0600), 0);
+
+  const auto expectUnread = [&](const std::string& path) {
+    Calibrate::Request request;
+    request.data = {path};
+    FitContraction::Request contraction;
+    contraction.data = path;
+    for (const std::string& message :
+         {call<Calibrate>("calibrate", request).message,
+          call<FitContraction>("fit_contraction", contraction).message}) {
+      EXPECT_NE(message.find("data is '"), std::string::npos) << path << ": " << message;
+      EXPECT_EQ(message.find("root:"), std::string::npos) << message;
+    }
+  };
+  for (const std::string& path :
+       {std::string("/etc/passwd"), folder / "link.csv", folder / "etc/passwd",
+        folder / "../../etc/passwd", folder / "fifo.csv", folder.path(), std::string("/dev/zero"),
+        write(folder / "passwd.txt", secret), folder / "none.csv"}) {
+    expectUnread(path);
+  }
+
+  const std::string script = write(folder / "script.yaml", "#!/bin/sh\n" + secret + "\n");
+  const std::string table = write(folder / "table.csv", secret);
+  const std::string scene =
+      write(folder / "scene.yaml",
+            io::sceneText(HELIX_ARM_SOURCE_DIR
+                          "/config/scenes/demo.yaml"));  // another's: it was never calibrated
+  std::filesystem::create_symlink(script, folder / "to_script.yaml");
+  for (const std::string& path :
+       {script, table, scene, folder / "to_script.yaml", folder / "dangling.yaml",
+        folder / "authorized_keys", folder / "etc/new.yaml", std::string("/no/such/new.yaml"),
+        folder / "fifo.csv", folder.path(), folder / "no_folder/new.yaml"}) {
+    Save::Request save;
+    save.path = path;
+    const std::string message = call<Save>("save", save).message;
+    EXPECT_NE(message.find("path is '"), std::string::npos) << path << ": " << message;
+    EXPECT_EQ(message.find("root:"), std::string::npos) << message;
+    Calibrate::Request request;
+    request.out = path;
+    EXPECT_NE(call<Calibrate>("calibrate", request).message.find("out is '"), std::string::npos)
+        << path;
+    RunCalibrationGoal goal;
+    goal.out = path;
+    client_->sendGoal(goal);
+    EXPECT_TRUE(ends());
+    EXPECT_EQ(ending(), "ABORTED") << path;
+  }
+  const auto content = [](const std::string& path) {
+    std::ostringstream text;
+    text << std::ifstream(path).rdbuf();
+    return text.str();
+  };
+  EXPECT_EQ(content(script), "#!/bin/sh\n" + secret + "\n");
+  EXPECT_EQ(content(table), secret);
+  EXPECT_FALSE(std::filesystem::exists(folder / "nothing.yaml"));
+
+  // What the node itself wrote may be written again.
+  ASSERT_TRUE(recordWhenSettled().success);
+  Save::Request save;
+  save.path = folder / "samples.csv";
+  for (int k = 0; k < 2; ++k) {
+    const Save::Response response = call<Save>("save", save);
+    EXPECT_TRUE(response.success) << response.message;
+  }
 }
 
 TEST_F(CalibrationFaults, ASampleOfAnArmThatMovesIsRefused) {

@@ -142,7 +142,7 @@ TEST_F(WholeCalibration, FitsFreeLengthsAndPutsTheCurveIntoTheScene) {
     const double pressure = std::min(1e3 * kpa, curve.inputRange().upper);
     table << kpa << "," << 1.02 * curve.length(pressure) << "\n";
   }
-  const TemporaryFile data(table.str());
+  const TemporaryFile data(table.str(), ".csv");
   FitContraction::Request request;
   request.data = data.path();
   request.out = folder / "longer.yaml";

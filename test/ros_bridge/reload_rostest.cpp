@@ -8,6 +8,7 @@
 
 #include "helix_arm/Reload.h"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
 
 namespace helix_arm::test {
@@ -73,7 +74,7 @@ bool isModelOf(const io::Scene& scene, const Rig& rig, const ArmShape& model) {
 TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
   ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::TAKEN);
   const io::Scene demo = shippedScene("demo");
-  const TemporaryFile file(demoWith({{"arm.stiffness.K_kappa_m2", "2e-4"}}));
+  const TemporaryFile file(demoWith({{"arm.stiffness.K_kappa_m2", "2e-4"}}), ".yaml");
   const io::Scene stiffer = io::loadScene(file.path());
   ASSERT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
   const Reload::Response response = reload(kPressureCommand, file.path());
@@ -88,7 +89,7 @@ TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
 
 TEST_F(Reloading, AFaultyFileChangesNothing) {
   const io::Scene demo = shippedScene("demo");
-  const TemporaryFile faulty(demoWith({}) + "\nnonsense: 1\n"), broken("arm: [");
+  const TemporaryFile faulty(demoWith({}) + "\nnonsense: 1\n", ".yaml"), broken("arm: [", ".yaml");
   for (const char* node : {kPressureCommand, kVision, kMonitor}) {
     for (const std::string& path : {faulty.path(), broken.path(), std::string("/no/such.yaml"),
                                     std::string("no_such_scene"), std::string("../demo.yaml")}) {
@@ -103,9 +104,10 @@ TEST_F(Reloading, AFaultyFileChangesNothing) {
 }
 
 TEST_F(Reloading, AnotherRigIsRefused) {
+  const TemporaryFile brisk(
+      io::sceneText(HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml"), ".yaml");
   for (const char* node : {kPressureCommand, kVision, kMonitor}) {
-    for (const std::string scene :
-         {"planar_76", HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml"}) {
+    for (const std::string& scene : {std::string("planar_76"), brisk.path()}) {
       const Reload::Response response = reload(node, scene);
       EXPECT_FALSE(response.success) << node << " " << scene;
     }
@@ -115,8 +117,27 @@ TEST_F(Reloading, AnotherRigIsRefused) {
       << response.message;
 }
 
+// Whoever reaches the node names what path he likes: a file elsewhere is not read, and nothing is
+// told of it.
+TEST_F(Reloading, ScenesComeFromTheirFolderAlone) {
+  const TemporaryFolder folder;
+  const std::string elsewhere = HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml";
+  std::filesystem::create_symlink(elsewhere, folder / "link.yaml");
+  std::filesystem::create_symlink("/etc", folder / "etc");
+  const TemporaryFile secret(demoWith({}));  // no .yaml
+  for (const std::string& path :
+       {elsewhere, folder / "link.yaml", folder / "etc/passwd", secret.path(),
+        std::string("/etc/passwd"), folder.path() + "/../../etc/passwd.yaml",
+        std::string("/root/no_such.yaml"), folder.path()}) {
+    const Reload::Response response = reload(kPressureCommand, path);
+    EXPECT_FALSE(response.success) << path;
+    EXPECT_NE(response.message.find("file below"), std::string::npos) << response.message;
+    EXPECT_EQ(response.message.find("root:"), std::string::npos) << response.message;
+  }
+}
+
 TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {
-  const TemporaryFile file(demoWith({{"arm.sections.0.ring.max_pressure_kpa", "200"}}));
+  const TemporaryFile file(demoWith({{"arm.sections.0.ring.max_pressure_kpa", "200"}}), ".yaml");
   ASSERT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::TAKEN);
   const Reload::Response refused = reload(kPressureCommand, file.path());
   EXPECT_FALSE(refused.success);
@@ -151,7 +172,8 @@ TEST_F(Reloading, VisionLooksForTheNewScenesTagsFromTheNextPictureOn) {
   position << "[" << away.x() << ", " << away.y() << ", " << away.z() << "]";
   const TemporaryFile file(demoWith({{"camera.position_m", position.str()},
                                      {"vision.base_prior.translation_m", "0.0001"},
-                                     {"vision.base_prior.rotation_deg", "0.01"}}));
+                                     {"vision.base_prior.rotation_deg", "0.01"}}),
+                           ".yaml");
   const Reload::Response response = reload(kVision, file.path());
   ASSERT_TRUE(response.success) << response.message;
   const ros::Time stamp = camera.stamp();

@@ -1,4 +1,7 @@
 // The series node: plays its rows in order, ends, and gives way to others.
+#include <cmath>
+#include <functional>
+
 #include <gtest/gtest.h>
 
 #include "helix_arm/control/target_check.hpp"
@@ -76,6 +79,15 @@ class Answers : public ::testing::Test {
     return nullptr !=
            targets_.next([](const PressureArray& target) { return target.pressure != kStands; });
   }
+  /// With 1, while this goes on.
+  bool ends(const std::function<void()>& trouble) {
+    int code = -1;
+    waitFor([&] {
+      trouble();
+      return (code = series_.exitCode(0.05)) != -1;
+    });
+    return code == 1;
+  }
   bool connected() {
     return waitFor([this] { return status_.getNumSubscribers() > 0; }) && moves();
   }
@@ -99,11 +111,44 @@ TEST_F(Answers, WhatCameLateOrToADisabledArmIsWaitedFor) {
   EXPECT_TRUE(series_.prints("the series waits: told so")) << series_.output();
 }
 
-TEST_F(Answers, ATargetRefusedForWhatItAsksEndsTheSeries) {
+TEST_F(Answers, TargetsThatAreAllRefusedForWhatTheyAskEndTheSeries) {
   ASSERT_TRUE(connected()) << series_.outputNow();
-  answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
-  EXPECT_EQ(series_.exitCode(), 1) << series_.output();
-  EXPECT_NE(series_.output().find("told so"), std::string::npos) << series_.output();
+  // One refusal, whoever sent it, does not; nor do many with something better between them.
+  for (int k = 0; k < 20; ++k) {
+    answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
+    if (k % 5 == 0) answer(TargetStatus::TAKEN, control::Fault::kOutOfRange);
+  }
+  EXPECT_TRUE(series_.prints("the series was refused: told so")) << series_.output();
+  EXPECT_TRUE(moves()) << series_.outputNow();
+  EXPECT_TRUE(ends([this] { answer(TargetStatus::DROPPED, control::Fault::kOutOfRange); }));
+  EXPECT_NE(series_.output().find("told so, and nothing else for 2 s"), std::string::npos)
+      << series_.output();
+}
+
+TEST_F(Answers, CommandsThatAreAllOfAnotherArmEndTheSeries) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  PressureArray foreign, sound;
+  foreign.pressure = {1e5, 1e5};
+  sound.pressure = kStands;
+  for (int k = 0; k < 20; ++k) {
+    command_.publish(foreign);
+    if (k % 5 == 0) command_.publish(sound);
+  }
+  foreign.pressure.assign(kStands.size(), std::nan(""));
+  command_.publish(foreign);
+  command_.publish(sound);
+  EXPECT_TRUE(series_.prints("pressure_command is not of scene")) << series_.output();
+  EXPECT_TRUE(moves()) << series_.outputNow();
+  EXPECT_TRUE(ends([&] { command_.publish(foreign); }));
+}
+
+// Answers to targets that it never sent, before any command came.
+TEST_F(Answers, AnswersWithoutTargetsDoNoHarm) {
+  ASSERT_TRUE(waitFor([this] { return status_.getNumSubscribers() > 0; }));
+  answer(TargetStatus::DROPPED, control::Fault::kStale);
+  answer(TargetStatus::TAKEN, control::Fault::kStale);
+  answer(255, control::Fault::kStale);
+  EXPECT_TRUE(moves()) << series_.outputNow();
 }
 
 }  // namespace

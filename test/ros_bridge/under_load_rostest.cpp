@@ -51,7 +51,8 @@ TEST_F(UnderLoad, WhereNoShapeHoldsTheLoadThereIsNoModelAndTheDiagnosticsSaySo) 
   const TemporaryFile file(io::sceneText(kLoaded, {{"tier", "loaded"},
                                                    {"order", "2"},
                                                    {"arm.base.rpy_deg", "[0, -90, 0]"},
-                                                   {"load.mass_kg", "20"}}));
+                                                   {"load.mass_kg", "20"}}),
+                           ".yaml");
   const io::Scene scene = io::loadScene(file.path());
   std::vector<double> held, crushed;
   for (int corner = 0; corner < 8; ++corner) {
@@ -86,7 +87,7 @@ TEST_F(UnderLoad, AReloadedSceneWithoutLoadIsOfTheLinearTier) {
   std::size_t end = text.find('\n', begin + 1);
   while (text[end + 1] == ' ') end = text.find('\n', end + 1);
   text.erase(begin, end - begin);
-  const TemporaryFile file(text);
+  const TemporaryFile file(text, ".yaml");
   reload(file.path());
   const auto model = rig_.model.next([](const ArmShape& m) { return m.tier == "linear"; });
   ASSERT_TRUE(model);

@@ -90,7 +90,7 @@ TEST(WorkspaceCloud, SaysWhyItIsEmptyAndNothingOfLoadsWhereThereAreNone) {
   ASSERT_TRUE(waitFor([&] { return log.publishers() > 1 && !clouds.all().empty(); }));
   const auto reload = [](const std::vector<io::Override>& overrides) {
     const TemporaryFile file(
-        io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/loaded.yaml", overrides));
+        io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/loaded.yaml", overrides), ".yaml");
     Reload call;
     call.request.scene = file.path();
     return ros::service::call("workspace_cloud/reload", call) && call.response.success;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -72,9 +73,11 @@ class CalibrationRig : public ::testing::Test {
   }
 
   void startCalibration() {
-    calibration_ = std::make_unique<Process>(
-        std::vector<std::string>{HELIX_ARM_CALIBRATION, "_scene:=demo", "_max_age_s:=5",
-                                 "_pressure_tolerance_kpa:=6", "_ramp_kpa_s:=200"});
+    const std::string folder = std::filesystem::temp_directory_path().string();
+    calibration_ = std::make_unique<Process>(std::vector<std::string>{
+        HELIX_ARM_CALIBRATION, "_scene:=demo", "_max_age_s:=5", "_pressure_tolerance_kpa:=6",
+        "_ramp_kpa_s:=200", "_scene_folder:=" + folder, "_data_folder:=" + folder,
+        "_out_folder:=" + folder});
   }
 
   /// Asks to record until it is done, or refused for another reason than motion.

@@ -10,13 +10,14 @@
 
 namespace helix_arm::test {
 
-/// A file of given content that goes away with the object.
+/// A file of given content, and with a name that ends as given, that goes away with the object.
 class TemporaryFile {
  public:
-  explicit TemporaryFile(const std::string& content) {
+  explicit TemporaryFile(const std::string& content, const std::string& ending = "") {
     const char* directory = std::getenv("TMPDIR");
-    path_ = std::string(directory == nullptr ? "/tmp" : directory) + "/helix_arm_test_XXXXXX";
-    const int file = mkstemp(path_.data());
+    path_ =
+        std::string(directory == nullptr ? "/tmp" : directory) + "/helix_arm_test_XXXXXX" + ending;
+    const int file = mkstemps(path_.data(), static_cast<int>(ending.size()));
     if (file < 0) throw std::runtime_error("cannot make " + path_);
     close(file);
     std::ofstream(path_, std::ios::binary) << content;

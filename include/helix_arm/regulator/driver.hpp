@@ -37,7 +37,8 @@ class Driver {
  public:
   virtual ~Driver() = default;
 
-  /// Opens the link and makes the device ready, vented; an open link is closed first.
+  /// Opens the link and makes the device ready, vented; an open link is closed first. From then to
+  /// close() no other program of this machine gets to the device.
   /// @throws LinkError naming the device, the cause and the remedy.
   virtual void connect() = 0;
   /// Hands the orders to the device.
@@ -59,6 +60,10 @@ class Driver {
   virtual double watchdog() const noexcept { return std::numeric_limits<double>::infinity(); }
   /// Closes the link, without a word to the device. Nothing to do where it is closed.
   virtual void close() noexcept = 0;
+  /// From now on connect() does not mind that another program of this machine drives the device:
+  /// for a guard, which must vent whatever else goes on. Of a serial line it stays without effect,
+  /// since two cannot speak on one.
+  virtual void ignoreOthers() noexcept {}
 };
 
 }  // namespace helix_arm::regulator

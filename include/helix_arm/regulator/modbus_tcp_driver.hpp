@@ -29,6 +29,7 @@ class ModbusTcpDriver : public Driver {
   /// Takes at most the profile's timeout to find and to reach the device (of a name with several
   /// addresses, for each), and twice its activation time.
   void connect() override;
+  void ignoreOthers() noexcept override;
   /// @throws std::invalid_argument where the orders are not one a channel, or not finite.
   void write(const control::ValveOrders& orders) override;
   /// A register that reads kNoReading gives NaN; one below vacuum is a BadReply. A slot that was

@@ -39,4 +39,9 @@ std::vector<geometry_msgs::TransformStamped> curveTransforms(const FrameNames& n
                                                              const ros::Time& stamp,
                                                              const lie::SE3& X_BS = {});
 
+/// Whether frames with this stamp would end tf for whoever listens: listeners keep 10 s, and ignore
+/// all that is older than their newest frame by more than that. So it is with stamps that are 9 s
+/// and more ahead of ROS time, as of a sender whose clock is off.
+bool endsTf(const ros::Time& stamp);
+
 }  // namespace helix_arm::ros_bridge

@@ -25,6 +25,8 @@
 #include "helix_arm/control/settle_watch.hpp"
 #include "helix_arm/io/calibration_job.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/file_access.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/moving_clock.hpp"
 #include "helix_arm/ros_bridge/reload_server.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
@@ -34,6 +36,12 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of calibration.
 struct CalibrationNodeOptions {
   std::string scene;  ///< ~scene: as pressure_command's; required
+  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
+  /// `helix_arm` below ROS_HOME by default.
+  std::string scene_folder;
+  /// ~data_folder, ~out_folder: below which data sets are read (of either), and scenes and samples
+  /// are written (of the second); as ~scene_folder by default, and made where they are missing.
+  std::string data_folder, out_folder;
   /// ~pressure_tolerance_kpa (0.01 to 100), ~corner_tolerance_px (0.01 to 100), ~window_s (0.05 to
   /// 60), ~max_age_s (0.05 to 60): when the arm stands still, and when measurements are stale.
   control::SettleRules settle;
@@ -115,7 +123,7 @@ class CalibrationNode {
   void adopt(io::Scene next);
 
   // Thread of the action.
-  void onGoal(const RunCalibrationGoalConstPtr& goal);
+  void onGoal(const RunCalibrationGoal& goal);
   void begin(const RunCalibrationGoal& goal);
   bool play();
   void conclude(const RunCalibrationGoal& goal);
@@ -127,6 +135,9 @@ class CalibrationNode {
   io::CalibrationData recorded() const;
   std::optional<Eigen::VectorXd> reading(const PressureArray& message, const char* topic);
 
+  /// Where a calibrated scene goes; empty stays empty.
+  /// @throws std::invalid_argument where it may not.
+  std::string writable(const std::string& out) const;
   io::CalibrationData load(const std::vector<std::string>& paths) const;
   /// Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
   io::CalibrationOutcome calibrate(const io::CalibrationRequest& request,
@@ -137,6 +148,7 @@ class CalibrationNode {
   mutable std::mutex mutex_;  ///< of all below, up to the publisher
   MovingClock clock_;
   io::Scene scene_;
+  const FileAccess data_access_, out_access_;
   control::SettleWatch watch_;
   std::optional<VisionStatus> vision_;  ///< the last one
   FaultCount foreign_pressures_;
@@ -153,6 +165,7 @@ class CalibrationNode {
   ros::ServiceServer calibrate_, fit_contraction_, record_, clear_, save_;
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer watch_timer_;
+  FaultGuard goal_guard_{"a goal of run_calibration"};
   std::unique_ptr<Server> server_;
 };
 

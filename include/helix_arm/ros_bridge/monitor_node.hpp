@@ -33,6 +33,9 @@ struct MonitorOptions {
   /// ~scene: as pressure_command's; where it has camera and tags, `measured` is to come as well.
   /// Without one `measured` is told of, but not asked for.
   std::string scene;
+  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
+  /// `helix_arm` below ROS_HOME by default.
+  std::string scene_folder;
 
   /// @throws ParameterError with every fault.
   static MonitorOptions load();

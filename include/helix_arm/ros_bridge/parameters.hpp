@@ -49,6 +49,9 @@ class ParameterReader {
   std::string optionalFile(const std::string& name, const std::string& folder,
                            const std::string& extension);
 
+  /// Absolute path of a folder; the fallback when the parameter is absent or empty.
+  std::string folder(const std::string& name, const std::string& fallback);
+
   /// Warns of parameters that were set but never read, most often misspelt ones.
   /// @throws ParameterError with every fault noted so far, when there are any.
   void finish();

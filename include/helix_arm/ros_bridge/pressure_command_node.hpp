@@ -30,7 +30,10 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of pressure_command.
 struct PressureCommandOptions {
-  std::string scene;         ///< ~scene: absolute path, or the name of a shipped scene; required
+  std::string scene;  ///< ~scene: absolute path, or the name of a shipped scene; required
+  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
+  /// `helix_arm` below ROS_HOME by default.
+  std::string scene_folder;
   double rate = 100.0;       ///< ~rate: of the loop, 1 to 1000 [Hz]
   double tf_rate = 100.0;    ///< ~tf_rate: of the moving frames, at most the loop's [Hz]
   double draw_rate = 20.0;   ///< ~draw_rate: of the markers, 0.1 to 100 [Hz]
@@ -175,6 +178,7 @@ class PressureCommandNode {
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
+  FaultCount far_stamps_;
   FaultCount unsolved_;  ///< readings at which the model finds no shape
   bool drawn_ = false;   ///< the arm is on the screen
   FaultCount losses_;    ///< of pressure_measured

@@ -20,6 +20,7 @@
 #include "helix_arm/regulator/pressure_path.hpp"
 #include "helix_arm/regulator/priority_mutex.hpp"
 #include "helix_arm/ros_bridge/diagnostics.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/log_thread.hpp"
 
@@ -27,6 +28,9 @@ namespace helix_arm::ros_bridge {
 
 /// The pressure path of a node, in a thread of its own: nothing that the node computes delays it,
 /// nor what stops it.
+///
+/// Readings that come on a topic have a thread of their own as well, so that none of them delays a
+/// stop.
 ///
 /// Publishes pressure_command, at once on a new target and with every turn; pressure_measured,
 /// where the regulator is the node's own; and safety_state, latched, on every change, with a line
@@ -129,10 +133,14 @@ class PressureLoop {
 
   ros::CallbackQueue queue_;  ///< of all that follows, which leaves it when it goes
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
-  ros::Subscriber reading_subscriber_;
   ros::ServiceServer enable_server_, vent_server_, stop_server_;
+  /// Of the readings alone: whatever comes as one, and however large, delays no stop.
+  ros::CallbackQueue reading_queue_;
+  ros::Subscriber reading_subscriber_;
+  ros::AsyncSpinner reading_spinner_;
+  FaultGuard take_guard_;
   std::atomic<bool> ends_{false};
-  GuardedThread thread_;  ///< of the queue
+  GuardedThread thread_;  ///< of the queue and the turns
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -10,6 +10,7 @@
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/control/series_player.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/diagnostics.hpp"
 #include "helix_arm/ros_bridge/run_node.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -43,20 +44,32 @@ struct PressureSeriesOptions {
 /// While the arm is not enabled, or targets come to it late (or clocks differ), it asks for the
 /// pressures that the arm has, and goes on from there once they are taken.
 ///
-/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, the commanded
-/// arm is not the scene's or a target is refused for what it asks, 2 on a bad parameter, scene or
-/// data set, and when a row leaves the limits of the scene.
+/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, and where for
+/// two seconds all commands are of another arm, or all targets are refused for what they ask; 2 on
+/// a bad parameter, scene or data set, and when a row leaves the limits of the scene. No single
+/// message ends it.
 class PressureSeriesNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
   PressureSeriesNode();
 
-  int finish() const { return kDone; }
+  int finish() const { return verdict_; }
 
  private:
+  /// Messages that say the series is not for this arm, and nothing better between them.
+  struct Trouble {
+    int messages = 0;
+    ros::SteadyTime since;
+    FaultCount warnings;
+    /// Counts one more; true once they are more than a stray message or two.
+    bool goesOn();
+  };
+
   void onCommand(const PressureArrayConstPtr& command);
   void onStatus(const TargetStatusConstPtr& status);
   void onTick(const ros::SteadyTimerEvent& event);
+  /// Warns of it, and ends the node where it goes on.
+  void suffer(Trouble& trouble, const std::string& what);
 
   const PressureSeriesOptions options_;
   const io::Scene scene_;
@@ -65,7 +78,9 @@ class PressureSeriesNode {
   Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
-  bool held_back_ = false;  ///< targets are dropped for now, whatever they ask
+  bool held_back_ = false;     ///< targets are dropped for now, whatever they ask
+  Trouble foreign_, refused_;  ///< commands of another arm; targets refused for what they ask
+  int verdict_ = kDone;
   ros::SteadyTime last_of_others_;
   ros::SteadyTime last_tick_;
 

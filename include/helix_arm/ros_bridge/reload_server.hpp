@@ -23,8 +23,11 @@ class ReloadServer {
 
   /// @param private_node  of the node.
   /// @param path          of the scene that the node has.
+  /// @param scene_folder  below which scenes are taken, beside those that the package ships, and
+  ///                      the node's own.
   /// @param adopt         called from the callback queue.
-  ReloadServer(ros::NodeHandle private_node, std::string path, Adopt adopt);
+  ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
+               Adopt adopt);
 
   /// The file of the scene that the node has now, and what it held then. From any thread.
   struct File {
@@ -34,7 +37,11 @@ class ReloadServer {
 
  private:
   bool onReload(Reload::Request& request, Reload::Response& response);
+  /// The file that a request means.
+  /// @throws std::invalid_argument where the node does not take it.
+  std::string allowed(const std::string& scene) const;
 
+  const std::string first_path_, scene_folder_;
   mutable std::mutex mutex_;  ///< of the file
   File file_;
   Adopt adopt_;

@@ -7,6 +7,7 @@
 #include <ros/init.h>
 #include <ros/node_handle.h>
 
+#include "helix_arm/ros_bridge/clock_gate.hpp"
 #include "helix_arm/ros_bridge/end_request.hpp"
 #include "helix_arm/ros_bridge/end_watch.hpp"
 #include "helix_arm/ros_bridge/exit_code.hpp"
@@ -46,12 +47,13 @@ bool mayEnd(const Node&) {
 template <class Node>
 int runNode(int argc, char** argv, const char* name) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // lines show at once in pipes and files, too
-  ros::init(argc, argv, name);
+  ClockGate::init(argc, argv, name);
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
   const EndRequest takes_over;
   return guarded([&end_watch]() -> int {
+    const ClockGate clock;
     MasterWatch master;
     Node node;
     const int thrown = guarded([&] {

@@ -8,6 +8,7 @@
 
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -29,6 +30,7 @@ class TipHandle {
   void onFeedback(const visualization_msgs::InteractiveMarkerFeedbackConstPtr& feedback);
   bool held() const;
 
+  FaultGuard guard_{"a feedback of the tip's handle"};
   OnTarget on_target_;
   interactive_markers::InteractiveMarkerServer server_;
   Eigen::Vector3d position_ = Eigen::Vector3d::Constant(1e9);  ///< of the handle, base frame [m]

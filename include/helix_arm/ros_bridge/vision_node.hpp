@@ -19,6 +19,7 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/arm_frames.hpp"
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/model_history.hpp"
 #include "helix_arm/ros_bridge/pictures.hpp"
@@ -31,6 +32,9 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of vision.
 struct VisionOptions {
   std::string scene;  ///< ~scene: as pressure_command's; required
+  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
+  /// `helix_arm` below ROS_HOME by default.
+  std::string scene_folder;
   /// ~source: `topic` (image and image/compressed, whichever speaks first), one of these two alone,
   /// `webcam` (the scene's camera.webcam), or the absolute path of a video, picture or folder.
   std::string source = "topic";
@@ -163,7 +167,8 @@ class VisionNode {
   model::Shape prior_;
   ros::Time last_stamp_, last_tf_stamp_;
   ros::SteadyTime last_drawing_;
-  FaultCount jumps_, adoptions_, late_models_;
+  FaultCount jumps_, adoptions_, late_models_, far_stamps_;
+  FaultGuard picture_guard_{"a picture"};
   std::string whose_calibration_;  ///< whose intrinsics hold
   std::chrono::milliseconds patience_;
 

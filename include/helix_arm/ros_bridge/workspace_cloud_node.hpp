@@ -15,7 +15,10 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of workspace_cloud.
 struct WorkspaceCloudOptions {
-  std::string scene;         ///< ~scene: as pressure_command's; required
+  std::string scene;  ///< ~scene: as pressure_command's; required
+  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
+  /// `helix_arm` below ROS_HOME by default.
+  std::string scene_folder;
   int count = 100000;        ///< ~count: inputs to sample, 1 to 2000000
   int seed = 1;              ///< ~seed: of the inputs, >= 0
   std::string frame_prefix;  ///< ~frame_prefix: as pressure_command's

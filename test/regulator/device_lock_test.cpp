@@ -1,0 +1,156 @@
+// One program of a machine drives a device at a time.
+#include "helix_arm/regulator/device_lock.hpp"
+
+#include <csignal>
+
+#include <gtest/gtest.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "helix_arm/regulator/modbus_tcp_driver.hpp"
+#include "helix_arm/simulation/modbus_device.hpp"
+#include "support/eventually.hpp"
+#include "support/modbus_profiles.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using regulator::DeviceLock;
+using regulator::LinkError;
+using regulator::ModbusTcpDriver;
+
+// A name of this test's own, whoever else runs it.
+std::string deviceName() { return "test of process " + std::to_string(getpid()); }
+
+// A child that holds the device, once it has said so.
+class Holder {
+ public:
+  explicit Holder(const std::string& device) {
+    int ready[2];
+    if (pipe(ready) != 0) throw std::runtime_error("pipe");
+    pid_ = fork();
+    if (pid_ == 0) {
+      prctl(PR_SET_PDEATHSIG, SIGKILL);
+      DeviceLock lock;
+      const char said = lock.take(device) ? 'n' : 'y';
+      if (write(ready[1], &said, 1) != 1) _exit(1);
+      for (;;) pause();
+    }
+    char said = 'n';
+    holds_ = read(ready[0], &said, 1) == 1 && said == 'y';
+    ::close(ready[0]);
+    ::close(ready[1]);
+  }
+  ~Holder() { kill(); }
+  void kill() {
+    if (pid_ <= 0) return;
+    ::kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+    pid_ = -1;
+  }
+  bool holds() const { return holds_; }
+  pid_t id() const { return pid_; }
+
+ private:
+  pid_t pid_ = -1;
+  bool holds_ = false;
+};
+
+TEST(DeviceLock, IsHeldByOneAtATime) {
+  DeviceLock one, other;
+  EXPECT_FALSE(one.take(deviceName()));
+  EXPECT_FALSE(one.take(deviceName())) << "it is the holder's already";
+  const auto holder = other.take(deviceName());
+  ASSERT_TRUE(holder);
+  EXPECT_EQ(holder->find("process " + std::to_string(getpid()) + " ("), 0U) << *holder;
+  EXPECT_FALSE(other.take(deviceName() + ", another device"));
+  one.release();
+  EXPECT_FALSE(other.take(deviceName()));
+  EXPECT_FALSE(one.take(deviceName() + ", another device")) << "what it held before is free";
+}
+
+TEST(DeviceLock, IsFreeOnceItsHolderIsKilled) {
+  Holder holder(deviceName());
+  ASSERT_TRUE(holder.holds());
+  DeviceLock lock;
+  // Asked more often than the holder's queue of callers is long.
+  for (int k = 0; k < 10000; ++k) {
+    const auto told = lock.take(deviceName());
+    ASSERT_TRUE(told);
+    if (k == 0) {
+      EXPECT_EQ(told->find("process " + std::to_string(holder.id())), 0U) << *told;
+    }
+  }
+  holder.kill();
+  EXPECT_FALSE(lock.take(deviceName()));
+}
+
+TEST(DeviceLock, ALongNameIsCutAndTakenAllTheSame) {
+  DeviceLock one, other;
+  EXPECT_FALSE(one.take(deviceName() + std::string(5000, 'x')));
+  EXPECT_TRUE(other.take(deviceName() + std::string(4000, 'x')));
+}
+
+class TwoDrivers : public ::testing::Test {
+ protected:
+  regulator::ModbusConfig config(const std::string& host = "127.0.0.1") const {
+    return {vtemProfile(), host, device_.port(), {0, 1}};
+  }
+  static simulation::ModbusDeviceConfig deviceConfig() {
+    simulation::ModbusDeviceConfig out;
+    out.profile = vtemProfile();
+    out.places = 2;
+    return out;
+  }
+  simulation::ModbusDevice device_{deviceConfig()};
+};
+
+TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
+  ModbusTcpDriver first(config()), second(config()), by_name(config("localhost"));
+  first.connect();
+  const std::uint64_t writes = device_.writes();
+  for (ModbusTcpDriver* driver : {&second, &by_name}) {
+    try {
+      driver->connect();
+      ADD_FAILURE() << "it is connected";
+    } catch (const LinkError& error) {
+      const std::string text = error.what();
+      EXPECT_NE(text.find(std::to_string(device_.port()) + " is driven by process " +
+                          std::to_string(getpid())),
+                std::string::npos)
+          << text;
+    }
+  }
+  EXPECT_EQ(device_.writes(), writes);
+  first.connect();  // again: it stays its own
+  EXPECT_THROW(second.connect(), LinkError);
+  first.close();
+  second.connect();
+  EXPECT_THROW(first.connect(), LinkError);
+}
+
+// A guard vents whoever drives the device, and at once.
+TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
+  ModbusTcpDriver ward(config()), guard(config()), third(config());
+  ward.connect();
+  guard.ignoreOthers();
+  guard.connect();
+  guard.vent();
+  ward.close();
+  guard.connect();
+  EXPECT_THROW(third.connect(), LinkError);
+}
+
+// What is not reached is not held.
+TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
+  regulator::ModbusConfig nowhere = config();
+  nowhere.port = 1;
+  ModbusTcpDriver lost(nowhere);
+  EXPECT_THROW(lost.connect(), LinkError);
+  DeviceLock lock;
+  EXPECT_FALSE(lock.take("modbus_tcp 127.0.0.1 port 1"));
+}
+
+}  // namespace
+}  // namespace helix_arm::test

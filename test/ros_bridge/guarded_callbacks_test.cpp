@@ -1,0 +1,157 @@
+// What no message does: throw into roscpp, or make room for what it does not hold.
+#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <regex>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/Calibrate.h"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/TagDetections.h"
+#include "support/message_fields.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using ros::serialization::StreamOverrunException;
+
+template <class Message>
+std::string bytesOf(const Message& message) {
+  std::string out(ros::serialization::serializationLength(message), '\0');
+  ros::serialization::OStream stream(reinterpret_cast<std::uint8_t*>(out.data()),
+                                     static_cast<std::uint32_t>(out.size()));
+  ros::serialization::serialize(stream, message);
+  return out;
+}
+
+template <class Message>
+Message read(const std::string& bytes) {
+  Message out;
+  CheckedStream stream(reinterpret_cast<const std::uint8_t*>(bytes.data()),
+                       static_cast<std::uint32_t>(bytes.size()));
+  stream.next(out);
+  EXPECT_EQ(stream.left(), 0U);
+  return out;
+}
+
+PressureArray pressures() {
+  PressureArray out;
+  out.header.seq = 7;
+  out.header.stamp = ros::Time(12, 34);
+  out.header.frame_id = "base";
+  out.name = {"a", "", "muscle_3"};
+  out.pressure = {1e5, std::numeric_limits<double>::infinity(), -0.0};
+  return out;
+}
+
+TagDetections detections() {
+  TagDetections out;
+  for (int id : {3, 5}) {
+    TagDetection tag;
+    tag.id = id;
+    tag.corners.fill(0.5 * id);
+    tag.known = true;
+    out.tags.push_back(tag);
+  }
+  return out;
+}
+
+// Serialised again, what was read is what was written.
+TEST(CheckedStream, ReadsWhatRoscppWrites) {
+  for (const std::string& bytes : {bytesOf(pressures()), bytesOf(PressureArray())}) {
+    EXPECT_EQ(bytesOf(read<PressureArray>(bytes)), bytes);
+  }
+  for (const std::string& bytes : {bytesOf(detections()), bytesOf(TagDetections())}) {
+    EXPECT_EQ(bytesOf(read<TagDetections>(bytes)), bytes);
+  }
+  EXPECT_EQ(read<PressureArray>(bytesOf(pressures())).name, pressures().name);
+}
+
+// 32 bytes and a claim: 2^29 numbers were 4 GB, as many names 17 GB.
+TEST(CheckedStream, AClaimThatTheMessageDoesNotHoldTakesNoMemory) {
+  for (const std::uint32_t claim : {4U, 1U << 29U, 0xffffffffU}) {
+    for (const char* field : {"name", "pressure"}) {
+      test::Field message = test::MessageFields(std::string("MSG: \n") +
+                                                ros::message_traits::definition<PressureArray>())
+                                .read(bytesOf(pressures()));
+      for (test::Field& part : message.parts) {
+        if (part.path == field) part.claim = claim;
+      }
+      const std::string bytes = message.written();
+      PressureArray out;
+      CheckedStream stream(reinterpret_cast<const std::uint8_t*>(bytes.data()),
+                           static_cast<std::uint32_t>(bytes.size()));
+      EXPECT_THROW(stream.next(out), StreamOverrunException) << field << " " << claim;
+      EXPECT_LE(out.name.capacity(), bytes.size());
+      EXPECT_LE(out.pressure.capacity(), bytes.size());
+    }
+  }
+}
+
+TEST(CheckedStream, EveryMessageThatEndsTooEarlyIsRefused) {
+  const std::string bytes = bytesOf(detections());
+  for (std::size_t length = 0; length < bytes.size(); ++length) {
+    TagDetections out;
+    CheckedStream stream(reinterpret_cast<const std::uint8_t*>(bytes.data()),
+                         static_cast<std::uint32_t>(length));
+    EXPECT_THROW(stream.next(out), StreamOverrunException) << length;
+  }
+}
+
+TEST(FaultGuard, CatchesWhateverIsThrownAndTellsTheCulpritOnce) {
+  std::vector<std::string> lines;
+  FaultGuard guard("a message on /t", [&](const std::string& line) { lines.push_back(line); });
+  std::string why;
+  EXPECT_TRUE(guard.run(
+      "/n", [] {}, &why));
+  EXPECT_TRUE(lines.empty());
+  EXPECT_FALSE(guard.run(
+      "/n", [] { throw std::runtime_error("out of range"); }, &why));
+  EXPECT_EQ(why, "out of range");
+  EXPECT_FALSE(guard.run("/n", [] { throw 3; }));
+  EXPECT_FALSE(guard.run("/n", [] { throw std::bad_alloc(); }));
+  ASSERT_EQ(lines.size(), 1U);  // the others came within the period of the warnings
+  EXPECT_EQ(lines[0], "a message on /t from /n was dropped (1 so far): out of range");
+}
+
+// A service that throws answers with the reason.
+TEST(GuardedService, WhatItThrowsIsTheAnswer) {
+  GuardedService<Calibrate::Request, Calibrate::Response> service(
+      "/s",
+      [](Calibrate::Request&, Calibrate::Response&) -> bool {
+        throw std::runtime_error("so it is");
+      },
+      [](const std::string&) {});
+  ros::ServiceCallbackHelperCallParams params;
+  params.request = ros::serialization::serializeMessage(Calibrate::Request());
+  EXPECT_FALSE(service.call(params));
+  const std::string answer(reinterpret_cast<const char*>(params.response.buf.get()),
+                           params.response.num_bytes);
+  EXPECT_EQ(answer[0], '\0');
+  EXPECT_NE(answer.find("so it is"), std::string::npos);
+}
+
+// Callbacks are made in one place: no node subscribes, serves or sets timers by itself.
+TEST(GuardedCallbacks, NoNodeGoesRoundThem) {
+  const std::regex raw(R"((subscribe|advertiseService|create\w*Timer)\s*[<(])");
+  int files = 0;
+  for (const char* folder : {"/src/ros_bridge", "/src/nodes", "/include/helix_arm/ros_bridge"}) {
+    for (const auto& entry :
+         std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
+      if (entry.path().filename() == "guarded_callbacks.hpp") continue;
+      std::ostringstream text;
+      text << std::ifstream(entry.path()).rdbuf();
+      EXPECT_FALSE(std::regex_search(text.str(), raw))
+          << entry.path() << " makes a callback by itself; see guarded_callbacks.hpp";
+      ++files;
+    }
+  }
+  EXPECT_GT(files, 60);
+}
+
+}  // namespace
+}  // namespace helix_arm::ros_bridge
