@@ -102,7 +102,7 @@ void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
   if (!trouble.goesOn() || verdict_ != kDone) return;
   ROS_FATAL("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
   verdict_ = kFailed;
-  ros::requestShutdown();
+  EndRequest::make();
 }
 
 void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
