@@ -287,7 +287,7 @@ TEST(Curve, GoesOverSectionsAndPointsOfAllTiers) {
 
 TEST(Curve, WithoutAShapeIsThatOfThePieces) {
   const Arm arm = test::softHelicalArm();
-  const Load crushing = test::weight(Posture::kHorizontal, 200, 500);
+  const Load crushing = test::weight(Posture::kHorizontal, 1e5, 500);
   const Twists twists = arm.twists(arm.inputAt(0.5));
   ExactOptions few;
   few.max_iterations = 10;
