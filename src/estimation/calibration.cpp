@@ -136,8 +136,18 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
       if (infos[i].name != one.name || !one.identifiable) continue;
       one.standard_error = std::max(one.standard_error,
                                     standardErrorOf(infos[i], one.value, std::sqrt(variance[i])));
+      if (infos[i].logarithmic) one.identifiable = isIdentified(infos[i], variance[i]);
     }
   }
+}
+
+// Whether leaving out one pressure at a time leaves the stiffness identified, too.
+bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& variance) {
+  const std::vector<ParameterInfo>& infos = problem.parameters();
+  for (std::size_t i = 0; i < problem.selection().stiffness.size(); ++i) {
+    if (!isIdentified(infos[i], variance[static_cast<Eigen::Index>(i)])) return false;
+  }
+  return true;
 }
 
 void addHeldOut(const CalibrationFit& fit, const Groups& groups, CrossValidation left_out,
@@ -195,18 +205,20 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
   return warnings;
 }
 
-// Why a fit that converged is not to be believed.
-std::optional<Verdict> unbelievable(const std::vector<Comparison>& comparisons,
-                                    const std::vector<Parameter>& parameters, double robust_scale) {
+// Why the readings do not fit a fit that converged.
+std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
+                                   double robust_scale) {
   const auto outliers =
       std::count_if(comparisons.begin(), comparisons.end(),
                     [&](const Comparison& one) { return isOutlier(one, robust_scale); });
-  if (outliers * 2 > static_cast<std::ptrdiff_t>(comparisons.size())) {
-    return Verdict{CalibrationStatus::kUnexplained,
-                   text(outliers, " of ", comparisons.size(),
-                        " readings do not fit, whatever the parameters; check where the scene "
-                        "has camera and tags, and that the captures are of this arm")};
-  }
+  if (outliers * 2 <= static_cast<std::ptrdiff_t>(comparisons.size())) return std::nullopt;
+  return Verdict{CalibrationStatus::kUnexplained,
+                 text(outliers, " of ", comparisons.size(),
+                      " readings do not fit, whatever the parameters; check where the scene "
+                      "has camera and tags, and that the captures are of this arm")};
+}
+
+std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
   if (std::none_of(parameters.begin(), parameters.end(),
                    [](const Parameter& one) { return one.identifiable; })) {
     return Verdict{CalibrationStatus::kNotIdentifiable,
@@ -281,7 +293,20 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   out.error_unit = unitOf(kind);
   if (const auto verdict = unfit(read, options, kind)) return refused(std::move(out), *verdict);
 
-  const CalibrationFit fit = fitIdentified(read, options, wantedOf(options), kind);
+  const Groups groups = groupByPressure(read);
+  // Shapes of their own predict nothing, and no pressure would say more of them than another.
+  const bool predicts = !options.free_shapes;
+  const bool leave_out = predicts && options.held_out;
+  std::vector<Comparison> comparisons;
+  CrossValidation left_out;
+  const CalibrationFit fit =
+      fitIdentified(read, options, wantedOf(options), kind, [&](const CalibrationFit& one) {
+        comparisons = one.problem->compare(one.noise_scale);
+        if (!leave_out || unexplained(comparisons, options.robust_scale)) return true;
+        left_out = crossValidate(read, groups, kind, *one.problem, one.noise_scale, comparisons);
+        return groups.pressure.size() < kFewestPressures ||
+               stiffnessHolds(*one.problem, left_out.variance);
+      });
   if (!fit.converged) {
     return refused(std::move(out),
                    {CalibrationStatus::kNotConverged,
@@ -289,21 +314,16 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
                     "that the captures are of this arm"});
   }
   addFit(fit, out);
-  const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
+  comparisons = fit.problem->compare(fit.noise_scale);
   addResiduals(read, *fit.problem, comparisons, options.robust_scale, out);
-  if (const auto verdict = unbelievable(comparisons, out.parameters, options.robust_scale)) {
+  if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
     return refused(std::move(out), *verdict);
   }
-
-  const Groups groups = groupByPressure(read);
+  if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
+  if (leave_out) addHeldOut(fit, groups, std::move(left_out), out);
+  if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
   Gains gains;
-  // Shapes of their own predict nothing, and no pressure would say more of them than another.
-  if (!options.free_shapes) {
-    if (options.held_out) {
-      addHeldOut(fit, groups,
-                 crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons),
-                 out);
-    }
+  if (predicts) {
     gains = gainsOf(fit, groups);
     for (std::size_t c = 0; c < out.captures.size(); ++c) {
       out.captures[c].gain = gains.of[groups.of[c]];

@@ -1,54 +1,51 @@
 #include "calibration_fit.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <utility>
 
 #include "calibration_statistics.hpp"
+#include "shape_model.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
 // Of its prior's variance, the captures must take this share from a parameter to identify it.
 constexpr double kLeastGain = 0.75;
+// Logs of a stiffness that are known better than this hardly meet the curvature of their valley.
+constexpr double kSharp = 0.1;
+// So far to either side of a fitted log the valley is measured: two of the largest errors.
+constexpr double kSpan = 2 * kLargestRelativeError;
+constexpr double kLeastRise = 1e-6;
 
-bool isIdentified(const ParameterInfo& info, double variance) {
-  return variance <= (1 - kLeastGain) * info.deviation * info.deviation;
-}
+bool everyCapture(int) { return true; }
 
-// Of the first parameters, the one that keeps most of its prior's variance, unless all are
-// identified.
-std::optional<int> leastIdentified(const std::vector<ParameterInfo>& infos,
-                                   const Eigen::MatrixXd& covariance, int first_ones) {
-  std::optional<int> worst;
-  double most = 0;
-  for (int i = 0; i < first_ones; ++i) {
-    const double variance = covariance(i, i);
-    if (isIdentified(infos[i], variance)) continue;
-    const double share = variance / (infos[i].deviation * infos[i].deviation);
-    if (!worst || share > most) {
-      worst = i;
-      most = share;
-    }
-  }
-  return worst;
-}
-
-Parameter heldParameter(const ParameterInfo& info, double variance) {
+Parameter heldParameter(const ParameterInfo& info) {
   return {info.name,
           info.unit,
           info.initial,
           info.initial,
-          standardErrorOf(info, info.reference, std::sqrt(variance)),
+          standardErrorOf(info, info.reference, info.deviation),
           false};
 }
 
-// All that moves the readings and could be fitted to them, whether it was asked for or not.
-Selection allOf(Selection wanted, std::size_t arms, ReadingKind kind) {
-  const bool corners = kind == ReadingKind::kCorners;
-  if (arms == 1 && (corners || kind == ReadingKind::kPoses)) wanted.tags = true;
-  wanted.bleed |= corners && arms == 1;
+// All that moves the readings and could be fitted to them, whether it was asked for or not, but for
+// base, length scales and K_eps.
+Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
+  const bool one_arm = arms.size() == 1;
+  if (one_arm && (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) wanted.tags = true;
+  wanted.bleed |= kind == ReadingKind::kCorners && one_arm;
+  if (wanted.free_shapes) return wanted;
+  Elasticity initial = ShapeModel(arms, {}).initial();
+  std::vector<StiffnessEntry>& entries = wanted.stiffness;
+  for (const StiffnessEntry entry :
+       {StiffnessEntry::kKappa, StiffnessEntry::kGamma, StiffnessEntry::kTau}) {
+    const bool asked = std::find(entries.begin(), entries.end(), entry) != entries.end();
+    // What the scene does not have is not there.
+    if (!asked && entryOf(initial, entry) > 0) entries.push_back(entry);
+  }
   return wanted;
 }
 
@@ -83,39 +80,154 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationPro
   return covariance;
 }
 
+// The information sees a valley as straight. Where it bends, values far along it fit nearly as
+// well: the profile of the cost, with the other parameters refitted, tells how far.
+//
+// @param covariance  (parameters)^2 without what is not known of all that is not fitted.
+// @return what to add to it.
+Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& best,
+                                 const Eigen::MatrixXd& covariance) {
+  const Values full = problem.values();
+  Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
+  const int entries = static_cast<int>(full.stiffness.size());
+  for (int e = 0; e < entries; ++e) {
+    const double variance = covariance(e, e);
+    if (variance < kSharp * kSharp) continue;
+    const Eigen::VectorXd along = covariance.col(e) / variance;
+    double profile = variance;
+    for (const double side : {-kSpan, kSpan}) {
+      problem.values().stiffness += side * along.head(entries);
+      const double rise = problem.solve(best.solved_scale, everyCapture, e).cost - best.cost;
+      profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
+      setValues(problem, full);
+    }
+    more += (profile - variance) * along * along.transpose();
+  }
+  return more;
+}
+
+struct Candidate {
+  CalibrationFit fit;
+  Eigen::MatrixXd marginal;  // (entries of the stiffness)^2 covariance, all others fitted with them
+};
+
+bool stiffnessIsIdentified(const CalibrationFit& fit) {
+  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->selection().stiffness.size());
+  return std::all_of(fit.identified.begin(), fit.identified.begin() + entries,
+                     [](bool identified) { return identified; });
+}
+
+// @param all  all that could be fitted.
+Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                      const Selection& selection, const Selection& all, double bias) {
+  Candidate candidate;
+  CalibrationFit& fit = candidate.fit;
+  fit.problem = std::make_unique<CalibrationProblem>(arms, options, selection);
+  const Estimate estimate = solveWithNoise(*fit.problem, bias);
+  fit.converged = estimate.converged;
+  fit.noise_scale = estimate.noise_scale;
+  Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
+  fit.information = std::move(statistics.information);
+  const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
+  candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
+  const std::vector<ParameterInfo>& infos = fit.problem->parameters();
+  const auto judge = [&](const Eigen::MatrixXd& covariance) {
+    fit.identified.clear();
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      fit.identified.push_back(isIdentified(infos[i], covariance(i, i)));
+    }
+  };
+  fit.covariance = statistics.covariance;
+  judge(fit.covariance);
+  if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
+  CalibrationProblem everything(arms, options, all);
+  fit.covariance =
+      withUncertaintyOfHeld(statistics.covariance, *fit.problem, everything, fit.noise_scale);
+  fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
+  judge(fit.covariance);
+  return candidate;
+}
+
+// Which of some entries are fitted; the others keep their priors.
+struct Split {
+  std::vector<int> fitted;
+  double entropy = 0;  // of the fitted ones, as far as they can be told before they are fitted
+};
+
+// All ways to hold one entry or more, those that hold fewest first, of as many the surest.
+//
+// @param information  (entries)^2 with the priors, whatever the other parameters are.
+std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_variance) {
+  const int entries = static_cast<int>(information.rows());
+  std::vector<Split> splits;
+  for (int mask = (1 << entries) - 2; mask >= 0; --mask) {
+    Split split;
+    std::vector<int> held;
+    for (int e = 0; e < entries; ++e) (mask >> e & 1 ? split.fitted : held).push_back(e);
+    if (!split.fitted.empty()) {
+      const Eigen::MatrixXd covariance =
+          Eigen::MatrixXd(information(split.fitted, split.fitted)).inverse();
+      const Eigen::MatrixXd shift = covariance * information(split.fitted, held);
+      const Eigen::MatrixXd total = covariance + prior_variance * shift * shift.transpose();
+      split.entropy = total.diagonal().array().log().sum();
+    }
+    splits.push_back(std::move(split));
+  }
+  std::stable_sort(splits.begin(), splits.end(), [](const Split& a, const Split& b) {
+    return a.fitted.size() != b.fitted.size() ? a.fitted.size() > b.fitted.size()
+                                              : a.entropy < b.entropy;
+  });
+  return splits;
+}
+
+bool hasOthers(const Selection& selection) {
+  return selection.length_scale != LengthScaling::kNone || selection.base || selection.bleed ||
+         selection.tags;
+}
+
 }  // namespace
+
+bool isIdentified(const ParameterInfo& info, double variance) {
+  const bool known = !info.logarithmic || variance <= kLargestRelativeError * kLargestRelativeError;
+  return known && variance <= (1 - kLeastGain) * info.deviation * info.deviation;
+}
 
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind) {
+                             ReadingKind kind,
+                             const std::function<bool(const CalibrationFit&)>& holds_up) {
   const double bias =
       kind == ReadingKind::kCorners ? options.corner_floor / options.corner_noise : 0.0;
-  CalibrationFit fit;
-  Statistics statistics;
-  Selection selection = wanted;
-  for (;;) {
-    fit.problem = std::make_unique<CalibrationProblem>(arms, options, selection);
-    const Estimate estimate = solveWithNoise(*fit.problem, bias);
-    fit.converged = estimate.converged;
-    fit.noise_scale = estimate.noise_scale;
-    statistics = statisticsOf(*fit.problem, fit.noise_scale);
-    const std::vector<ParameterInfo>& infos = fit.problem->parameters();
-    const std::optional<int> worst =
-        leastIdentified(infos, statistics.covariance, static_cast<int>(selection.stiffness.size()));
-    if (!worst) break;
-    fit.held.push_back(heldParameter(infos[*worst], statistics.covariance(*worst, *worst)));
-    if (infos.size() == 1) break;
-    selection.stiffness.erase(selection.stiffness.begin() + *worst);
+  const Selection all = allOf(wanted, arms, kind);
+  const auto isGood = [&](const CalibrationFit& fit) {
+    return fit.converged && stiffnessIsIdentified(fit) && holds_up(fit);
+  };
+  Candidate first = candidateOf(arms, options, wanted, all, bias);
+  if (isGood(first.fit) || wanted.stiffness.empty()) return std::move(first.fit);
+  const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
+  const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
+    for (int e = 0; e < static_cast<int>(wanted.stiffness.size()); ++e) {
+      const bool stays = std::find(fitted.begin(), fitted.end(), e) == fitted.end();
+      if (stays) fit.held.push_back(heldParameter(infos[e]));
+    }
+  };
+  CalibrationFit last = std::move(first.fit);
+  for (const Split& split :
+       splitsOf(first.marginal.inverse(), options.stiffness_prior * options.stiffness_prior)) {
+    if (split.fitted.empty() && !hasOthers(wanted)) break;
+    Selection selection = wanted;
+    selection.stiffness.clear();
+    for (const int e : split.fitted) selection.stiffness.push_back(wanted.stiffness[e]);
+    CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
+    if (split.fitted.empty() || isGood(fit)) {
+      hold(fit, split.fitted);
+      if (split.fitted.empty() && fit.converged) holds_up(fit);
+      return fit;
+    }
+    if (fit.converged || !last.converged) last = std::move(fit);
   }
-  const std::vector<ParameterInfo>& infos = fit.problem->parameters();
-  for (std::size_t i = 0; i < infos.size(); ++i) {
-    fit.identified.push_back(isIdentified(infos[i], statistics.covariance(i, i)));
-  }
-  fit.information = std::move(statistics.information);
-  CalibrationProblem all(arms, options, allOf(wanted, arms.size(), kind));
-  fit.covariance =
-      withUncertaintyOfHeld(std::move(statistics.covariance), *fit.problem, all, fit.noise_scale);
-  return fit;
+  hold(last, {});
+  return last;
 }
 
 void setValues(CalibrationProblem& problem, const Values& values) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -18,17 +19,24 @@ struct CalibrationFit {
   Eigen::MatrixXd information;  ///< of readings and priors
   Eigen::MatrixXd covariance;   ///< with what is not known of all that is not fitted
   std::vector<bool> identified;
-  /// What was asked for and stays where it was; still a parameter of the problem where it is the
-  /// only one.
+  /// What was asked for and stays where it was; still a parameter of the problem where nothing else
+  /// would be left.
   std::vector<Parameter> held;
 };
 
-/// Holds, one after the other, entries of the stiffness that the captures do not identify.
+/// Whether a parameter that is known to this variance counts as identified: see
+/// Parameter::identifiable.
+bool isIdentified(const ParameterInfo& info, double variance);
+
+/// Fits as many entries of the stiffness as the captures identify, of as many those that they know
+/// best; the others are held.
 ///
 /// The fit refers to arms and options.
+/// @param holds_up  what else a fit that identifies its stiffness must pass.
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind);
+                             ReadingKind kind,
+                             const std::function<bool(const CalibrationFit&)>& holds_up);
 
 /// Sets the values of a problem with as many of each.
 void setValues(CalibrationProblem& problem, const Values& values);

@@ -45,12 +45,19 @@ struct Values {
   std::vector<Eigen::VectorXd> shapes;
 };
 
+/// How a least squares ended.
+struct Solved {
+  bool converged = false;
+  double cost = 0;  ///< of readings and priors: half the robust sum of squares
+};
+
 /// One tag, curvature or twist, compared.
 struct Comparison {
   int capture;    ///< index over all arms
   int tag;        ///< index in the layout; -1 where it is no tag
   int residuals;  ///< how many numbers it consists of
   double square;  ///< of its residuals, in expected variances
+  double limit;   ///< of the square, beyond which it is an outlier; infinite where none can be
   double error;   ///< as people see it [rad, px or m]
   double weight;  ///< that the robust loss leaves it, in (0, 1]
 };
@@ -76,8 +83,8 @@ class CalibrationProblem {
   /// Least squares over the captures that are included, from where the values stand.
   ///
   /// @param noise_scale  of the expected noise.
-  /// @return whether it converged.
-  bool solve(double noise_scale, const Included& included);
+  /// @param held  entry of the selected stiffness that stays at its value, if any.
+  Solved solve(double noise_scale, const Included& included, std::optional<int> held = {});
 
   /// All readings at the present values.
   std::vector<Comparison> compare(double noise_scale) const;

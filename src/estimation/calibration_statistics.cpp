@@ -15,16 +15,44 @@ constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
 // The expected noise counts as much as this many residuals.
 constexpr double kNoisePrior = 1.0;
+// Squares beyond so many limits of outliers say nothing of the noise.
+constexpr double kGross = 2.0;
+// Of the residuals, at least this share is taken to be free of parameters.
+constexpr double kLeastFree = 0.1;
+constexpr double kLeastVariance = 1e-12;
 
 bool everyCapture(int) { return true; }
+
+// The median of the squares of so many normal residuals (Wilson and Hilferty).
+double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
+
+// The noise that half of the residuals keep below, of the expected one: no minority moves it far.
+double typicalNoise(const std::vector<Comparison>& comparisons, double data_parameters) {
+  std::vector<double> sizes;
+  double residuals = 0;
+  for (const Comparison& one : comparisons) {
+    sizes.push_back(std::sqrt(one.square / medianSquare(one.residuals)));
+    residuals += one.residuals;
+  }
+  const double free = std::max(kLeastFree * residuals, residuals - data_parameters);
+  // The median of a few may be far too small: Rousseeuw's factor for such.
+  return model::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
+}
 
 // The scale of the noise, of the expected one, that the residuals speak of.
 double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
                     double scale) {
+  // What counts as an outlier must not depend on how much the outliers add: from one in thirteen
+  // on, each round would take in more of them.
+  const double typical =
+      std::max(std::pow(typicalNoise(comparisons, data_parameters), 2), kLeastVariance);
   double weighted = 0, freedom = 0;
   for (const Comparison& one : comparisons) {
-    weighted += one.weight * one.square;
-    freedom += one.weight * one.residuals;
+    const double excess = one.square / (one.limit * typical);
+    if (excess > kGross) continue;
+    const double weight = 1 / (1 + excess);
+    weighted += weight * one.square;
+    freedom += weight * one.residuals;
   }
   const double prior = kNoisePrior / (scale * scale);
   const double variance =
@@ -81,8 +109,11 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   if (errors.empty()) return estimate;
   estimate.noise_scale = std::max(1.0, model::medianOf(std::move(errors)));
   for (int round = 0; round < kMostRounds; ++round) {
-    estimate.converged = problem.solve(estimate.noise_scale, everyCapture);
     const double before = estimate.noise_scale;
+    const Solved solved = problem.solve(before, everyCapture);
+    estimate.converged = solved.converged;
+    estimate.cost = solved.cost;
+    estimate.solved_scale = before;
     const Statistics statistics = statisticsOf(problem, before);
     const double seen = noiseScaleOf(problem.compare(before), statistics.data_parameters, before);
     estimate.noise_scale = std::hypot(seen, bias);

@@ -17,7 +17,9 @@ Statistics statisticsOf(const CalibrationProblem& problem, double noise_scale);
 /// How a search for parameters and noise ended.
 struct Estimate {
   bool converged = false;
-  double noise_scale = 1;  ///< of the expected noise
+  double noise_scale = 1;   ///< of the expected noise
+  double solved_scale = 1;  ///< that of the last search, next to it
+  double cost = 0;          ///< of the last search
 };
 /// Solves for both together, from where the problem's values stand, which it moves.
 ///

@@ -61,7 +61,7 @@ Refits refit(CalibrationProblem& problem, double noise_scale, const Folds& folds
   const Values full = problem.values();
   for (int g = 0; g < static_cast<int>(folds.labels.size()); ++g) {
     refits.complete &=
-        problem.solve(noise_scale, [&](int capture) { return folds.of[capture] != g; });
+        problem.solve(noise_scale, [&](int capture) { return folds.of[capture] != g; }).converged;
     refits.vectors.push_back(problem.vector());
     std::vector<Comparison> left_out;
     for (const Comparison& one : problem.compare(noise_scale)) {

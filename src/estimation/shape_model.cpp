@@ -23,6 +23,17 @@ Eigen::VectorXd changeOf(const model::Solution& above, const model::Solution& be
   return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
 }
 
+bool isAlike(const model::Arm& arm) {
+  const model::Stiffness& first = arm.actuator(0).stiffness;
+  for (int i = 1; i < arm.actuatorCount(); ++i) {
+    const model::Stiffness& other = arm.actuator(i).stiffness;
+    if (other.kappa != first.kappa || other.gamma != first.gamma || other.tau != first.tau) {
+      return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 double& entryOf(Elasticity& elasticity, StiffnessEntry entry) {
@@ -58,7 +69,8 @@ ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
 
 Elasticity ShapeModel::elasticityAt(const double* logs, Elasticity elasticity) const {
   for (std::size_t e = 0; e < fitted_.size(); ++e) {
-    entryOf(elasticity, fitted_[e]) = referenceOf(fitted_[e]) * std::exp(logs[e]);
+    double& entry = entryOf(elasticity, fitted_[e]);
+    entry = (entry > 0 ? entry : referenceOf(fitted_[e])) * std::exp(logs[e]);
   }
   return elasticity;
 }
@@ -156,13 +168,18 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
   const bool fits_ratios = std::any_of(fitted_.begin(), fitted_.end(), [](StiffnessEntry entry) {
     return entry != StiffnessEntry::kEps;
   });
-  const Elasticity elasticity = elasticityAt(logs.data(), initial_);
-  // Where ratios are fitted all actuators have the same ones, else they may differ.
-  model::Arm arm = fits_ratios ? data.arm.withStiffness(elasticity.ratios) : data.arm;
-  model::Load load = *data.load;
-  if (std::find(fitted_.begin(), fitted_.end(), StiffnessEntry::kEps) != fitted_.end()) {
-    std::fill(load.K_eps.begin(), load.K_eps.end(), elasticity.K_eps);
+  // Only where all actuators have the same ratios, one that is 0 can become another.
+  const Elasticity factors = elasticityAt(logs.data(), {{1, 1, 1}, 1});
+  const auto moved = [&](const model::Stiffness& own) {
+    return elasticityAt(logs.data(), {own, 0}).ratios;
+  };
+  model::Arm arm = data.arm;
+  if (fits_ratios) {
+    arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
+                            : arm.scaledStiffness(factors.ratios);
   }
+  model::Load load = *data.load;
+  for (double& K_eps : load.K_eps) K_eps *= factors.K_eps;
   const auto statics = [&arm](auto solver) -> Statics {
     return [arm, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
       return solver.solve(arm.twistsOfLengths(lengths));

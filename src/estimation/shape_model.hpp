@@ -35,7 +35,8 @@ class ShapeModel {
     return entryOf(reference, entry);
   }
 
-  // With the fitted entries at these logs, the others as they are.
+  // With the fitted entries moved by these logs, from the reference where they are 0; the others as
+  // they are.
   Elasticity elasticityAt(const double* logs, Elasticity elasticity) const;
   const Elasticity& initial() const { return initial_; }
 

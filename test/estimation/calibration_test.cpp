@@ -219,8 +219,9 @@ TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
     CalibrationOptions options;
     options.K_kappa = options.K_gamma = false;
     options.base = options.tags = true;
-    // Placements that are known, so that noise alone is in the errors.
+    // Placements and stiffness that are known, so that noise alone is in the errors.
     options.tag_prior = {1e-6, 1e-6};
+    options.stiffness_prior = 1e-6;
     options.held_out = false;
     options.next_pressures = 0;
     const Calibration found = calibrate({poses(known, layout, known, noise, random)}, options);
@@ -373,7 +374,7 @@ TEST(Calibration, PlacementsStayOnTheArm) {
   // These are thought to be at the very end, and are glued 3 mm beyond it.
   for (int tag = 12; tag < 16; ++tag) truth.view.layout.tags[tag].X_ST.translation.x() += 0.003;
   CalibrationOptions options;
-  options.tags = options.base = true;
+  options.tags = options.base = options.bleed = true;
   const Calibration found = calibrate({corners(known, view, truth, 0.1, random)}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
   EXPECT_NO_THROW(found.layout.validate(1));

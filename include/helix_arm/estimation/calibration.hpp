@@ -120,17 +120,23 @@ enum class CalibrationStatus {
 /// "calibrated", "no_captures", ...
 const char* nameOf(CalibrationStatus status);
 
+/// No stiffness or length scale whose relative standard error is larger is called identifiable.
+constexpr double kLargestRelativeError = 0.5;
+
 /// One calibrated number.
 struct Parameter {
   std::string name;  ///< K_kappa, length_scale, base_x, tag_7_s, ...
   std::string unit;  ///< m^2, m, rad, or empty
   double initial;    ///< before
   double value;      ///< fitted; of a stiffness that is not identifiable, the initial one
-  /// The larger of what the noise gives, with what is not known of tags, bleeding and stiffness
-  /// that are not fitted, and of what leaving out one pressure at a time does. Where not
-  /// identifiable, how little is known.
+  /// The larger of what the noise gives, with what their priors leave unknown of tags, bleeding and
+  /// ratios of stiffness that are not fitted, and of what leaving out one pressure at a time does.
+  /// Base, length scales and K_eps that are not fitted count as exact. Where not identifiable, how
+  /// little is known.
   double standard_error;
-  bool identifiable;  ///< by the information matrix: the captures say more of it than was known
+  /// What the noise gives is at most half of the prior's deviation. Of a stiffness or a length
+  /// scale the whole standard error is, and at most kLargestRelativeError of the value.
+  bool identifiable;
 };
 
 /// How one capture agrees with the calibrated arm.

@@ -1,0 +1,279 @@
+// Verdicts and errors of calibrations, over many data sets drawn from what their priors say: what
+// the captures determine is found, what is called identifiable is known, and errors hold whatever
+// is left out of the fit.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "support/sample_rig.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using test::Random;
+
+constexpr double kCurvatureNoise = 0.02;  // [rad]
+constexpr double kTwistNoise = 0.01;      // [m], [rad]
+constexpr double kPoseNoise = 0.01;       // [m]
+constexpr double kCornerNoise = 0.2;      // [px]
+
+std::vector<Eigen::VectorXd> randomPressures(const model::Arm& arm, int count, Random& random) {
+  std::vector<Eigen::VectorXd> out;
+  for (int i = 0; i < count; ++i) out.push_back(test::randomInput(arm, random));
+  return out;
+}
+
+ArmCaptures dataOf(const model::Arm& known) { return {"arm", known, false, {}, {}, 0, {}}; }
+
+ArmCaptures curvatures(const model::Arm& known, const test::RigTruth& truth, Random& random) {
+  ArmCaptures data = dataOf(known);
+  for (const Eigen::VectorXd& pressure : test::twelvePressures(known)) {
+    const double exact = model::curvatureOf(test::shapeOf(truth, pressure).col(0));
+    test::addCapture(data, pressure,
+                     CurvatureReading{std::abs(exact + kCurvatureNoise * random.normal())});
+  }
+  return data;
+}
+
+ArmCaptures twists(const model::Arm& known, const test::RigTruth& truth, Random& random) {
+  ArmCaptures data = dataOf(known);
+  const Eigen::MatrixXd covariance = kTwistNoise * kTwistNoise * Eigen::MatrixXd::Identity(6, 6);
+  for (const Eigen::VectorXd& pressure : randomPressures(known, 21, random)) {
+    model::Twists seen = test::shapeOf(truth, pressure);
+    for (int i = 0; i < 6; ++i) seen.data()[i] += kTwistNoise * random.normal();
+    test::addCapture(data, pressure, TwistReading{seen, covariance});
+  }
+  return data;
+}
+
+ArmCaptures poses(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
+                  Random& random) {
+  ArmCaptures data = dataOf(known);
+  data.layout = view.layout;
+  for (const Eigen::VectorXd& pressure : randomPressures(known, 21, random)) {
+    std::vector<PoseObservation> seen;
+    for (const lie::SE3& X_BT : tagPoses(truth.view.layout, test::shapeOf(truth, pressure))) {
+      lie::SE3 X_B0T = truth.X_B0B * X_BT;
+      for (double& x : X_B0T.translation) x += kPoseNoise * random.normal();
+      seen.push_back({static_cast<int>(seen.size()), X_B0T});
+    }
+    test::addCapture(data, pressure, seen);
+  }
+  return data;
+}
+
+ArmCaptures corners(const model::Arm& known, const ArmView& view, const test::RigTruth& truth,
+                    int captures, Random& random) {
+  ArmCaptures data = dataOf(known);
+  data.layout = view.layout;
+  data.X_CB = view.X_CB;
+  data.focal = view.camera.fx;
+  for (const Eigen::VectorXd& pressure : randomPressures(known, captures, random)) {
+    test::addCapture(data, pressure, test::observe(truth, pressure, kCornerNoise, random));
+  }
+  return data;
+}
+
+// Of one parameter, over many data sets, in its standard errors.
+struct Tally {
+  int count = 0, covered = 0, told = 0;
+  double square = 0, worst = 0;
+
+  void add(const Parameter& one, double truth) {
+    const double z = (one.value - truth) / one.standard_error;
+    ++count;
+    covered += std::abs(z) < 1.96;
+    told += one.identifiable;
+    square += z * z;
+    worst = std::max(worst, std::abs(z));
+  }
+  double coverage() const { return static_cast<double>(covered) / count; }
+  double rms() const { return std::sqrt(square / count); }
+};
+using Tallies = std::map<std::string, Tally>;
+
+// Verdict and error agree: see Parameter::identifiable.
+void expectAgreement(const Calibration& found, int set) {
+  for (const Parameter& one : found.parameters) {
+    if (!one.identifiable || (one.name[0] != 'K' && one.name[0] != 'l')) continue;
+    EXPECT_LE(one.standard_error, (kLargestRelativeError + 1e-9) * one.value)
+        << set << ": " << one.name;
+  }
+}
+
+void print(const char* what, const Tallies& tallies) {
+  for (const auto& [name, tally] : tallies) {
+    std::printf("%-10s %-12s %4d: told %4d, 95 %% intervals cover %.3f, RMS %.2f, worst %.1f\n",
+                what, name.c_str(), tally.count, tally.told, tally.coverage(), tally.rms(),
+                tally.worst);
+  }
+}
+
+// Stiffness as far off as its prior says, and nothing else.
+const test::RigErrors kStiffnessErrors{0.3, 0.4, 0, 0, 0, 0, 0, 0};
+
+TEST(CalibrationVerdict, CurvaturesOfUntiltedArmsAlwaysTellTheBending) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Tallies tallies;
+  for (int set = 0; set < 400; ++set) {
+    Random random(100 + set);
+    const test::RigTruth truth =
+        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    const Calibration found = calibrate({curvatures(known, truth, random)}, {});
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    expectAgreement(found, set);
+    for (const Parameter& one : found.parameters) {
+      tallies[one.name].add(one, truth.parameters.at(one.name));
+    }
+  }
+  print("curvature", tallies);
+  EXPECT_EQ(tallies["K_kappa"].told, 400);
+  EXPECT_EQ(tallies["K_gamma"].told, 0);
+  EXPECT_GE(tallies["K_kappa"].coverage(), 0.91);
+}
+
+TEST(CalibrationVerdict, TheStiffnessOfATiltedArmIsNeverLostToItsValley) {
+  // Bending and shear of a tilted arm do nearly the same: where only one of them can be told, it
+  // is.
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 8);
+  for (const bool tags : {false, true}) {
+    const int sets = tags ? 200 : 400;
+    Tallies tallies;
+    for (int set = 0; set < sets; ++set) {
+      Random random(1000 + set);
+      const test::RigTruth truth = test::drawRig(known, view, kStiffnessErrors, random);
+      CalibrationOptions options;
+      options.tag_prior = {1e-6, 1e-6};
+      options.held_out = set % 10 == 0;
+      const Calibration found = calibrate(
+          {tags ? poses(known, view, truth, random) : twists(known, truth, random)}, options);
+      ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+      expectAgreement(found, set);
+      for (const Parameter& one : found.parameters) {
+        tallies[one.name].add(one, truth.parameters.at(one.name));
+      }
+    }
+    print(tags ? "poses" : "twists", tallies);
+    for (const char* const name : {"K_kappa", "K_gamma"}) {
+      EXPECT_GE(tallies[name].coverage(), 0.93) << name;
+      EXPECT_LT(tallies[name].worst, 5) << name;
+    }
+    EXPECT_EQ(tallies["K_gamma"].told, sets);
+  }
+}
+
+TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
+  const model::Arm known = test::ringArm(test::straightRing());
+  Tally kappa;
+  for (int set = 0; set < 300; ++set) {
+    Random random(2000 + set);
+    const test::RigTruth truth =
+        test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
+    ArmCaptures data = curvatures(known, truth, random);
+    for (Capture& capture : data.captures) {
+      if (random.uniform(0, 1) > 0.1) continue;
+      std::get<CurvatureReading>(capture.reading).curvature = random.uniform(0, 6);
+    }
+    const Calibration found = calibrate({data}, {});
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    const Parameter& one = found.parameters.front();
+    ASSERT_EQ(one.name, "K_kappa");
+    EXPECT_TRUE(one.identifiable) << set;
+    kappa.add(one, truth.parameters.at("K_kappa"));
+  }
+  print("outliers", {{"K_kappa", kappa}});
+  EXPECT_GE(kappa.coverage(), 0.92);
+}
+
+TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 21, 3);
+  CalibrationOptions options;
+  options.base = options.tags = options.bleed = true;
+  options.length_scale = LengthScaling::kCommon;
+  options.held_out = false;
+  options.corner_floor = 0;
+  options.next_pressures = 0;
+  Tallies tallies;
+  for (int set = 0; set < 12; ++set) {
+    Random random(3000 + set);
+    const test::RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
+    const test::RigTruth truth = test::drawRig(known, view, errors, random);
+    const Calibration found = calibrate({corners(known, view, truth, 60, random)}, options);
+    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
+    expectAgreement(found, set);
+    for (const Parameter& one : found.parameters) {
+      const std::string group = one.name.substr(0, one.name.find('_') + 2);
+      tallies[one.name.rfind("tag_", 0) == 0 ? "tags" : group].add(one,
+                                                                   truth.parameters.at(one.name));
+    }
+  }
+  print("placement", tallies);
+  for (const auto& [name, tally] : tallies) EXPECT_LT(tally.worst, 5) << name;
+}
+
+// What a combination of words leaves out is as uncertain as its prior says, but for base and length
+// scales, which then count as exact.
+TEST(CalibrationVerdict, ErrorsHoldWhateverIsLeftOutOfTheFit) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 12, 3);
+  constexpr double kStiffness = 0.25;
+  Tallies tallies;
+  for (int words = 1; words < 64; ++words) {
+    const auto has = [words](int bit) { return (words >> bit & 1) != 0; };
+    CalibrationOptions options;
+    options.K_kappa = has(0);
+    options.K_gamma = has(1);
+    options.length_scale = has(2) ? LengthScaling::kCommon : LengthScaling::kNone;
+    options.base = has(3);
+    options.tags = has(4);
+    options.bleed = has(5);
+    options.free_shapes = (words & 7) == 0;
+    options.stiffness_prior = kStiffness;
+    options.length_scale_prior = 0.03;
+    options.base_prior = {0.01, 0.02};
+    options.tag_prior = {0.002, 0.05};
+    options.bleed_prior = 0.0003;
+    options.corner_noise = kCornerNoise;
+    options.corner_floor = 0;
+    options.held_out = false;
+    options.next_pressures = 0;
+    const test::RigErrors errors{
+        kStiffness, kStiffness, has(2) ? 0.03 : 0, has(3) ? 0.01 : 0, has(3) ? 0.02 : 0, 0.002,
+        0.05,       0.0003};
+    for (int set = 0; set < 4; ++set) {
+      Random random(10000 + 100 * words + set);
+      const test::RigTruth truth = test::drawRig(known, view, errors, random);
+      const Calibration found = calibrate({corners(known, view, truth, 8, random)}, options);
+      if (found.status == CalibrationStatus::kNotIdentifiable) continue;
+      if (found.status != CalibrationStatus::kCalibrated) {
+        ADD_FAILURE() << words << " " << set << nameOf(found.status);
+        continue;
+      }
+      expectAgreement(found, words);
+      for (const Parameter& one : found.parameters) {
+        const std::string group = one.name.substr(0, one.name.find('_'));
+        tallies[group == "K" ? one.name : group].add(one, truth.parameters.at(one.name));
+      }
+    }
+  }
+  print("words", tallies);
+  EXPECT_EQ(tallies.size(), 6u);
+  for (const auto& [name, tally] : tallies) {
+    EXPECT_GT(tally.count, 50) << name;
+    EXPECT_GE(tally.coverage(), 0.91) << name;
+    EXPECT_LT(tally.rms(), 1.2) << name;
+    EXPECT_GT(tally.rms(), 0.6) << name;
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation
