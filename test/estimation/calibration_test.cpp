@@ -374,9 +374,7 @@ TEST(Calibration, PlacementsStayOnTheArm) {
   // These are thought to be at the very end, and are glued 3 mm beyond it.
   for (int tag = 12; tag < 16; ++tag) truth.view.layout.tags[tag].X_ST.translation.x() += 0.003;
   CalibrationOptions options;
-  options.tags = options.base = true;
-  options.stiffness_prior =
-      0.2;  // with more, what is not known of K_kappa hides the tags at the end
+  options.tags = options.base = options.bleed = true;
   const Calibration found = calibrate({corners(known, view, truth, 0.1, random)}, options);
   ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << found.reason;
   EXPECT_NO_THROW(found.layout.validate(1));
