@@ -1,5 +1,6 @@
 // What pressure_command refuses on hardware: targets that come before enabling or with a wrong
 // stamp, looser rules, another regulator; and what it answers where the regulator does not hear.
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -34,7 +35,7 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
     EXPECT_NE(at, std::string::npos) << old;
     if (at == std::string::npos) return {};
     scene.replace(at, old.size(), changed);
-    const TemporaryFile file(scene);
+    const TemporaryFile file(scene, ".yaml");
     Reload reload;
     reload.request.scene = file.path();
     EXPECT_TRUE(ros::service::call("/" + kName + "/pressure_command/reload", reload));
@@ -43,7 +44,8 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
 
   const std::string kName = GetParam() == Line::kSerial ? "serial" : "modbus";
   EmulatedRegulator regulator_{GetParam()};
-  HardwareRig rig_{regulator_, kName};
+  HardwareRig rig_{regulator_, kName,
+                   {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
 };
 INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::Values(Line::kSerial, Line::kModbus),
                          [](const auto& line) {

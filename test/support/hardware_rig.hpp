@@ -27,10 +27,11 @@ inline constexpr double kSlack = 10;
 /// that a test waits for silences it.
 class HardwareRig {
  public:
-  HardwareRig(EmulatedRegulator& device, const std::string& ns)
+  /// @param parameters  of the node, beside its scene: "_name:=value".
+  HardwareRig(EmulatedRegulator& device, const std::string& ns,
+              const std::vector<std::string>& parameters = {})
       : regulator(device),
-        node({HELIX_ARM_PRESSURE_COMMAND, "__ns:=/" + ns, "_scene:=" + device.scene(),
-              "_frame_prefix:=" + ns + "_"}),
+        node(commandOf(device, ns, parameters)),
         node_("/" + ns),
         services_("/" + ns + "/pressure_command"),
         targets_(node_.advertise<PressureArray>(names::kPressureTarget, 10)),
@@ -97,6 +98,13 @@ class HardwareRig {
   Process node;
 
  private:
+  static std::vector<std::string> commandOf(const EmulatedRegulator& device, const std::string& ns,
+                                            const std::vector<std::string>& parameters) {
+    std::vector<std::string> out = {HELIX_ARM_PRESSURE_COMMAND, "__ns:=/" + ns,
+                                    "_scene:=" + device.scene(), "_frame_prefix:=" + ns + "_"};
+    out.insert(out.end(), parameters.begin(), parameters.end());
+    return out;
+  }
   void send() {
     regulator::scheduleRealtime(regulator::kRealtimePriority);  // where it may
     for (; !ends_; std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
