@@ -135,11 +135,11 @@ TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
   const TemporaryFile scene(kFlatScene);
   const TemporaryFile high("pressure_1_kpa,curvature_rad\n50,1\n101,1\n-1,1\n");
   const Outcome outcome = runCommand({"evaluate", scene.path(), high.path()});
+  expectCallerError(outcome, high.path() +
+                                 ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to "
+                                 "100 kPa");
   expectCallerError(outcome,
-                    high.path() +
-                        ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to "
-                        "100 kPa");
-  expectCallerError(outcome, high.path() + ":4 pressure_1_kpa is -1 kPa");
+                    high.path() + ":4 pressure_1_kpa is not within the limits of muscle_1");
   const TemporaryFile broken("pressure_1_kpa,curvature_rad\n50,nan\n");
   expectCallerError(runCommand({"evaluate", scene.path(), broken.path()}),
                     broken.path() + ":2 curvature_rad is no finite number; expected one");

@@ -113,7 +113,7 @@ TEST_F(HostileFiles, APictureIsRefusedByItsHeader) {
 TEST_F(HostileFiles, ALinkToNothingIsNoPlaceForAResult) {
   std::filesystem::create_symlink(folder_ / "nothing.yaml", folder_ / "link.yaml");
   const std::string lengths =
-      write("lengths.csv", "pressure_kpa,length_m\n0,0.4\n100,0.38\n200,0.36\n300,0.34\n");
+      write("lengths.csv", "pressure_kpa,length_m\n0,0.4\n140,0.38\n280,0.36\n420,0.34\n");
   const Outcome outcome =
       runCommand({"calibrate", scenePath("planar_76"), lengths, "--fit", "contraction", "--curve",
                   "table", "--out", folder_ / "link.yaml"});

@@ -228,7 +228,7 @@ TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
                                    "--tier",  "loaded",
                                    "--order", "2",
                                    "--set",   "arm.base.rpy_deg=[0, -90, 0]",
-                                   "--set",   "load.mass_kg=20"};
+                                   "--set",   "load.mass_kg=8"};
   const Outcome some = workspace(scenePath("loaded"), options);
   ASSERT_EQ(some.exit_code, 0) << some.err;
   const int unbalanced = some.json()["unbalanced"];
