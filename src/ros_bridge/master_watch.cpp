@@ -52,7 +52,8 @@ Answer askMaster() {
     const bool ready = (line.revents & line.events) != 0;
     awaited = client.handleEvent(ready ? awaited : unsigned{XmlRpcDispatch::Exception});
   }
-  if (!client.executeCheckDone(answer)) return Answer::kIsGone;
+  // A call whose connection was refused is done as well, without an answer.
+  if (!client.executeCheckDone(answer) || !answer.valid()) return Answer::kIsGone;
   const bool sound = !client.isFault() && answer.getType() == XmlRpc::XmlRpcValue::TypeArray &&
                      answer.size() > 0 && answer[0].getType() == XmlRpc::XmlRpcValue::TypeInt;
   return sound && static_cast<int>(answer[0]) == kSuccess ? Answer::kKnowsUs : Answer::kForgotUs;

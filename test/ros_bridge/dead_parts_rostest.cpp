@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <iterator>
 #include <limits>
 
@@ -47,9 +48,10 @@ std::vector<pid_t> guardsOf(const std::string& scene) {
   for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
     const std::string name = entry.path().filename();
     if (name.find_first_not_of("0123456789") != std::string::npos) continue;
-    std::ifstream file(entry.path() / "cmdline", std::ios::binary);
-    const std::string command(std::istreambuf_iterator<char>(file), {});
-    if (command.find(wanted) != std::string::npos) found.push_back(std::stoi(name));
+    // A process may end while it is read: the stream then fails, a bare iterator would throw.
+    std::ostringstream command;
+    command << std::ifstream(entry.path() / "cmdline", std::ios::binary).rdbuf();
+    if (command.str().find(wanted) != std::string::npos) found.push_back(std::stoi(name));
   }
   return found;
 }
