@@ -50,9 +50,13 @@ bool CalibrationRun::rampTo(const Eigen::VectorXd& target, double dt) {
   return pressure_ == target;
 }
 
+bool CalibrationRun::obeys(const Settling& settling) const {
+  return settling.set_point &&
+         (*settling.set_point - pressure_).cwiseAbs().maxCoeff() < kSamePressure;
+}
+
 void CalibrationRun::lookAt(double now, const Settling& settling, Order& order) {
-  const bool obeyed =
-      settling.set_point && (*settling.set_point - pressure_).cwiseAbs().maxCoeff() < kSamePressure;
+  const bool obeyed = obeys(settling);
   if (obeyed && settling.settled() && settling.last->time > last_capture_) {
     last_capture_ = settling.last->time;
     settling_since_ = now;
@@ -89,7 +93,10 @@ CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settli
   } else if (phase_ == RunPhase::kSettling) {
     lookAt(now, settling, order);
   } else if (phase_ == RunPhase::kReturning && rampTo(rest_, dt)) {
-    phase_ = RunPhase::kEnded;
+    // The next run begins where the command is: this one ends once the command is at rest, too.
+    if (!returned_at_) returned_at_ = now;
+    const bool at_rest = settling.stale() || !settling.set_point || obeys(settling);
+    if (at_rest || now - *returned_at_ > rules_.patience) phase_ = RunPhase::kEnded;
   }
   order.pressure = pressure_;
   return order;

@@ -233,6 +233,47 @@ TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
   EXPECT_EQ(run.phase(), RunPhase::kReturning);
 }
 
+// The next run begins where the command is, so it must not be above the rest any more.
+TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
+  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  Arm arm;
+  double now = 0;
+  const auto advance = [&](const Eigen::VectorXd& command) {
+    now += 0.02;
+    return run.advance(now, arm.follow(now, command)).pressure;
+  };
+  Eigen::VectorXd command = kRest;
+  while (run.phase() != RunPhase::kReturning) {
+    ASSERT_LT(now, 100);
+    command = advance(command);
+  }
+  const Eigen::VectorXd late = kRest + Eigen::Vector2d(5e4, 0);
+  while (command != kRest) {
+    ASSERT_LT(now, 200);
+    command = advance(late);
+  }
+  for (int k = 0; k < 20; ++k) {
+    advance(late);
+    EXPECT_FALSE(run.ended());
+  }
+  advance(kRest);
+  EXPECT_TRUE(run.ended());
+
+  // A command that never follows holds it up for its patience only.
+  CalibrationRun stuck(twoSteps(), kRest, kRest, kRules);
+  stuck.end(RunEnd::kPreempted, "it was cancelled");
+  for (double after = 0; after < kRules.patience; after += 0.02) {
+    now += 0.02;
+    stuck.advance(now, arm.follow(now, late));
+    EXPECT_FALSE(stuck.ended()) << after;
+  }
+  for (int k = 0; k < 5; ++k) {
+    now += 0.02;
+    stuck.advance(now, arm.follow(now, late));
+  }
+  EXPECT_TRUE(stuck.ended());
+}
+
 TEST(CalibrationRun, UnusableArgumentsAreRefused) {
   const double infinity = std::numeric_limits<double>::infinity();
   EXPECT_THROW(CalibrationRun(Eigen::MatrixXd(0, 2), kRest, kRest, kRules), std::invalid_argument);

@@ -281,7 +281,8 @@ TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {
   RunCalibrationGoal goal;
   client_->sendGoal(goal);
   ASSERT_TRUE(waitFor([this] {
-    EXPECT_EQ(rig_.sendPressures({0, 0, 1e5}).outcome, TargetStatus::TAKEN);
+    const TargetStatus answer = rig_.sendPressures({0, 0, 1e5});
+    EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
     return client_->getState().isDone();
   }));
   EXPECT_EQ(ending(), "ABORTED");

@@ -72,6 +72,7 @@ class CalibrationRun {
 
  private:
   bool rampTo(const Eigen::VectorXd& target, double dt);
+  bool obeys(const Settling& settling) const;
   void lookAt(double now, const Settling& settling, Order& order);
 
   Eigen::MatrixXd plan_;
@@ -83,6 +84,7 @@ class CalibrationRun {
   int captures_ = 0;
   std::optional<double> last_time_;
   double settling_since_ = 0;
+  std::optional<double> returned_at_;  ///< when the ramp down was over
   double last_capture_ = 0;  ///< stamp of its picture
   RunEnd verdict_ = RunEnd::kCompleted;
   std::string reason_;
