@@ -111,11 +111,11 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
   const Likeness replays = compareToFirstMissed(played[0], played[1]);
   EXPECT_GE(replays.shapes, kEnough);
   EXPECT_EQ(replays.difference, 0.0);
-  // The live node saw its first picture later than the recorder did: where a fit began shows in
-  // the last digits of the next few.
+  // The live node saw its first picture later than the recorder did, or missed one on a busy
+  // machine: where a fit began shows in its last digits, far below the noise of some 1e-5 m.
   const Likeness lives = compare(since(live.measured, 0), played[0], 5);
   EXPECT_GE(lives.shapes, kEnough);
-  EXPECT_LT(lives.difference, 1e-9);
+  EXPECT_LT(lives.difference, 1e-8);
   EXPECT_TRUE(node.prints("jumped back", 5.0)) << node.output();
 }
 
