@@ -80,7 +80,10 @@ BagRecord BagProcess::next() {
   RecordHead head{};
   read(&head, sizeof head);
   const bool sound = head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
-  if (!sound) failed();
+  if (!sound) {
+    kill(process_, SIGKILL);  // it may wait for a reader of the rest
+    refuse("is damaged: what was read of it makes no sense; expected a sound bag");
+  }
   BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
   read(record.bytes.data(), record.bytes.size());
   if (record.kind == RecordKind::kFault) {

@@ -414,7 +414,7 @@ io::CalibrationOutcome CalibrationNode::calibrate(const io::CalibrationRequest& 
   }
   if (out.empty()) return outcome;
   try {
-    io::writeFileAtomically(out, outcome.scene_text);
+    io::writeFileAtomically(writable(out), outcome.scene_text);
   } catch (const std::exception& fault) {
     outcome.success = false;
     outcome.message +=

@@ -30,7 +30,7 @@ std::string join(const std::vector<std::string>& words) {
 bool isBelow(const fs::path& path, const fs::path& folder) {
   const auto [of_folder, of_path] =
       std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
-  return of_folder == folder.end() && of_path != path.end();
+  return !folder.empty() && of_folder == folder.end() && of_path != path.end();
 }
 
 // Whether it is what this package writes under such a name.
@@ -74,6 +74,7 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
   const fs::path path = fs::weakly_canonical(given, fault);
   require(!fault);
   require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
+    // Empty where the folder cannot be reached: nothing is below that.
     std::error_code ignored;
     return isBelow(path, fs::weakly_canonical(folder.path, ignored));
   }));
@@ -104,9 +105,9 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
                    "', which cannot be written over; expected another path");
   }
   const std::string folder = fs::path(path).parent_path().string();
-  model::require(access(folder.c_str(), W_OK) == 0, what, " is '", quoted, "', but ", folder,
-                 " cannot be written (", std::strerror(errno),
-                 "); expected a path in a folder that can");
+  const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;
+  model::require(error == 0, what, " is '", quoted, "', but ", folder, " cannot be written (",
+                 std::strerror(error), "); expected a path in a folder that can");
   return path;
 }
 

@@ -111,6 +111,15 @@ TEST_F(FileAccessTest, NothingElseIs) {
   EXPECT_EQ(text((outside_ / "data.csv").string()), text((outside_ / "none.csv").string()));
 }
 
+TEST_F(FileAccessTest, NothingIsBelowAFolderThatCannotBeReached) {
+  fs::create_symlink(inside_ / "loop", inside_ / "loop");
+  const FileAccess access({{(inside_ / "loop").string(), "~data_folder"}});
+  const std::string path = (outside_ / "data.csv").string();
+  EXPECT_THROW(access.toRead("data", path, {".csv"}), std::invalid_argument);
+  EXPECT_THROW(access.toWrite("out", (outside_ / "new.csv").string(), {".csv"}),
+               std::invalid_argument);
+}
+
 TEST_F(FileAccessTest, NewFilesAndOursAreWritten) {
   EXPECT_EQ(refusalToWrite((inside_ / "new.yaml").string()), "");
   EXPECT_EQ(refusalToWrite((inside_ / "deeper/new.csv").string()), "");

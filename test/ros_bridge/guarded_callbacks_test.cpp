@@ -128,7 +128,7 @@ TEST(GuardedService, WhatItThrowsIsTheAnswer) {
       [](const std::string&) {});
   ros::ServiceCallbackHelperCallParams params;
   params.request = ros::serialization::serializeMessage(Calibrate::Request());
-  EXPECT_FALSE(service.call(params));
+  EXPECT_TRUE(service.call(params));  // else roscpp sends an empty answer of its own
   const std::string answer(reinterpret_cast<const char*>(params.response.buf.get()),
                            params.response.num_bytes);
   EXPECT_EQ(answer[0], '\0');

@@ -120,7 +120,8 @@ class GuardedService : public ros::ServiceCallbackHelper {
         &why);
     params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
                             : ros::serialization::serializeServiceResponse(false, why);
-    return sound && ok;
+    // roscpp sends this response only where it is told true; it says itself that the call failed.
+    return !sound || ok;
   }
 
  private:
