@@ -6,9 +6,9 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <iterator>
 #include <limits>
+#include <sstream>
 
 #include <gtest/gtest.h>
 

@@ -44,8 +44,8 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
 
   const std::string kName = GetParam() == Line::kSerial ? "serial" : "modbus";
   EmulatedRegulator regulator_{GetParam()};
-  HardwareRig rig_{regulator_, kName,
-                   {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
+  HardwareRig rig_{
+      regulator_, kName, {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
 };
 INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::Values(Line::kSerial, Line::kModbus),
                          [](const auto& line) {

@@ -85,7 +85,7 @@ class CalibrationRun {
   std::optional<double> last_time_;
   double settling_since_ = 0;
   std::optional<double> returned_at_;  ///< when the ramp down was over
-  double last_capture_ = 0;  ///< stamp of its picture
+  double last_capture_ = 0;            ///< stamp of its picture
   RunEnd verdict_ = RunEnd::kCompleted;
   std::string reason_;
 };

@@ -56,18 +56,14 @@ class PressureLoop {
     FaultCount bad_readings;
   };
 
-  /// @param arm                whose actuators are named in the messages.
-  /// @param rate               of the loop [Hz].
-  /// @param realtime_priority  of its thread, as scheduleRealtime() where that is allowed.
-  /// @param path               without I/O where another node regulates: its readings are then
-  /// taken from
-  ///                     pressure_measured.
-  /// @param auto_enable        a target enables the path: at first, and after targets, readings or
-  /// link
-  ///                     had failed.
-  /// @param take               gets the readings, in order, from the node's own callback queue; the
-  /// last
-  ///                     alone where it cannot keep up.
+  /// @param arm                Its actuators are named in the messages.
+  /// @param rate               Turns of the loop per second [Hz].
+  /// @param realtime_priority  Of its thread, as scheduleRealtime(), where that is allowed.
+  /// @param path               Without I/O where another node regulates; the readings then come
+  ///                           from pressure_measured.
+  /// @param auto_enable        A target enables the path, as SafetyCore::mayEnableItself() allows.
+  /// @param take               Receives the readings, in order, from the node's own callback
+  ///                           queue; only the last where it cannot keep up.
   PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
                regulator::PressurePath path, bool auto_enable, Take take);
   ~PressureLoop();
