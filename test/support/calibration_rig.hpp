@@ -15,6 +15,7 @@
 #include "helix_arm/RecordSample.h"
 #include "helix_arm/Reload.h"
 #include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/Save.h"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
@@ -59,11 +60,11 @@ class CalibrationRig : public ::testing::Test {
     ASSERT_TRUE(waitFor([this] { return client_->isServerConnected(); }));
   }
 
-  /// Lets the lease of this test's own targets run out.
+  /// Falls silent until the arm has vented: the next target, whoever sends it, enables it again.
   void freeTheArm() {
     rig_.fallSilent();
-    const ros::SteadyTime last = ros::SteadyTime::now();
-    waitFor([&] { return (ros::SteadyTime::now() - last).toSec() > 0.6; });
+    EXPECT_TRUE(
+        waitFor([this] { return !safety_.all().empty() && safety_.last().state == "vented"; }));
   }
 
   void startRig() {
@@ -121,6 +122,7 @@ class CalibrationRig : public ::testing::Test {
   Rig rig_;
   ros::NodeHandle node_;
   Inbox<PressureArray> targets_{node_, names::kPressureTarget};
+  Inbox<SafetyState> safety_{node_, names::kSafetyState};
   VisionListener eye_{""};
   std::unique_ptr<Client> client_;
   std::unique_ptr<Process> rig_process_, calibration_;
