@@ -30,11 +30,11 @@ std::string actuatorNames(const model::Arm& arm) {
   return names;
 }
 
-model::TierRequest requestOf(const TierArguments& arguments) {
-  model::TierRequest request;
-  for (const model::Tier tier :
-       {model::Tier::kPlanar, model::Tier::kLinear, model::Tier::kLoaded, model::Tier::kExact}) {
-    if (arguments.tier == model::nameOf(tier)) request.tier = tier;
+statics::TierRequest requestOf(const TierArguments& arguments) {
+  statics::TierRequest request;
+  for (const statics::Tier tier :
+       {statics::Tier::kPlanar, statics::Tier::kLinear, statics::Tier::kLoaded, statics::Tier::kExact}) {
+    if (arguments.tier == statics::nameOf(tier)) request.tier = tier;
   }
   request.order = arguments.order;
   if (arguments.accuracy_percent) request.tip_error = *arguments.accuracy_percent / 100;
@@ -43,15 +43,15 @@ model::TierRequest requestOf(const TierArguments& arguments) {
 }
 
 void checkTier(const io::Scene& scene, const TierArguments& arguments,
-               const model::TierRequest& request) {
+               const statics::TierRequest& request) {
   const auto refuse = [](bool wrong, const std::string& message) {
     if (wrong) throw CallerError(message);
   };
-  const bool loaded = request.tier == model::Tier::kLoaded;
-  refuse(request.tier == model::Tier::kPlanar && !scene.planar,
+  const bool loaded = request.tier == statics::Tier::kLoaded;
+  refuse(request.tier == statics::Tier::kPlanar && !scene.planar,
          "--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
              " is spatial: use --tier linear");
-  refuse((loaded || request.tier == model::Tier::kExact) && !scene.model.load(),
+  refuse((loaded || request.tier == statics::Tier::kExact) && !scene.model.load(),
          "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
              " has none: use --tier linear");
   refuse(request.order && !loaded, "--order goes with --tier loaded");
@@ -160,7 +160,7 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
                   "linear (SE(3), no load), loaded, exact; default: the scene's")
       ->check(CLI::IsMember({"auto", "planar", "linear", "loaded", "exact"}));
   command.add_option("--order", arguments.order, "with --tier loaded: of its polynomials")
-      ->check(CLI::Range(model::kLeastOrder, model::kMostOrder));
+      ->check(CLI::Range(statics::kLeastOrder, statics::kMostOrder));
   command
       .add_option("--accuracy", arguments.accuracy_percent,
                   "choose the cheapest tier whose tip errs no more [% of the arm's length]")
@@ -174,8 +174,8 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
       ->check(within(kTimeUs));
 }
 
-model::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
-  const model::TierRequest request = requestOf(arguments);
+statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
+  const statics::TierRequest request = requestOf(arguments);
   if (arguments.tier.empty() && !request.order && !request.tip_error && !request.time) {
     return scene.model;
   }

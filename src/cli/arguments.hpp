@@ -44,7 +44,7 @@ void addTierOptions(CLI::App& command, TierArguments& arguments);
 
 /// The scene's model, or where the options ask for something, the same arm and load that way.
 /// @throws CallerError naming the option, what it meets in the scene and the remedy.
-model::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments);
+statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments);
 
 /// An input with its unit: "413.6856 kPa" or "1.5 rad".
 std::string inputText(const model::Actuator& actuator, double input);

@@ -8,9 +8,9 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/bag_captures.hpp"
+#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -25,7 +25,7 @@ using nlohmann::json;
 struct CalibrateOptions {
   std::string scene, out, fit, curve = "quintic", branch = "both";
   std::vector<std::string> data, also;
-  io::CalibrationRequest request;
+  procedures::CalibrationRequest request;
 };
 
 // Points of a fitted curve, for drawing.
@@ -49,11 +49,11 @@ std::vector<std::string> partsOfAlso(const std::string& text) {
   return parts;
 }
 
-io::CompanionArm companionOf(const std::string& text) {
+procedures::CompanionArm companionOf(const std::string& text) {
   const std::vector<std::string> parts = partsOfAlso(text);
   io::Scene scene = io::loadScene(parts.front());
   requirePressureDriven(scene);
-  io::CalibrationData data =
+  procedures::CalibrationData data =
       ros_bridge::loadMeasurements(scene, {parts.begin() + 1, parts.end()}, {});
   return {std::move(scene), std::move(data)};
 }
@@ -79,7 +79,7 @@ const char* kindOf(const estimation::Capture& capture) {
   return kNames[capture.reading.index()];
 }
 
-json armsJson(const io::CalibrationOutcome& outcome) {
+json armsJson(const procedures::CalibrationOutcome& outcome) {
   json arms = json::array();
   std::size_t index = 0;
   const Calibration* const calibration = outcome.calibration ? &*outcome.calibration : nullptr;
@@ -115,7 +115,7 @@ json armsJson(const io::CalibrationOutcome& outcome) {
   return arms;
 }
 
-json contractionsJson(const io::CalibrationOutcome& outcome, const io::CalibrationData& data) {
+json contractionsJson(const procedures::CalibrationOutcome& outcome, const procedures::CalibrationData& data) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
     json samples = json::array(), curve = json::array();
@@ -153,8 +153,8 @@ json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
 
 json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
 
-void printJsonResult(const io::Scene& scene, const io::CalibrationOutcome& outcome,
-                     const io::CalibrationData& data, const CalibrateOptions& options) {
+void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
+                     const procedures::CalibrationData& data, const CalibrateOptions& options) {
   json result{{"scene", scene.name},
               {"success", outcome.success},
               {"reason", outcome.success ? json() : json(outcome.message)},
@@ -193,7 +193,7 @@ void printJsonResult(const io::Scene& scene, const io::CalibrationOutcome& outco
   printJson(result);
 }
 
-void printCsvResult(const io::CalibrationOutcome& outcome) {
+void printCsvResult(const procedures::CalibrationOutcome& outcome) {
   for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
   if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
@@ -238,7 +238,7 @@ void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& he
   }
 }
 
-void printTextResult(const io::Scene& scene, const io::CalibrationOutcome& outcome,
+void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
                      const CalibrateOptions& options) {
   std::cout << scene.name << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
@@ -284,18 +284,18 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
   if (!options.out.empty()) requireOutputOfItsOwn(options);
-  io::CalibrationRequest request = options.request;
+  procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
   request.curve.kind =
       options.curve == "table" ? estimation::CurveKind::kTable : estimation::CurveKind::kQuintic;
   if (options.branch == "rising") request.curve.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.curve.branch = estimation::Branch::kFalling;
-  request.date = io::utcNow();
-  const io::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
-  std::vector<io::CompanionArm> companions;
+  request.date = procedures::utcNow();
+  const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
+  std::vector<procedures::CompanionArm> companions;
   for (const std::string& text : options.also) companions.push_back(companionOf(text));
-  const io::CalibrationOutcome outcome =
-      io::runCalibration(options.scene, overridesOf(global), request, data, companions);
+  const procedures::CalibrationOutcome outcome =
+      procedures::runCalibration(options.scene, overridesOf(global), request, data, companions);
   if (outcome.success && !options.out.empty()) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }

@@ -6,7 +6,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "evaluate_tags.hpp"
-#include "helix_arm/io/captures.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
@@ -64,12 +64,12 @@ void requireComparable(const io::Scene& scene, const io::DataSet& data) {
 }
 
 CurvatureComparison compareCurvature(const io::Scene& scene, const io::DataSet& data) {
-  CurvatureComparison comparison{io::pressuresWithinLimits(data, scene.arm),
+  CurvatureComparison comparison{procedures::pressuresWithinLimits(data, scene.arm),
                                  data.values.col(data.find("curvature_rad")),
                                  {},
                                  {}};
   for (int row = 0; row < comparison.pressures.rows(); ++row) {
-    const model::Solution solution = scene.model.solve(comparison.pressures.row(row));
+    const statics::Solution solution = scene.model.solve(comparison.pressures.row(row));
     std::optional<double> curvature;
     if (solution.converged()) curvature = model::curvatureOf(solution.shape.twists().col(0));
     if (!curvature && comparison.reason.empty()) {

@@ -6,7 +6,7 @@
 #include <iostream>
 
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/io/captures.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -100,7 +100,7 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
          {"status", estimation::nameOf(capture.measured.status)},
          {"converged", capture.measured.converged()},
          {"reason", capture.measured.reason.empty() ? json() : json(capture.measured.reason)},
-         {"model_status", model::nameOf(capture.measured.model.status)},
+         {"model_status", statics::nameOf(capture.measured.model.status)},
          {"rms_m", toJson(capture.rms)},
          {"tip_error_m", toJson(capture.tip_error)},
          {"tip_error_percent", toJson(c.percent(capture.tip_error))},
@@ -127,7 +127,7 @@ void printCsvResult(const io::Scene& scene, const TagComparison& c, const std::s
     row.emplace_back("tip_error_percent", exact(c.percent(capture.tip_error)));
     row.emplace_back("outlier_tags", joined(capture.outlier_tags));
     row.emplace_back("unknown_tags", joined(capture.measured.unknown_tags));
-    row.emplace_back("model_status", model::nameOf(capture.measured.model.status));
+    row.emplace_back("model_status", statics::nameOf(capture.measured.model.status));
     table.add(row);
   }
   std::cout << "# median_rms_m " << exact(c.median_rms) << "\n# median_tip_error_percent "
@@ -178,7 +178,7 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
 }  // namespace
 
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
-  io::pressuresWithinLimits(data, scene.arm);
+  procedures::pressuresWithinLimits(data, scene.arm);
   const TagComparison comparison = compareTags(scene, data);
   std::string reason = reasonForNoFit(fittedOf(comparison));
   if (reason.empty()) reason = reasonForNoModel(comparison);

@@ -48,7 +48,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"status", estimation::nameOf(capture.status)},
               {"converged", capture.converged()},
               {"reason", capture.reason.empty() ? json() : json(capture.reason)},
-              {"model_status", model::nameOf(capture.model.status)},
+              {"model_status", statics::nameOf(capture.model.status)},
               {"twist", nullptr},
               {"covariance", nullptr},
               {"rms_m", nullptr},
@@ -124,7 +124,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& ca
     row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
     row.emplace_back("unknown_tags", joined(capture.unknown_tags));
     appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
-    row.emplace_back("model_status", model::nameOf(capture.model.status));
+    row.emplace_back("model_status", statics::nameOf(capture.model.status));
     table.add(row);
   }
   if (summary.median_rms) std::cout << "# median_rms_m " << exact(*summary.median_rms) << "\n";

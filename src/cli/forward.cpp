@@ -32,9 +32,9 @@ struct SectionResult {
 };
 
 struct ForwardResult {
-  model::TierChoice choice;
+  statics::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
-  model::Solution solution;
+  statics::Solution solution;
   model::Twists twists;  // mean, of the sections
   int full_rank;
   std::vector<SectionResult> sections;
@@ -76,8 +76,8 @@ std::vector<SectionResult> sectionsOf(const model::ArmOf<Group>& arm) {
   return sections;
 }
 
-ForwardResult forward(const model::ArmModel& model, const Eigen::VectorXd& inputs, int samples) {
-  const bool planar = model.choice().setting.tier == model::Tier::kPlanar;
+ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inputs, int samples) {
+  const bool planar = model.choice().setting.tier == statics::Tier::kPlanar;
   ForwardResult result{model.choice(),
                        inputs,
                        model.arm().lengths(inputs),
@@ -131,13 +131,13 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
                         {"helix", helixJson(twist)}});
   }
   const std::string failure = failureOf(result);
-  const model::TierSetting& setting = result.choice.setting;
+  const statics::TierSetting& setting = result.choice.setting;
   json document{{"scene", scene.name},
-                {"tier", model::nameOf(setting.tier)},
+                {"tier", statics::nameOf(setting.tier)},
                 {"order", setting.order > 0 ? json(setting.order) : json()},
                 {"reason", result.choice.reason},
                 {"tip_error_percent", cli::toJson(result.tipErrorPercent())},
-                {"status", model::nameOf(result.solution.status)},
+                {"status", statics::nameOf(result.solution.status)},
                 {"failure", failure.empty() ? json() : json(failure)},
                 {"residual", result.solution.residual},
                 {"iterations", result.solution.iterations},
@@ -173,9 +173,9 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
     table.add(row);
   }
   if (!result.curve.empty()) return table;
-  CsvTable::Row row{{"tier", model::nameOf(result.choice.setting.tier)},
+  CsvTable::Row row{{"tier", statics::nameOf(result.choice.setting.tier)},
                     {"order", orderCell(result.choice.setting)},
-                    {"status", model::nameOf(result.solution.status)}};
+                    {"status", statics::nameOf(result.solution.status)}};
   appendInputs(scene.arm, result.inputs, row);
   for (int i = 0; i < result.lengths.size(); ++i) {
     row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
@@ -197,7 +197,7 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
             << result.choice.reason << "\n";
   const std::string failure = failureOf(result);
   if (!failure.empty()) {
-    std::cout << model::nameOf(result.solution.status) << ": " << failure << "\n";
+    std::cout << statics::nameOf(result.solution.status) << ": " << failure << "\n";
   }
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     std::cout << "  " << scene.arm.actuator(i).name << ": "

@@ -1,4 +1,4 @@
-#include "helix_arm/model/inverse.hpp"
+#include "helix_arm/statics/inverse.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -15,10 +15,10 @@
 namespace helix_arm::cli {
 namespace {
 
-using model::InverseResult;
-using model::InverseStatus;
-using model::Limit;
-using model::Preference;
+using statics::InverseResult;
+using statics::InverseStatus;
+using statics::Limit;
+using statics::Preference;
 using nlohmann::json;
 
 struct InverseArguments {
@@ -47,8 +47,8 @@ model::Twists twistArgument(const std::string& text, int sections) {
   return Eigen::Map<const Eigen::MatrixXd>(numbers.data(), 6, sections);
 }
 
-model::InverseOptions optionsOf(const InverseArguments& arguments) {
-  model::InverseOptions options;
+statics::InverseOptions optionsOf(const InverseArguments& arguments) {
+  statics::InverseOptions options;
   if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
   if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
@@ -100,12 +100,12 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-void printJsonResult(const io::Scene& scene, const model::TierSetting& tier,
-                     const InverseResult& result, const model::Solution& reached) {
+void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseResult& result, const statics::Solution& reached) {
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
                 {"tier", nameOf(tier.tier)},
-                {"order", tier.tier == model::Tier::kLoaded ? json(tier.order) : json()},
+                {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
                 {"status", statusName(result.status)},
                 {"reason", reason.empty() ? json() : json(reason)},
                 {"converged", result.converged()},
@@ -119,8 +119,8 @@ void printJsonResult(const io::Scene& scene, const model::TierSetting& tier,
   printJson(document);
 }
 
-void printCsvResult(const io::Scene& scene, const model::TierSetting& tier,
-                    const InverseResult& result, const model::Solution& reached) {
+void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
+                    const InverseResult& result, const statics::Solution& reached) {
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
   appendInputs(scene.arm, result.input, row);
@@ -141,8 +141,8 @@ void printCsvResult(const io::Scene& scene, const model::TierSetting& tier,
   table.print(std::cout);
 }
 
-void printTextResult(const io::Scene& scene, const model::TierSetting& tier,
-                     const InverseResult& result, const model::Solution& reached) {
+void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseResult& result, const statics::Solution& reached) {
   std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
   if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
@@ -162,9 +162,9 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty();
   if (targets != 1) throw CallerError("give exactly one target: --tip, --pose or --twist");
   const io::Scene scene = loadScene(arguments.scene, global);
-  const model::InverseOptions options = optionsOf(arguments);
-  const model::ArmModel model = modelOf(scene, arguments.tier);
-  model::InverseSolver solver(model, options);
+  const statics::InverseOptions options = optionsOf(arguments);
+  const statics::ArmModel model = modelOf(scene, arguments.tier);
+  statics::InverseSolver solver(model, options);
   const Eigen::VectorXd start = startOf(arguments, scene);
 
   InverseResult result;
@@ -176,8 +176,8 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   } else {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
-  const model::Solution reached = model.solve(result.input);
-  const model::TierSetting& tier = model.choice().setting;
+  const statics::Solution reached = model.solve(result.input);
+  const statics::TierSetting& tier = model.choice().setting;
   if (global.format == Format::kJson) printJsonResult(scene, tier, result, reached);
   if (global.format == Format::kCsv) printCsvResult(scene, tier, result, reached);
   if (global.format == Format::kText) printTextResult(scene, tier, result, reached);

@@ -254,7 +254,7 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
   return result;
 }
 
-void printJsonResult(const io::Scene& scene, const model::Solution& start,
+void printJsonResult(const io::Scene& scene, const statics::Solution& start,
                      const std::vector<LocatedFrame>& frames) {
   json list = json::array();
   for (const LocatedFrame& frame : frames) list.push_back(frameJson(frame, scene.vision.fit));
@@ -336,8 +336,8 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd inputs =
       at_rest ? scene.arm.inputAt(0)
               : inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
-  const model::Solution start = scene.model.solve(inputs);
-  Locator locator(scene, model::startingShape(scene.model, start, inputs));
+  const statics::Solution start = scene.model.solve(inputs);
+  Locator locator(scene, statics::startingShape(scene.model, start, inputs));
   const std::vector<LocatedFrame> frames = locateAll(options.pictures, locator);
   const std::string note = noteOnStart(start);
   if (!note.empty()) std::cerr << note << "\n";

@@ -7,7 +7,7 @@
 #include "command.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/median.hpp"
+#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -43,18 +43,18 @@ void requirePressureDriven(const io::Scene& scene) {
 }
 
 const char* modelTier(const io::Scene& scene) {
-  return model::nameOf(scene.model.choice().setting.tier);
+  return statics::nameOf(scene.model.choice().setting.tier);
 }
 
-std::string reasonForNoShape(model::SolveStatus status) {
-  return status == model::SolveStatus::kUnsupported
+std::string reasonForNoShape(statics::SolveStatus status) {
+  return status == statics::SolveStatus::kUnsupported
              ? "the load pulls along a motion that no actuator resists"
              : "no shape that balances the load was found within the error that the tier states; "
                "less "
                "load, a higher order or tier: exact may help";
 }
 
-std::string noteOnStart(const model::Solution& solution) {
+std::string noteOnStart(const statics::Solution& solution) {
   if (solution.converged()) return {};
   return "the search began at the shape without load: " + reasonForNoShape(solution.status);
 }
@@ -91,7 +91,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
     capture.model = scene.model.solve(pressure);
     const estimation::TwistFit& fit =
-        fitter.fitCold(capture.seen, model::startingShape(scene.model, capture.model, pressure));
+        fitter.fitCold(capture.seen, statics::startingShape(scene.model, capture.model, pressure));
     capture.status = fit.status;
     capture.reason = reasonOf(scene, capture);
     if (fit.status == estimation::FitStatus::kConverged ||
@@ -141,7 +141,7 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
 
 std::optional<double> median(std::vector<double> values) {
   if (values.empty()) return std::nullopt;
-  return model::medianOf(std::move(values));
+  return basics::medianOf(std::move(values));
 }
 
 std::string joined(const std::vector<int>& numbers) {

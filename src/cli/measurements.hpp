@@ -17,9 +17,9 @@ void requirePressureDriven(const io::Scene& scene);
 /// Name of the tier that computes the model's shapes.
 const char* modelTier(const io::Scene& scene);
 /// Why the model has no shape where its load finds no balance, as text of a result.
-std::string reasonForNoShape(model::SolveStatus status);
+std::string reasonForNoShape(statics::SolveStatus status);
 /// Where the search for a measured shape began, as text of a result; empty where at the model's.
-std::string noteOnStart(const model::Solution& solution);
+std::string noteOnStart(const statics::Solution& solution);
 
 /// One capture of tag poses and the shape fitted to it.
 struct FittedCapture {
@@ -27,7 +27,7 @@ struct FittedCapture {
   Eigen::VectorXd pressure;                       ///< (n) gauge [Pa]
   std::vector<estimation::PoseObservation> seen;  ///< the tags that the scene has
   std::vector<int> unknown_tags;                  ///< ids that it has not
-  model::Solution model;                          ///< at these pressures
+  statics::Solution model;                          ///< at these pressures
   estimation::FitStatus status;
   std::string reason;  ///< why it did not converge; empty where it did
   /// Absent where the tags do not determine a shape, or no shape fits most of them.

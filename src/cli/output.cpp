@@ -83,8 +83,8 @@ std::string exact(const std::optional<double>& value) {
   return value ? exact(*value) : std::string();
 }
 
-std::string orderCell(const model::TierSetting& setting) {
-  return setting.tier == model::Tier::kLoaded ? std::to_string(setting.order) : "";
+std::string orderCell(const statics::TierSetting& setting) {
+  return setting.tier == statics::Tier::kLoaded ? std::to_string(setting.order) : "";
 }
 
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/model/tier.hpp"
+#include "helix_arm/statics/tier.hpp"
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
@@ -49,7 +49,7 @@ std::string exact(double value);
 /// The same; empty where there is none.
 std::string exact(const std::optional<double>& value);
 /// The order of the loaded tier; empty of the others.
-std::string orderCell(const model::TierSetting& setting);
+std::string orderCell(const statics::TierSetting& setting);
 /// Cells `pressure_1_pa` (or `input_2_rad`) and so on.
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row);
 /// Cells `section_1_vx_m` .. `section_1_wz_rad` and so on.

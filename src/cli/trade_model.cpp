@@ -3,16 +3,16 @@
 #include <limits>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/input_samples.hpp"
-#include "helix_arm/model/loaded.hpp"
-#include "helix_arm/model/median_time.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/input_samples.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/basics/median_time.hpp"
 #include "trade.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using model::Tier;
+using statics::Tier;
 
 constexpr int kCorners = 100;
 constexpr int kInner = 300;
@@ -20,19 +20,19 @@ constexpr int kDrawnShapes = 8;
 constexpr int kDenseFactor = 16;  // points that a drawn line is compared at, between its own
 
 // Of a scene that has none: the loaded tiers run all the same, and show what they cost.
-model::Load loadOf(const io::Scene& scene) {
+statics::Load loadOf(const io::Scene& scene) {
   if (scene.model.load()) return *scene.model.load();
-  model::Load none;
+  statics::Load none;
   none.mass.assign(scene.arm.sectionCount(), 0.0);
   none.K_eps.assign(scene.arm.sectionCount(), 1.0);
   return none;
 }
 
-std::vector<model::TierSetting> settingsOf(const io::Scene& scene, const model::Load& load) {
-  std::vector<model::TierSetting> out;
-  if (scene.planar && model::inPlane(load)) out.push_back({Tier::kPlanar, 0});
+std::vector<statics::TierSetting> settingsOf(const io::Scene& scene, const statics::Load& load) {
+  std::vector<statics::TierSetting> out;
+  if (scene.planar && statics::inPlane(load)) out.push_back({Tier::kPlanar, 0});
   out.push_back({Tier::kLinear, 0});
-  for (int order = model::kLeastOrder; order <= model::kMostOrder; ++order) {
+  for (int order = statics::kLeastOrder; order <= statics::kMostOrder; ++order) {
     out.push_back({Tier::kLoaded, order});
   }
   out.push_back({Tier::kExact, 0});
@@ -70,28 +70,28 @@ void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie:
 }  // namespace
 
 std::vector<TradeRow> modelRows(const io::Scene& scene) {
-  const model::Load load = loadOf(scene);
-  const model::ExactArm exact(scene.arm, load);
+  const statics::Load load = loadOf(scene);
+  const statics::ExactArm exact(scene.arm, load);
   std::vector<Eigen::VectorXd> inputs;
   std::vector<Eigen::Vector3d> tips;
-  for (const Eigen::VectorXd& q : model::sampleInputs(scene.arm, kCorners, kInner)) {
-    const model::Solution solution = exact.solve(scene.arm.twists(q));
+  for (const Eigen::VectorXd& q : statics::sampleInputs(scene.arm, kCorners, kInner)) {
+    const statics::Solution solution = exact.solve(scene.arm.twists(q));
     if (!solution.converged()) continue;
     inputs.push_back(q);
     tips.push_back(solution.tip.translation);
   }
   std::vector<TradeRow> rows;
   if (inputs.empty()) return rows;
-  for (const model::TierSetting& setting : settingsOf(scene, load)) {
-    const model::ArmModel tier(scene.arm, scene.planar, load, setting);
+  for (const statics::TierSetting& setting : settingsOf(scene, load)) {
+    const statics::ArmModel tier(scene.arm, scene.planar, load, setting);
     double error = 0.0;
     for (std::size_t i = 0; i < inputs.size(); ++i) {
-      const model::Tip found = tier.tip(inputs[i]);
+      const statics::Tip found = tier.tip(inputs[i]);
       error = std::max(error, found.converged() ? (found.tip.translation - tips[i]).norm()
                                                 : std::numeric_limits<double>::infinity());
     }
     std::size_t next = 0;
-    const double time = model::medianTime([&] {
+    const double time = basics::medianTime([&] {
       tier.tip(inputs[next]);
       next = next + 1 < inputs.size() ? next + 1 : 0;
     });
@@ -105,8 +105,8 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
 std::vector<TradeRow> drawingRows(const io::Scene& scene) {
   const model::Arm& arm = scene.arm;
   std::vector<model::Shape> shapes;
-  for (const Eigen::VectorXd& q : model::sampleInputs(arm, 0, kDrawnShapes)) {
-    model::Solution solution = scene.model.solve(q);
+  for (const Eigen::VectorXd& q : statics::sampleInputs(arm, 0, kDrawnShapes)) {
+    statics::Solution solution = scene.model.solve(q);
     if (solution.converged()) shapes.push_back(std::move(solution.shape));
   }
   std::vector<TradeRow> rows, markers;
@@ -124,8 +124,8 @@ std::vector<TradeRow> drawingRows(const io::Scene& scene) {
       for (const auto& line : lines) muscle_error = std::max(muscle_error, lineError(line));
     }
     const double curve_time =
-        model::medianTime([&] { model::sampleCurve(shapes.back(), sections * points + 1); });
-    const double muscle_time = model::medianTime([&] {
+        basics::medianTime([&] { model::sampleCurve(shapes.back(), sections * points + 1); });
+    const double muscle_time = basics::medianTime([&] {
       drawMuscles(arm, model::sampleCurve(shapes.back(), sections * points + 1), points, lines);
     });
     const std::string setting = std::to_string(points) + " points a section";

@@ -5,7 +5,7 @@
 
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/median.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "trade.hpp"
@@ -35,7 +35,7 @@ Film shoot(const io::Scene& scene, int count) {
       share[k] = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
     }
     const Eigen::VectorXd q = scene.arm.inputAt(share);
-    const model::Solution expected = scene.model.solve(q);
+    const statics::Solution expected = scene.model.solve(q);
     if (!expected.converged()) continue;
     film.model.push_back(expected.shape);
     film.truth.push_back(true_arm.shape(q));
@@ -70,8 +70,8 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
   }
   std::ostringstream setting;
   setting << "quad_decimate " << decimate;
-  return {"sight", nameOf(mode), setting.str(), model::medianOf(times),
-          model::medianOf(errors) / scene.arm.restLength()};
+  return {"sight", nameOf(mode), setting.str(), basics::medianOf(times),
+          basics::medianOf(errors) / scene.arm.restLength()};
 }
 
 // What a fit is asked for beside the shape.
@@ -120,8 +120,8 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
                                       .norm()
                                 : kInfinity);
     }
-    rows.push_back({"fit", mode.tier, mode.setting, model::medianOf(times),
-                    model::medianOf(errors) / scene.arm.restLength()});
+    rows.push_back({"fit", mode.tier, mode.setting, basics::medianOf(times),
+                    basics::medianOf(errors) / scene.arm.restLength()});
   }
   return rows;
 }

@@ -1,4 +1,4 @@
-#include "helix_arm/model/workspace.hpp"
+#include "helix_arm/statics/workspace.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,8 +20,8 @@
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/model/median.hpp"
-#include "helix_arm/model/workspace_extremes.hpp"
+#include "helix_arm/basics/median.hpp"
+#include "helix_arm/statics/workspace_extremes.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
 #include "plot.hpp"
@@ -60,8 +60,8 @@ struct WorkspaceArguments {
 struct Summary {
   std::uint64_t inputs = 0, unbalanced = 0;
   double seconds = 0.0;
-  model::WorkspaceExtremes sampled;   // of the points
-  model::WorkspaceExtremes extremes;  // that a search found from there
+  statics::WorkspaceExtremes sampled;   // of the points
+  statics::WorkspaceExtremes extremes;  // that a search found from there
   Eigen::Vector3d worst = Eigen::Vector3d::Zero();
   std::vector<CloudPoint> kept;
   bool whole = false;  // not interrupted
@@ -70,11 +70,11 @@ struct Summary {
   double median(int k) const {
     std::vector<double> values;
     for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
-    return model::medianOf(std::move(values));
+    return basics::medianOf(std::move(values));
   }
 };
 
-void add(const model::WorkspacePoints& points, bool keep, Summary& summary) {
+void add(const statics::WorkspacePoints& points, bool keep, Summary& summary) {
   summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
   summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
   if (points.count() == 0) return;
@@ -93,10 +93,10 @@ void add(const model::WorkspacePoints& points, bool keep, Summary& summary) {
 
 // Samples on all threads and takes the pieces in their order, so that the result does not tell how
 // many threads there were. Ends early when interrupted.
-Summary sample(const model::Workspace& workspace, const WorkspaceArguments& arguments,
+Summary sample(const statics::Workspace& workspace, const WorkspaceArguments& arguments,
                CloudFile* file) {
   struct Piece {
-    model::WorkspacePoints points;
+    statics::WorkspacePoints points;
     std::string encoded;
   };
   const std::uint64_t total = arguments.inputs();
@@ -197,21 +197,21 @@ std::string failureOf(const Summary& summary) {
   return summary.points() > 0 ? "" : "at no sampled input a shape balances the load";
 }
 
-json toJson(const io::Scene& scene, const model::TierSetting& setting,
+json toJson(const io::Scene& scene, const statics::TierSetting& setting,
             const WorkspaceArguments& arguments, const Summary& summary) {
   const bool some = summary.points() > 0;
   json sensitivity;
-  for (int k = 0; k < model::kSensitivities && some && arguments.sensitivity; ++k) {
-    sensitivity[model::kSensitivityNames[k]] = {{"median", summary.median(k)},
+  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
+    sensitivity[statics::kSensitivityNames[k]] = {{"median", summary.median(k)},
                                                 {"max", summary.worst[k]}};
   }
-  const auto bounds = [](const model::WorkspaceExtremes& extremes) {
+  const auto bounds = [](const statics::WorkspaceExtremes& extremes) {
     const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
     return json{{"min", corner(extremes.bounds().min())}, {"max", corner(extremes.bounds().max())}};
   };
   const std::string failure = failureOf(summary);
   return {{"scene", scene.name},
-          {"tier", model::nameOf(setting.tier)},
+          {"tier", statics::nameOf(setting.tier)},
           {"order", setting.order > 0 ? json(setting.order) : json()},
           {"seed", arguments.seed},
           {"count", summary.inputs},
@@ -228,18 +228,18 @@ json toJson(const io::Scene& scene, const model::TierSetting& setting,
           {"sensitivity", sensitivity}};
 }
 
-CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
+CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
                const WorkspaceArguments& arguments, const Summary& summary) {
   const bool some = summary.points() > 0;
   CsvTable::Row row{{"scene", scene.name},
-                    {"tier", model::nameOf(setting.tier)},
+                    {"tier", statics::nameOf(setting.tier)},
                     {"order", orderCell(setting)},
                     {"seed", std::to_string(arguments.seed)},
                     {"count", std::to_string(summary.inputs)},
                     {"unbalanced", std::to_string(summary.unbalanced)},
                     {"seconds", exact(summary.seconds)}};
   const auto addExtremes = [some, &row](const std::string& prefix,
-                                        const model::WorkspaceExtremes& extremes) {
+                                        const statics::WorkspaceExtremes& extremes) {
     const char* const axes[] = {"x_m", "y_m", "z_m"};
     const Eigen::AlignedBox3d bounds = extremes.bounds();
     for (int i = 0; i < 3; ++i) {
@@ -250,8 +250,8 @@ CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
     row.emplace_back(prefix + "reach_m", some ? exact(extremes.reach()) : "");
   };
   addExtremes("", summary.extremes);
-  for (int k = 0; k < model::kSensitivities && some && arguments.sensitivity; ++k) {
-    const std::string name = model::kSensitivityNames[k];
+  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
+    const std::string name = statics::kSensitivityNames[k];
     row.emplace_back("median_" + name, exact(summary.median(k)));
     row.emplace_back("max_" + name, exact(summary.worst[k]));
   }
@@ -261,7 +261,7 @@ CsvTable toCsv(const io::Scene& scene, const model::TierSetting& setting,
   return table;
 }
 
-void printText(const io::Scene& scene, const model::TierSetting& setting,
+void printText(const io::Scene& scene, const statics::TierSetting& setting,
                const WorkspaceArguments& arguments, const Summary& summary) {
   std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
             << std::setprecision(3) << summary.seconds << " s, "
@@ -280,7 +280,7 @@ void printText(const io::Scene& scene, const model::TierSetting& setting,
             << "of the samples alone " << summary.sampled.reach() << " m\n";
   const char* const errors[] = {"1 kPa in every pressure", "1 mm in every free length",
                                 "1 % in the stiffness"};
-  for (int k = 0; k < model::kSensitivities && arguments.sensitivity; ++k) {
+  for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {
     std::cout << "the tip moves for " << errors[k] << ": median " << std::setprecision(3)
               << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
   }
@@ -298,18 +298,18 @@ std::string checkCount(const std::string& text) {
          ", in digits as 1000000";
 }
 
-model::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
+statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
   if (arguments.sensitivity && hasTendon(scene.arm)) {
     throw CallerError("--sensitivity is per kPa, and scene " + scene.name +
                       " has tendons; leave out --sensitivity");
   }
-  return model::Workspace(modelOf(scene, arguments.tier), {arguments.seed, arguments.sensitivity});
+  return statics::Workspace(modelOf(scene, arguments.tier), {arguments.seed, arguments.sensitivity});
 }
 
 int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
-  const model::Workspace workspace = workspaceOf(scene, arguments);
-  const model::TierSetting& setting = workspace.model().choice().setting;
+  const statics::Workspace workspace = workspaceOf(scene, arguments);
+  const statics::TierSetting& setting = workspace.model().choice().setting;
   checkPng(arguments);
   Summary summary;
   {
@@ -322,7 +322,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     summary = sample(workspace, arguments, file ? &*file : nullptr);
   }
   if (summary.whole && summary.points() > 0) {
-    summary.extremes = model::findExtremes(workspace.model(), summary.sampled);
+    summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);
   }
   if (!summary.whole) {
     std::cerr << "interrupted after " << summary.inputs << " of " << arguments.inputs()

@@ -59,8 +59,8 @@ std::string CloudFile::plyHeader() const {
       << origin_.seed << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
       << std::string(kCountWidth - count.size(), ' ') << "\nelement vertex " << count
       << "\nproperty float x\nproperty float y\nproperty float z\n";
-  for (int k = 0; k < model::kSensitivities && origin_.sensitivity; ++k) {
-    out << "property float " << model::kSensitivityNames[k] << "\n";
+  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+    out << "property float " << statics::kSensitivityNames[k] << "\n";
   }
   out << "end_header\n";
   return out.str();
@@ -79,31 +79,31 @@ std::string CloudFile::csvHeader() const {
     out << (pressure ? "pressure_" : "input_") << i + 1 << (pressure ? "_kpa," : "_rad,");
   }
   out << "x_m,y_m,z_m";
-  for (int k = 0; k < model::kSensitivities && origin_.sensitivity; ++k) {
-    out << "," << model::kSensitivityNames[k];
+  for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
+    out << "," << statics::kSensitivityNames[k];
   }
   out << "\n";
   return out.str();
 }
 
-std::string CloudFile::encode(const model::WorkspacePoints& points) const {
+std::string CloudFile::encode(const statics::WorkspacePoints& points) const {
   return ply_ ? encodePly(points) : encodeCsv(points);
 }
 
-std::string CloudFile::encodePly(const model::WorkspacePoints& points) const {
+std::string CloudFile::encodePly(const statics::WorkspacePoints& points) const {
   std::string out;
   const auto columns = points.tips.cols() + (origin_.sensitivity ? points.sensitivity.cols() : 0);
   out.reserve(static_cast<std::size_t>(points.count() * columns) * sizeof(float));
   for (int row = 0; row < points.count(); ++row) {
     for (int k = 0; k < 3; ++k) append(static_cast<float>(points.tips(row, k)), out);
-    for (int k = 0; k < model::kSensitivities && origin_.sensitivity; ++k) {
+    for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
       append(static_cast<float>(points.sensitivity(row, k)), out);
     }
   }
   return out;
 }
 
-std::string CloudFile::encodeCsv(const model::WorkspacePoints& points) const {
+std::string CloudFile::encodeCsv(const statics::WorkspacePoints& points) const {
   constexpr int kInputDigits = 17;  // they read back as the same
   constexpr int kTipDigits = 12;
   constexpr int kSensitivityDigits = 9;
@@ -116,9 +116,9 @@ std::string CloudFile::encodeCsv(const model::WorkspacePoints& points) const {
     for (int k = 0; k < 3; ++k) {
       append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);
     }
-    for (int k = 0; k < model::kSensitivities && origin_.sensitivity; ++k) {
+    for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
       append(points.sensitivity(row, k), kSensitivityDigits,
-             k + 1 == model::kSensitivities ? '\n' : ',', out);
+             k + 1 == statics::kSensitivities ? '\n' : ',', out);
     }
   }
   return out;

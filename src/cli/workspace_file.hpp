@@ -4,7 +4,7 @@
 #include <string>
 
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/model/workspace.hpp"
+#include "helix_arm/statics/workspace.hpp"
 
 namespace helix_arm::cli {
 
@@ -23,7 +23,7 @@ class CloudFile {
   CloudFile(const std::string& path, const model::Arm& arm, const CloudOrigin& origin);
 
   /// Points as they stand in the file. From any thread.
-  std::string encode(const model::WorkspacePoints& points) const;
+  std::string encode(const statics::WorkspacePoints& points) const;
 
   /// Appends so many encoded points. @throws io::FileError.
   void write(const std::string& encoded, std::uint64_t points);
@@ -34,8 +34,8 @@ class CloudFile {
  private:
   std::string plyHeader() const;
   std::string csvHeader() const;
-  std::string encodePly(const model::WorkspacePoints& points) const;
-  std::string encodeCsv(const model::WorkspacePoints& points) const;
+  std::string encodePly(const statics::WorkspacePoints& points) const;
+  std::string encodeCsv(const statics::WorkspacePoints& points) const;
 
   const model::Arm& arm_;
   const CloudOrigin origin_;

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <functional>
 
-#include "helix_arm/model/median.hpp"
-#include "helix_arm/model/workspace.hpp"
+#include "helix_arm/basics/median.hpp"
+#include "helix_arm/statics/workspace.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -104,15 +104,15 @@ json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
       return static_cast<double>(members.size());
     }),
                          "points", "Where the tip goes: points a cell", "points"));
-    for (int k = 0; k < model::kSensitivities && sensitivity; ++k) {
+    for (int k = 0; k < statics::kSensitivities && sensitivity; ++k) {
       const auto median = [&points, k](const std::vector<int>& members) {
         std::vector<double> values;
         for (const int i : members) {
           values.push_back(points[static_cast<std::size_t>(i)].sensitivity[k]);
         }
-        return model::medianOf(std::move(values));
+        return basics::medianOf(std::move(values));
       };
-      maps.push_back(named(grid.map(median), model::kSensitivityNames[k], kTitles[k], "m"));
+      maps.push_back(named(grid.map(median), statics::kSensitivityNames[k], kTitles[k], "m"));
     }
   }
   return maps;

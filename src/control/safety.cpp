@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::control {
 namespace {
@@ -21,7 +21,7 @@ constexpr std::array<const char*, kSafetyCauseCount> kCauseNames = {
 constexpr std::array<const char*, 3> kActionNames = {"vent", "hold", "close"};
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  model::requireValue(holds, "safety rules", what, value, rule);
+  basics::requireValue(holds, "safety rules", what, value, rule);
 }
 
 void requirePositive(const char* what, double value) {
@@ -55,19 +55,19 @@ bool passes(SafetyCause cause) {
 }
 
 void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules& rules) {
-  model::require(!channels.empty(), "safety core: no channels; expected at least one");
+  basics::require(!channels.empty(), "safety core: no channels; expected at least one");
   for (const ChannelRules& channel : channels) {
     const char* const name = channel.name.c_str();
     const model::Range& limits = channel.limits;
-    model::require(!channel.name.empty(), "safety core: a channel has no name; expected one");
-    model::require(
+    basics::require(!channel.name.empty(), "safety core: a channel has no name; expected one");
+    basics::require(
         std::isfinite(limits.lower) && std::isfinite(limits.upper) && limits.lower <= limits.upper,
         name, ": the limits [Pa] are ", limits.lower, " to ", limits.upper,
         "; expected finite ones, the lower first");
-    model::requireValue(channel.slew > 0, name, "slew [Pa/s]", channel.slew, "a value > 0");
+    basics::requireValue(channel.slew > 0, name, "slew [Pa/s]", channel.slew, "a value > 0");
     // Else a reading could be a fault and no pressure at once.
     const double nearest = std::min(highestReading(channel, rules), -lowestReading(channel, rules));
-    model::require(rules.vented_below < nearest, name, ": vented_below [Pa] is ",
+    basics::require(rules.vented_below < nearest, name, ": vented_below [Pa] is ",
                    rules.vented_below, "; expected less than ", nearest,
                    ", where it is over its limits by trip_margin");
   }
@@ -109,16 +109,16 @@ SafetyCore::SafetyCore(std::vector<ChannelRules> channels, const SafetyRules& ru
 void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& rules) {
   rules.validate();
   checkChannels(channels, rules);
-  model::require(channels.size() == channels_.size(), channels.size(), " channels for a core of ",
+  basics::require(channels.size() == channels_.size(), channels.size(), " channels for a core of ",
                  channels_.size(), "; expected the same ones");
   for (int i = 0; i < count(); ++i) {
     const ChannelRules& channel = channels[i];
-    model::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
+    basics::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
                    channels_[i].name, "; expected the same ones");
     if (orders_.valve[i] != Valve::kRegulate) continue;
     const bool inside = channel.limits.contains(goal_[i]) &&
                         onTheWay(channel.limits).contains(orders_.set_point[i]);
-    model::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
+    basics::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
                    1e-3 * orders_.set_point[i], ", outside the new limits of ",
                    1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
                    " kPa; command it inside them first");

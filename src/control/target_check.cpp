@@ -5,8 +5,8 @@
 #include <sstream>
 
 #include "helix_arm/control/channel_watch.hpp"
-#include "helix_arm/control/quote.hpp"
-#include "helix_arm/model/inverse.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::control {
 namespace {
@@ -56,7 +56,7 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
   for (std::size_t j = 0; j < pressure.size(); ++j) {
     const int i = name.empty() ? static_cast<int>(j) : indexOf(arm, name[j]);
     if (i < 0) {
-      return refuse(Fault::kUnknownName, "no actuator is named '", quoted(name[j]),
+      return refuse(Fault::kUnknownName, "no actuator is named '", basics::quoted(name[j]),
                     "'; the arm has ", listOfNames(arm));
     }
     const model::Actuator& actuator = arm.actuator(i);
@@ -128,7 +128,7 @@ Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twis
       return refuse(Fault::kNotFinite, "twist[", j, "] is ", twist[j],
                     "; send finite v [m] and w [rad]");
     }
-    if (std::abs(twist[j]) > model::kFarthestTarget) {
+    if (std::abs(twist[j]) > statics::kFarthestTarget) {
       return refuse(Fault::kOutOfRange, "twist[", j, "] is ", twist[j],
                     "; send v [m] and w [rad] of a size that an arm has");
     }
@@ -142,7 +142,7 @@ Checked<Eigen::Vector3d> checkPosition(const Eigen::Vector3d& position) {
       return refuse(Fault::kNotFinite, "the tip's ", "xyz"[axis], " is ", position[axis],
                     "; send a finite position [m]");
     }
-    if (std::abs(position[axis]) > model::kFarthestTarget) {
+    if (std::abs(position[axis]) > statics::kFarthestTarget) {
       return refuse(Fault::kOutOfRange, "the tip's ", "xyz"[axis], " is ", position[axis],
                     "; send a position in metres, seen from the arm's base");
     }

@@ -12,7 +12,7 @@
 #include "calibration_statistics.hpp"
 #include "cross_validation.hpp"
 #include "experiment_design.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -230,18 +230,18 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
 
 }  // namespace
 
-bool ArmCaptures::isLoaded() const { return load && !load->empty() && model::takesLoad(tier.tier); }
+bool ArmCaptures::isLoaded() const { return load && !load->empty() && statics::takesLoad(tier.tier); }
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {
-    model::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
+    basics::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
                         "a finite value > 0");
   };
   positive("the curvature noise", curvature_noise);
   positive("the corner noise", corner_noise);
   positive("the position noise", position_noise);
   const auto not_negative = [](const char* what, double value) {
-    model::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
+    basics::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
                         "a finite value >= 0");
   };
   not_negative("the rotation noise", rotation_noise);
@@ -256,9 +256,9 @@ void CalibrationOptions::validate() const {
   positive("the prior of the bleed", bleed_prior);
   positive("the model's prior of translation", model_prior.translation);
   positive("the model's prior of rotation", model_prior.rotation);
-  model::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
+  basics::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
                       "the number of next pressures", next_pressures, "0 to 100");
-  model::requireValue(max_iterations >= 1, "calibration", "the number of iterations",
+  basics::requireValue(max_iterations >= 1, "calibration", "the number of iterations",
                       max_iterations, "at least 1");
 }
 

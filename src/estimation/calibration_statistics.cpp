@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/model/median.hpp"
+#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -36,7 +36,7 @@ double typicalNoise(const std::vector<Comparison>& comparisons, double data_para
   }
   const double free = std::max(kLeastFree * residuals, residuals - data_parameters);
   // The median of a few may be far too small: Rousseeuw's factor for such.
-  return model::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
+  return basics::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
 }
 
 // The scale of the noise, of the expected one, that the residuals speak of.
@@ -107,7 +107,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
   }
   if (errors.empty()) return estimate;
-  estimate.noise_scale = std::max(1.0, model::medianOf(std::move(errors)));
+  estimate.noise_scale = std::max(1.0, basics::medianOf(std::move(errors)));
   for (int round = 0; round < kMostRounds; ++round) {
     const double before = estimate.noise_scale;
     const Solved solved = problem.solve(before, everyCapture);

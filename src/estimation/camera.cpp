@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -44,7 +44,7 @@ bool unfolded(const Eigen::Matrix2d& jacobian) {
 
 template <class Value, class Rule>
 void require(bool holds, const char* what, const Value& value, const Rule& rule) {
-  model::requireValue(holds, "camera", what, value, rule);
+  basics::requireValue(holds, "camera", what, value, rule);
 }
 
 }  // namespace

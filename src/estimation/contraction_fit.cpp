@@ -7,7 +7,7 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/model/median.hpp"
+#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -374,7 +374,7 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
   fit.rms = fit.residual.norm() /
             std::sqrt(static_cast<double>(std::count(counts.begin(), counts.end(), true)));
   if (!rising.empty() && !falling.empty())
-    fit.hysteresis = model::medianOf(falling) - model::medianOf(rising);
+    fit.hysteresis = basics::medianOf(falling) - basics::medianOf(rising);
   return fit;
 }
 

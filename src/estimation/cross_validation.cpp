@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "calibration_fit.hpp"
-#include "helix_arm/model/median.hpp"
+#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -21,7 +21,7 @@ double errorOf(ReadingKind kind, const std::vector<Comparison>& comparisons) {
   if (errors.empty()) return 0;
   if (kind == ReadingKind::kCurvature)
     return std::sqrt(square / static_cast<double>(errors.size()));
-  return model::medianOf(std::move(errors));
+  return basics::medianOf(std::move(errors));
 }
 
 // Groups of captures to leave out in turn.

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -18,7 +18,7 @@ constexpr double kLikelyBending = 0.2;
 int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
 
 // Change of the pieces' twists, all in one column.
-Eigen::VectorXd changeOf(const model::Solution& above, const model::Solution& below) {
+Eigen::VectorXd changeOf(const statics::Solution& above, const statics::Solution& below) {
   const model::Shape::Pieces change = (above.shape.pieces() - below.shape.pieces()) / (2 * kStep);
   return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
 }
@@ -113,7 +113,7 @@ ShapeThere ShapeModel::loaded(int a, const Eigen::VectorXd& lengths, int scales,
   }
   ShapeThere out;
   const auto found = [&out](const Statics& statics, const Eigen::VectorXd& l) {
-    model::Solution solution = statics(l);
+    statics::Solution solution = statics(l);
     out.found &= solution.converged();
     return solution;
   };
@@ -178,16 +178,16 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
                             : arm.scaledStiffness(factors.ratios);
   }
-  model::Load load = *data.load;
+  statics::Load load = *data.load;
   for (double& K_eps : load.K_eps) K_eps *= factors.K_eps;
   const auto statics = [&arm](auto solver) -> Statics {
     return [arm, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
       return solver.solve(arm.twistsOfLengths(lengths));
     };
   };
-  return data.tier.tier == model::Tier::kExact
-             ? statics(model::ExactArm(arm, load))
-             : statics(model::LoadedArm(arm, load, data.tier.order));
+  return data.tier.tier == statics::Tier::kExact
+             ? statics(statics::ExactArm(arm, load))
+             : statics(statics::LoadedArm(arm, load, data.tier.order));
 }
 
 void ShapeModel::update(const double* logs, bool derivatives) {

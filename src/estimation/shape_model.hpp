@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "calibration_problem.hpp"
-#include "helix_arm/model/solution.hpp"
+#include "helix_arm/statics/solution.hpp"
 
 /// The shapes that arms have while a calibration searches for their stiffness.
 namespace helix_arm::estimation {
@@ -47,7 +47,7 @@ class ShapeModel {
 
  private:
   using Maps = std::vector<std::vector<Eigen::MatrixXd>>;  // [arm][section]
-  using Statics = std::function<model::Solution(const Eigen::VectorXd& lengths)>;
+  using Statics = std::function<statics::Solution(const Eigen::VectorXd& lengths)>;
   // Of a loaded arm, at the logs and a step to either side of them.
   struct Loaded {
     Statics there;

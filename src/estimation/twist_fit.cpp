@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
@@ -40,7 +40,7 @@ constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  model::requireValue(holds, "twist fit", what, value, rule);
+  basics::requireValue(holds, "twist fit", what, value, rule);
 }
 
 // What the residuals say of the noise: its variance, in expected ones, and from how many residuals

@@ -4,7 +4,7 @@
 
 #include "camera_reader.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "pose_reader.hpp"
 #include "provenance_section.hpp"
 #include "scene_document.hpp"
@@ -72,7 +72,7 @@ void putStiffness(const model::Stiffness& stiffness, Value& document) {
 }
 
 void putK_eps(const Scene& scene, double K_eps, Value& document) {
-  model::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
+  basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
                  "nothing loads scene ", scene.name, "; expected one with a load");
   for (Value* const one : stiffnessesOf(document)) {
     if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
@@ -80,7 +80,7 @@ void putK_eps(const Scene& scene, double K_eps, Value& document) {
 }
 
 void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& document) {
-  model::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
+  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
                       "the number of length scales", factors.size(), scene.arm.actuatorCount());
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
@@ -101,7 +101,7 @@ void putPose(const lie::SE3& X, Value& map) {
 }
 
 void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
-  model::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
+  basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
                  "but scene ", scene.name, " has none; expected one with a camera");
   lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
   X_WC.rotation *= kOpticalInBody.transpose();
@@ -137,7 +137,7 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
 }
 
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
-  model::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
+  basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
                       "the number of tags", layout.tags.size(), scene.tags->tags.size());
   Value& groups = *findValue(*findValue(document, "tags"), "groups");
   std::vector<Value> placed;
@@ -151,7 +151,7 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
     for (std::size_t i = first; i < next; ++i) {
       const estimation::TagPlacement& before = scene.tags->tags[i];
       const int index = layout.find(before.id);
-      model::require(index >= 0 && layout.tags[index].section == before.section,
+      basics::require(index >= 0 && layout.tags[index].section == before.section,
                      "calibratedSceneText: tag ", before.id, " of scene ", scene.name,
                      " is not placed on its section; expected all tags of the scene");
       moved = moved || !isSame(before, layout.tags[index]);
@@ -206,15 +206,15 @@ Value curveValue(const estimation::ContractionFit& fit) {
 
 void putContraction(const Scene& scene, const std::string& name,
                     const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
-  model::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
+  basics::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
                  " has no curve: ", fit.reason);
   Value& contractions = *findValue(document, "contractions");
   Value* const present = findValue(contractions, name);
   std::vector<std::string> known;
   for (const Value::Entry& entry : contractions.entries) known.push_back(entry.key);
-  model::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
+  basics::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
                  " has no contraction ", name, "; expected ", alternatives(known));
-  model::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
+  basics::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
                  " of scene ", scene.name, " is a tendon; expected one that pressure drives");
   findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
   *present = curveValue(fit);
@@ -237,7 +237,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& calibration, Val
   if (calibration.length_scale) putLengthScale(scene, *calibration.length_scale, document);
   if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
   const bool of_tags = calibration.tags || calibration.X_BF || calibration.bleed != 0;
-  model::require(!of_tags || scene.tags.has_value(), "calibratedSceneText: tags are calibrated, ",
+  basics::require(!of_tags || scene.tags.has_value(), "calibratedSceneText: tags are calibrated, ",
                  "but scene ", scene.name, " has none; expected one with tags");
   if (calibration.tags) putTags(scene, *calibration.tags, document);
   if (calibration.bleed != 0) {

@@ -48,13 +48,13 @@ std::string sha256Of(const std::string& content) {
   return hash.digits();
 }
 
-std::string sha256OfFile(control::RegularFile& file, const std::string& path, std::uint64_t most) {
+std::string sha256OfFile(basics::RegularFile& file, const std::string& path, std::uint64_t most) {
   const auto refuse = [&path](const std::string& fault) {
     const bool complete = fault.find("; expected ") != std::string::npos;
     throw FileError(path + " " + fault +
                     (complete ? "" : "; expected a file that is there and may be read"));
   };
-  const std::string too_large = control::largerThan(most) + "; expected a smaller file";
+  const std::string too_large = basics::largerThan(most) + "; expected a smaller file";
   if (!file.isOpen()) refuse(file.fault());
   if (file.size() > most) refuse(too_large);
   Sha256 hash;
@@ -71,7 +71,7 @@ std::string sha256OfFile(control::RegularFile& file, const std::string& path, st
 
 std::string sha256OfFile(const std::string& path) {
   constexpr std::uint64_t kMost = 64U << 20U;
-  control::RegularFile file(path);
+  basics::RegularFile file(path);
   return sha256OfFile(file, path, kMost);
 }
 

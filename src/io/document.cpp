@@ -7,7 +7,7 @@
 #include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
-#include "helix_arm/control/quote.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "map_reader.hpp"
 #include "text_file.hpp"
 
@@ -266,7 +266,7 @@ std::string Value::describe() const {
     case Kind::kMap:
       return "a map";
     case Kind::kText:
-      return quoted ? '"' + control::quoted(text, kLongest) + '"' : control::quoted(text, kLongest);
+      return quoted ? '"' + basics::quoted(text, kLongest) + '"' : basics::quoted(text, kLongest);
     case Kind::kEmpty:
       break;
   }

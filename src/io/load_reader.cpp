@@ -44,8 +44,8 @@ std::vector<double> readMasses(const MapReader& load, const Value& value, const 
 }
 
 // What is broken has its fault; the point is then a stand-in.
-model::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
-  model::PointLoad point;
+statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
+  statics::PointLoad point;
   point.mass = keys.number("mass_kg", kMass, point.mass);
   point.offset = readVector(keys, "position_m", kCoordinate);
   point.force = R_BW * readVector(keys, "force_n", kForce);
@@ -56,9 +56,9 @@ model::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
   return point;
 }
 
-model::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
+statics::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
                            const Eigen::Matrix3d& R_BW) {
-  model::PointLoad point = readPull(keys, R_BW);
+  statics::PointLoad point = readPull(keys, R_BW);
   point.s = keys.number("s", kAlongSection).value_or(point.s);
   if (arm == nullptr || !keys.has("section")) return point;
   std::vector<std::string> sections;
@@ -70,17 +70,17 @@ model::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
   return point;
 }
 
-bool isWeightless(const model::Load& load) {
+bool isWeightless(const statics::Load& load) {
   const auto none = [](double mass) { return mass == 0; };
   return std::all_of(load.mass.begin(), load.mass.end(), none) &&
-         std::all_of(load.points.begin(), load.points.end(), [](const model::PointLoad& point) {
+         std::all_of(load.points.begin(), load.points.end(), [](const statics::PointLoad& point) {
            return point.mass == 0 && point.force.isZero(0) && point.moment.isZero(0);
          });
 }
 
 }  // namespace
 
-std::optional<model::Load> readLoad(const MapReader& scene, const Value& document,
+std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
                                     const ArmParts* arm, FaultList& faults) {
   const Value* value = document.find("load");
   if (value == nullptr) return std::nullopt;
@@ -89,7 +89,7 @@ std::optional<model::Load> readLoad(const MapReader& scene, const Value& documen
                        faults);
   if (value->kind != Value::Kind::kMap) return std::nullopt;
   const Eigen::Matrix3d R_BW = (arm == nullptr ? lie::SE3() : arm->X_WB).rotation.transpose();
-  model::Load load;
+  statics::Load load;
   load.gravity = R_BW * readVector(keys, "gravity_m_s2", kAcceleration,
                                    -kStandardGravity * Eigen::Vector3d::UnitZ());
   load.mass = readMasses(keys, *value, arm);

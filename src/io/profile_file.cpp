@@ -5,7 +5,7 @@
 
 #include <dlfcn.h>
 
-#include "helix_arm/control/quote.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "modbus_profile_reader.hpp"
 #include "serial_profile_reader.hpp"
 #include "text_file.hpp"
@@ -85,7 +85,7 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
   std::optional<Profile> read = readFile(path, kind, reader, in_file);
   if (!in_file.empty())
     keys.complain("profile",
-                  "is " + control::quoted(*profile, kLongestProfile) + ", which has faults:");
+                  "is " + basics::quoted(*profile, kLongestProfile) + ", which has faults:");
   faults.append(in_file);
   return read;
 }

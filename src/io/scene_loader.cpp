@@ -8,7 +8,7 @@
 #include "document.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "load_reader.hpp"
 #include "map_reader.hpp"
 #include "profile_file.hpp"
@@ -26,14 +26,14 @@ namespace helix_arm::io {
 namespace {
 
 // Nothing where there are faults that concern it.
-std::optional<model::ArmModel> readModel(const MapReader& scene, const Value& document,
+std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& document,
                                          const ArmParts* arm, FaultList& faults) {
   const std::size_t faults_before = faults.count();
-  std::optional<model::Load> load = readLoad(scene, document, arm, faults);
-  const model::TierRequest request = readTierRequest(scene, document, arm, faults);
+  std::optional<statics::Load> load = readLoad(scene, document, arm, faults);
+  const statics::TierRequest request = readTierRequest(scene, document, arm, faults);
   if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
   try {
-    return model::ArmModel(arm->arm, arm->planar, std::move(load), request);
+    return statics::ArmModel(arm->arm, arm->planar, std::move(load), request);
   } catch (const std::invalid_argument& error) {
     // It begins with its key.
     const std::string fault = error.what();
@@ -108,18 +108,25 @@ Scene loadScene(const std::string& path, const std::vector<Override>& overrides)
   return scene;
 }
 
+Scene sceneOfText(const std::string& text, const std::string& name) {
+  FaultList faults(name);
+  const std::optional<Value> document = parseScene(text, faults);
+  faults.throwIfAny();
+  return makeScene(*document, faults);
+}
+
 Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader scene(document, "", sceneKind().keys, faults);
   const auto name = scene.word("name");
   const Contractions contractions = readContractions(scene, faults);
   std::optional<ArmParts> arm = readArm(scene, contractions, faults);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
-  std::optional<model::ArmModel> model = readModel(scene, document, known_arm, faults);
+  std::optional<statics::ArmModel> model = readModel(scene, document, known_arm, faults);
   std::optional<TagParts> tags = readTags(scene, document, known_arm, faults);
   const auto camera = readCamera(scene, document, faults);
   vision::LocalizerConfig vision =
       readVision(scene, document, tags ? tags->family : std::string(), faults);
-  const bool pulled_out = model && model->load() && !model::inPlane(*model->load());
+  const bool pulled_out = model && model->load() && !statics::inPlane(*model->load());
   vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
   const SimulationConfig simulation = readSimulation(scene, document, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);

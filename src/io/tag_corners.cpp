@@ -3,7 +3,7 @@
 #include <sstream>
 
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "tag_table.hpp"
 
 namespace helix_arm::io {
@@ -40,7 +40,7 @@ std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actu
   for (const std::string& column : cornerColumns()) text << "," << column;
   text << "\n";
   for (const TagCornerCapture& capture : captures) {
-    model::require(capture.pressure.size() == actuators, "tagCornerCsv: capture ", capture.number,
+    basics::require(capture.pressure.size() == actuators, "tagCornerCsv: capture ", capture.number,
                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
     for (const TagCorners& tag : capture.tags) {
       text << capture.number;

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 
-#include "helix_arm/control/regular_file.hpp"
+#include "helix_arm/basics/regular_file.hpp"
 
 namespace helix_arm::io {
 
 std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
                                         FaultList& faults) {
-  control::RegularFile file(path);
+  basics::RegularFile file(path);
   std::optional<std::string> text = file.readAll(most);
   if (!text) {
     faults.add(0, file.fault() + (file.isOpen() ? "; expected a text file" : ""));

@@ -3,7 +3,7 @@
 namespace helix_arm::io {
 namespace {
 
-// model::kLeastTipError, as people write it.
+// statics::kLeastTipError, as people write it.
 constexpr double kLeastPercent = 2e-7;
 const NumberRule kTipError = within(kPositive, kLeastPercent, 100, " % of the arm's length");
 const NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
@@ -17,19 +17,19 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
   return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
 }
 
-std::optional<model::Tier> tierOf(const std::string& name) {
-  for (const model::Tier tier :
-       {model::Tier::kPlanar, model::Tier::kLinear, model::Tier::kLoaded, model::Tier::kExact}) {
-    if (name == model::nameOf(tier)) return tier;
+std::optional<statics::Tier> tierOf(const std::string& name) {
+  for (const statics::Tier tier :
+       {statics::Tier::kPlanar, statics::Tier::kLinear, statics::Tier::kLoaded, statics::Tier::kExact}) {
+    if (name == statics::nameOf(tier)) return tier;
   }
   return std::nullopt;
 }
 
-void checkSceneAllows(const MapReader& scene, model::Tier tier, bool planar) {
-  if (tier == model::Tier::kPlanar && !planar) {
+void checkSceneAllows(const MapReader& scene, statics::Tier tier, bool planar) {
+  if (tier == statics::Tier::kPlanar && !planar) {
     scene.fault("tier", "auto, linear, loaded or exact, for arm.geometry is spatial");
   }
-  const bool needs_load = model::takesLoad(tier);
+  const bool needs_load = statics::takesLoad(tier);
   if (needs_load && !scene.has("load")) {
     scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
                             " or linear, for the scene has no key load; or give it one");
@@ -38,9 +38,9 @@ void checkSceneAllows(const MapReader& scene, model::Tier tier, bool planar) {
 
 }  // namespace
 
-model::TierRequest readTierRequest(const MapReader& scene, const Value& document,
+statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
                                    const ArmParts* arm, FaultList& faults) {
-  model::TierRequest request;
+  statics::TierRequest request;
   std::string tier = "auto";
   bool known = true;
   if (scene.has("tier")) {
@@ -51,7 +51,7 @@ model::TierRequest readTierRequest(const MapReader& scene, const Value& document
   }
   if (request.tier && arm) checkSceneAllows(scene, *request.tier, arm->planar.has_value());
   if (scene.has("order")) {
-    if (const auto order = scene.integer("order", model::kLeastOrder, model::kMostOrder)) {
+    if (const auto order = scene.integer("order", statics::kLeastOrder, statics::kMostOrder)) {
       request.order = static_cast<int>(*order);
     }
     if (known && tier != "loaded") {

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "curve_place.hpp"
+#include "helix_arm/model/curve_place.hpp"
 
 namespace helix_arm::model {
 namespace {

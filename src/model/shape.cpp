@@ -1,14 +1,14 @@
 #include "helix_arm/model/shape.hpp"
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::model {
 
 Shape::Shape(const Pieces& pieces, int pieces_per_section)
     : pieces_(pieces), pieces_per_section_(pieces_per_section) {
-  requireValue(pieces_per_section >= 1, "shape", "the number of pieces per section",
+  basics::requireValue(pieces_per_section >= 1, "shape", "the number of pieces per section",
                pieces_per_section, "at least 1");
-  requireValue(pieces.cols() % pieces_per_section == 0 && sectionCount() <= kMaxSections, "shape",
+  basics::requireValue(pieces.cols() % pieces_per_section == 0 && sectionCount() <= kMaxSections, "shape",
                "the number of pieces", pieces.cols(),
                "a whole number of sections, at most 16 of them");
 }
@@ -23,7 +23,7 @@ Twists Shape::twists() const {
 }
 
 Shape Shape::about(const Twists& twists) const {
-  requireValue(twists.cols() == sectionCount(), "shape", "the number of sections of other twists",
+  basics::requireValue(twists.cols() == sectionCount(), "shape", "the number of sections of other twists",
                twists.cols(), "as many as it has");
   if (pieces_per_section_ == 1) return twists;
   Shape out = *this;

@@ -1,5 +1,5 @@
-#include "helix_arm/ros_bridge/names.hpp"
-#include "helix_arm/ros_bridge/simulated_rig_node.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
 
 int main(int argc, char** argv) {
   using namespace helix_arm::ros_bridge;

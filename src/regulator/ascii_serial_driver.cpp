@@ -4,8 +4,8 @@
 #include <cmath>
 #include <exception>
 
-#include "helix_arm/control/quote.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -42,28 +42,28 @@ const LineFormat* addressOf(const std::optional<LineFormat>& line) {
 AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
     : profile_(valid(config.profile)), lines_(profile_), device_(config.device), count_(channels) {
   constexpr const char* kCulprit = "ascii serial regulator";
-  model::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
-  model::require(!device_.empty(), kCulprit,
+  basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
+  basics::require(!device_.empty(), kCulprit,
                  ": device is empty; expected one such as /dev/ttyUSB0");
   const bool addressed = lines_.write->has("{address}");
   const std::vector<std::string>& addresses = config.addresses;
   if (addressed) {
-    model::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
+    basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
                         "the number of addresses", addresses.size(),
                         "one a channel, " + std::to_string(channels));
   } else {
-    model::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
+    basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
                         "none: the profile's lines have no {address}");
-    model::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
+    basics::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
                    " channels, but the profile's lines have no {address} to tell them apart");
   }
   for (std::size_t i = 0; i < addresses.size(); ++i) {
     const std::string& address = addresses[i];
     const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
                                                       [](char c) { return c > ' ' && c <= '~'; });
-    model::require(word, kCulprit, ": address ", i, " is \"", control::quoted(address),
+    basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
                    "\"; expected a word without blanks");
-    model::require(std::find(addresses.begin(), addresses.end(), address) ==
+    basics::require(std::find(addresses.begin(), addresses.end(), address) ==
                        addresses.begin() + static_cast<std::ptrdiff_t>(i),
                    kCulprit, ": address ", address, " is given twice; expected one a channel");
   }
@@ -163,7 +163,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
   if (!answer && !port_.unfinished().empty()) {
     throw BadReply(device_ + " ends its answer to \"" + line + "\" half-way: \"" +
-                   control::quoted(port_.unfinished()) + "\"");
+                   basics::quoted(port_.unfinished()) + "\"");
   }
   if (!answer) {
     throw LinkError(
@@ -302,10 +302,10 @@ void AsciiSerialDriver::writeTogether(const control::ValveOrders& orders) {
 
 void AsciiSerialDriver::write(const control::ValveOrders& orders) {
   const auto size = static_cast<std::size_t>(count_);
-  model::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
+  basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
                       "ascii serial regulator", "the number of orders", orders.valve.size(),
                       "one a channel");
-  model::require(orders.set_point.allFinite(),
+  basics::require(orders.set_point.allFinite(),
                  "ascii serial regulator: a set point is not finite; expected pascals");
   if (!profile_.one_by_one) return writeTogether(orders);
   eachChannel([&](Channel& channel, int i) {
@@ -360,14 +360,14 @@ void AsciiSerialDriver::overhear() {
   if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
   if (!port_.unfinished().empty()) {
     throw BadReply(device_ + " has ended no line for " + milliseconds(profile_.timeout) + ": \"" +
-                   control::quoted(port_.unfinished()) + "\"");
+                   basics::quoted(port_.unfinished()) + "\"");
   }
   throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
                   "; check its power and the profile " + profile_.name);
 }
 
 void AsciiSerialDriver::read(Pressures& pressures) {
-  model::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
+  basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
                       "the number of readings", pressures.pressure.size(), "one a channel");
   pressures = Pressures(count_);
   std::exception_ptr error;

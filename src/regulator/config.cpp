@@ -2,7 +2,7 @@
 
 #include <sstream>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/ascii_serial_driver.hpp"
 #include "helix_arm/regulator/modbus_tcp_driver.hpp"
 #include "helix_arm/regulator/simulated_driver.hpp"
@@ -62,7 +62,7 @@ bool closesValves(const Config& config) {
 
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
   const auto checked = [channels](std::unique_ptr<Driver> driver, std::size_t configured) {
-    model::require(configured == static_cast<std::size_t>(channels), "a regulator of ", configured,
+    basics::require(configured == static_cast<std::size_t>(channels), "a regulator of ", configured,
                    " channels for ", channels, " actuators; expected one each");
     return driver;
   };

@@ -9,7 +9,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "helix_arm/control/quote.hpp"
+#include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -49,7 +49,7 @@ std::string holderOf(const Name& name) {
   std::getline(command, program, '\0');
   program.erase(0, program.rfind('/') + 1);  // npos + 1 is 0
   return "process " + std::to_string(holder.pid) +
-         (program.empty() ? "" : " (" + control::quoted(program) + ")");
+         (program.empty() ? "" : " (" + basics::quoted(program) + ")");
 }
 
 }  // namespace

@@ -11,7 +11,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 
 namespace helix_arm::regulator {
@@ -29,7 +29,7 @@ constexpr int kBetweenLooks = 5;  // [ms]
 }  // namespace
 
 GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime_priority) {
-  model::require(!command.empty(), "a guard without a command; expected a program");
+  basics::require(!command.empty(), "a guard without a command; expected a program");
   int ends[2];
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair", errno);
   std::vector<char*> arguments;

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstdint>
 
-#include "helix_arm/control/quote.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
 
 namespace helix_arm::regulator {
@@ -33,7 +33,7 @@ std::string_view withoutEnds(std::string_view line) {
 
 std::string numberText(double value, int decimals) {
   if (!std::isfinite(value)) return "nan";
-  model::require(std::abs(value) < kHighestNumber, "a line cannot hold the number ", value,
+  basics::require(std::abs(value) < kHighestNumber, "a line cannot hold the number ", value,
                  "; expected one below 1e9");
   const auto scale = static_cast<std::int64_t>(kPowersOfTen[decimals]);
   const std::int64_t counts = std::llround(value * static_cast<double>(scale));
@@ -146,7 +146,7 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
       {"{...}", Kind::kRest},
   }};
   const auto demand = [this](bool holds, const std::string& fault) {
-    model::require(holds, "\"", control::quoted(text_), "\" ", fault);
+    basics::require(holds, "\"", basics::quoted(text_), "\" ", fault);
   };
   demand(!text_.empty(), "is empty; expected a line of text");
   demand(text_.size() <= kLongestLine, "is longer than 512 bytes");
@@ -167,7 +167,7 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
       const auto known = std::find_if(kFields.begin(), kFields.end(),
                                       [&](const auto& entry) { return field == entry.first; });
       demand(known != kFields.end(),
-             "has " + control::quoted(field) +
+             "has " + basics::quoted(field) +
                  "; expected {address}, {pressure}, {pressures}, {set_point}, {supply}, {unit}, "
                  "{*}, {words} or {...}");
       parts_.push_back({known->second, field});
@@ -200,7 +200,7 @@ bool LineFormat::has(std::string_view field) const {
 
 std::string LineFormat::line(const std::string& address, const LineFields& fields) const {
   const auto number = [&](const std::optional<double>& value, const Part& part) {
-    model::require(value.has_value(), "\"", control::quoted(text_), "\" wants ", part.text,
+    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" wants ", part.text,
                    ", which is not given");
     return numberText(*value, style_.decimals);
   };
@@ -326,9 +326,9 @@ LineFields LineFormat::parse(std::string_view line, const std::string& address,
     return std::move(*fields);
   }
   const std::string rest(inner.substr(mismatch.at));
-  throw BadReply("\"" + control::quoted(std::string(inner)) + "\" is no \"" +
-                 control::quoted(text_) + "\": expected " + mismatch.expected +
-                 (rest.empty() ? " at its end" : " at \"" + control::quoted(rest, 16) + "\""));
+  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" is no \"" +
+                 basics::quoted(text_) + "\": expected " + mismatch.expected +
+                 (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
 }
 
 }  // namespace helix_arm::regulator

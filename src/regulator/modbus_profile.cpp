@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -15,10 +15,10 @@ class Checker {
 
   template <class Value, class Rule>
   void require(bool holds, const char* what, const Value& value, const Rule& rule) const {
-    model::requireValue(holds, culprit_.c_str(), what, value, rule);
+    basics::requireValue(holds, culprit_.c_str(), what, value, rule);
   }
   void within(const char* what, double value, double lowest, double highest) const {
-    model::require(value >= lowest && value <= highest, culprit_, ": ", what, " is ", value,
+    basics::require(value >= lowest && value <= highest, culprit_, ": ", what, " is ", value,
                    "; expected ", lowest, " to ", highest);
   }
 

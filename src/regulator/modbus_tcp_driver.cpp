@@ -15,7 +15,7 @@
 
 #include <unistd.h>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
 #include "modbus_registers.hpp"
@@ -37,14 +37,14 @@ const ModbusConfig& valid(const ModbusConfig& config) {
   const ModbusProfile& profile = config.profile;
   profile.validate();
   const std::string culprit = "regulator " + profile.name;
-  model::require(!config.slots.empty(), culprit, ": slots are none; expected one a channel");
+  basics::require(!config.slots.empty(), culprit, ": slots are none; expected one a channel");
   std::set<int> seen;
   for (const int place : config.slots) {
-    model::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
-    model::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
+    basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
+    basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
                         "slots that differ");
     const int last = profile.slot(place) + 1;
-    model::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
+    basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
                             profile.input_base + last * profile.input_stride <= kHighestRegister,
                         culprit.c_str(), "slot", place, "one whose registers are below 65536");
   }
@@ -276,11 +276,11 @@ void ModbusTcpDriver::Link::clearOutputs() {
 }
 
 void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
-  model::require(orders.valve.size() == places_.size() &&
+  basics::require(orders.valve.size() == places_.size() &&
                      orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
                  "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
                  " channels; expected ", places_.size());
-  model::require(orders.set_point.allFinite(), "regulator ", profile_.name,
+  basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
                  ": a set point is not finite; expected all to be");
   context();
   clearOutputs();
@@ -318,7 +318,7 @@ void ModbusTcpDriver::Link::vent() {
 }
 
 void ModbusTcpDriver::Link::read(Pressures& pressures) {
-  model::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
+  basics::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
                  "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
                  " channels; expected ", places_.size());
   fetch();

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -25,7 +25,7 @@ PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo
       reading_(static_cast<int>(core_.channels().size())),
       longest_gap_(longest_gap),
       io_(std::move(io)) {
-  model::requireValue(longest_gap > 0, "pressure path", "the longest gap [s]", longest_gap,
+  basics::requireValue(longest_gap > 0, "pressure path", "the longest gap [s]", longest_gap,
                       "a value > 0");
 }
 

@@ -12,7 +12,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 
 namespace helix_arm::regulator {
@@ -27,14 +27,14 @@ int openCounter() {
 constexpr double kLinesAWatchdog = 4;  // at least, of a device that watches its line
 
 std::unique_ptr<Driver> requireDriver(std::unique_ptr<Driver> driver) {
-  model::require(driver != nullptr, "regulator I/O without a driver; expected one");
+  basics::require(driver != nullptr, "regulator I/O without a driver; expected one");
   return driver;
 }
 
 const IoRules& valid(const IoRules& rules, const Driver& driver) {
   rules.validate();
   const double longest = driver.watchdog() / kLinesAWatchdog;
-  model::require(rules.period <= longest, "the regulator vents by itself when no line comes for ",
+  basics::require(rules.period <= longest, "the regulator vents by itself when no line comes for ",
                  driver.watchdog(), " s (watchdog_s of its profile), and one would come every ",
                  rules.period, " s; expected at most ", longest,
                  " s: raise the rate of the loop or, where the device waits longer, watchdog_s");
@@ -49,19 +49,19 @@ double steadyNow() {
 
 void IoRules::validate() const {
   const auto positive = [](const char* what, double value) {
-    model::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
+    basics::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
                         "a finite value > 0");
   };
   positive("the period [s]", period);
   positive("the timeout of orders [s]", order_timeout);
   positive("the first back-off [s]", first_back_off);
-  model::requireValue(std::isfinite(longest_back_off) && longest_back_off >= first_back_off,
+  basics::requireValue(std::isfinite(longest_back_off) && longest_back_off >= first_back_off,
                       "regulator I/O", "the longest back-off [s]", longest_back_off,
                       "at least the first");
-  model::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
+  basics::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
                       most_bad_replies, "at least 1");
   positive("the pressure that is none [Pa]", vented_below);
-  model::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
+  basics::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
                       "the time to vent [s]", vent_time, "a finite value >= 0");
 }
 

@@ -13,8 +13,8 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "helix_arm/control/quote.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/line_format.hpp"
 
@@ -75,7 +75,7 @@ speed_t speedOf(int baud) {
     case 2000000:
       return B2000000;
     default:
-      model::require(false, "serial port: baud is ", baud, "; expected a usual one, as 115200");
+      basics::require(false, "serial port: baud is ", baud, "; expected a usual one, as 115200");
   }
   return B0;
 }
@@ -101,7 +101,7 @@ int millisecondsTo(SerialPort::Clock::time_point deadline) {
 SerialPort::~SerialPort() { close(); }
 
 void SerialPort::fail(const std::string& cause) const {
-  throw LinkError(control::quoted(device_, 256) + " " + cause);
+  throw LinkError(basics::quoted(device_, 256) + " " + cause);
 }
 
 void SerialPort::open(const std::string& device, int baud) {
@@ -232,7 +232,7 @@ std::optional<std::string> SerialPort::receiveLine(const std::string& terminator
       return line;
     }
     if (input_.size() > kLongestLine) {
-      const std::string begin = control::quoted(input_, 32);
+      const std::string begin = basics::quoted(input_, 32);
       input_.clear();
       throw BadReply(device_ + " sends a line of more than " + std::to_string(kLongestLine) +
                      " bytes: \"" + begin + "\"");

@@ -5,8 +5,8 @@
 #include <initializer_list>
 #include <stdexcept>
 
-#include "helix_arm/control/quote.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -15,7 +15,7 @@ constexpr const char* kCulprit = "serial profile";
 
 template <class Value>
 void require(bool holds, const char* key, const Value& value, const char* rule) {
-  model::requireValue(holds, kCulprit, key, value, rule);
+  basics::requireValue(holds, kCulprit, key, value, rule);
 }
 
 LineFormat formatOf(const char* key, const std::string& text, const LineStyle& style) {
@@ -46,13 +46,13 @@ void requireSendable(const char* key, const LineFormat& line,
     const bool known = std::any_of(allowed.begin(), allowed.end(), [&](const char* word) {
       return std::string_view(word) == field;
     });
-    model::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
+    basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
                    ", which a line to the device cannot");
   }
 }
 
 void requireField(const char* key, const LineFormat& line, const char* field) {
-  model::require(line.has(field), kCulprit, ": ", key, " has no ", field);
+  basics::require(line.has(field), kCulprit, ": ", key, " has no ", field);
 }
 
 bool keepsToSeparators(const std::string& text) {
@@ -81,7 +81,7 @@ void validateLines(const SerialProfile& profile) {
   const bool addressed = lines.write->has("{address}");
   const auto requireAlike = [&](const char* key, const LineFormat& line) {
     requireSendable(key, line, {"{address}"});
-    model::require(
+    basics::require(
         line.has("{address}") == addressed, kCulprit, ": ", key,
         addressed ? " has no {address}, but write has" : " has {address}, but write has none");
   };
@@ -89,19 +89,19 @@ void validateLines(const SerialProfile& profile) {
   for (const LineFormat& line : lines.close) requireAlike("close", line);
   for (const LineFormat& line : lines.resume) requireAlike("resume", line);
   if (lines.read) requireAlike("read", *lines.read);
-  model::require(profile.one_by_one || !addressed, kCulprit,
+  basics::require(profile.one_by_one || !addressed, kCulprit,
                  ": write has {address}, but one_by_one is false");
-  model::require(profile.one_by_one || lines.close.empty(), kCulprit,
+  basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
   if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
   const bool unasked = !lines.read;
-  model::require(!unasked || !profile.one_by_one, kCulprit,
+  basics::require(!unasked || !profile.one_by_one, kCulprit,
                  ": read is missing, so one_by_one must be false: readings come unasked, in one "
                  "line for all channels");
-  model::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
+  basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
                  ": read is missing, so write_reply and vent_reply must be: what comes unasked "
                  "answers nothing");
-  model::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
+  basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
                  ": supply_line and skip are of lines that come unasked, but read is given");
 }
 
@@ -109,26 +109,26 @@ void validateLines(const SerialProfile& profile) {
 
 void SerialProfile::validate() const {
   require(isBaud(baud), "baud", baud, "1200, 2400, 4800, 9600 and so on up to 2000000");
-  model::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
-                 ": terminator is \"", control::quoted(terminator),
+  basics::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
+                 ": terminator is \"", basics::quoted(terminator),
                  "\"; expected a carriage return, a line feed or both");
   require(pascals >= 1e-3 && pascals <= 1e8, "the size of the unit [Pa]", pascals, "1e-3 to 1e8");
   require(atmosphere >= 0 && atmosphere <= 2e5, "the atmosphere [Pa]", atmosphere, "0 to 2e5");
   require(decimals >= 0 && decimals <= 6, "decimals", decimals, "0 to 6");
   for (const std::string& text : {separator, reply_separator}) {
-    model::require(keepsToSeparators(text), kCulprit, ": a separator is \"", control::quoted(text),
+    basics::require(keepsToSeparators(text), kCulprit, ": a separator is \"", basics::quoted(text),
                    "\"; expected 1 to 4 characters that are in no number");
   }
-  model::require(std::all_of(unit_word.begin(), unit_word.end(),
+  basics::require(std::all_of(unit_word.begin(), unit_word.end(),
                              [](char c) { return c > ' ' && c <= '~' && c != '{' && c != '}'; }),
-                 kCulprit, ": unit_word is \"", control::quoted(unit_word),
+                 kCulprit, ": unit_word is \"", basics::quoted(unit_word),
                  "\"; expected a word without blanks and braces");
   require(timeout >= 1e-3 && timeout <= 10, "timeout [s]", timeout, "0.001 to 10");
   require(watchdog >= std::max(0.1, 2 * timeout), "watchdog [s]", watchdog,
           "0.1 or more, and at least twice the timeout");
-  model::require(!write.empty(), kCulprit, ": write is missing");
-  model::require(!reply.empty(), kCulprit, ": reply is missing");
-  model::require(!vent.empty(), kCulprit, ": vent is missing: without it no fault can be survived");
+  basics::require(!write.empty(), kCulprit, ": write is missing");
+  basics::require(!reply.empty(), kCulprit, ": reply is missing");
+  basics::require(!vent.empty(), kCulprit, ": vent is missing: without it no fault can be survived");
   validateLines(*this);
 }
 

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
@@ -10,7 +10,7 @@ namespace {
 constexpr double kLowSupply = 0.1;  // of the supply
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  model::requireValue(holds, "simulated regulator", what, value, rule);
+  basics::requireValue(holds, "simulated regulator", what, value, rule);
 }
 
 int requireChannels(int channels) {

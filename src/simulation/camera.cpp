@@ -12,7 +12,7 @@
 
 #include "backdrop.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "tag_pattern.hpp"
 
 namespace helix_arm::simulation {
@@ -77,19 +77,19 @@ struct PlanePoint {
 
 void SimulatedCameraConfig::validate() const {
   const char* const not_negative = "a finite value >= 0";
-  model::requireValue(std::isfinite(blur) && blur >= 0, kCulprit, "the blur [px]", blur,
+  basics::requireValue(std::isfinite(blur) && blur >= 0, kCulprit, "the blur [px]", blur,
                       not_negative);
-  model::requireValue(std::isfinite(noise) && noise >= 0, kCulprit, "the noise [gray levels]",
+  basics::requireValue(std::isfinite(noise) && noise >= 0, kCulprit, "the noise [gray levels]",
                       noise, not_negative);
-  model::requireValue(std::isfinite(exposure) && exposure > 0, kCulprit, "the exposure", exposure,
+  basics::requireValue(std::isfinite(exposure) && exposure > 0, kCulprit, "the exposure", exposure,
                       "a finite value > 0");
-  model::requireValue(std::isfinite(bleed) && bleed >= 0, kCulprit, "the bleed [m]", bleed,
+  basics::requireValue(std::isfinite(bleed) && bleed >= 0, kCulprit, "the bleed [m]", bleed,
                       not_negative);
-  model::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kCulprit, "the JPEG quality",
+  basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kCulprit, "the JPEG quality",
                       jpeg_quality, "1 to 100");
-  model::requireValue(clutter >= 0, kCulprit, "the number of objects in the background", clutter,
+  basics::requireValue(clutter >= 0, kCulprit, "the number of objects in the background", clutter,
                       "a value >= 0");
-  model::requireValue(occluders >= 0, kCulprit, "the number of occluders", occluders,
+  basics::requireValue(occluders >= 0, kCulprit, "the number of occluders", occluders,
                       "a value >= 0");
 }
 
@@ -194,14 +194,14 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
     : view(view_in), body(body_in), config(config_in), generator(config_in.seed) {
   view.validate();
   config.validate();
-  model::requireValue(std::isfinite(body.radius) && body.radius > 0, kCulprit,
+  basics::requireValue(std::isfinite(body.radius) && body.radius > 0, kCulprit,
                       "the arm's radius [m]", body.radius, "a finite value > 0");
   cell = view.layout.size / family.borderCells();
   cells = family.borderCells() + 2 * family.quietCells();
-  model::requireValue(config.bleed < 0.5 * cell, kCulprit, "the bleed [m]", config.bleed,
+  basics::requireValue(config.bleed < 0.5 * cell, kCulprit, "the bleed [m]", config.bleed,
                       "less than half a cell of the tags");
   for (const estimation::TagPlacement& tag : view.layout.tags) {
-    model::requireValue(tag.id < family.count(), kCulprit, "the id of a tag", tag.id,
+    basics::requireValue(tag.id < family.count(), kCulprit, "the id of a tag", tag.id,
                         "one that the family of the tags has");
     patterns.emplace_back(family.cells(tag.id), config.bleed / cell);
   }
@@ -216,9 +216,9 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
 }
 
 const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
-  model::requireValue(shape.sectionCount() == view.sections, kCulprit, "the number of sections",
+  basics::requireValue(shape.sectionCount() == view.sections, kCulprit, "the number of sections",
                       shape.sectionCount(), "one a section of the arm in view");
-  model::requireValue(shape.pieces().allFinite(), kCulprit, "a twist", "not finite",
+  basics::requireValue(shape.pieces().allFinite(), kCulprit, "a twist", "not finite",
                       "finite twists");
   backdrop.copyTo(sharp);
   collectLayers(shape);

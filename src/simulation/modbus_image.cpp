@@ -4,7 +4,7 @@
 #include <cmath>
 #include <new>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 
 namespace helix_arm::simulation {
@@ -15,13 +15,13 @@ constexpr int kHighestRegister = 0xffff;
 
 int slotsOf(const ModbusDeviceConfig& config) {
   config.profile.validate();
-  model::requireValue(config.places >= 1, "emulated Modbus device", "the number of places",
+  basics::requireValue(config.places >= 1, "emulated Modbus device", "the number of places",
                       config.places, "at least 1");
-  model::requireValue(config.activation_time >= 0, "emulated Modbus device",
+  basics::requireValue(config.activation_time >= 0, "emulated Modbus device",
                       "the activation time [s]", config.activation_time, "a value >= 0");
   const regulator::ModbusProfile& profile = config.profile;
   const int slots = profile.slot(config.places - 1) + 1;
-  model::requireValue(profile.output_base + slots * profile.output_stride <= kHighestRegister &&
+  basics::requireValue(profile.output_base + slots * profile.output_stride <= kHighestRegister &&
                           profile.input_base + slots * profile.input_stride <= kHighestRegister,
                       "emulated Modbus device", "the number of places", config.places,
                       "as many as have registers below 65536");

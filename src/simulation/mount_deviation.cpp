@@ -3,7 +3,7 @@
 #include <cmath>
 #include <random>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -34,7 +34,7 @@ class Noise {
 
 void MountDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    model::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
+    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
                         "a finite value >= 0");
   };
   check("the deviation of the camera's place [m]", camera_translation);

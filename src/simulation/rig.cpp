@@ -6,23 +6,23 @@
 #include <stdexcept>
 #include <utility>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
 
-model::ArmModel deviate(const model::ArmModel& model, const ArmDeviation& deviation) {
+statics::ArmModel deviate(const statics::ArmModel& model, const ArmDeviation& deviation) {
   deviation.validate();
   model::Arm deviating =
       model.arm().scaledStiffness({deviation.K_gamma_scale, 1.0, deviation.K_kappa_scale});
-  if (!model.load() || model.load()->empty()) return model::ArmModel(std::move(deviating));
-  model::Load load = *model.load();
+  if (!model.load() || model.load()->empty()) return statics::ArmModel(std::move(deviating));
+  statics::Load load = *model.load();
   for (double& K_eps : load.K_eps) K_eps *= deviation.K_eps_scale;
   return {std::move(deviating), std::nullopt, std::move(load),
-          model::TierSetting{model::Tier::kExact, 0}};
+          statics::TierSetting{statics::Tier::kExact, 0}};
 }
 
-std::string describe(const model::Load& load) {
+std::string describe(const statics::Load& load) {
   double mass = 0.0;
   for (const double m : load.mass) mass += m;
   std::ostringstream out;
@@ -36,7 +36,7 @@ std::string describe(const model::Load& load) {
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    model::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
+    basics::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
                         "a finite value > 0");
   };
   check("the factor on K_gamma", K_gamma_scale);
@@ -45,28 +45,28 @@ void ArmDeviation::validate() const {
   check("the factor on K_eps", K_eps_scale);
 }
 
-TrueArm::TrueArm(const model::ArmModel& model, const ArmDeviation& deviation)
+TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
     : model_(deviate(model, deviation)), length_scale_(deviation.length_scale) {}
 
 model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   const Eigen::VectorXd clamped = arm().clamped(pressure);
-  const model::Solution solution = model_.solveLengths(length_scale_ * arm().lengths(clamped));
+  const statics::Solution solution = model_.solveLengths(length_scale_ * arm().lengths(clamped));
   if (!solution.converged()) {
     std::ostringstream message;
     message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "
-            << describe(*model_.load()) << " (" << model::nameOf(solution.status) << ", residual "
+            << describe(*model_.load()) << " (" << statics::nameOf(solution.status) << ", residual "
             << solution.residual << "); lighten the load or raise K_eps";
     throw std::runtime_error(message.str());
   }
   return solution.shape;
 }
 
-SimulatedRig::SimulatedRig(const model::ArmModel& model,
+SimulatedRig::SimulatedRig(const statics::ArmModel& model,
                            const regulator::SimulatedRegulatorConfig& regulator_config,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
     : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
   if (!camera) return;
-  model::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
+  basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                       "the number of sections in the camera's view", camera->view.sections,
                       "as many as the arm has");
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -18,16 +18,16 @@ constexpr double kPsi = 6894.757293168;
 const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   config.profile.validate();
   config.regulator.validate();
-  model::requireValue(config.channels >= 1, kCulprit, "the number of channels", config.channels,
+  basics::requireValue(config.channels >= 1, kCulprit, "the number of channels", config.channels,
                       "at least 1");
   const bool addressed = regulator::SerialLines(config.profile).write->has("{address}");
-  model::requireValue(
+  basics::requireValue(
       config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
       kCulprit, "the number of addresses", config.addresses.size(),
       "one a channel where the profile has {address}, else none");
-  model::require(addressed || config.channels == 1 || !config.profile.one_by_one, kCulprit,
+  basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kCulprit,
                  ": the profile has no {address} to tell channels apart");
-  model::requireValue(config.period > 0, kCulprit, "the period [s]", config.period, "a value > 0");
+  basics::requireValue(config.period > 0, kCulprit, "the period [s]", config.period, "a value > 0");
   return config;
 }
 

@@ -7,7 +7,7 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "helix_arm/control/regular_file.hpp"
+#include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "picture_header.hpp"
@@ -52,7 +52,7 @@ class PictureFiles : public FrameSource {
  private:
   // @return what is wrong, if anything.
   std::optional<std::string> read(Frame& frame) {
-    control::RegularFile file(frame.name);
+    basics::RegularFile file(frame.name);
     const std::optional<std::string> content = file.readAll(kMostBytes);
     if (!content) return "the file " + file.fault();
     bytes_.assign(content->begin(), content->end());

@@ -8,13 +8,13 @@
 
 #include "corner_refinement.hpp"
 #include "helix_arm/estimation/camera.hpp"
-#include "helix_arm/model/requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
 using estimation::Camera;
-using model::require;
+using basics::require;
 
 constexpr int kMaxDecimate = 32;
 constexpr int kMaxThreads = 64;

@@ -10,10 +10,10 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/pressure_plan.hpp"
-#include "helix_arm/control/sample.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/procedures/sample.hpp"
 #include "helix_arm/estimation/calibration.hpp"
-#include "helix_arm/io/captures.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
@@ -62,26 +62,26 @@ std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& 
   simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
   vision::TagDetector detector(scene.vision.detector);
   std::vector<io::TagCornerCapture> captures;
-  const Eigen::MatrixXd plan = control::defaultPressurePlan(scene.arm);
+  const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
   for (int step = 0; step < plan.rows(); ++step) {
     simulated.command(plan.row(step).transpose());
     simulated.step(kSettling);
-    std::vector<control::Sample> samples;
+    std::vector<procedures::Sample> samples;
     for (int picture = 0; picture < kPictures; ++picture) {
       Eigen::VectorXd pressure = Eigen::VectorXd::Zero(plan.cols());
       for (int i = 0; i < kReadings; ++i) {
         pressure += simulated.measure() / kReadings;
         simulated.step(kPause);
       }
-      control::Sample sample{0, pressure, {}};
+      procedures::Sample sample{0, pressure, {}};
       for (const vision::TagDetection& tag : detector.detect(simulated.render())) {
         if (scene.tags->find(tag.id) >= 0) sample.tags.push_back({tag.id, tag.corners});
       }
       samples.push_back(std::move(sample));
     }
-    const control::Sample median = control::medianOf(samples);
+    const procedures::Sample median = procedures::medianOf(samples);
     io::TagCornerCapture capture{step + 1, scene.arm.clamped(median.pressure), {}};
-    for (const control::TagSighting& tag : median.tags) {
+    for (const procedures::TagSighting& tag : median.tags) {
       capture.tags.push_back({tag.id, tag.corners, 0});
     }
     captures.push_back(std::move(capture));
@@ -145,10 +145,10 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   double sum_before = 0, sum_after = 0, square = 0;
   for (int number = 1; number <= kRigs; ++number) {
     const Rig rig = draw(number);
-    const io::LoadedCaptures loaded =
-        io::makeCaptures(scene, photograph(scene, rig), "rig " + std::to_string(number));
+    const procedures::LoadedCaptures loaded =
+        procedures::makeCaptures(scene, photograph(scene, rig), "rig " + std::to_string(number));
     const Calibration found =
-        estimation::calibrate({io::makeArmCaptures(scene, loaded.captures)}, options);
+        estimation::calibrate({procedures::makeArmCaptures(scene, loaded.captures)}, options);
     ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << number << ": " << found.reason;
     const auto truth = truthOf(scene, rig);
     for (const Parameter& one : found.parameters) {

@@ -14,7 +14,7 @@
 #include <kdl/chainiksolvervel_pinv.hpp>
 
 #include "benchmark/six_joint_robot.hpp"
-#include "helix_arm/model/inverse.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::benchmark {
@@ -25,9 +25,9 @@ constexpr double kTolerance = 1e-6;  // [m], and [rad] where the peer asks for o
 
 void inverse(::benchmark::State& state, const test::Ring& ring) {
   const model::Arm arm = test::ringArm(ring);
-  model::InverseOptions options;
+  statics::InverseOptions options;
   options.position_tolerance = kTolerance;
-  model::InverseSolver solver(arm, options);
+  statics::InverseSolver solver(arm, options);
   test::Random random(2);
   Eigen::VectorXd q = arm.inputAt(0.5);
   std::vector<Eigen::Vector3d> targets;
@@ -45,8 +45,8 @@ void inverse(::benchmark::State& state, const test::Ring& ring) {
       i = 0;
       command = arm.inputAt(0.5);
     }
-    const model::InverseResult& result = solver.toPosition(targets[i++], command);
-    if (result.status != model::InverseStatus::kReached)
+    const statics::InverseResult& result = solver.toPosition(targets[i++], command);
+    if (result.status != statics::InverseStatus::kReached)
       state.SkipWithError("a target was not reached");
     command = result.input;
   }

@@ -8,7 +8,7 @@
 #include <ros/ros.h>
 
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/ros_bridge/names.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace {
 

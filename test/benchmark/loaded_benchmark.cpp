@@ -10,8 +10,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::benchmark {
@@ -26,7 +26,7 @@ using test::Posture;
 // base with a Jacobian by forward differences.
 class PeerShooting {
  public:
-  PeerShooting(const model::Arm& arm, const model::Load& load, int steps)
+  PeerShooting(const model::Arm& arm, const statics::Load& load, int steps)
       : compliance_(arm.freeLength(0) / load.K_eps[0] * arm.equilibrium(0).compliance),
         weight_(load.mass[0] * load.gravity),
         size_(arm.freeLength(0)),
@@ -104,13 +104,13 @@ void solveCases(::benchmark::State& state, const model::Arm& arm, Posture postur
   const std::vector<test::LoadedCase> cases = test::loadedCases(posture);
   using Solver = decltype(solverOf(cases.front().load));
   std::vector<Solver> solvers;
-  model::ExactOptions finest;
+  statics::ExactOptions finest;
   finest.tolerance = 1e-13;
   double error = 0.0;
   for (const test::LoadedCase& loaded : cases) {
     solvers.push_back(solverOf(loaded.load));
-    const model::Solution truth =
-        model::ExactArm(arm, loaded.load, finest).solve(arm.twists(loaded.input));
+    const statics::Solution truth =
+        statics::ExactArm(arm, loaded.load, finest).solve(arm.twists(loaded.input));
     Vector3d tip;
     if (!truth.converged() || !solvers.back()(loaded.input, tip)) {
       state.SkipWithError("a case was not solved");
@@ -129,7 +129,7 @@ void solveCases(::benchmark::State& state, const model::Arm& arm, Posture postur
 }
 
 void linear(::benchmark::State& state, const model::Arm& arm, Posture posture) {
-  solveCases(state, arm, posture, [&arm](const model::Load&) {
+  solveCases(state, arm, posture, [&arm](const statics::Load&) {
     return [&arm](const Eigen::VectorXd& q, Vector3d& tip) {
       tip = arm.tip(q).translation;
       return true;
@@ -139,20 +139,20 @@ void linear(::benchmark::State& state, const model::Arm& arm, Posture posture) {
 
 void loaded(::benchmark::State& state, const model::Arm& arm, Posture posture) {
   const int order = static_cast<int>(state.range(0));
-  solveCases(state, arm, posture, [&arm, order](const model::Load& load) {
-    return [&arm, solver = model::LoadedArm(arm, load, order)](const Eigen::VectorXd& q,
+  solveCases(state, arm, posture, [&arm, order](const statics::Load& load) {
+    return [&arm, solver = statics::LoadedArm(arm, load, order)](const Eigen::VectorXd& q,
                                                                Vector3d& tip) {
-      const model::Tip found = solver.tip(arm.twists(q));
+      const statics::Tip found = solver.tip(arm.twists(q));
       tip = found.tip.translation;
-      return found.status == model::SolveStatus::kConverged;
+      return found.status == statics::SolveStatus::kConverged;
     };
   });
 }
 
 void exact(::benchmark::State& state, const model::Arm& arm, Posture posture) {
-  solveCases(state, arm, posture, [&arm](const model::Load& load) {
-    return [&arm, solver = model::ExactArm(arm, load)](const Eigen::VectorXd& q, Vector3d& tip) {
-      const model::Solution found = solver.solve(arm.twists(q));
+  solveCases(state, arm, posture, [&arm](const statics::Load& load) {
+    return [&arm, solver = statics::ExactArm(arm, load)](const Eigen::VectorXd& q, Vector3d& tip) {
+      const statics::Solution found = solver.solve(arm.twists(q));
       tip = found.tip.translation;
       return found.converged();
     };
@@ -161,7 +161,7 @@ void exact(::benchmark::State& state, const model::Arm& arm, Posture posture) {
 
 void loadedOfPeer(::benchmark::State& state, const model::Arm& arm, Posture posture) {
   const int steps = static_cast<int>(state.range(0));
-  solveCases(state, arm, posture, [&arm, steps](const model::Load& load) {
+  solveCases(state, arm, posture, [&arm, steps](const statics::Load& load) {
     return
         [&arm, solver = PeerShooting(arm, load, steps)](const Eigen::VectorXd& q, Vector3d& tip) {
           return solver.tip(arm.twists(q).col(0), tip);
@@ -174,7 +174,7 @@ model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \
   BENCHMARK_CAPTURE(linear, name, arm, posture);                                 \
   BENCHMARK_CAPTURE(loaded, name, arm, posture)                                  \
-      ->DenseRange(model::kLeastOrder, model::kMostOrder)                        \
+      ->DenseRange(statics::kLeastOrder, statics::kMostOrder)                        \
       ->Unit(::benchmark::kMicrosecond);                                         \
   BENCHMARK_CAPTURE(exact, name, arm, posture)->Unit(::benchmark::kMicrosecond); \
   BENCHMARK_CAPTURE(loadedOfPeer, name, arm, posture)                            \

@@ -6,7 +6,7 @@
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/exact.hpp"
+#include "helix_arm/statics/exact.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -27,7 +27,7 @@ Eigen::Vector3d positionOf(const nlohmann::json& pose) {
 
 struct Asked {
   std::vector<std::string> options;
-  std::optional<model::Tier> tier;
+  std::optional<statics::Tier> tier;
   std::optional<int> order;
 };
 
@@ -36,19 +36,19 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
   const Eigen::Vector3d q(200e3, 0, 50e3);
   const Asked cases[] = {{{}, {}, {}},
                          {{"--tier", "auto"}, {}, {}},
-                         {{"--tier", "linear"}, model::Tier::kLinear, {}},
-                         {{"--tier", "loaded", "--order", "2"}, model::Tier::kLoaded, 2},
-                         {{"--tier", "loaded", "--order", "8"}, model::Tier::kLoaded, 8},
-                         {{"--tier", "exact"}, model::Tier::kExact, {}}};
+                         {{"--tier", "linear"}, statics::Tier::kLinear, {}},
+                         {{"--tier", "loaded", "--order", "2"}, statics::Tier::kLoaded, 2},
+                         {{"--tier", "loaded", "--order", "8"}, statics::Tier::kLoaded, 8},
+                         {{"--tier", "exact"}, statics::Tier::kExact, {}}};
   for (const Asked& asked : cases) {
     const Outcome outcome = forward("loaded", asked.options);
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
     const nlohmann::json result = outcome.json();
-    const model::ArmModel model =
+    const statics::ArmModel model =
         scene.model.withTier({asked.tier, asked.order, std::nullopt, std::nullopt});
-    const model::Solution expected = model.solve(q);
+    const statics::Solution expected = model.solve(q);
     SCOPED_TRACE(model.choice().setting.name());
-    EXPECT_EQ(result["tier"], model::nameOf(model.choice().setting.tier));
+    EXPECT_EQ(result["tier"], statics::nameOf(model.choice().setting.tier));
     if (model.choice().setting.order > 0) {
       EXPECT_EQ(result["order"], model.choice().setting.order);
     } else {
@@ -64,7 +64,7 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
       EXPECT_NEAR(result["twist"][0][i].get<double>(), twists(i, 0), 1e-14);
     }
     const int pieces = expected.shape.piecesPerSection();
-    if (model.choice().setting.tier == model::Tier::kLinear) {
+    if (model.choice().setting.tier == statics::Tier::kLinear) {
       EXPECT_FALSE(result.contains("pieces"));
       continue;
     }
@@ -120,9 +120,9 @@ TEST(ForwardLoaded, TheCurveIsTheTiersOwnAtEverySample) {
   const nlohmann::json result =
       forward("loaded", {"--tier", "exact", "--samples", "101", "--set", kHorizontal}).json();
   const io::Scene scene = io::loadScene(scenePath("loaded"), {{"arm.base.rpy_deg", "[0, 0, 0]"}});
-  model::ExactOptions fine;
+  statics::ExactOptions fine;
   fine.pieces_per_section = 100;
-  const model::Shape shape = model::ExactArm(scene.arm, *scene.model.load(), fine)
+  const model::Shape shape = statics::ExactArm(scene.arm, *scene.model.load(), fine)
                                  .solve(scene.arm.twists(Eigen::Vector3d(200e3, 0, 50e3)))
                                  .shape;
   ASSERT_EQ(result["curve"].size(), 101u);

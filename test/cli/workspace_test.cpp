@@ -110,7 +110,7 @@ TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
     const nlohmann::json result = outcome.json();
     EXPECT_EQ(result["count"], 500);
     EXPECT_EQ(result["unbalanced"], 0);
-    EXPECT_EQ(result["tier"], model::nameOf(scene.model.choice().setting.tier));
+    EXPECT_EQ(result["tier"], statics::nameOf(scene.model.choice().setting.tier));
     EXPECT_EQ(result["out"], path);
     EXPECT_TRUE(result["failure"].is_null());
     EXPECT_TRUE(result["sensitivity"].is_null());

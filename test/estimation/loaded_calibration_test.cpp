@@ -7,8 +7,8 @@
 
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_rig.hpp"
 
@@ -17,7 +17,7 @@ namespace {
 
 using test::Random;
 
-constexpr model::TierSetting kLoaded{model::Tier::kLoaded, 5};
+constexpr statics::TierSetting kLoaded{statics::Tier::kLoaded, 5};
 
 const Parameter& parameter(const Calibration& calibration, const std::string& name) {
   const auto& all = calibration.parameters;
@@ -36,18 +36,18 @@ double sigmasOff(const Calibration& calibration, const std::string& name, double
 // An arm that stands out horizontally and sags, and what is thought of it.
 struct LoadedRig {
   model::Arm known = test::ringArm(test::straightRing());
-  model::Load known_load = test::horizontalLoad(1, 0.25, 500.0);
+  statics::Load known_load = test::horizontalLoad(1, 0.25, 500.0);
   model::Stiffness stiffness = known.actuator(0).stiffness;  // true
-  model::Load load = known_load;                             // true
+  statics::Load load = known_load;                             // true
   double length_scale = 1;
   bool exact = true;  // else by the tier that the model has, and many times faster
 
   model::Shape shape(const Eigen::VectorXd& pressure) const {
     const model::Arm arm = known.withStiffness(stiffness);
     const model::Twists unloaded = arm.twistsOfLengths(length_scale * arm.lengths(pressure));
-    const model::Solution solution =
-        exact ? model::ExactArm(arm, load).solve(unloaded)
-              : model::LoadedArm(arm, load, kLoaded.order).solve(unloaded);
+    const statics::Solution solution =
+        exact ? statics::ExactArm(arm, load).solve(unloaded)
+              : statics::LoadedArm(arm, load, kLoaded.order).solve(unloaded);
     if (!solution.converged()) throw std::runtime_error("the sample load is too heavy");
     return solution.shape;
   }
@@ -82,7 +82,7 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
   rig.load.K_eps = {650.0};
   rig.length_scale = 1.01;
   ArmCaptures data = rig.captures();
-  data.tier = {model::Tier::kExact, 0};
+  data.tier = {statics::Tier::kExact, 0};
   const Eigen::MatrixXd covariance = 1e-12 * Eigen::MatrixXd::Identity(6, 6);
   for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
     test::addCapture(data, pressure, TwistReading{rig.shape(pressure).twists(), covariance});
@@ -187,7 +187,7 @@ TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
   offset << 0.01, -0.02, 0.005, 0.03, -0.02, 0.04;
   const lie::SE3 X_B0B = lie::SE3::exp(offset);
   ArmCaptures data = rig.captures(test::sampleLayout(1, 12));
-  data.tier = {model::Tier::kExact, 0};
+  data.tier = {statics::Tier::kExact, 0};
   for (const Eigen::VectorXd& pressure : test::twelvePressures(rig.known)) {
     std::vector<PoseObservation> seen;
     for (const lie::SE3& X_BT : tagPoses(data.layout, rig.shape(pressure))) {
@@ -215,7 +215,7 @@ TEST(LoadedCalibration, KEpsWithoutALoadIsRefused) {
   ArmCaptures data = rig.poses(0.002, random);
   CalibrationOptions options;
   options.K_eps = true;
-  data.tier = {model::Tier::kLinear, 0};
+  data.tier = {statics::Tier::kLinear, 0};
   const Calibration other_tier = calibrate({data}, options);
   EXPECT_EQ(other_tier.status, CalibrationStatus::kNothingToFit);
   EXPECT_NE(other_tier.reason.find("K_eps"), std::string::npos) << other_tier.reason;

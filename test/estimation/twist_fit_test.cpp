@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
@@ -20,8 +20,8 @@ using test::Random;
 // Under its own weight and one at its tip.
 model::Shape sagging(const model::Arm& arm, const Eigen::VectorXd& pressure,
                      double K_eps = 1000.0) {
-  const model::LoadedArm loaded(arm, test::horizontalLoad(arm.sectionCount(), 0.25, K_eps), 5);
-  const model::Solution solution = loaded.solve(arm.twists(pressure));
+  const statics::LoadedArm loaded(arm, test::horizontalLoad(arm.sectionCount(), 0.25, K_eps), 5);
+  const statics::Solution solution = loaded.solve(arm.twists(pressure));
   if (!solution.converged()) throw std::runtime_error("the sample load is too heavy");
   return solution.shape;
 }

@@ -4,9 +4,9 @@
 #include <cmath>
 
 #include "extremes/family.hpp"
-#include "helix_arm/model/arm_model.hpp"
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/paper_arm.hpp"
 

@@ -5,11 +5,11 @@
 
 #include "extremes/extreme_arm.hpp"
 #include "extremes/family.hpp"
-#include "helix_arm/model/arm_model.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/exact.hpp"
-#include "helix_arm/model/inverse.hpp"
-#include "helix_arm/model/loaded.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
 namespace helix_arm::model {

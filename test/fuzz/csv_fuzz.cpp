@@ -2,7 +2,7 @@
 // tables; and corners that were read are the same when they are written and read again.
 #include <optional>
 
-#include "helix_arm/io/captures.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_corners.hpp"
@@ -55,10 +55,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t siz
   demand(data->values.rows() == static_cast<Eigen::Index>(data->lines.size()));
   demand(data->values.cols() == static_cast<Eigen::Index>(data->columns.size()));
 
-  read([&] { return io::kindOf(*data); });
+  read([&] { return procedures::kindOf(*data); });
   read([&] { return io::pressuresOf(*data, kActuators); });
-  read([&] { return io::loadLengths(*data); });
-  read([&] { return io::loadCaptures(scene, *data); });
+  read([&] { return procedures::loadLengths(*data); });
+  read([&] { return procedures::loadCaptures(scene, *data); });
   read([&] { return io::loadTagPoses(*data, kActuators, lie::SE3()); });
   const auto corners = read([&] { return io::loadTagCorners(*data, kActuators); });
   if (corners) roundTrip(file, *corners);

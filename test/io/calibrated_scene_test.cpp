@@ -106,7 +106,7 @@ void expectSameLoad(const Scene& a, const Scene& b) {
   EXPECT_EQ(a.model.choice().setting.name(), b.model.choice().setting.name());
   ASSERT_EQ(a.model.load().has_value(), b.model.load().has_value());
   if (!a.model.load()) return;
-  const model::Load &one = *a.model.load(), &other = *b.model.load();
+  const statics::Load &one = *a.model.load(), &other = *b.model.load();
   EXPECT_EQ(one.gravity, other.gravity);
   EXPECT_EQ(one.mass, other.mass);
   EXPECT_EQ(one.K_eps, other.K_eps);

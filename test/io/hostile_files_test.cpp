@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "helix_arm/io/captures.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
@@ -60,12 +60,12 @@ std::vector<Reader> readers() {
         sceneText(path, {{"name", "other"}});
       },
       loadProfile,
-      [](const std::string& path) { kindOf(loadDataSet(path)); },
+      [](const std::string& path) { procedures::kindOf(loadDataSet(path)); },
       [](const std::string& path) { pressuresOf(loadDataSet(path), 3); },
-      [](const std::string& path) { loadLengths(loadDataSet(path)); },
+      [](const std::string& path) { procedures::loadLengths(loadDataSet(path)); },
       [](const std::string& path) { loadTagPoses(loadDataSet(path), 3, lie::SE3()); },
       [](const std::string& path) { loadTagCorners(loadDataSet(path), 3); },
-      [](const std::string& path) { loadCaptures(scene, loadDataSet(path)); },
+      [](const std::string& path) { procedures::loadCaptures(scene, loadDataSet(path)); },
   };
 }
 
@@ -229,7 +229,7 @@ TEST(HostileFiles, ASoundTableOf16MegabytesIsReadInBoundedMemory) {
   const Scene scene = sceneOf(kSpatialScene);
   expectBounded("a sound table", text, [&](const std::string& path) {
     try {
-      const LoadedCaptures read = loadCaptures(scene, loadDataSet(path));
+      const procedures::LoadedCaptures read = procedures::loadCaptures(scene, loadDataSet(path));
       return std::to_string(read.captures.size()) + " captures";
     } catch (const DocumentError& error) {
       return std::string(error.what());

@@ -33,8 +33,8 @@ arm:
 TEST(SceneLoad, WithoutItNothingIsLoaded) {
   const Scene spatial = load(kSpatialScene), planar = load(kPlanarScene);
   EXPECT_FALSE(spatial.model.load());
-  EXPECT_EQ(spatial.model.choice().setting.tier, model::Tier::kLinear);
-  EXPECT_EQ(planar.model.choice().setting.tier, model::Tier::kPlanar);
+  EXPECT_EQ(spatial.model.choice().setting.tier, statics::Tier::kLinear);
+  EXPECT_EQ(planar.model.choice().setting.tier, statics::Tier::kPlanar);
   const Eigen::VectorXd q = spatial.arm.inputAt(0.3);
   EXPECT_LT((spatial.model.solve(q).shape.twists() - spatial.arm.twists(q)).norm(), 1e-14);
 }
@@ -42,7 +42,7 @@ TEST(SceneLoad, WithoutItNothingIsLoaded) {
 TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
   const Scene scene = load(kLoadedScene);
   ASSERT_TRUE(scene.model.load());
-  const model::Load& loads = *scene.model.load();
+  const statics::Load& loads = *scene.model.load();
   const Eigen::Matrix3d& R_WB = scene.X_WB.rotation;
   EXPECT_LT((R_WB * loads.gravity - Eigen::Vector3d(0.1, 0.2, -9.7)).norm(), 1e-14);
   ASSERT_EQ(loads.points.size(), 3u);
@@ -54,9 +54,9 @@ TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
 }
 
 TEST(SceneLoad, PlacesAndMassesOfPointsAreAsGiven) {
-  const model::Load loads = *load(kLoadedScene).model.load();
+  const statics::Load loads = *load(kLoadedScene).model.load();
   ASSERT_EQ(loads.points.size(), 3u);
-  const model::PointLoad &tip = loads.points[0], &upper = loads.points[1], &lower = loads.points[2];
+  const statics::PointLoad &tip = loads.points[0], &upper = loads.points[1], &lower = loads.points[2];
   EXPECT_EQ(tip.section, 1);
   EXPECT_EQ(tip.s, 1);
   EXPECT_EQ(tip.mass, 0.05);
@@ -106,7 +106,7 @@ TEST(SceneLoad, AHangingRodStretchesByItsWeight) {
   const Scene scene = load(kRod, {{"load.mass_kg", "0.2"},
                                   {"load.tip", "{mass_kg: 0.5}"},
                                   {"arm.base", "{rpy_deg: [0, 90, 0]}"}});
-  const model::Solution solution = scene.model.solve(Eigen::Vector3d::Zero());
+  const statics::Solution solution = scene.model.solve(Eigen::Vector3d::Zero());
   ASSERT_TRUE(solution.converged());
   const double stretch = 0.4 * (0.5 + 0.2 / 2) * 9.81 / (3 * 900);
   EXPECT_LT((solution.tip.translation - Eigen::Vector3d(0.4 + stretch, 0, 0)).norm(),
@@ -134,7 +134,7 @@ TEST(SceneLoad, OnlyALoadInItsPlaneKeepsAPlanarArmThere) {
   EXPECT_FALSE(
       load(stiff, {turned, mass, {"load.tip", "{force_n: [0, 0.1, 0]}"}}).vision.fit.planar);
   EXPECT_EQ(load(stiff, {turned, mass, {"tier", "planar"}}).model.choice().setting.tier,
-            model::Tier::kPlanar);
+            statics::Tier::kPlanar);
 }
 
 TEST(SceneTier, IsTheOneThatIsAskedFor) {
@@ -143,12 +143,12 @@ TEST(SceneTier, IsTheOneThatIsAskedFor) {
     return load(text, overrides).model.choice().setting.tier;
   };
   const Override mass{"load.mass_kg", "0.2"};
-  EXPECT_EQ(tier(kRod, {mass, {"tier", "exact"}}), model::Tier::kExact);
-  EXPECT_EQ(tier(kRod, {mass, {"tier", "linear"}}), model::Tier::kLinear);
-  EXPECT_EQ(tier(kPlanarScene, {{"tier", "linear"}}), model::Tier::kLinear);
-  EXPECT_EQ(tier(kPlanarScene, {{"tier", "planar"}}), model::Tier::kPlanar);
-  EXPECT_EQ(tier(kPlanarScene, {{"tier", "auto"}}), model::Tier::kPlanar);
-  EXPECT_EQ(tier(kSpatialScene, {{"tier", "auto"}}), model::Tier::kLinear);
+  EXPECT_EQ(tier(kRod, {mass, {"tier", "exact"}}), statics::Tier::kExact);
+  EXPECT_EQ(tier(kRod, {mass, {"tier", "linear"}}), statics::Tier::kLinear);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "linear"}}), statics::Tier::kLinear);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "planar"}}), statics::Tier::kPlanar);
+  EXPECT_EQ(tier(kPlanarScene, {{"tier", "auto"}}), statics::Tier::kPlanar);
+  EXPECT_EQ(tier(kSpatialScene, {{"tier", "auto"}}), statics::Tier::kLinear);
 }
 
 TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
@@ -156,12 +156,12 @@ TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
     return load(kRod, {{"load.mass_kg", "0.2"}, {"accuracy.tip_error_percent", percent}})
         .model.choice();
   };
-  const model::TierChoice rough = choice("1"), fine = choice("0.001");
+  const statics::TierChoice rough = choice("1"), fine = choice("0.001");
   EXPECT_LE(rough.tip_error, 1e-2);
   EXPECT_LE(fine.tip_error, 1e-5);
-  ASSERT_EQ(rough.setting.tier, model::Tier::kLoaded);
+  ASSERT_EQ(rough.setting.tier, statics::Tier::kLoaded);
   EXPECT_GT(rough.tip_error, 1e-5) << "or the rough one is no other than the fine one";
-  EXPECT_TRUE(fine.setting.tier == model::Tier::kExact || fine.setting.order > rough.setting.order);
+  EXPECT_TRUE(fine.setting.tier == statics::Tier::kExact || fine.setting.order > rough.setting.order);
 }
 
 TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {

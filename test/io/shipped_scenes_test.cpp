@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/pressure_tour.hpp"
+#include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -172,8 +172,8 @@ TEST(ShippedScenes, OnlyTwoAreLoaded) {
   EXPECT_EQ(scene.model.load()->mass, std::vector<double>{0.2});
   EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
   EXPECT_EQ(scene.model.load()->points.at(0).mass, 0.05);
-  EXPECT_EQ(scene.model.choice().setting.tier, model::Tier::kLoaded);
-  EXPECT_LE(scene.model.choice().tip_error, model::kUsualTipError);
+  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kLoaded);
+  EXPECT_LE(scene.model.choice().tip_error, statics::kUsualTipError);
   const Scene annotated = loadScene(scenePath("annotated"));
   ASSERT_TRUE(annotated.model.load());
   EXPECT_EQ(annotated.model.load()->K_eps, (std::vector<double>{900, 1200}));
@@ -260,7 +260,7 @@ TEST(ShippedScenes, TheDemoTrustsNoTapeMeasure) {
 TEST(ShippedScenes, TheDemoArmIsVisiblyNotItsModel) {
   const Scene scene = loadScene(scenePath("demo"));
   const simulation::TrueArm truth(scene.arm, scene.simulation.arm);
-  const Eigen::MatrixXd tour = control::pressureTour(scene.arm);
+  const Eigen::MatrixXd tour = procedures::pressureTour(scene.arm);
   double most = 0;
   for (int i = 0; i < tour.rows(); ++i) {
     const Eigen::VectorXd pressure = tour.row(i);

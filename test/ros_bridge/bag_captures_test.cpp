@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/bag_captures.hpp"
+#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 
 #include <fstream>
 
@@ -43,7 +43,7 @@ TEST(BagCaptures, AreTheMomentsInWhichTheArmStandsStill) {
 
 TEST(BagCaptures, CountFromOneAndLieInsideTheLimits) {
   const io::Scene scene = demo();
-  control::Sample sample{1.0, Eigen::Vector3d(-200, 1e5, 413.8e3), {}};
+  procedures::Sample sample{1.0, Eigen::Vector3d(-200, 1e5, 413.8e3), {}};
   sample.tags.push_back({3, Eigen::Matrix<double, 2, 4>::Constant(7)});
   const auto captures = numbered({sample, sample}, scene.arm);
   ASSERT_EQ(captures.size(), 2u);
@@ -65,7 +65,7 @@ TEST(BagCaptures, AreDataLikeAnyOtherAndCountOn) {
     recording.play({pressure, 0, 0}, 3);
     paths.push_back(recording.close());
   }
-  const io::CalibrationData data = loadMeasurements(demo(), paths, {});
+  const procedures::CalibrationData data = loadMeasurements(demo(), paths, {});
   ASSERT_EQ(data.captures.size(), 4u);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(data.captures[i].number, i + 1);
   EXPECT_NEAR(data.captures[3].pressure[0], 2e5, 1e-6);

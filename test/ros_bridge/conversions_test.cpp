@@ -1,4 +1,4 @@
-#include "helix_arm/ros_bridge/conversions.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
 
 #include <cmath>
 #include <cstdint>
@@ -68,7 +68,7 @@ void expectRefusal(const ArmShape& msg, control::Fault fault, const std::string&
 
 TEST(Conversions, ALoadedShapeSurvivesTheRoundTrip) {
   const model::Shape shape = unevenShape();
-  const model::TierChoice choice{{model::Tier::kLoaded, 5}, 1e-4, "the arm's weight bends it"};
+  const statics::TierChoice choice{{statics::Tier::kLoaded, 5}, 1e-4, "the arm's weight bends it"};
   const ArmShape msg = toShapeMsg({}, choice, shape);
   EXPECT_EQ(msg.tier, "loaded");
   EXPECT_EQ(msg.order, 5U);

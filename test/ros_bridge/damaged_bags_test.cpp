@@ -10,7 +10,7 @@
 
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/ros_bridge/bag_captures.hpp"
+#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "support/random.hpp"
 #include "support/recording.hpp"
 #include "support/temporary_folder.hpp"
@@ -137,7 +137,7 @@ TEST(DamagedBags, OnlyRegularFilesAreRead) {
 TEST(DamagedBags, TheHashIsOfTheBytesThatWereRead) {
   const test::TemporaryFolder folder;
   const std::string bytes = soundBag(folder);
-  const io::CalibrationData data = loadMeasurements(test::demo(), {folder / "sound.bag"}, {});
+  const procedures::CalibrationData data = loadMeasurements(test::demo(), {folder / "sound.bag"}, {});
   ASSERT_EQ(data.sources.size(), 1u);
   EXPECT_EQ(data.sources[0].sha256, io::sha256Of(bytes));
   EXPECT_EQ(data.sources[0].captures, 2);

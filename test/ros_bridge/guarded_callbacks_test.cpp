@@ -1,5 +1,5 @@
 // What no message does: throw into roscpp, or make room for what it does not hold.
-#include "helix_arm/ros_bridge/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 
 #include <filesystem>
 #include <fstream>

@@ -34,7 +34,7 @@ class UnderLoad : public ::testing::Test {
 TEST_F(UnderLoad, TheModelIsOfTheLoadedTierInPieces) {
   const auto model = rig_.model.next([](const ArmShape&) { return true; });
   ASSERT_TRUE(model);
-  const model::TierChoice& choice = shippedScene("loaded").model.choice();
+  const statics::TierChoice& choice = shippedScene("loaded").model.choice();
   EXPECT_EQ(model->tier, "loaded");
   EXPECT_EQ(static_cast<int>(model->order), choice.setting.order);
   EXPECT_GE(model->order, 2u);

@@ -8,7 +8,7 @@
 
 #include "helix_arm/Reload.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/model/workspace.hpp"
+#include "helix_arm/statics/workspace.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_file.hpp"
 
@@ -39,8 +39,8 @@ TEST(WorkspaceCloud, HoldsTipsAndTheirSensitivityInTheFrameOfTheBase) {
   EXPECT_TRUE(cloud.is_dense);
 
   const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/loaded.yaml");
-  const model::WorkspacePoints points =
-      model::Workspace(scene.model, {kSeed, true}).sample(0, kCount);
+  const statics::WorkspacePoints points =
+      statics::Workspace(scene.model, {kSeed, true}).sample(0, kCount);
   ASSERT_EQ(points.count(), kCount);
   for (int row = 0; row < kCount; ++row) {
     float values[6];
@@ -77,7 +77,7 @@ TEST(WorkspaceCloud, AReloadedSceneHasACloudOfItsOwn) {
   EXPECT_EQ(clouds.all()[before]->width, 0u);  // the old points do not stand for the new scene
   EXPECT_TRUE(clouds.all()[before]->data.empty());
   const io::Scene scene = io::loadScene(reload.request.scene);
-  const Eigen::RowVector3d tip = model::Workspace(scene.model, {kSeed, true}).sample(0, 1).tips;
+  const Eigen::RowVector3d tip = statics::Workspace(scene.model, {kSeed, true}).sample(0, 1).tips;
   float x = 0;
   std::memcpy(&x, clouds.last().data.data(), sizeof x);
   EXPECT_NEAR(x, tip[0], 1e-7);

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/model/exact.hpp"
+#include "helix_arm/statics/exact.hpp"
 #include "support/paper_arm.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
@@ -82,22 +82,22 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
 TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
   Ring ring = helicalRing();
   const model::Arm arm = ringArm(ring, 2);
-  model::Load load = horizontalLoad(2);
-  model::TierRequest request;
-  request.tier = model::Tier::kLoaded;
+  statics::Load load = horizontalLoad(2);
+  statics::TierRequest request;
+  request.tier = statics::Tier::kLoaded;
   request.order = 2;
-  const TrueArm truth(model::ArmModel(arm, std::nullopt, load, request), {0.7, 1.4, 1.02, 0.8});
-  EXPECT_EQ(truth.model().choice().setting.tier, model::Tier::kExact);
+  const TrueArm truth(statics::ArmModel(arm, std::nullopt, load, request), {0.7, 1.4, 1.02, 0.8});
+  EXPECT_EQ(truth.model().choice().setting.tier, statics::Tier::kExact);
   ring.stiffness.gamma *= 0.7;
   ring.stiffness.kappa *= 1.4;
   for (double& K_eps : load.K_eps) K_eps *= 0.8;
   const model::Arm stiffer = ringArm(ring, 2);
-  const model::ExactArm exact(stiffer, load);
+  const statics::ExactArm exact(stiffer, load);
   Random random(4);
   for (int i = 0; i < 10; ++i) {
     const Eigen::VectorXd q = randomInput(arm, random);
     const model::Twists unloaded = stiffer.twistsOfLengths(1.02 * stiffer.lengths(q));
-    const model::Solution expected = exact.solve(unloaded);
+    const statics::Solution expected = exact.solve(unloaded);
     ASSERT_TRUE(expected.converged());
     const model::Shape shape = truth.shape(q);
     EXPECT_GT(shape.piecesPerSection(), 1);
@@ -111,10 +111,10 @@ TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
 
 TEST(TrueArm, ALoadThatPullsNothingIsNone) {
   const model::Arm arm = ringArm(helicalRing());
-  model::Load load = horizontalLoad();
+  statics::Load load = horizontalLoad();
   load.gravity.setZero();
   const ArmDeviation deviation{1.1, 0.9, 1.01, 0.5};
-  const TrueArm with(model::ArmModel(arm, std::nullopt, load), deviation), without(arm, deviation);
+  const TrueArm with(statics::ArmModel(arm, std::nullopt, load), deviation), without(arm, deviation);
   const Eigen::VectorXd q = arm.inputAt(0.3);
   EXPECT_EQ(with.shape(q).pieces(), without.shape(q).pieces());
 }
@@ -159,7 +159,7 @@ TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {
 
 TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {
   const model::Arm arm = ringArm(helicalRing());
-  const model::ArmModel loaded(arm, std::nullopt, horizontalLoad());
+  const statics::ArmModel loaded(arm, std::nullopt, horizontalLoad());
   const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
   SimulatedRig rig(loaded, kRegulator, {}, setup);
   simulation::SimulatedCamera same(setup.view, setup.family, setup.body, setup.config);

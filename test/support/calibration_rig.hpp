@@ -43,7 +43,7 @@ class CalibrationRig : public ::testing::Test {
   using Client = actionlib::SimpleActionClient<RunCalibrationAction>;
 
   static constexpr double kRamp = 2e5;         ///< of the run, in simulated time [Pa/s]
-  static constexpr double kLongestStep = 0.1;  ///< of control::CalibrationRun [s]
+  static constexpr double kLongestStep = 0.1;  ///< of procedures::CalibrationRun [s]
 
   /// @param rig_scene  path of what the hardware is.
   explicit CalibrationRig(const std::string& rig_scene) : rig_scene_(rig_scene) {}

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "helix_arm/model/load.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::test {
@@ -34,8 +34,8 @@ inline model::PlanarArm planarArm(int sections = 1) {
 enum class Posture { kHanging, kHorizontal };
 
 /// The weight of an arm of one section.
-inline model::Load weight(Posture posture, double mass, double K_eps) {
-  model::Load load;
+inline statics::Load weight(Posture posture, double mass, double K_eps) {
+  statics::Load load;
   load.gravity = posture == Posture::kHanging ? Eigen::Vector3d(kGravity, 0, 0)
                                               : Eigen::Vector3d(0, 0, -kGravity);
   load.mass = {mass};
@@ -45,7 +45,7 @@ inline model::Load weight(Posture posture, double mass, double K_eps) {
 
 /// One of the cases that the tiers are measured with (MODEL.md, section 4).
 struct LoadedCase {
-  model::Load load;
+  statics::Load load;
   Eigen::VectorXd input;  // [Pa]
 };
 
@@ -65,20 +65,20 @@ inline std::vector<LoadedCase> loadedCases(Posture posture) {
 }
 
 /// Sections of random tilted rings under their weight, a tip load and a load somewhere on the way.
-inline model::Load randomLoad(int sections, Random& random) {
-  model::Load load;
+inline statics::Load randomLoad(int sections, Random& random) {
+  statics::Load load;
   load.gravity = kGravity * random.direction<3>();
   for (int k = 0; k < sections; ++k) {
     load.mass.push_back(random.uniform(0.05, 0.15));
     load.K_eps.push_back(random.uniform(1000, 2000));
   }
-  model::PointLoad tip;
+  statics::PointLoad tip;
   tip.section = sections - 1;
   tip.mass = random.uniform(0, 0.03);
   tip.force = random.uniform(0, 0.2) * random.direction<3>();
   tip.moment = random.uniform(0, 0.02) * random.direction<3>();
   tip.offset = random.uniform(0, 0.05) * random.direction<3>();
-  model::PointLoad inner;
+  statics::PointLoad inner;
   inner.section = random.integer(0, sections - 1);
   inner.s = random.uniform(0.2, 0.8);
   inner.mass = random.uniform(0, 0.05);

@@ -9,9 +9,9 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/model/load.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "helix_arm/model/shape.hpp"
-#include "helix_arm/model/tier.hpp"
+#include "helix_arm/statics/tier.hpp"
 
 namespace helix_arm::estimation {
 
@@ -47,8 +47,8 @@ struct ArmCaptures {
   std::vector<Capture> captures;
   /// What loads it, and the tier that finds its shapes: one of a scene's choice, the same for all
   /// parameters. A tier that knows of no load leaves the load out.
-  std::optional<model::Load> load = std::nullopt;
-  model::TierSetting tier = {};
+  std::optional<statics::Load> load = std::nullopt;
+  statics::TierSetting tier = {};
 
   /// Whether a load bends its shapes.
   bool isLoaded() const;

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string>
 
-#include "helix_arm/control/regular_file.hpp"
+#include "helix_arm/basics/regular_file.hpp"
 
 namespace helix_arm::io {
 
@@ -14,7 +14,7 @@ std::string sha256Of(const std::string& content);
 /// @param path  of the file, for the message.
 /// @param most  [bytes]
 /// @throws FileError where it is not open, cannot be read or has more bytes.
-std::string sha256OfFile(control::RegularFile& file, const std::string& path, std::uint64_t most);
+std::string sha256OfFile(basics::RegularFile& file, const std::string& path, std::uint64_t most);
 
 /// SHA-256 of the content of a regular file of at most 64 MiB.
 /// @throws FileError where it is none or cannot be read.

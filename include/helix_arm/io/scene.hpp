@@ -11,7 +11,7 @@
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/model/arm_model.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
@@ -60,7 +60,7 @@ struct Scene {
   /// The arm in its plane, where the scene says `geometry: planar`.
   std::optional<model::PlanarArm> planar;
   /// The same arm with what loads it, behind the tier that the scene asks for or needs.
-  model::ArmModel model;
+  statics::ArmModel model;
   std::vector<SectionLook> looks;  ///< (sections)
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;
@@ -98,6 +98,10 @@ struct Override {
 /// Reads, checks and resolves a scene file.
 /// @throws DocumentError with all faults: `file:line key value rule`.
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides = {});
+
+/// The scene that a text describes, as calibratedSceneText() gives it.
+/// @param name  of the file in faults. @throws as loadScene() does.
+Scene sceneOfText(const std::string& text, const std::string& name);
 
 /// A scene file that holds the overrides itself: loading it gives the same scene without them. The
 /// text as it is where there are none, else without its comments.

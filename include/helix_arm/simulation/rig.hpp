@@ -6,7 +6,7 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/estimation/tag_sight.hpp"
-#include "helix_arm/model/arm_model.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/tag_family.hpp"
@@ -29,10 +29,10 @@ struct ArmDeviation {
 class TrueArm {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
-  TrueArm(const model::ArmModel& model, const ArmDeviation& deviation);
+  TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation);
 
   const model::Arm& arm() const { return model_.arm(); }
-  const model::ArmModel& model() const { return model_; }
+  const statics::ArmModel& model() const { return model_; }
   /// Shape at gauge pressures (n) [Pa], clamped to the limits.
   /// @throws std::invalid_argument on a wrong size, std::out_of_range on a pressure that is no
   /// number, std::runtime_error naming pressures and load where no shape that balances the load is
@@ -42,7 +42,7 @@ class TrueArm {
   model::Twists twists(const model::InputRef& pressure) const { return shape(pressure).twists(); }
 
  private:
-  model::ArmModel model_;
+  statics::ArmModel model_;
   double length_scale_;
 };
 
@@ -62,7 +62,7 @@ class SimulatedRig {
  public:
   /// @param model  of the scene's arm; the true one deviates from it.
   /// @throws std::invalid_argument naming the value and its rule.
-  SimulatedRig(const model::ArmModel& model, const regulator::SimulatedRegulatorConfig& regulator,
+  SimulatedRig(const statics::ArmModel& model, const regulator::SimulatedRegulatorConfig& regulator,
                const ArmDeviation& deviation,
                const std::optional<CameraSetup>& camera = std::nullopt);
 

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <chrono>
+#include <vector>
+
+#include "helix_arm/basics/median.hpp"
+
+namespace helix_arm::basics {
+
+/// Median time of one call [s], over several timings of as many calls as last long enough to be
+/// timed; of a call that takes ten times that long, the time of one.
+/// @param timings  at least 1.
+/// @param least    time that each lasts at least, > 0 [s].
+template <class Call>
+double medianTime(const Call& call, int timings = 9, double least = 2e-4) {
+  using Clock = std::chrono::steady_clock;
+  const auto timeOf = [&call](int count) {
+    const Clock::time_point start = Clock::now();
+    for (int i = 0; i < count; ++i) call();
+    return std::chrono::duration<double>(Clock::now() - start).count();
+  };
+  const double first = timeOf(1);
+  if (first >= 10.0 * least) return first;
+  int count = 1;
+  while (timeOf(count) < least) count *= 2;
+  std::vector<double> times;
+  for (int i = 0; i < timings; ++i) times.push_back(timeOf(count) / count);
+  return medianOf(times);
+}
+
+}  // namespace helix_arm::basics

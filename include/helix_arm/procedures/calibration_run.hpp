@@ -1,0 +1,93 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include "helix_arm/procedures/settle_watch.hpp"
+
+namespace helix_arm::procedures {
+
+/// How a calibration run goes through its pressures.
+struct RunRules {
+  static constexpr int kMaxCaptures = 5;
+
+  int captures = 3;      ///< pictures of the arm at rest at each pressure, 1 to kMaxCaptures
+  double ramp = 1e5;     ///< how fast a pressure may change, > 0 [Pa/s]
+  double patience = 30;  ///< longest wait for each capture, > 0 [s]
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+enum class RunPhase {
+  kRamping,    ///< to the pressures of the step
+  kSettling,   ///< until they and the shape stand still, and while captures are taken
+  kReturning,  ///< down to rest
+  kEnded,
+};
+enum class RunEnd {
+  kCompleted,  ///< all captures were taken
+  kPreempted,  ///< someone asked it to end
+  kAborted,    ///< something went wrong
+};
+/// "ramping", "settling", "returning" or "ended".
+const char* nameOf(RunPhase phase);
+
+/// Steps an arm through a plan of pressures and says when it is to be looked at; whatever happens,
+/// it ramps the pressures down to rest before it ends. Time comes in as a number.
+class CalibrationRun {
+ public:
+  /// What is to be done now.
+  struct Order {
+    Eigen::VectorXd pressure;       ///< (actuators) to command [Pa]
+    std::optional<Sample> capture;  ///< to be kept
+    bool step_done = false;         ///< it is the last one of its step
+  };
+
+  /// @param plan  (steps x actuators) [Pa], at least one step.
+  /// @param from  (actuators) the command in force [Pa].
+  /// @param rest  (actuators) where it ends [Pa].
+  /// @throws std::invalid_argument naming the value and its rule.
+  CalibrationRun(Eigen::MatrixXd plan, Eigen::VectorXd from, Eigen::VectorXd rest,
+                 const RunRules& rules);
+
+  /// @param now       a clock that only goes on, the one of the stamps [s].
+  /// @param settling  of the arm at `now`; stale measurements abort the run.
+  Order advance(double now, const Settling& settling);
+
+  /// Ramps down and ends; of several reasons the first one stays, but for completion.
+  void end(RunEnd verdict, const std::string& reason);
+  /// Ends without ramping: another one commands the arm.
+  void yield(const std::string& reason);
+
+  RunPhase phase() const { return phase_; }
+  bool ended() const { return phase_ == RunPhase::kEnded; }
+  int step() const { return step_; }  ///< counted from 0
+  int steps() const { return static_cast<int>(plan_.rows()); }
+  int captures() const { return captures_; }  ///< of this step, so far
+  /// Meaningful once it returns or has ended.
+  RunEnd verdict() const { return verdict_; }
+  const std::string& reason() const { return reason_; }
+
+ private:
+  bool rampTo(const Eigen::VectorXd& target, double dt);
+  bool obeys(const Settling& settling) const;
+  void lookAt(double now, const Settling& settling, Order& order);
+
+  Eigen::MatrixXd plan_;
+  Eigen::VectorXd pressure_;  ///< commanded [Pa]
+  Eigen::VectorXd rest_;
+  RunRules rules_;
+  RunPhase phase_ = RunPhase::kRamping;
+  int step_ = 0;
+  int captures_ = 0;
+  std::optional<double> last_time_;
+  double settling_since_ = 0;
+  std::optional<double> returned_at_;  ///< when the ramp down was over
+  double last_capture_ = 0;            ///< stamp of its picture
+  RunEnd verdict_ = RunEnd::kCompleted;
+  std::string reason_;
+};
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "helix_arm/TagDetections.h"
+#include "helix_arm/procedures/settle_watch.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/captures.hpp"
+
+/// From what nodes say, live or in a recording, to what a calibration takes.
+namespace helix_arm::ros_bridge {
+
+/// The scene's tags of one picture, ascending ids; those seen twice are left out.
+std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
+                                              const io::Scene& scene);
+
+/// Samples as a data set has them, numbered from 1; their pressures, which are within a tolerance
+/// of set points, brought inside the limits.
+std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
+                                           const model::Arm& arm);
+
+/// The moments of a recording in which the arm stands still: one sample each time, the median of
+/// its pictures. Times are the stamps in the messages. A process of its own reads the file, so that
+/// no damage in it does harm to this one.
+///
+/// @param path  of a bag with one topic each that ends in tag_detections and pressure_measured; one
+///              that ends in pressure_command tells the set points.
+/// @throws io::DocumentError where it cannot be read, is damaged, has more than 16 GiB, lacks a
+/// topic or has more than one, where pressures are not of the scene's arm, or where the arm never
+/// stands still.
+std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
+                                     const procedures::SettleRules& rules);
+
+/// Data sets of all kinds: recordings (.bag), and what procedures::loadCalibrationData() reads.
+/// @throws io::DocumentError with every fault of a file.
+procedures::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
+                                     const procedures::SettleRules& rules);
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,200 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <typeinfo>
+#include <utility>
+
+#include <boost/make_shared.hpp>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+
+#include "helix_arm/ros_bridge/common/checked_stream.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+
+/// Where the callbacks of all nodes are made: no message, whatever it holds, ends a node.
+///
+/// What a callback throws, and what cannot be deserialised, is dropped, counted and warned of with
+/// its culprit: at the first time, and then once every five seconds. An array is given no more
+/// memory than its message has bytes for (CheckedStream).
+namespace helix_arm::ros_bridge {
+
+/// Catches what one source of work throws. From any thread.
+class FaultGuard {
+ public:
+  using Log = std::function<void(const std::string& line)>;
+
+  /// @param source  named in the warnings, such as "a message on /tip_target".
+  /// @param log     takes the warnings; rosconsole where there is none.
+  explicit FaultGuard(std::string source, Log log = {});
+
+  /// @param culprit  who sent it; empty: nobody did.
+  /// @return whether the body returned without throwing; else why is what it threw.
+  template <class Body>
+  bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
+    try {
+      body();
+      return true;
+    } catch (...) {
+      caught(culprit, why);
+      return false;
+    }
+  }
+
+ private:
+  /// In a handler.
+  void caught(const std::string& culprit, std::string* why) noexcept;
+
+  const std::string source_;
+  const Log log_;
+  std::mutex mutex_;  ///< of the count
+  FaultCount faults_;
+};
+
+/// How roscpp hands over the messages of one topic.
+template <class Message>
+class GuardedSubscription : public ros::SubscriptionCallbackHelper {
+ public:
+  using Event = ros::MessageEvent<const Message>;
+  using Callback = std::function<void(const Event&)>;
+
+  GuardedSubscription(const std::string& topic, Callback callback, FaultGuard::Log log)
+      : guard_("a message on " + topic, std::move(log)), callback_(std::move(callback)) {}
+
+  ros::VoidConstPtr deserialize(
+      const ros::SubscriptionCallbackHelperDeserializeParams& params) override {
+    boost::shared_ptr<Message> message;
+    const auto& header = params.connection_header;
+    const bool sound = guard_.run(header ? (*header)["callerid"] : "", [&] {
+      message = boost::make_shared<Message>();
+      CheckedStream stream(params.buffer, params.length);
+      stream.next(*message);
+    });
+    return sound ? message : nullptr;
+  }
+
+  void call(ros::SubscriptionCallbackHelperCallParams& params) override {
+    const Event event(params.event, ros::DefaultMessageCreator<Message>());
+    guard_.run(event.getPublisherName(), [&] { callback_(event); });
+  }
+
+  const std::type_info& getTypeInfo() override { return typeid(Message); }
+  bool isConst() override { return true; }
+  bool hasHeader() override { return ros::message_traits::hasHeader<Message>(); }
+
+ private:
+  FaultGuard guard_;
+  const Callback callback_;
+};
+
+/// How roscpp hands over the calls of one service. A call that throws is answered with what it
+/// threw.
+template <class Request, class Response>
+class GuardedService : public ros::ServiceCallbackHelper {
+ public:
+  using Callback = std::function<bool(Request&, Response&)>;
+
+  GuardedService(const std::string& service, Callback callback, FaultGuard::Log log)
+      : guard_("a call of " + service, std::move(log)), callback_(std::move(callback)) {}
+
+  bool call(ros::ServiceCallbackHelperCallParams& params) override {
+    Request request;
+    Response response;
+    bool ok = false;
+    std::string why;
+    const auto& header = params.connection_header;
+    const bool sound = guard_.run(
+        header ? (*header)["callerid"] : "",
+        [&] {
+          const ros::SerializedMessage& bytes = params.request;
+          CheckedStream stream(bytes.message_start,
+                               static_cast<std::uint32_t>(bytes.num_bytes -
+                                                          (bytes.message_start - bytes.buf.get())));
+          stream.next(request);
+          ok = callback_(request, response);
+        },
+        &why);
+    params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
+                            : ros::serialization::serializeServiceResponse(false, why);
+    // roscpp sends this response only where it is told true; it says itself that the call failed.
+    return !sound || ok;
+  }
+
+ private:
+  FaultGuard guard_;
+  const Callback callback_;
+};
+
+/// Subscribes, without delay on the wire; the callback takes the message, or the event that tells
+/// its sender as well.
+template <class Node, class Message>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       void (Node::*callback)(const ros::MessageEvent<const Message>&), Node* owner,
+                       FaultGuard::Log log = {}) {
+  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
+                                ros::message_traits::datatype<Message>());
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(
+      node.resolveName(topic),
+      [owner, callback](const ros::MessageEvent<const Message>& event) {
+        (owner->*callback)(event);
+      },
+      std::move(log));
+  options.transport_hints = ros::TransportHints().tcpNoDelay();
+  return node.subscribe(options);
+}
+template <class Node, class Message>
+ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
+                       void (Node::*callback)(const boost::shared_ptr<const Message>&), Node* owner,
+                       FaultGuard::Log log = {}) {
+  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
+                                ros::message_traits::datatype<Message>());
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(
+      node.resolveName(topic),
+      [owner, callback](const ros::MessageEvent<const Message>& event) {
+        (owner->*callback)(event.getConstMessage());
+      },
+      std::move(log));
+  options.transport_hints = ros::TransportHints().tcpNoDelay();
+  return node.subscribe(options);
+}
+
+/// Advertises a service.
+template <class Node, class Request, class Response>
+ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
+                         bool (Node::*callback)(Request&, Response&), Node* owner,
+                         FaultGuard::Log log = {}) {
+  ros::AdvertiseServiceOptions options;
+  options.service = service;
+  options.md5sum = ros::service_traits::md5sum<Request>();
+  options.datatype = ros::service_traits::datatype<Request>();
+  options.req_datatype = ros::message_traits::datatype<Request>();
+  options.res_datatype = ros::message_traits::datatype<Response>();
+  options.helper = boost::make_shared<GuardedService<Request, Response>>(
+      node.resolveName(service),
+      [owner, callback](Request& request, Response& response) {
+        return (owner->*callback)(request, response);
+      },
+      std::move(log));
+  return node.advertiseService(options);
+}
+
+/// Calls again and again, by a steady clock.
+/// @param what    it does, for the warnings: "drawing".
+/// @param period  [s]
+template <class Node>
+ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
+                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner,
+                        FaultGuard::Log log = {}) {
+  // Caught in here: roscpp forgets a timer whose callback throws.
+  const auto guard = std::make_shared<FaultGuard>("a turn of " + what, std::move(log));
+  return node.createSteadyTimer(ros::WallDuration(period),
+                                [guard, owner, callback](const ros::SteadyTimerEvent& event) {
+                                  guard->run("", [&] { (owner->*callback)(event); });
+                                });
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,142 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <ros/callback_queue.h>
+#include <ros/node_handle.h>
+#include <std_srvs/SetBool.h>
+#include <std_srvs/Trigger.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/regulator/priority_mutex.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/guarded_thread.hpp"
+#include "helix_arm/ros_bridge/common/log_thread.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// The pressure path of a node, in a thread of its own: nothing that the node computes delays it,
+/// nor what stops it.
+///
+/// Readings that come on a topic have a thread of their own as well, so that none of them delays a
+/// stop.
+///
+/// Publishes pressure_command, at once on a new target and with every turn; pressure_measured,
+/// where the regulator is the node's own; and safety_state, latched, on every change, with a line
+/// in the log. Serves ~enable, ~vent and ~emergency_stop. All times are of the steady clock,
+/// whatever ROS time does.
+class PressureLoop {
+ public:
+  /// What was measured.
+  struct Reading {
+    Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
+    ros::Time stamp;
+  };
+  using Take = std::function<void(const Reading&)>;
+
+  /// The pressure path at one moment.
+  struct Snapshot {
+    control::SafetyReport report;
+    std::string reason;
+    control::ValveOrders orders;
+    Eigen::VectorXd goal, reading;          ///< (n) [Pa]
+    std::optional<regulator::IoStatus> io;  ///< where the regulator is the node's own
+    std::uint64_t turns = 0;                ///< so far
+    FaultCount bad_readings;
+  };
+
+  /// @param arm                Its actuators are named in the messages.
+  /// @param rate               Turns of the loop per second [Hz].
+  /// @param realtime_priority  Of its thread, as scheduleRealtime(), where that is allowed.
+  /// @param path               Without I/O where another node regulates; the readings then come
+  ///                           from pressure_measured.
+  /// @param auto_enable        A target enables the path, as SafetyCore::mayEnableItself() allows.
+  /// @param take               Receives the readings, in order, from the node's own callback
+  ///                           queue; only the last where it cannot keep up.
+  PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
+               regulator::PressurePath path, bool auto_enable, Take take);
+  ~PressureLoop();
+  PressureLoop(const PressureLoop&) = delete;
+  PressureLoop& operator=(const PressureLoop&) = delete;
+
+  /// Goes there from now on: (n), inside the limits [Pa].
+  /// @return why it does not; empty: it does.
+  std::string command(const Eigen::VectorXd& pressure);
+
+  /// Other rules of the same channels from now on, and another arm of the same actuators.
+  /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
+  void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
+             const control::SafetyRules& rules);
+
+  /// As PressurePath::guardedBy().
+  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard);
+  /// Vents, where the regulator is the node's own, waits until no pressure stands, for a while, and
+  /// does nothing from then on.
+  /// @return whether the regulator has read so.
+  bool end();
+  /// What the node should end with for the loop's sake.
+  int verdict() const { return thread_.verdict(); }
+
+  Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
+  Snapshot snapshot() const;
+
+ private:
+  using Trigger = std_srvs::Trigger;
+  using SetBool = std_srvs::SetBool;
+
+  bool onEnable(Trigger::Request&, Trigger::Response& response);
+  bool onVent(Trigger::Request&, Trigger::Response& response);
+  bool onStop(SetBool::Request& request, SetBool::Response& response);
+  void onReading(const PressureArrayConstPtr& reading);
+
+  // All of these want the lock.
+  void turn(double now);
+  void publish(double now);
+  void noteChanges(const ros::Time& stamp);
+  void post(Reading reading);
+
+  // None of these does.
+  void run();
+  /// Does change(now) under the lock.
+  template <class Change>
+  void act(const Change& change);
+  void takeWaiting();
+
+  const double period_;  ///< [s]
+  const int realtime_priority_;
+  const bool auto_enable_;
+  const Take take_;
+  LogThread log_;
+
+  mutable regulator::PriorityMutex mutex_;  ///< of all that follows, and of the order of commands
+  model::Arm arm_;
+  regulator::PressurePath path_;
+  std::uint64_t turns_ = 0;
+  std::optional<std::uint64_t> changes_noted_;
+  FaultCount bad_readings_;
+  std::vector<Reading> waiting_;
+
+  ros::CallbackQueue queue_;  ///< of all that follows, which leaves it when it goes
+  ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
+  ros::ServiceServer enable_server_, vent_server_, stop_server_;
+  /// Of the readings alone: whatever comes as one, and however large, delays no stop.
+  ros::CallbackQueue reading_queue_;
+  ros::Subscriber reading_subscriber_;
+  ros::AsyncSpinner reading_spinner_;
+  FaultGuard take_guard_;
+  std::atomic<bool> ends_{false};
+  GuardedThread thread_;  ///< of the queue and the turns
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Counts what became of the targets, and warns of the bad ones: one line a fault and period,
+/// however many come.
+class TargetLedger {
+ public:
+  void taken() { ++taken_; }
+
+  /// A target out of reach, replaced by the closest one.
+  void closest(const std::string& topic, const std::string& commander, const std::string& message);
+
+  /// A target that was dropped.
+  void dropped(const std::string& topic, const std::string& commander,
+               const control::Refusal& refusal);
+
+  /// Adds the counts to a status: WARN when a target was dropped or out of reach since the last
+  /// call.
+  void report(diagnostic_msgs::DiagnosticStatus& status);
+
+ private:
+  void warn(FaultCount& count, const std::string& topic, const std::string& commander,
+            const std::string& message, const char* consequence);
+
+  std::uint64_t taken_ = 0;
+  FaultCount closest_;
+  std::array<FaultCount, control::kFaultCount> dropped_;
+  std::string last_fault_;
+  bool news_ = false;
+};
+
+}  // namespace helix_arm::ros_bridge

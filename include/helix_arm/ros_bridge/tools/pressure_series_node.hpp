@@ -1,0 +1,93 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/procedures/series_player.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/run_node.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Private parameters of pressure_series.
+struct PressureSeriesOptions {
+  std::string scene;             ///< ~scene: as pressure_command's; required
+  std::string data;              ///< ~data: CSV file, or name of a shipped series; none: a tour
+  procedures::SeriesTiming timing;  ///< ~ramp_s, ~hold_s (0 to 3600 [s]), ~loop
+  double rate = 50.0;            ///< ~rate: of the targets, 1 to 1000 [Hz]
+  bool yields = false;           ///< ~yields: fall silent while someone else wants the arm
+  double resume_after = 3.0;     ///< ~resume_after_s: the others' silence that ends it [s]
+
+  /// @throws ParameterError with every fault.
+  static PressureSeriesOptions load();
+};
+
+/// Plays a table of pressures to pressure_command: the columns pressure_<i>_kpa of a data set, row
+/// by row.
+///
+/// Subscribes
+/// - pressure_command (PressureArray): where the first ramp begins; nothing is sent before it came
+/// - target_status (TargetStatus): tells that someone else commands, or would like to
+///
+/// Publishes
+/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0,
+///   which is warned of at the start
+///
+/// Parameters: PressureSeriesOptions.
+///
+/// While the arm is not enabled, or targets come to it late (or clocks differ), it asks for the
+/// pressures that the arm has, and goes on from there once they are taken.
+///
+/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, and where for
+/// two seconds all commands are of another arm, or all targets are refused for what they ask; 2 on
+/// a bad parameter, scene or data set, and when a row leaves the limits of the scene. No single
+/// message ends it.
+class PressureSeriesNode {
+ public:
+  /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
+  PressureSeriesNode();
+
+  int finish() const { return verdict_; }
+
+ private:
+  /// Messages that say the series is not for this arm, and nothing better between them.
+  struct Trouble {
+    int messages = 0;
+    ros::SteadyTime since;
+    FaultCount warnings;
+    /// Counts one more; true once they are more than a stray message or two.
+    bool goesOn();
+  };
+
+  void onCommand(const PressureArrayConstPtr& command);
+  void onStatus(const TargetStatusConstPtr& status);
+  void onTick(const ros::SteadyTimerEvent& event);
+  /// Warns of it, and ends the node where it goes on.
+  void suffer(Trouble& trouble, const std::string& what);
+
+  const PressureSeriesOptions options_;
+  const io::Scene scene_;
+  const Eigen::MatrixXd rows_;                   ///< (rows x actuators) [Pa]
+  std::optional<procedures::SeriesPlayer> player_;  ///< from the first command on
+  Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
+  int told_row_ = -1;
+  bool yielding_ = false;
+  bool held_back_ = false;     ///< targets are dropped for now, whatever they ask
+  Trouble foreign_, refused_;  ///< commands of another arm; targets refused for what they ask
+  int verdict_ = kDone;
+  ros::SteadyTime last_of_others_;
+  ros::SteadyTime last_tick_;
+
+  ros::NodeHandle node_;
+  ros::Publisher target_publisher_;
+  ros::Subscriber command_subscriber_, status_subscriber_;
+  ros::SteadyTimer timer_;
+};
+
+}  // namespace helix_arm::ros_bridge

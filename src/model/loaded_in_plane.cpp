@@ -1,7 +1,0 @@
-#include "loaded_arm.hpp"
-
-namespace helix_arm::model {
-
-template class LoadedArmOf<lie::SE2>;
-
-}  // namespace helix_arm::model

@@ -1,0 +1,259 @@
+#include "helix_arm/procedures/captures.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/tag_poses.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+struct NamedKind {
+  DataKind kind;
+  const char* column;  // that tells it
+  const char* text;
+};
+
+constexpr NamedKind kKinds[] = {
+    {DataKind::kCurvatures, "curvature_rad", "curvatures"},
+    {DataKind::kTagPoses, "x_m", "tag poses"},
+    {DataKind::kTagCorners, "x1_px", "tag corners"},
+    {DataKind::kLengths, "length_m", "free lengths"},
+};
+
+[[noreturn]] void refuse(const std::string& file, const std::string& fault) {
+  throw io::DocumentError(file + " " + fault);
+}
+
+std::string kilopascalText(double pressure) { return io::formatNumber(io::kilopascals(pressure)) + " kPa"; }
+
+std::optional<std::string> limitFault(const model::Actuator& actuator, int number,
+                                      double pressure) {
+  if (actuator.limits.contains(pressure)) return std::nullopt;
+  return "pressure_" + std::to_string(number) + "_kpa is not within the limits of " +
+         actuator.name + ", " + kilopascalText(actuator.limits.lower) + " to " +
+         kilopascalText(actuator.limits.upper);
+}
+
+const estimation::TagLayout& tagsOf(const io::Scene& scene, const std::string& file) {
+  if (scene.tags) return *scene.tags;
+  refuse(file,
+         "holds tags, but scene " + scene.name + " has none; expected a scene with a section tags");
+}
+
+std::string idsOf(const estimation::TagLayout& layout) {
+  std::vector<int> ids;
+  for (const estimation::TagPlacement& tag : layout.tags) ids.push_back(tag.id);
+  return io::listOf(ids);
+}
+
+// Readings of tags by their ids as readings of tags of the layout.
+template <class Observation>
+class TagReadings {
+ public:
+  explicit TagReadings(const io::Scene& scene, const std::string& file)
+      : scene_(scene), file_(file), layout_(tagsOf(scene, file)) {}
+
+  // observe(tag) gives what is seen of a tag of the scene, nothing where that is a fault.
+  template <class Tags, class Observe>
+  void add(int number, const Eigen::VectorXd& pressure, const Tags& tags, Observe observe) {
+    std::vector<Observation> reading;
+    for (const auto& tag : tags) {
+      const int index = layout_.find(tag.id);
+      if (index < 0) {
+        ++loaded_.unknown_tags[tag.id];
+        continue;
+      }
+      known_ = true;
+      if (const auto seen = observe(tag)) reading.push_back({index, *seen});
+    }
+    loaded_.captures.push_back({number, pressure, std::move(reading)});
+  }
+
+  LoadedCaptures take() {
+    if (!known_ && !loaded_.unknown_tags.empty()) {
+      refuse(file_, "holds no tag of scene " + scene_.name + " but only " +
+                        io::listOf(loaded_.unknownIds()) + "; expected " + idsOf(layout_) +
+                        ": is it of another arm?");
+    }
+    return std::move(loaded_);
+  }
+
+ private:
+  const io::Scene& scene_;
+  const std::string& file_;
+  const estimation::TagLayout& layout_;
+  LoadedCaptures loaded_;
+  bool known_ = false;
+};
+
+LoadedCaptures curvaturesOf(const io::Scene& scene, const io::DataSet& data,
+                            const Eigen::MatrixXd& pressures) {
+  if (scene.arm.sectionCount() != 1) {
+    refuse(data.path, "holds curvatures, which are those of one section, but scene " + scene.name +
+                          " has " + std::to_string(scene.arm.sectionCount()));
+  }
+  io::FaultList faults(data.path);
+  LoadedCaptures loaded;
+  const int column = data.find("curvature_rad");
+  for (int row = 0; row < data.values.rows(); ++row) {
+    const double curvature = data.values(row, column);
+    if (curvature < 0) {
+      faults.add(data.lines[row], "curvature_rad is negative; expected a finite value >= 0");
+    }
+    loaded.captures.push_back(
+        {row + 1, pressures.row(row), estimation::CurvatureReading{curvature}});
+  }
+  faults.throwIfAny();
+  return loaded;
+}
+
+LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
+  TagReadings<estimation::PoseObservation> readings(scene, data.path);
+  for (const io::TagPoseCapture& capture : io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
+    readings.add(capture.number, capture.pressure, capture.tags,
+                 [](const io::TagPose& tag) { return std::optional(tag.X_BT); });
+  }
+  return readings.take();
+}
+
+// Directions of a tag's corners; nothing, and a fault, where the distortion cannot be undone.
+std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
+                                                const io::TagCorners& tag, io::FaultList& faults) {
+  estimation::Corners directions;
+  for (int i = 0; i < tag.corners.cols(); ++i) {
+    const auto direction = camera.directionOf(tag.corners.col(i));
+    if (!direction) {
+      const std::string number = std::to_string(i + 1);
+      faults.add(tag.line, "x" + number + "_px, y" + number +
+                               "_px are not in the picture; expected a place where the camera's "
+                               "distortion can be undone");
+      return std::nullopt;
+    }
+    directions.col(i) = *direction;
+  }
+  return directions;
+}
+
+void requirePressures(const std::string& file, const model::Arm& arm) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).drive == model::Drive::kPressure) continue;
+    refuse(file, "gives pressures, but actuator " + arm.actuator(i).name +
+                     " of the scene is a tendon; expected an arm of pressure actuators");
+  }
+}
+
+}  // namespace
+
+std::vector<int> LoadedCaptures::unknownIds() const {
+  std::vector<int> ids;
+  for (const auto& [id, sights] : unknown_tags) ids.push_back(id);
+  return ids;
+}
+
+DataKind kindOf(const io::DataSet& data) {
+  const NamedKind* found = nullptr;
+  for (const NamedKind& kind : kKinds) {
+    if (data.find(kind.column) < 0) continue;
+    if (found != nullptr) {
+      refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
+                            " and " + kind.column + " of " + kind.text + "; expected one of them");
+    }
+    found = &kind;
+  }
+  if (found != nullptr) return found->kind;
+  std::string expected;
+  for (const NamedKind& kind : kKinds) {
+    expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
+  }
+  refuse(data.path, "has none of the columns that tell what it holds; expected " + expected);
+}
+
+Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
+  requirePressures(data.path, arm);
+  Eigen::MatrixXd pressures = io::pressuresOf(data, arm.actuatorCount());
+  io::FaultList faults(data.path);
+  for (int row = 0; row < pressures.rows(); ++row) {
+    for (int i = 0; i < pressures.cols(); ++i) {
+      const auto fault = limitFault(arm.actuator(i), i + 1, pressures(row, i));
+      if (fault) faults.add(data.lines[row], *fault);
+    }
+  }
+  faults.throwIfAny();
+  return pressures;
+}
+
+LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data) {
+  const DataKind kind = kindOf(data);
+  if (kind == DataKind::kLengths) {
+    refuse(data.path, "holds free lengths of a muscle; expected measurements of an arm");
+  }
+  const Eigen::MatrixXd pressures = pressuresWithinLimits(data, scene.arm);
+  if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
+  if (kind == DataKind::kTagPoses) return posesOf(scene, data);
+  return makeCaptures(scene, io::loadTagCorners(data, scene.arm.actuatorCount()), data.path);
+}
+
+LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
+                            const std::string& name) {
+  requirePressures(name, scene.arm);
+  if (!scene.camera) {
+    refuse(name, "holds corners in pictures, but scene " + scene.name +
+                     " has no camera; expected a scene with a section camera");
+  }
+  io::FaultList faults(name);
+  TagReadings<estimation::CornerObservation> readings(scene, name);
+  for (const io::TagCornerCapture& capture : seen) {
+    const int line = capture.tags.empty() ? 0 : capture.tags.front().line;
+    if (capture.pressure.size() != scene.arm.actuatorCount()) {
+      faults.add(line, "has " + std::to_string(capture.pressure.size()) + " pressures in capture " +
+                           std::to_string(capture.number) + "; expected " +
+                           std::to_string(scene.arm.actuatorCount()));
+      continue;
+    }
+    for (int i = 0; i < capture.pressure.size(); ++i) {
+      const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
+      if (fault) faults.add(line, *fault);
+    }
+    readings.add(capture.number, capture.pressure, capture.tags, [&](const io::TagCorners& tag) {
+      return directionsOf(scene.camera->model, tag, faults);
+    });
+  }
+  faults.throwIfAny();
+  return readings.take();
+}
+
+std::vector<estimation::LengthSample> loadLengths(const io::DataSet& data) {
+  if (kindOf(data) != DataKind::kLengths) {
+    refuse(data.path, "holds measurements of an arm; expected columns pressure_kpa and length_m");
+  }
+  const int pressure = data.find("pressure_kpa"), length = data.find("length_m");
+  if (pressure < 0) {
+    refuse(data.path, "has no column pressure_kpa; expected pressure_kpa, length_m");
+  }
+  std::vector<estimation::LengthSample> samples;
+  samples.reserve(static_cast<std::size_t>(data.values.rows()));
+  for (int row = 0; row < data.values.rows(); ++row) {
+    samples.push_back({io::pascals(data.values(row, pressure)), data.values(row, length)});
+  }
+  return samples;
+}
+
+estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
+                                        std::vector<estimation::Capture> captures) {
+  estimation::ArmCaptures arm{scene.name, scene.arm, scene.vision.fit.planar, {}, {}, 0, {}};
+  arm.load = scene.model.load();
+  arm.tier = scene.model.choice().setting;
+  if (scene.tags) arm.layout = *scene.tags;
+  if (scene.camera) {
+    arm.X_CB = scene.X_CB();
+    arm.focal = scene.camera->model.focal();
+  }
+  arm.captures = std::move(captures);
+  return arm;
+}
+
+}  // namespace helix_arm::procedures

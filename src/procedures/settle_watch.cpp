@@ -1,0 +1,219 @@
+#include "helix_arm/procedures/settle_watch.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+// So many of the tags must stand still: a few of them may be misread.
+constexpr double kStillShare = 0.75;
+
+// Of each history: more than two minutes bring, at 1000 and at 60 Hz.
+constexpr std::size_t kMostReadings = 1 << 17;
+constexpr std::size_t kMostSights = 1 << 13;
+
+template <class... Arguments>
+std::string format(const char* pattern, Arguments... arguments) {
+  char text[256];
+  std::snprintf(text, sizeof text, pattern, arguments...);
+  return text;
+}
+
+void requirePositive(const char* what, double value) {
+  basics::requireValue(std::isfinite(value) && value > 0, "the settle rules", what, value,
+                      "a finite value > 0");
+}
+
+// How far tags moved from one picture to another: that of the tag that kStillShare of those in both
+// stay below [px]; nothing where no tag is in both.
+std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
+                                      const std::vector<TagSighting>& b) {
+  std::vector<double> moved;
+  for (auto i = a.begin(), j = b.begin(); i != a.end() && j != b.end();) {
+    if (i->id < j->id) {
+      ++i;
+    } else if (j->id < i->id) {
+      ++j;
+    } else {
+      moved.push_back(std::sqrt((i++->corners - j++->corners).squaredNorm() / 4));
+    }
+  }
+  if (moved.empty()) return std::nullopt;
+  const auto rank =
+      static_cast<std::ptrdiff_t>(std::ceil(kStillShare * static_cast<double>(moved.size()))) - 1;
+  std::nth_element(moved.begin(), moved.begin() + rank, moved.end());
+  return moved[static_cast<std::size_t>(rank)];
+}
+
+}  // namespace
+
+void SettleRules::validate() const {
+  requirePositive("pressure_tolerance", pressure_tolerance);
+  requirePositive("corner_tolerance", corner_tolerance);
+  requirePositive("window", window);
+  requirePositive("max_age", max_age);
+}
+
+SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rules)
+    : names_(std::move(names)), rules_(rules) {
+  basics::require(!names_.empty(), "a watch over no actuators; expected at least one");
+  rules_.validate();
+}
+
+void SettleWatch::checkSize(const Eigen::VectorXd& pressure) const {
+  basics::require(pressure.size() == static_cast<Eigen::Index>(names_.size()), pressure.size(),
+                 " pressures for ", names_.size(), " actuators; expected one each");
+}
+
+template <class Entry>
+void SettleWatch::add(std::deque<Entry>& history, Entry entry, std::size_t most) const {
+  if (!history.empty()) {
+    const double step = entry.time - history.back().time;
+    if (step == 0) history.pop_back();  // a clock that stands still
+    if (step < 0 || step > rules_.max_age) history.clear();
+  }
+  history.push_back(std::move(entry));
+  // Stamps that creep would never let one go.
+  if (history.size() > most) history.pop_front();
+}
+
+void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
+  checkSize(set_point);
+  const bool broken = time < set_last_ || time - set_last_ > rules_.max_age;
+  if (!set_point_ || broken || *set_point_ != set_point) set_since_ = time;
+  set_point_ = set_point;
+  set_last_ = time;
+}
+
+void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
+  checkSize(pressure);
+  add(readings_, Reading{time, pressure}, kMostReadings);
+  // Pictures are later than pressures: what they may still ask for is kept.
+  const double oldest = time - rules_.window - rules_.max_age;
+  while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
+}
+
+void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
+  add(sights_, Sight{time, std::move(tags)}, kMostSights);
+  while (sights_.size() > 1 && sights_[1].time <= windowBegin()) sights_.pop_front();
+}
+
+std::string SettleWatch::staleness(double now) const {
+  const auto stale = [&](bool none, double time, const char* what, const char* remedy) {
+    if (none) return format("%s: none has come yet; %s", what, remedy);
+    const double age = now - time;
+    if (age < -rules_.max_age) {
+      return format(
+          "%s: the last are stamped %.2f s ahead of now (at most %g s); set the clocks alike", what,
+          -age, rules_.max_age);
+    }
+    if (age <= rules_.max_age) return std::string();
+    return format("%s: none has come for %.2f s (at most %g s); %s", what, age, rules_.max_age,
+                  remedy);
+  };
+  std::string out = stale(readings_.empty(), readings_.empty() ? 0 : readings_.back().time,
+                          "measured pressures", "is the regulator's node up?");
+  if (out.empty() && set_point_) {
+    out = stale(false, set_last_, "commanded pressures", "is pressure_command up?");
+  }
+  if (out.empty()) {
+    out = stale(sights_.empty(), sights_.empty() ? 0 : sights_.back().time, "tag detections",
+                "are camera and vision up?");
+  }
+  return out;
+}
+
+std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
+  const double end = sights_.back().time;
+  if (set_point_ && set_since_ > begin) {
+    return format("the set point has held for %.2f s of the tags' time; expected %g s",
+                  std::max(0.0, end - set_since_), rules_.window);
+  }
+  if (readings_.front().time > begin) {
+    return format("pressures were measured for %.2f s; expected %g s",
+                  readings_.back().time - readings_.front().time, rules_.window);
+  }
+  // A mean over both halves: noise averages out, a drift does not.
+  const double middle = 0.5 * (begin + end);
+  const auto size = static_cast<Eigen::Index>(names_.size());
+  Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(size, 2);
+  Eigen::Array2d counts = Eigen::Array2d::Zero();
+  for (const Reading& reading : readings_) {
+    if (reading.time < begin || reading.time > end) continue;
+    const int half = reading.time < middle ? 0 : 1;
+    sums.col(half) += reading.pressure;
+    counts[half] += 1;
+  }
+  if ((counts == 0).any())
+    return "too few pressures were measured while the picture was waited for";
+  mean = sums.rowwise().sum() / counts.sum();
+  const Eigen::VectorXd wanted = set_point_.value_or(mean);
+  for (int half = 0; half < 2; ++half) {
+    for (Eigen::Index i = 0; i < size; ++i) {
+      const double off = sums(i, half) / counts[half] - wanted[i];
+      // Not <=: a pressure that is no number is not settled.
+      if (std::abs(off) <= rules_.pressure_tolerance) continue;
+      return format("%s is %.2f kPa from %s; expected at most %g kPa",
+                    names_[static_cast<std::size_t>(i)].c_str(), 1e-3 * off,
+                    set_point_ ? "its set point" : "its mean", 1e-3 * rules_.pressure_tolerance);
+    }
+  }
+  return "";
+}
+
+std::string SettleWatch::motion(double begin) const {
+  if (sights_.front().time > begin) {
+    return format("the tags were watched for %.2f s; expected %g s",
+                  sights_.back().time - sights_.front().time, rules_.window);
+  }
+  for (std::size_t k = 0; k + 1 < sights_.size(); ++k) {
+    const auto moved = distanceBetween(sights_[k].tags, sights_.back().tags);
+    if (!moved) return "other tags are in sight than before";
+    if (*moved <= rules_.corner_tolerance) continue;
+    return format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
+                  sights_.back().time - sights_[k].time, rules_.corner_tolerance);
+  }
+  return "";
+}
+
+Settling SettleWatch::at(double now) const {
+  Settling out;
+  out.set_point = set_point_;
+  out.reason = staleness(now);
+  if (!out.reason.empty()) return out;
+  const double begin = windowBegin();
+  Eigen::VectorXd mean;
+  out.reason = pressureFault(begin, mean);
+  if (!out.reason.empty()) {
+    out.state = SettleState::kPressure;
+    return out;
+  }
+  if (sights_.back().tags.empty()) {
+    out.state = SettleState::kNoTags;
+    out.reason = "no tag of the arm is in sight; look at the camera's picture";
+    return out;
+  }
+  out.reason = motion(begin);
+  if (!out.reason.empty()) {
+    out.state = SettleState::kMoving;
+    return out;
+  }
+  out.state = SettleState::kSettled;
+  out.last = Sample{sights_.back().time, std::move(mean), sights_.back().tags};
+  return out;
+}
+
+std::vector<Sample> SettleWatch::samples() const {
+  std::vector<Sample> out;
+  Eigen::VectorXd mean;
+  pressureFault(windowBegin(), mean);
+  for (const Sight& sight : sights_) out.push_back({sight.time, mean, sight.tags});
+  return out;
+}
+
+}  // namespace helix_arm::procedures

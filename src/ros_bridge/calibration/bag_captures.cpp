@@ -1,0 +1,187 @@
+#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+
+#include <array>
+#include <map>
+
+#include "bag_process.hpp"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
+
+// The one topic of each kind; empty where there is none, which is a fault but for the commands.
+using Topics = std::array<std::string, kRecordTopics>;
+
+Topics topicsOf(BagProcess& bag, const std::string& path) {
+  io::FaultList faults(path);
+  Topics out;
+  for (BagRecord record = bag.next(); record.kind != RecordKind::kTopicsEnd; record = bag.next()) {
+    const std::string name(record.bytes.begin(), record.bytes.end());
+    std::string& topic = out[static_cast<std::size_t>(record.topic)];
+    if (!topic.empty()) {
+      faults.add(0, "topics " + basics::quoted(topic) + " and " + basics::quoted(name) +
+                        ": of more than one arm; record one arm a bag");
+    }
+    topic = name;
+  }
+  for (const RecordTopic needed : {RecordTopic::kDetections, RecordTopic::kMeasured}) {
+    if (!out[static_cast<std::size_t>(needed)].empty()) continue;
+    faults.add(
+        0, std::string("topic ") + ruleOf(needed).name + " is missing; record it with the others");
+  }
+  faults.throwIfAny();
+  return out;
+}
+
+template <class Message>
+Message messageOf(BagRecord& record, const std::string& path) try {
+  Message message;
+  ros::serialization::IStream stream(record.bytes.data(),
+                                     static_cast<std::uint32_t>(record.bytes.size()));
+  ros::serialization::deserialize(stream, message);
+  return message;
+} catch (const std::exception&) {
+  throw io::DocumentError(path + " is damaged: it holds a message of another type than it says");
+}
+
+Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& topic,
+                            const model::Arm& arm, const std::string& path) {
+  const auto checked = control::checkReading(arm, message.name, message.pressure);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    throw io::DocumentError(path + " " + topic + " is not of this arm: " + refusal->message);
+  }
+  return std::get<Eigen::VectorXd>(checked);
+}
+
+}  // namespace
+
+std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
+                                              const io::Scene& scene) {
+  std::map<int, procedures::TagSighting> found;
+  for (const TagDetection& tag : detections.tags) {
+    if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
+    procedures::TagSighting& sighting = found[tag.id];
+    sighting.id = tag.id;
+    for (Eigen::Index k = 0; k < sighting.corners.size(); ++k) {
+      sighting.corners(k) = tag.corners[static_cast<std::size_t>(k)];
+    }
+  }
+  std::vector<procedures::TagSighting> out;
+  for (const auto& [id, sighting] : found) {
+    if (sighting.corners.allFinite()) out.push_back(sighting);
+  }
+  return out;
+}
+
+std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
+                                           const model::Arm& arm) {
+  std::vector<io::TagCornerCapture> out;
+  for (const procedures::Sample& sample : samples) {
+    io::TagCornerCapture& capture = out.emplace_back();
+    capture.number = static_cast<int>(out.size());
+    capture.pressure = arm.clamped(sample.pressure);
+    for (const procedures::TagSighting& tag : sample.tags) {
+      capture.tags.push_back({tag.id, tag.corners});
+    }
+  }
+  return out;
+}
+
+namespace {
+
+std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const std::string& path,
+                                       const io::Scene& scene, const procedures::SettleRules& rules) {
+  BagProcess bag(file, path);
+  const Topics topics = topicsOf(bag, path);
+  std::vector<std::string> actuators;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    actuators.push_back(scene.arm.actuator(i).name);
+  }
+  procedures::SettleWatch watch(actuators, rules);
+  std::vector<procedures::Sample> out, standing;
+  const auto moveOn = [&] {
+    if (!standing.empty()) out.push_back(medianOf(standing));
+    standing.clear();
+  };
+  std::string last_reason = "no tag_detections came";
+  for (BagRecord record = bag.next(); record.kind != RecordKind::kEnd; record = bag.next()) {
+    if (record.topic != RecordTopic::kDetections) {
+      const auto pressures = messageOf<PressureArray>(record, path);
+      const double time = pressures.header.stamp.toSec();
+      const std::string& topic = topics[static_cast<std::size_t>(record.topic)];
+      const Eigen::VectorXd values = pressuresOf(pressures, topic, scene.arm, path);
+      record.topic == RecordTopic::kCommand ? watch.command(time, values)
+                                            : watch.measured(time, values);
+      continue;
+    }
+    const auto seen = messageOf<TagDetections>(record, path);
+    const double time = seen.header.stamp.toSec();
+    watch.seen(time, sightingsOf(seen, scene));
+    const procedures::Settling settling = watch.at(time);
+    if (settling.settled()) {
+      standing.push_back(*settling.last);
+    } else {
+      moveOn();
+      last_reason = settling.reason;
+    }
+  }
+  moveOn();
+  if (out.empty()) {
+    throw io::DocumentError(path + ": the arm never stands still in it; at last, " + last_reason);
+  }
+  return out;
+}
+
+void requireOpen(const basics::RegularFile& file, const std::string& path) {
+  if (!file.isOpen()) throw io::DocumentError(path + " " + file.fault());
+  if (file.size() > kMostBagBytes) {
+    throw io::DocumentError(path + " " + basics::largerThan(kMostBagBytes) +
+                            "; expected a shorter recording");
+  }
+}
+
+}  // namespace
+
+std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
+                                     const procedures::SettleRules& rules) {
+  const basics::RegularFile file(path);
+  requireOpen(file, path);
+  return samplesOf(file, path, scene, rules);
+}
+
+procedures::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
+                                     const procedures::SettleRules& rules) {
+  const std::string kRecording = ".bag";
+  std::vector<std::string> tables, bags;
+  for (const std::string& path : paths) {
+    const bool is_bag =
+        path.size() >= kRecording.size() &&
+        path.compare(path.size() - kRecording.size(), kRecording.size(), kRecording) == 0;
+    (is_bag ? bags : tables).push_back(path);
+  }
+  procedures::CalibrationData out = procedures::loadCalibrationData(scene, tables);
+  for (const std::string& path : bags) {
+    basics::RegularFile file(path);
+    requireOpen(file, path);
+    const std::string sha256 = io::sha256OfFile(file, path, kMostBagBytes);
+    const auto seen = numbered(samplesOf(file, path, scene, rules), scene.arm);
+    if (!file.isUnchanged()) {
+      throw io::DocumentError(path +
+                              " was written to while it was read; expected one that is "
+                              "closed");
+    }
+    procedures::LoadedCaptures loaded = procedures::makeCaptures(scene, seen, path);
+    out.sources.push_back({path, sha256, static_cast<int>(loaded.captures.size())});
+    procedures::addCaptures(std::move(loaded.captures), path, out);
+  }
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

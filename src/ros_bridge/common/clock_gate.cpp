@@ -1,0 +1,68 @@
+#include "helix_arm/ros_bridge/common/clock_gate.hpp"
+
+#include <cstdint>
+#include <vector>
+
+#include <ros/console.h>
+#include <ros/init.h>
+#include <ros/master.h>
+#include <ros/this_node.h>
+
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr std::uint32_t kEndOfTime = 1U << 31U;  // [s]
+constexpr std::uint32_t kNanosecondsASecond = 1000000000;
+constexpr char kParameter[] = "/use_sim_time";
+// For roscpp, which then takes no time from anywhere; nobody sets it.
+constexpr char kNoParameter[] = "/use_sim_time_of_roscpp_alone";
+
+// Past roscpp's own remapping of its name.
+bool timeIsSimulated() {
+  XmlRpc::XmlRpcValue request, response, value;
+  request[0] = ros::this_node::getName();
+  request[1] = kParameter;
+  return ros::master::execute("getParam", request, response, value, false) &&
+         value.getType() == XmlRpc::XmlRpcValue::TypeBoolean && static_cast<bool>(value);
+}
+
+}  // namespace
+
+void ClockGate::init(int argc, char** argv, const std::string& name) {
+  std::string remapping = std::string(kParameter) + ":=" + kNoParameter;
+  std::vector<char*> arguments(argv, argv + argc);
+  arguments.push_back(remapping.data());
+  int count = static_cast<int>(arguments.size());
+  arguments.push_back(nullptr);
+  ros::init(count, arguments.data(), name);
+}
+
+bool ClockGate::isSound(const ros::Time& time) {
+  return time.sec < kEndOfTime && time.nsec < kNanosecondsASecond;
+}
+
+ClockGate::ClockGate() : spinner_(1, &queue_) {
+  if (!timeIsSimulated()) return;
+  ros::Time::setNow(ros::Time());  // until the first message
+  ros::NodeHandle node;
+  node.setCallbackQueue(&queue_);
+  subscriber_ = listen(node, names::kClock, 1, &ClockGate::onClock, this);
+  spinner_.start();
+}
+
+void ClockGate::onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
+  const ros::Time& time = message->clock;
+  if (isSound(time)) {
+    ros::Time::setNow(time);
+  } else if (bad_times_.add()) {
+    ROS_WARN(
+        "%s says %u s and %u ns, beyond what ROS can count with (2^31 s): the time stays as it was "
+        "(%lu times so far); stop the node that says so",
+        names::kClock, time.sec, time.nsec, static_cast<unsigned long>(bad_times_.total()));
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

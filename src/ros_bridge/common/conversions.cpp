@@ -1,0 +1,193 @@
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/inverse.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using control::Fault, control::Refusal;
+
+constexpr double kShortest = 1e-3;  // a curve [m]
+// Senders round to a few digits: pieces and mean twist that differ by more are of two shapes
+// [m, rad].
+constexpr double kPieceTolerance = 1e-3;
+
+// Why piece_twist is not taken.
+std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
+  const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
+  if (shape.pieces > most) {
+    return Refusal{
+        Fault::kOutOfRange,
+        std::to_string(shape.pieces) + " pieces a section; send at most " + std::to_string(most)};
+  }
+  if (shape.pieces <= 1 && shape.piece_twist.empty()) return std::nullopt;
+  const std::size_t expected = shape.pieces <= 1 ? 0U : 6U * sections * shape.pieces;
+  if (shape.piece_twist.size() != expected) {
+    return Refusal{Fault::kWrongSize,
+                   std::to_string(shape.piece_twist.size()) + " numbers in piece_twist for " +
+                       std::to_string(sections) + " sections of " + std::to_string(shape.pieces) +
+                       " pieces; send " + std::to_string(expected) +
+                       ", and in `pieces` how many pieces a section has"};
+  }
+  for (std::size_t j = 0; j < expected; ++j) {
+    const double value = shape.piece_twist[j];
+    const std::string name = "piece_twist[" + std::to_string(j) + "] is " + std::to_string(value);
+    if (!std::isfinite(value)) {
+      return Refusal{Fault::kNotFinite, name + "; send finite v [m] and w [rad]"};
+    }
+    if (std::abs(value) > statics::kFarthestTarget) {
+      return Refusal{Fault::kOutOfRange,
+                     name + "; send v [m] and w [rad] of a size that an arm has"};
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p) {
+  geometry_msgs::Point msg;
+  msg.x = p.x();
+  msg.y = p.y();
+  msg.z = p.z();
+  return msg;
+}
+
+geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
+  geometry_msgs::Quaternion msg;
+  msg.x = q.x();
+  msg.y = q.y();
+  msg.z = q.z();
+  msg.w = q.w();
+  return msg;
+}
+
+geometry_msgs::Pose toPoseMsg(const lie::SE3& X) {
+  geometry_msgs::Pose msg;
+  msg.position = toPointMsg(X.translation);
+  msg.orientation = toQuaternionMsg(X.rotation);
+  return msg;
+}
+
+geometry_msgs::Transform toTransformMsg(const lie::SE3& X) {
+  geometry_msgs::Transform msg;
+  msg.translation.x = X.translation.x();
+  msg.translation.y = X.translation.y();
+  msg.translation.z = X.translation.z();
+  msg.rotation = toQuaternionMsg(X.rotation);
+  return msg;
+}
+
+lie::SE3 fromMsg(const geometry_msgs::Pose& pose) {
+  const Eigen::Quaterniond q(pose.orientation.w, pose.orientation.x, pose.orientation.y,
+                             pose.orientation.z);
+  return {q.toRotationMatrix(), {pose.position.x, pose.position.y, pose.position.z}};
+}
+
+ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
+                    const model::Shape& shape, const Eigen::MatrixXd& covariance) {
+  ArmShape msg;
+  msg.header = header;
+  msg.tier = tier;
+  msg.sections = static_cast<std::uint32_t>(shape.sectionCount());
+  msg.pieces = static_cast<std::uint32_t>(shape.piecesPerSection());
+  if (msg.pieces > 1) {
+    const model::Shape::Pieces& pieces = shape.pieces();
+    msg.piece_twist.assign(pieces.data(), pieces.data() + pieces.size());
+  }
+  const model::Twists twists = shape.twists();
+  msg.twist.assign(twists.data(), twists.data() + twists.size());
+  // Symmetric: rows or columns first is all the same.
+  msg.twist_covariance.assign(covariance.data(), covariance.data() + covariance.size());
+  msg.tip = toPoseMsg(model::tipPose(shape));
+  return msg;
+}
+
+ArmShape toShapeMsg(const std_msgs::Header& header, const statics::TierChoice& choice,
+                    const model::Shape& shape) {
+  ArmShape msg = toShapeMsg(header, statics::nameOf(choice.setting.tier), shape);
+  msg.order = static_cast<std::uint32_t>(choice.setting.order);
+  msg.tier_reason = choice.reason;
+  return msg;
+}
+
+PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& arm,
+                            const model::InputRef& pressure) {
+  PressureArray msg;
+  msg.header = header;
+  msg.name.reserve(arm.actuatorCount());
+  for (int i = 0; i < arm.actuatorCount(); ++i) msg.name.push_back(arm.actuator(i).name);
+  msg.pressure.assign(pressure.data(), pressure.data() + pressure.size());
+  return msg;
+}
+
+control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const model::Arm& arm,
+                                          const model::InputRef& command) {
+  return control::checkPressures(arm, command, target.name, target.pressure);
+}
+
+control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections) {
+  return control::checkTwists(sections, target.twist);
+}
+
+control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
+                                       const std::string& base_frame) {
+  const std::string& frame = shape.header.frame_id;
+  if (!frame.empty() && frame != base_frame) {
+    return Refusal{Fault::kWrongFrame, "it is seen from '" + basics::quoted(frame) + "', not '" +
+                                           base_frame +
+                                           "': give both nodes the same ~frame_prefix"};
+  }
+  const auto checked = control::checkTwists(sections, shape.twist);
+  if (const auto* refusal = std::get_if<Refusal>(&checked)) return *refusal;
+  const auto& twists = std::get<model::Twists>(checked);
+  if (const auto refusal = faultOfPieces(shape, sections)) return *refusal;
+  if (!(twists.topRows<3>().colwise().norm().sum() > kShortest)) {
+    return Refusal{Fault::kOutOfRange, "its curve is shorter than 1 mm; send the twists of an arm"};
+  }
+  if (shape.pieces <= 1) return model::Shape(twists);
+  const int pieces = static_cast<int>(shape.pieces);
+  const model::Shape out(
+      Eigen::Map<const model::Shape::Pieces>(shape.piece_twist.data(), 6, sections * pieces),
+      pieces);
+  const double off = (out.twists() - twists).cwiseAbs().maxCoeff();
+  if (off > kPieceTolerance) {
+    return Refusal{Fault::kOutOfRange,
+                   "its pieces add up to another twist than its sections have, " +
+                       std::to_string(off) +
+                       " m or rad off; send in `twist` the sums of the pieces"};
+  }
+  return out;
+}
+
+control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
+  const std::string& frame = target.header.frame_id;
+  if (!frame.empty() && frame != base_frame) {
+    return Refusal{Fault::kWrongFrame, "the tip target is seen from '" + basics::quoted(frame) +
+                                           "'; transform it to '" + base_frame +
+                                           "', or leave frame_id empty"};
+  }
+  const auto& p = target.pose.position;
+  const auto& q = target.pose.orientation;
+  if (target.mode == TipTarget::POSITION) {
+    const auto position = control::checkPosition({p.x, p.y, p.z});
+    if (const auto* refusal = std::get_if<Refusal>(&position)) return *refusal;
+    return TipGoal{false, {Eigen::Matrix3d::Identity(), std::get<Eigen::Vector3d>(position)}};
+  }
+  if (target.mode == TipTarget::POSE) {
+    const auto pose = control::checkPose({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z});
+    if (const auto* refusal = std::get_if<Refusal>(&pose)) return *refusal;
+    return TipGoal{true, std::get<lie::SE3>(pose)};
+  }
+  return Refusal{Fault::kUnknownMode, "mode " + std::to_string(target.mode) +
+                                          " is not known; send 0 (POSITION) or 1 (POSE)"};
+}
+
+}  // namespace helix_arm::ros_bridge

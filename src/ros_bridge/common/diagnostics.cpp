@@ -1,0 +1,37 @@
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+
+#include <cstdio>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kWarningPeriod = 5.0;  // of each kind of fault [s]
+
+}  // namespace
+
+std::string statusName(const std::string& node, const std::string& what) {
+  return node.substr(node.compare(0, 1, "/") == 0 ? 1 : 0) + ": " + what;
+}
+
+void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
+              const std::string& value) {
+  diagnostic_msgs::KeyValue entry;
+  entry.key = key;
+  entry.value = value;
+  status.values.push_back(entry);
+}
+
+std::string fixed(double value, int decimals) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", decimals, value);
+  return text;
+}
+
+bool FaultCount::add() {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (total_++ > 0 && now - last_warning_ < ros::WallDuration(kWarningPeriod)) return false;
+  last_warning_ = now;
+  return true;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,57 @@
+#include "helix_arm/ros_bridge/common/end_watch.hpp"
+
+#include <chrono>
+#include <cstring>
+
+#include <poll.h>
+#include <unistd.h>
+
+#include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/exit_code.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kPeriod = 0.1;  // between two looks [s]
+
+// Neither ROS nor the standard streams: they may be what hangs.
+[[noreturn]] void end() {
+  constexpr char kText[] =
+      "this node could not end in time and was cut off: the ROS master does not answer (rosnode "
+      "cleanup forgets the node once it does), or a callback did not come back\n";
+  pollfd ready{STDERR_FILENO, POLLOUT, 0};
+  if (poll(&ready, 1, 0) > 0 && (ready.revents & POLLOUT) != 0) {
+    const ssize_t written = write(STDERR_FILENO, kText, std::strlen(kText));
+    static_cast<void>(written);  // nobody is left to be told
+  }
+  _exit(kFailed);
+}
+
+}  // namespace
+
+EndWatch::EndWatch() : thread_([this] { watch(); }) {}
+
+EndWatch::~EndWatch() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  thread_.join();
+}
+
+void EndWatch::watch() {
+  // Periods, not the time: a process that was stopped has lost one.
+  double idle = 0;
+  unsigned seen = 0;
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (!wake_.wait_for(lock, std::chrono::duration<double>(kPeriod), [this] { return stop_; })) {
+    const unsigned turns = turns_;
+    const bool goes_on = turns != seen || waits_ || !EndRequest::made();
+    seen = turns;
+    idle = goes_on ? 0 : idle + kPeriod;
+    if (idle >= patience_) end();
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,114 @@
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+
+#include <unistd.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kLongestPath = 300;  // in a message
+
+std::string join(const std::vector<std::string>& words) {
+  std::string out;
+  for (const std::string& word : words) out += (out.empty() ? "" : " or ") + word;
+  return out;
+}
+
+bool isBelow(const fs::path& path, const fs::path& folder) {
+  const auto [of_folder, of_path] =
+      std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
+  return !folder.empty() && of_folder == folder.end() && of_path != path.end();
+}
+
+// Whether it is what this package writes under such a name.
+bool isOurs(const std::string& path) {
+  if (fs::path(path).extension() == ".csv") {
+    const std::string title = std::string("# ") + kRecordedTitle;
+    std::string begin(title.size(), ' ');
+    std::ifstream(path).read(begin.data(), static_cast<std::streamsize>(begin.size()));
+    return begin == title;
+  }
+  try {
+    return io::loadScene(path).calibration.has_value();
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+}  // namespace
+
+std::string defaultFolder() {
+  const char* const ros_home = std::getenv("ROS_HOME");
+  if (ros_home != nullptr && *ros_home != '\0') return std::string(ros_home) + "/helix_arm";
+  const char* const home = std::getenv("HOME");
+  return std::string(home != nullptr ? home : "") + "/.ros/helix_arm";
+}
+
+std::string FileAccess::resolved(const std::string& what, const std::string& given,
+                                 const std::vector<std::string>& endings) const {
+  std::string below;
+  for (const Folder& folder : folders_) {
+    below += (below.empty() ? "" : " or ") + folder.path + " (" + folder.parameter + ")";
+  }
+  const std::string quoted = basics::quoted(given, kLongestPath);
+  const auto require = [&](bool holds) {
+    basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
+                   join(endings), " file below ", below);
+  };
+  // A path with a null character would end there for the system.
+  require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
+  std::error_code fault;
+  const fs::path path = fs::weakly_canonical(given, fault);
+  require(!fault);
+  require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
+    // Empty where the folder cannot be reached: nothing is below that.
+    std::error_code ignored;
+    return isBelow(path, fs::weakly_canonical(folder.path, ignored));
+  }));
+  require(std::find(endings.begin(), endings.end(), path.extension()) != endings.end());
+  return path.string();
+}
+
+std::string FileAccess::toRead(const std::string& what, const std::string& given,
+                               const std::vector<std::string>& endings) const {
+  std::string path = resolved(what, given, endings);
+  std::error_code ignored;
+  basics::require(fs::is_regular_file(path, ignored), what, " is '",
+                 basics::quoted(given, kLongestPath), "', where there is no regular file");
+  return path;
+}
+
+std::string FileAccess::toWrite(const std::string& what, const std::string& given,
+                                const std::vector<std::string>& endings) const {
+  std::string path = resolved(what, given, endings);
+  const std::string quoted = basics::quoted(given, kLongestPath);
+  std::error_code ignored;
+  const fs::file_type type = fs::symlink_status(path, ignored).type();
+  if (type != fs::file_type::not_found) {
+    basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
+                   "', which is there and is neither a calibrated scene nor recorded samples of "
+                   "this package; expected a new name, or that of one of these");
+    basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
+                   "', which cannot be written over; expected another path");
+  }
+  const std::string folder = fs::path(path).parent_path().string();
+  const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;
+  basics::require(error == 0, what, " is '", quoted, "', but ", folder, " cannot be written (",
+                 std::strerror(error), "); expected a path in a folder that can");
+  return path;
+}
+
+}  // namespace helix_arm::ros_bridge

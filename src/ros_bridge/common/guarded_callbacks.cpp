@@ -1,0 +1,39 @@
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+
+#include <exception>
+
+#include <ros/console.h>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+// Of the exception that is being handled.
+std::string reason() {
+  try {
+    throw;
+  } catch (const std::exception& fault) {
+    return fault.what();
+  } catch (...) {
+    return "something that is no std::exception was thrown";
+  }
+}
+
+}  // namespace
+
+FaultGuard::FaultGuard(std::string source, Log log)
+    : source_(std::move(source)),
+      log_(log ? std::move(log) : [](const std::string& line) { ROS_WARN("%s", line.c_str()); }) {}
+
+void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
+  try {
+    const std::string text = reason();
+    if (why != nullptr) *why = text;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!faults_.add()) return;
+    log_(source_ + (culprit.empty() ? "" : " from " + culprit) + " was dropped (" +
+         std::to_string(faults_.total()) + " so far): " + text);
+  } catch (...) {  // no memory even for the warning: the next one tells the count
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

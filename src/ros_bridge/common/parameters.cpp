@@ -1,0 +1,149 @@
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include <ros/console.h>
+#include <ros/package.h>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+template <class... Parts>
+std::string join(const Parts&... parts) {
+  std::ostringstream out;
+  (out << ... << parts);
+  return out.str();
+}
+
+}  // namespace
+
+std::optional<std::string> filePath(const std::string& given, const std::string& folder,
+                                    const std::string& extension) {
+  if (given.empty()) return std::nullopt;
+  if (given.front() == '/') return given;
+  if (given.find('/') != std::string::npos || given.find('.') != std::string::npos) {
+    return std::nullopt;
+  }
+  return join(ros::package::getPath("helix_arm"), "/", folder, "/", given, extension);
+}
+
+XmlRpc::XmlRpcValue ParameterReader::read(const std::string& name) {
+  known_.insert(node_.resolveName(name));
+  XmlRpc::XmlRpcValue value;
+  node_.getParam(name, value);
+  return value;
+}
+
+void ParameterReader::fault(const std::string& name, const XmlRpc::XmlRpcValue& value,
+                            const std::string& rule) {
+  faults_.push_back(value.valid() ? join("~", name, " is ", value, "; expected ", rule)
+                                  : join("~", name, " is missing; expected ", rule));
+}
+
+std::string ParameterReader::text(const std::string& name, const std::string& fallback) {
+  XmlRpc::XmlRpcValue value = read(name);
+  if (!value.valid()) return fallback;
+  if (value.getType() == XmlRpc::XmlRpcValue::TypeString) return static_cast<std::string&>(value);
+  fault(name, value, "text");
+  return fallback;
+}
+
+std::string ParameterReader::frame(const std::string& name, const std::string& fallback) {
+  std::string given = text(name, fallback);
+  const bool empty = given.empty() && !fallback.empty();
+  if (!empty && given.compare(0, 1, "/") != 0) return given;
+  fault(name, XmlRpc::XmlRpcValue(given), "a tf2 frame: not empty, no leading slash");
+  return fallback;
+}
+
+std::string ParameterReader::choice(const std::string& name, const std::string& fallback,
+                                    const std::vector<std::string>& words) {
+  std::string given = text(name, fallback);
+  if (std::find(words.begin(), words.end(), given) != words.end()) return given;
+  std::string list;
+  for (const std::string& word : words) list += (list.empty() ? "" : " or ") + word;
+  fault(name, XmlRpc::XmlRpcValue(given), list);
+  return fallback;
+}
+
+bool ParameterReader::flag(const std::string& name, bool fallback) {
+  XmlRpc::XmlRpcValue value = read(name);
+  if (!value.valid()) return fallback;
+  if (value.getType() == XmlRpc::XmlRpcValue::TypeBoolean) return static_cast<bool&>(value);
+  fault(name, value, "true or false");
+  return fallback;
+}
+
+double ParameterReader::number(const std::string& name, double fallback,
+                               const model::Range& allowed) {
+  XmlRpc::XmlRpcValue value = read(name);
+  if (!value.valid()) return fallback;
+  double number = std::nan("");
+  if (value.getType() == XmlRpc::XmlRpcValue::TypeInt) number = static_cast<int&>(value);
+  if (value.getType() == XmlRpc::XmlRpcValue::TypeDouble) number = static_cast<double&>(value);
+  if (allowed.contains(number)) return number;
+  fault(name, value, join("a number from ", allowed.lower, " to ", allowed.upper));
+  return fallback;
+}
+
+int ParameterReader::count(const std::string& name, int fallback, int lower, int upper) {
+  XmlRpc::XmlRpcValue value = read(name);
+  if (!value.valid()) return fallback;
+  if (value.getType() == XmlRpc::XmlRpcValue::TypeInt) {
+    const int number = static_cast<int&>(value);
+    if (number >= lower && number <= upper) return number;
+  }
+  fault(name, value, join("a whole number from ", lower, " to ", upper));
+  return fallback;
+}
+
+std::string ParameterReader::optionalFile(const std::string& name, const std::string& folder,
+                                          const std::string& extension) {
+  const std::string given = text(name, "");
+  if (given.empty()) return given;
+  if (const auto path = filePath(given, folder, extension)) return *path;
+  // roslaunch starts nodes in ROS_HOME, so a relative path would not mean what it meant in the
+  // shell.
+  fault(name, XmlRpc::XmlRpcValue(given),
+        join("an absolute path, or the name of a file in ", folder, " of the package"));
+  return "";
+}
+
+std::string ParameterReader::file(const std::string& name, const std::string& folder,
+                                  const std::string& extension) {
+  const std::size_t before = faults_.size();
+  std::string path = optionalFile(name, folder, extension);
+  if (path.empty() && faults_.size() == before) {
+    faults_.push_back(join("~", name,
+                           " is missing; expected an absolute path, or the name of a file in ",
+                           folder, " of the package"));
+  }
+  return path;
+}
+
+std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
+  const std::string given = text(name, "");
+  if (given.empty()) return fallback;
+  if (given.front() == '/') return given;
+  fault(name, XmlRpc::XmlRpcValue(given), "the absolute path of a folder");
+  return fallback;
+}
+
+void ParameterReader::finish() {
+  std::vector<std::string> set;
+  node_.getParamNames(set);
+  const std::string mine = node_.getNamespace() + "/";
+  for (const std::string& name : set) {
+    if (name.compare(0, mine.size(), mine) == 0 && known_.count(name) == 0) {
+      ROS_WARN("nobody reads the parameter %s: is it misspelt?", name.c_str());
+    }
+  }
+  if (faults_.empty()) return;
+  std::string all;
+  for (const std::string& line : faults_) all += (all.empty() ? "" : "\n") + line;
+  throw ParameterError(all);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,102 @@
+#include "helix_arm/ros_bridge/common/reload_server.hpp"
+
+#include <exception>
+#include <stdexcept>
+#include <utility>
+
+#include <ros/console.h>
+#include <ros/package.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr char kShippedScenes[] = "config/scenes";
+
+}  // namespace
+
+ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
+                           Adopt adopt)
+    : first_path_(path),
+      scene_folder_(std::move(scene_folder)),
+      file_{path, io::sha256OfFile(path)},
+      adopt_(std::move(adopt)),
+      server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
+
+ReloadServer::File ReloadServer::file() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return file_;
+}
+
+std::string ReloadServer::allowed(const std::string& scene) const {
+  if (scene.empty()) return file().path;
+  if (scene == first_path_) return scene;
+  const auto path = filePath(scene, kShippedScenes, ".yaml");
+  basics::require(path.has_value(), "scene is '", basics::quoted(scene),
+                 "'; expected an absolute path, or the name of a file in ", kShippedScenes,
+                 " of the package");
+  if (scene.front() != '/') return *path;
+  const FileAccess access(
+      {{scene_folder_, "~scene_folder"},
+       {ros::package::getPath("helix_arm") + "/" + kShippedScenes, "the package's own"}});
+  return access.toRead("scene", *path, {".yaml"});
+}
+
+bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
+  try {
+    const std::string path = allowed(request.scene);
+    io::Scene scene = io::loadScene(path);
+    const File next{path, scene.sha256};
+    const std::string name = scene.name;
+    adopt_(std::move(scene));
+    const std::lock_guard<std::mutex> lock(mutex_);
+    file_ = next;
+    response.success = true;
+    response.message = "scene " + name + " of " + next.path;
+    ROS_INFO("reload: %s", response.message.c_str());
+  } catch (const std::exception& fault) {
+    response.success = false;
+    response.message = fault.what();
+    ROS_WARN("reload, nothing has changed: %s", response.message.c_str());
+  }
+  return true;
+}
+
+void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
+  const model::Arm &now = at_hand.arm, &then = next.arm;
+  const auto namesOf = [](const model::Arm& arm, int section) {
+    std::string out;
+    for (int i = arm.firstActuator(section); i < arm.firstActuator(section + 1); ++i) {
+      out += (out.empty() ? "" : ", ") + arm.actuator(i).name;
+    }
+    return out;
+  };
+  const auto require = [&](bool holds, const auto&... what) {
+    basics::require(holds, "scene ", next.name, " is not of the rig that runs: ", what...,
+                   "; end the nodes to change the rig");
+  };
+  require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
+          " sections, expected ", now.sectionCount());
+  for (int k = 0; k < now.sectionCount(); ++k) {
+    require(namesOf(now, k) == namesOf(then, k), "section ", k + 1, " has the actuators ",
+            namesOf(then, k), ", expected ", namesOf(now, k));
+  }
+  for (int i = 0; i < now.actuatorCount(); ++i) {
+    require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
+            " is driven otherwise");
+  }
+  require(at_hand.camera.has_value() == next.camera.has_value() &&
+              at_hand.tags.has_value() == next.tags.has_value(),
+          "only one of the two has `camera` and `tags`");
+  require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
+          next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,52 @@
+#include "helix_arm/ros_bridge/common/run_node.hpp"
+
+#include <sstream>
+#include <stdexcept>
+
+#include <ros/callback_queue.h>
+#include <ros/console.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+int report(const std::exception& error, ExitCode code) {
+  std::istringstream lines(error.what());
+  for (std::string line; std::getline(lines, line);) ROS_FATAL("%s", line.c_str());
+  return code;
+}
+
+constexpr double kLongestWait = 0.1;  // for a callback [s]
+
+}  // namespace
+
+void spinUntilEnd(EndWatch& end_watch, const std::function<bool()>& may_end) {
+  const auto is_to_end = [&] {
+    return EndRequest::isUrgent() || (EndRequest::made() && may_end()) || ros::isShuttingDown();
+  };
+  while (!is_to_end()) {
+    ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(kLongestWait));
+    end_watch.turn();
+  }
+}
+
+int guarded(const std::function<int()>& body) {
+  try {
+    return body();
+  } catch (const NothingToDo& reason) {
+    ROS_INFO("%s", reason.what());
+    return kDone;
+  } catch (const io::DocumentError& error) {
+    return report(error, kBadConfiguration);
+  } catch (const ParameterError& error) {
+    return report(error, kBadConfiguration);
+  } catch (const std::invalid_argument& error) {
+    return report(error, kBadConfiguration);
+  } catch (const std::exception& error) {
+    return report(error, kFailed);
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

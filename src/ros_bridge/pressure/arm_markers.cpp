@@ -1,0 +1,176 @@
+#include "helix_arm/ros_bridge/pressure/arm_markers.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/marker_parts.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using visualization_msgs::Marker;
+using Curve = std::vector<model::CurvePoint<lie::SE3>>;
+
+constexpr int kRings = 24;             // of a tube, a section
+constexpr int kSides = 10;             // of a tube
+constexpr double kDisc = 0.004;        // thickness of a separator [m]
+constexpr double kLine = 0.002;        // width of the base curve [m]
+constexpr double kTextHeight = 0.022;  // legible in a view of a whole 0.4 m arm [m]
+constexpr std::size_t kTraceLength = 400;
+constexpr double kTraceStep = 0.002;  // between points of the trace [m]
+constexpr double kTraceSmoothing =
+    0.3;  // share of a new tip, else the noise of the readings frays the trace
+
+// Blue, green, yellow, red: all of them bright enough for text on a dark background.
+std_msgs::ColorRGBA pressureColor(double share) {
+  constexpr std::array<std::array<double, 3>, 4> kStops = {
+      {{0.35, 0.65, 1.0}, {0.4, 0.9, 0.45}, {1.0, 0.85, 0.25}, {1.0, 0.3, 0.2}}};
+  const double place = 3.0 * std::clamp(share, 0.0, 1.0);
+  const int k = std::min(2, static_cast<int>(place));
+  const double t = place - k;
+  const auto mix = [&](int i) { return kStops[k][i] + t * (kStops[k + 1][i] - kStops[k][i]); };
+  return color(mix(0), mix(1), mix(2));
+}
+
+// Points of the circle around a muscle, in the y-z plane of its frame: its x axis runs along the
+// muscle.
+Eigen::Vector3d onCircle(double radius, int side) {
+  const double angle = 6.283185307179586 * side / kSides;
+  return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
+}
+
+// Triangles of the tube around the muscle that X_O sets off from the curve between two of its
+// points.
+void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, double radius,
+             std::vector<geometry_msgs::Point>& triangles) {
+  std::array<geometry_msgs::Point, kSides> here, next;
+  for (int j = first; j <= last; ++j) {
+    const lie::SE3 X = curve[j].X * X_O;
+    for (int side = 0; side < kSides; ++side) next[side] = toPointMsg(X * onCircle(radius, side));
+    for (int side = 0; j > first && side < kSides; ++side) {
+      const int other = (side + 1) % kSides;
+      triangles.insert(triangles.end(), {here[side], here[other], next[side]});
+      triangles.insert(triangles.end(), {next[side], here[other], next[other]});
+    }
+    here = next;
+  }
+}
+
+// A cylinder of rviz stands along z; a separator stands along the curve's x.
+lie::SE3 standAlongX(const lie::SE3& X) {
+  Eigen::Matrix3d z_to_x;
+  z_to_x << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  return {X.rotation * z_to_x, X.translation};
+}
+
+// Line i of a column of n. Empty lines keep the others' places, so the column is upright from
+// wherever it is seen, and each line is a marker with a colour of its own.
+std::string lineOfColumn(int i, int n, const std::string& name, double pressure) {
+  char value[32];
+  std::snprintf(value, sizeof value, "  %.0f kPa", pressure / 1e3);
+  return std::string(i, '\n') + name + value + std::string(n - 1 - i, '\n');
+}
+
+// Where the text stands, seen from the world: to the side of the base, however the arm is mounted.
+Eigen::Vector3d besideBase(const io::Scene& scene) {
+  return scene.X_WB.translation +
+         Eigen::Vector3d(0, 0.08 + 3.0 * scene.looks.front().separator_radius, 0);
+}
+
+}  // namespace
+
+ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
+    : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+
+Marker ArmMarkers::marker(const char* ns, int id, int type) const {
+  std_msgs::Header header;
+  header.frame_id = base_frame_;
+  header.stamp = stamp_;
+  return makeMarker(header, ns, id, type, lifetime_);
+}
+
+void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
+  if (trace_.empty()) smooth_tip_ = tip;
+  smooth_tip_ += kTraceSmoothing * (tip - smooth_tip_);
+  if (!trace_.empty() && (smooth_tip_ - trace_.back()).norm() < kTraceStep) return;
+  trace_.push_back(smooth_tip_);
+  if (trace_.size() > kTraceLength) trace_.pop_front();
+}
+
+visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
+                                                 const model::InputRef& pressure,
+                                                 const ros::Time& stamp) {
+  if (stamp < stamp_) trace_.clear();
+  stamp_ = stamp;
+  const model::Arm& arm = scene_.arm;
+  const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
+  extendTrace(curve.back().X.translation);
+
+  visualization_msgs::MarkerArray out;
+  int disc = 0;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const io::SectionLook& look = scene_.looks[k];
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      const model::Actuator& actuator = arm.actuator(i);
+      const model::Range& limits = actuator.limits;
+      Marker tube = marker(names::kMusclesNs, i, Marker::TRIANGLE_LIST);
+      tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
+      tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
+      addTube(curve, k * kRings, (k + 1) * kRings, actuator.X_O, look.muscle_radius, tube.points);
+
+      Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
+      text.scale.z = kTextHeight;
+      text.color = tube.color;
+      text.text = lineOfColumn(i, arm.actuatorCount(), actuator.name, pressure[i]);
+      text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
+      out.markers.push_back(std::move(tube));
+      out.markers.push_back(std::move(text));
+    }
+    for (int j = 0; j < look.separators; ++j) {
+      const double s = k + static_cast<double>(j) / (look.separators - 1);
+      Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
+      plate.pose = toPoseMsg(standAlongX(model::poseAt(shape, s)));
+      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
+      plate.scale.z = kDisc;
+      plate.color = color(0.75, 0.75, 0.8, 0.55);
+      out.markers.push_back(std::move(plate));
+    }
+  }
+
+  Marker base_curve = marker(names::kBaseCurveNs, 0, Marker::LINE_STRIP);
+  base_curve.scale.x = kLine;
+  base_curve.color = color(1.0, 1.0, 1.0);
+  for (const auto& point : curve) base_curve.points.push_back(toPointMsg(point.X.translation));
+  out.markers.push_back(std::move(base_curve));
+
+  if (trace_.size() > 1) {
+    Marker trace = marker(names::kTipTraceNs, 0, Marker::LINE_STRIP);
+    trace.scale.x = kLine;
+    trace.color = color(0.4, 1.0, 0.6, 0.8);
+    for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
+    out.markers.push_back(std::move(trace));
+  }
+  drawn_.clear();
+  for (const Marker& drawn : out.markers) drawn_.emplace_back(drawn.ns, drawn.id);
+  return out;
+}
+
+visualization_msgs::MarkerArray ArmMarkers::remove(const ros::Time& stamp) {
+  stamp_ = stamp;
+  trace_.clear();
+  visualization_msgs::MarkerArray out;
+  for (const auto& [ns, id] : drawn_) {
+    out.markers.push_back(marker(ns.c_str(), id, Marker::SPHERE));
+    out.markers.back().action = Marker::DELETE;
+  }
+  drawn_.clear();
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,276 @@
+#include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <mutex>
+#include <utility>
+
+#include <boost/make_shared.hpp>
+#include <ros/console.h>
+
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/regulator/realtime.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using control::SafetyCause;
+using control::SafetyState;
+using regulator::steadyNow;
+
+// More readings than these waiting: whoever takes them is slower than the loop, and gets the last.
+constexpr std::size_t kMostWaiting = 4;
+
+// What a callback queue holds.
+class Call : public ros::CallbackInterface {
+ public:
+  explicit Call(std::function<void()> call) : call_(std::move(call)) {}
+  CallResult call() override {
+    call_();
+    return Success;
+  }
+
+ private:
+  std::function<void()> call_;
+};
+
+// Of a reading on its way here; a stamp of 0 tells nothing, nor does simulated time, which may run
+// faster than the rules' clock [s].
+double ageOf(const ros::Time& stamp) {
+  if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
+  return ros::Time::now().toSec() - stamp.toSec();
+}
+
+helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
+  const control::SafetyCore& core = path.core();
+  const control::SafetyReport& report = core.report();
+  helix_arm::SafetyState out;
+  out.header.stamp = stamp;
+  out.state = nameOf(report.state);
+  out.cause = nameOf(report.cause);
+  out.reason = path.reason();
+  if (report.channel >= 0) {
+    out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
+  }
+  out.value = report.value;
+  out.limit = report.limit;
+  out.stopped = report.stopped;
+  out.vent_overdue = report.vent_overdue;
+  return out;
+}
+
+LogThread::Level levelOf(const control::SafetyReport& report) {
+  const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
+  if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
+  if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
+  return ros::console::levels::Info;
+}
+
+}  // namespace
+
+template <class Change>
+void PressureLoop::act(const Change& change) {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  change(steadyNow());
+}
+
+PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
+                           int realtime_priority, regulator::PressurePath path, bool auto_enable,
+                           Take take)
+    : period_(1.0 / rate),
+      realtime_priority_(realtime_priority),
+      auto_enable_(auto_enable),
+      take_(std::move(take)),
+      arm_(arm),
+      path_(std::move(path)),
+      command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
+      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
+      reading_spinner_(1, &reading_queue_),
+      take_guard_("a reading") {
+  node.setCallbackQueue(&queue_);
+  // Nothing here waits for the log.
+  const FaultGuard::Log log = [this](const std::string& line) {
+    log_.write(ros::console::levels::Warn, line);
+  };
+  if (path_.io() != nullptr) {
+    measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  } else {
+    ros::NodeHandle other = node;
+    other.setCallbackQueue(&reading_queue_);
+    reading_subscriber_ =
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this, log);
+  }
+  ros::NodeHandle below("~");
+  below.setCallbackQueue(&queue_);
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
+  reading_spinner_.start();
+  thread_.start([this] { run(); });
+}
+
+void PressureLoop::run() {
+  regulator::scheduleRealtime(realtime_priority_);
+  // By its own clock: a timer's thread is scheduled as any other.
+  for (double due = steadyNow(); !ends_;) {
+    const double now = steadyNow();
+    if (now < due) {
+      queue_.callAvailable(ros::WallDuration(due - now));
+      continue;
+    }
+    act([this](double at) {
+      ++turns_;
+      turn(at);
+    });
+    due = std::max(due + period_, now);
+    queue_.callAvailable();  // however late the turns are
+  }
+}
+
+PressureLoop::~PressureLoop() {
+  end();
+  ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
+}
+
+bool PressureLoop::end() {
+  ends_ = true;
+  thread_.join();
+  reading_spinner_.stop();
+  return path_.end();
+}
+
+std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
+  std::string refusal;
+  act([&](double now) {
+    control::SafetyCore& core = path_.core();
+    if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
+    if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+    publish(now);
+  });
+  return refusal;
+}
+
+void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
+                         const control::SafetyRules& rules) {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  path_.core().adopt(std::move(channels), rules);
+  arm_ = arm;
+}
+
+void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  path_.guardedBy(std::move(guard));
+}
+
+Eigen::VectorXd PressureLoop::goal() const {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
+}
+
+PressureLoop::Snapshot PressureLoop::snapshot() const {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const control::SafetyCore& core = path_.core();
+  Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
+               core.reading(), std::nullopt,   turns_,        bad_readings_};
+  if (path_.io() != nullptr) out.io = path_.io()->status();
+  return out;
+}
+
+bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
+  act([&](double now) {
+    const std::string refusal = path_.enable(now);
+    turn(now);
+    response.success = refusal.empty();
+    response.message = refusal.empty() ? path_.reason() : refusal;
+  });
+  return true;
+}
+
+bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
+  act([&](double now) {
+    path_.core().vent(now);
+    turn(now);
+    response.success = path_.core().linked();
+    response.message = path_.reason();
+  });
+  return true;
+}
+
+bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
+  act([&](double now) {
+    path_.core().emergencyStop(now, request.data);
+    turn(now);
+    response.success = path_.core().linked() || !request.data;
+    response.message = path_.reason();
+  });
+  return true;
+}
+
+void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
+  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
+  const double age = ageOf(reading->header.stamp);
+  auto refusal =
+      control::checkAge(age, path_.core().rules().reading_timeout, control::Timed::kReading);
+  if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
+  if (refusal) {
+    if (!bad_readings_.add()) return;
+    log_.write(ros::console::levels::Warn, "a pressure_measured is dropped: " + refusal->message);
+    return;
+  }
+  const auto& measured = std::get<Eigen::VectorXd>(checked);
+  path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
+  post({measured, reading->header.stamp});
+}
+
+void PressureLoop::turn(double now) {
+  path_.turn(now);
+  publish(now);
+}
+
+void PressureLoop::publish(double now) {
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
+  noteChanges(header.stamp);
+  const regulator::Reading* news = path_.news();
+  if (news == nullptr || !news->pressures.pressure.allFinite()) return;
+  // Simulated time may stand still, or not have begun.
+  if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
+  measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
+  post({news->pressures.pressure, header.stamp});
+}
+
+void PressureLoop::noteChanges(const ros::Time& stamp) {
+  const control::SafetyReport& report = path_.core().report();
+  if (changes_noted_ == report.changes) return;
+  changes_noted_ = report.changes;
+  const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
+  safety_publisher_.publish(message);
+  log_.write(levelOf(report), message.reason);
+}
+
+void PressureLoop::post(Reading reading) {
+  waiting_.push_back(std::move(reading));
+  if (waiting_.size() > kMostWaiting) waiting_.erase(waiting_.begin());
+  if (waiting_.size() > 1) return;
+  ros::getGlobalCallbackQueue()->addCallback(boost::make_shared<Call>([this] { takeWaiting(); }),
+                                             reinterpret_cast<std::uint64_t>(this));
+}
+
+void PressureLoop::takeWaiting() {
+  std::vector<Reading> readings;
+  {
+    const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+    readings.swap(waiting_);
+  }
+  if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);
+  for (const Reading& reading : readings) {
+    take_guard_.run("", [&] { take_(reading); });
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

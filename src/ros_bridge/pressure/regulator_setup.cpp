@@ -1,0 +1,89 @@
+#include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <stdexcept>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include <ros/console.h>
+
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/pressure_path.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kShare = 0.9;       // of a turn: a reading is there when the next one begins
+constexpr double kLongestGap = 0.4;  // between turns [s]
+constexpr double kMissedTurns = 4;   // of a slow loop, before it counts as dead
+constexpr double kPatience = 1.25;   // of the line: the core is to see a gap first
+
+void warnOfShortSupply(const model::Arm& arm, const regulator::SimulatedRegulatorConfig& config) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    const model::Range& limits = actuator.limits;
+    if (limits.lower < 0 || limits.upper > config.supply_pressure) {
+      ROS_WARN("%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+               actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+               config.supply_pressure / 1e3);
+    }
+  }
+}
+
+}  // namespace
+
+const regulator::Config& requireRegulator(const io::Scene& scene) {
+  if (!scene.regulator) {
+    throw std::invalid_argument("scene " + scene.name +
+                                " has no regulator; add the section `regulator` to it");
+  }
+  return *scene.regulator;
+}
+
+regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
+  const regulator::Config& config = requireRegulator(scene);
+  const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
+  if (simulated == nullptr) {
+    throw std::invalid_argument("scene " + scene.name + " has a regulator of its own, " +
+                                regulator::describe(config) +
+                                "; only one with regulator.simulated can be simulated");
+  }
+  warnOfShortSupply(scene.arm, *simulated);
+  return {scene.arm.actuatorCount(), *simulated};
+}
+
+std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
+                                                       int realtime_priority) {
+  const regulator::Config& config = requireRegulator(scene);
+  regulator::IoRules rules = regulator::ioRulesFor(scene.safety.rules);
+  rules.period = kShare / rate;
+  rules.order_timeout = kPatience * longestGap(rate);
+  rules.realtime_priority = realtime_priority;
+  const int channels = scene.arm.actuatorCount();
+  ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
+  auto driver = regulator::makeDriver(config, channels);
+  if (std::isfinite(driver->watchdog())) {
+    ROS_INFO("%s: its profile says that it vents by itself when no line comes for %g s; try it out",
+             scene.name.c_str(), driver->watchdog());
+  }
+  if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
+    warnOfShortSupply(scene.arm, *simulated);
+  }
+  return std::make_unique<regulator::RegulatorIo>(std::move(driver), channels, rules);
+}
+
+double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
+
+std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
+                                                    int realtime_priority) {
+  const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";
+  return std::make_shared<regulator::GuardProcess>(
+      std::vector<std::string>{program.string(), "regulator", scene_path, "guard",
+                               "--realtime-priority", std::to_string(realtime_priority)},
+      realtime_priority);
+}
+
+}  // namespace helix_arm::ros_bridge

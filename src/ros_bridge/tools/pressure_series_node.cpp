@@ -1,0 +1,179 @@
+#include "helix_arm/ros_bridge/tools/pressure_series_node.hpp"
+
+#include <algorithm>
+#include <sstream>
+#include <stdexcept>
+#include <vector>
+
+#include <ros/console.h>
+#include <ros/this_node.h>
+
+#include "helix_arm/procedures/pressure_tour.hpp"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kReminder = 10;  // between two words of what keeps the series waiting [s]
+constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+// A refusal, and a command of another arm, ends the series only where it is no single message: so
+// many of them, for so long, and nothing better in between.
+constexpr int kLeastTrouble = 10;
+constexpr double kLongestTrouble = 2;  // [s]
+constexpr double kLongestStep = 0.1;   // a series that stood still leaps over nothing [s]
+
+// The rows to play, each of them a target that the node would take.
+Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
+  if (options.data.empty()) return procedures::pressureTour(arm);
+  const io::DataSet data = io::loadDataSet(options.data);
+  Eigen::MatrixXd rows = io::pressuresOf(data, arm.actuatorCount());
+  std::string without;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const std::string column = "pressure_" + std::to_string(i + 1) + "_kpa";
+    if (data.find(column) < 0) without += (without.empty() ? "" : ", ") + arm.actuator(i).name;
+  }
+  if (!without.empty()) {
+    ROS_WARN("%s has no column for %s: they rest at 0; is it of another arm?", options.data.c_str(),
+             without.c_str());
+  }
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
+  std::ostringstream faults;
+  for (int row = 0; row < rows.rows(); ++row) {
+    const Eigen::VectorXd wanted = rows.row(row);
+    const std::vector<double> pressure(wanted.begin(), wanted.end());
+    const auto checked = control::checkPressures(arm, rest, {}, pressure);
+    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+      faults << options.data << " row " << row + 1 << ": " << refusal->message << "\n";
+    }
+  }
+  if (!faults.str().empty()) throw std::invalid_argument(faults.str());
+  return rows;
+}
+
+// A refusal that is of the moment, not of what the target asks: the arm is not enabled, the network
+// late, or clocks differ.
+bool passes(const std::string& fault) {
+  return fault == control::nameOf(control::Fault::kNotEnabled) ||
+         fault == control::nameOf(control::Fault::kStale);
+}
+
+}  // namespace
+
+PressureSeriesOptions PressureSeriesOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  PressureSeriesOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.data = reader.optionalFile("data", "config/series", ".csv");
+  out.timing.ramp = reader.number("ramp_s", out.timing.ramp, {0.0, 3600.0});
+  out.timing.hold = reader.number("hold_s", out.timing.hold, {0.0, 3600.0});
+  out.timing.loop = reader.flag("loop", out.timing.loop);
+  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
+  out.yields = reader.flag("yields", out.yields);
+  out.resume_after = reader.number("resume_after_s", out.resume_after, {0.1, 3600.0});
+  reader.finish();
+  return out;
+}
+
+PressureSeriesNode::PressureSeriesNode()
+    : options_(PressureSeriesOptions::load()),
+      scene_(io::loadScene(options_.scene)),
+      rows_(loadRows(options_, scene_.arm)) {
+  using Node = PressureSeriesNode;
+  target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
+  command_subscriber_ = listen(node_, names::kPressureCommand, 10, &Node::onCommand, this);
+  status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
+  timer_ = repeat(node_, "the series", 1.0 / options_.rate, &Node::onTick, this);
+}
+
+bool PressureSeriesNode::Trouble::goesOn() {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (messages++ == 0) since = now;
+  return messages >= kLeastTrouble && now - since >= ros::WallDuration(kLongestTrouble);
+}
+
+void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
+  if (trouble.warnings.add()) ROS_WARN("%s", what.c_str());
+  if (!trouble.goesOn() || verdict_ != kDone) return;
+  ROS_FATAL("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
+  verdict_ = kFailed;
+  EndRequest::make();
+}
+
+void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
+  const auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    suffer(foreign_, "pressure_command is not of scene " + scene_.name + ": " + refusal->message);
+    return;
+  }
+  foreign_.messages = 0;
+  command_ = scene_.arm.clamped(std::get<Eigen::VectorXd>(checked));  // vented: the atmosphere
+  if (!player_) player_.emplace(rows_, command_, options_.timing);
+}
+
+void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
+  const bool mine = status->commander == ros::this_node::getName();
+  const std::string message = basics::quoted(status->message, kLongestMessage);
+  if (mine && passes(status->fault)) {
+    refused_.messages = 0;
+    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", message.c_str());
+    held_back_ = true;
+    return;
+  }
+  if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
+    ROS_INFO("the arm takes targets: the series goes on");
+    held_back_ = false;
+    if (player_) player_->resume(command_);
+  }
+  const bool refused_to_command = status->fault == control::nameOf(control::Fault::kOtherCommander);
+  const bool others_command =
+      mine ? refused_to_command : refused_to_command || status->outcome != TargetStatus::DROPPED;
+  const bool waits = options_.yields && others_command;
+  if (mine && status->outcome == TargetStatus::DROPPED && !waits) {
+    suffer(refused_, "the series was refused: " + message);
+  } else if (mine) {
+    refused_.messages = 0;
+  }
+  if (!waits) return;
+  if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");
+  yielding_ = true;
+  last_of_others_ = ros::SteadyTime::now();
+}
+
+void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const double dt = last_tick_.isZero() ? 0.0 : std::min((now - last_tick_).toSec(), kLongestStep);
+  last_tick_ = now;
+  if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
+  if (yielding_) {
+    if ((now - last_of_others_).toSec() < options_.resume_after) return;
+    ROS_INFO("the series goes on");
+    yielding_ = false;
+    player_->resume(command_);
+  } else if (!held_back_) {
+    player_->advance(dt);
+  }
+  if (player_->row() != told_row_) {
+    told_row_ = player_->row();
+    static const Eigen::IOFormat kPlain(4, Eigen::DontAlignCols, " ");
+    std::ostringstream text;
+    text << (1e-3 * rows_.row(told_row_)).format(kPlain);
+    ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
+             text.str().c_str());
+  }
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  const Eigen::VectorXd target = held_back_ ? command_ : player_->pressure();
+  target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
+  if (player_->finished()) {
+    ROS_INFO("the series is over");
+    EndRequest::make();
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

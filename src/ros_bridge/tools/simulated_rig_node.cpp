@@ -1,0 +1,203 @@
+#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include <ros/console.h>
+#include <rosgraph_msgs/Clock.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "helix_arm/ros_bridge/vision/pictures.hpp"
+#include "helix_arm/ros_bridge/common/pneumatics.hpp"
+#include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr model::Range kTimeFactors = {0.01, 1000.0};
+
+}  // namespace
+
+SimulatedRigOptions SimulatedRigOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  SimulatedRigOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
+  out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  out.command_timeout = reader.number("command_timeout", out.command_timeout, {0.01, 60.0});
+  out.time_factor = reader.number("time_factor", out.time_factor, {0.0, kTimeFactors.upper});
+  reader.finish();
+  if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
+    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
+                         "; expected 0, or a number from 0.01 to 1000");
+  }
+  if (out.time_factor != 0 && !ros::Time::isSimTime()) {
+    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
+                         ", but the nodes live in real time; set the parameter /use_sim_time to "
+                         "true before any of them starts");
+  }
+  return out;
+}
+
+SimulatedRigNode::SimulatedRigNode()
+    : options_(SimulatedRigOptions::load()),
+      scene_(requirePneumatic(io::loadScene(options_.scene))),
+      regulator_(makeRegulator(scene_)),
+      true_arm_(scene_.model, scene_.simulation.arm),
+      command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
+      last_step_(ros::SteadyTime::now()) {
+  if (options_.time_factor > 0) {
+    const ros::WallTime start = ros::WallTime::now();
+    clock_ = {start.sec, start.nsec};
+    clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
+    publishClock();
+  }
+  measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+  truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
+  command_subscriber_ =
+      listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+  loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
+  const bool seen = scene_.camera && scene_.tags;
+  if (seen) {
+    image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
+    compressed_publisher_ =
+        node_.advertise<sensor_msgs::CompressedImage>(names::kCompressedImage, 2);
+    info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+    photographer_.start([this] { takePictures(); });
+  }
+  ROS_INFO("%s: simulated regulator at %g Hz, %s", scene_.name.c_str(), options_.rate,
+           seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
+                : "no camera, since the scene lacks `camera` or `tags`");
+}
+
+SimulatedRigNode::~SimulatedRigNode() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  photographer_.join();
+}
+
+void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
+  const auto checked =
+      control::checkCommand(scene_.arm, command_, command->name, command->pressure);
+  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+    command_ = *pressure;
+    regulator_.command(command_);
+    last_command_ = ros::SteadyTime::now();
+    silent_ = false;
+  } else if (bad_commands_.add()) {
+    ROS_WARN("pressure_command: %s (dropped, %lu so far)",
+             std::get<control::Refusal>(checked).message.c_str(),
+             static_cast<unsigned long>(bad_commands_.total()));
+  }
+}
+
+void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
+  if (silent_ || now - last_command_ <= ros::WallDuration(options_.command_timeout)) return;
+  silent_ = true;
+  regulator_.command(Eigen::VectorXd::Zero(command_.size()));
+  ROS_WARN(
+      "no pressure_command for %g s (~command_timeout): the regulator vents by itself; is "
+      "pressure_command up?",
+      options_.command_timeout);
+}
+
+void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  double dt = (now - last_step_).toSec();
+  last_step_ = now;
+  if (options_.time_factor > 0) {
+    dt *= options_.time_factor;
+    clock_ += ros::Duration(dt);
+    publishClock();
+  }
+  ventWhenSilent(now);
+  regulator_.step(dt);
+  std_msgs::Header header;
+  header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
+  measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
+  std::optional<Moment> moment;
+  try {
+    moment = Moment{header.stamp, true_arm_.shape(regulator_.pressure())};
+  } catch (const std::runtime_error& fault) {
+    if (no_truths_.add()) {
+      ROS_WARN("%s (%lu times so far): neither truth nor picture until another command",
+               fault.what(), static_cast<unsigned long>(no_truths_.total()));
+    }
+  }
+  if (moment) {
+    header.frame_id = options_.frame_prefix + names::kBaseFrame;
+    truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  now_ = moment;
+}
+
+void SimulatedRigNode::publishClock() {
+  rosgraph_msgs::Clock message;
+  message.clock = clock_;
+  clock_publisher_.publish(message);
+}
+
+void SimulatedRigNode::takePictures() {
+  using Clock = std::chrono::steady_clock;
+  const simulation::CameraSetup setup = scene_.cameraSetup().value();
+  simulation::SimulatedCamera camera(setup.view, setup.family, setup.body, setup.config);
+  vision::JpegEncoder encoder(scene_.simulation.camera.jpeg_quality);
+  const auto period = std::chrono::duration_cast<Clock::duration>(
+      std::chrono::duration<double>(1.0 / options_.camera_rate));
+  Clock::time_point due = Clock::now();
+  const auto stopped = [this] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return stop_;
+  };
+  while (!stopped()) {
+    publishPicture(camera, encoder);
+    due = std::max(due + period, Clock::now());
+    std::unique_lock<std::mutex> lock(mutex_);
+    wake_.wait_until(lock, due, [this] { return stop_; });
+  }
+}
+
+void SimulatedRigNode::publishPicture(simulation::SimulatedCamera& camera,
+                                      vision::JpegEncoder& encoder) {
+  const bool raw = image_publisher_.getNumSubscribers() > 0;
+  const bool compressed = compressed_publisher_.getNumSubscribers() > 0;
+  if (!raw && !compressed) return;
+  std::optional<Moment> moment;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    std::swap(moment, now_);
+  }
+  if (!moment) return;
+  std_msgs::Header header;
+  header.stamp = moment->stamp;
+  header.frame_id = options_.frame_prefix + names::kCameraFrame;
+  const cv::Mat& picture = camera.render(moment->shape);
+  info_publisher_.publish(toCameraInfoMsg(header, scene_.camera->model));
+  if (compressed) {
+    const auto message = boost::make_shared<sensor_msgs::CompressedImage>();
+    message->header = header;
+    message->format = "mono8; jpeg compressed mono8";
+    message->data = encoder.encode(picture);
+    compressed_publisher_.publish(message);
+  }
+  if (raw) {
+    image_publisher_.publish(
+        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, picture)));
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,130 @@
+#include "helix_arm/ros_bridge/tools/workspace_cloud_node.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+#include <ros/console.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr int kMostPoints = 2000000;
+constexpr double kPeriod = 1e-3;  // between pieces, to look at what else there is to do [s]
+
+bool allPressures(const model::Arm& arm) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    if (arm.actuator(i).drive != model::Drive::kPressure) return false;
+  }
+  return true;
+}
+
+statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceCloudOptions& options,
+                             bool sensitivity) {
+  return statics::Workspace(scene.model, {static_cast<std::uint64_t>(options.seed), sensitivity});
+}
+
+}  // namespace
+
+WorkspaceCloudOptions WorkspaceCloudOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  WorkspaceCloudOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.count = reader.count("count", out.count, 1, kMostPoints);
+  out.seed = reader.count("seed", out.seed, 0, std::numeric_limits<int>::max());
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
+  reader.finish();
+  return out;
+}
+
+WorkspaceCloudNode::WorkspaceCloudNode()
+    : options_(WorkspaceCloudOptions::load()),
+      scene_(io::loadScene(options_.scene)),
+      sensitivity_(allPressures(scene_.arm)),
+      workspace_(workspaceOf(scene_, options_, sensitivity_)),
+      reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
+              [this](io::Scene next) { adopt(std::move(next)); }) {
+  publisher_ = node_.advertise<sensor_msgs::PointCloud2>(names::kWorkspace, 1, true);
+  timer_ = repeat(node_, "the sampling", kPeriod, &WorkspaceCloudNode::onTick, this);
+}
+
+void WorkspaceCloudNode::adopt(io::Scene next) {
+  requireSameRig(scene_, next);
+  workspace_ = workspaceOf(next, options_, sensitivity_);
+  scene_ = std::move(next);
+  values_.clear();
+  sampled_ = unbalanced_ = 0;
+  publish();  // the old points are not of this scene
+  timer_.start();
+}
+
+void WorkspaceCloudNode::onTick(const ros::SteadyTimerEvent&) {
+  const statics::WorkspacePoints points =
+      workspace_.sample(static_cast<std::uint64_t>(sampled_),
+                        std::min(workspace_.pieceSize(), options_.count - sampled_));
+  for (int row = 0; row < points.count(); ++row) {
+    for (int k = 0; k < 3; ++k) values_.push_back(static_cast<float>(points.tips(row, k)));
+    for (int k = 0; k < points.sensitivity.cols() && sensitivity_; ++k) {
+      values_.push_back(static_cast<float>(points.sensitivity(row, k)));
+    }
+  }
+  sampled_ += points.count() + points.unbalanced;
+  unbalanced_ += points.unbalanced;
+  if (sampled_ < options_.count) return;
+  timer_.stop();
+  publish();
+  tell();
+}
+
+void WorkspaceCloudNode::publish() {
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header.stamp = ros::Time::now();
+  cloud.header.frame_id = options_.frame_prefix + names::kBaseFrame;
+  std::vector<std::string> fields{"x", "y", "z"};
+  if (sensitivity_) {
+    fields.insert(fields.end(), std::begin(statics::kSensitivityNames),
+                  std::end(statics::kSensitivityNames));
+  }
+  for (const std::string& name : fields) {
+    sensor_msgs::PointField field;
+    field.name = name;
+    field.offset = cloud.point_step;
+    field.datatype = sensor_msgs::PointField::FLOAT32;
+    field.count = 1;
+    cloud.fields.push_back(field);
+    cloud.point_step += sizeof(float);
+  }
+  cloud.height = 1;
+  cloud.width = static_cast<std::uint32_t>(values_.size() / fields.size());
+  cloud.row_step = cloud.width * cloud.point_step;
+  cloud.is_bigendian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
+  cloud.is_dense = true;
+  cloud.data.resize(values_.size() * sizeof(float));
+  std::memcpy(cloud.data.data(), values_.data(), cloud.data.size());
+  publisher_.publish(cloud);
+}
+
+void WorkspaceCloudNode::tell() const {
+  const std::string tier = workspace_.model().choice().setting.name();
+  if (unbalanced_ == options_.count) {
+    ROS_WARN(
+        "%s: the cloud of the workspace is empty: by tier %s no shape balances the load at any of "
+        "%d inputs; check the scene's load and K_eps, then reload",
+        scene_.name.c_str(), tier.c_str(), options_.count);
+    return;
+  }
+  ROS_INFO("%s: %d tips by tier %s", scene_.name.c_str(), sampled_ - unbalanced_, tier.c_str());
+  if (unbalanced_ == 0) return;
+  ROS_INFO("%s: %d of %d inputs are left out, as no shape balances the load there",
+           scene_.name.c_str(), unbalanced_, options_.count);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,95 @@
+#include "helix_arm/ros_bridge/vision/overlay.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <opencv2/imgproc.hpp>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/vision/sights.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr int kPoints = 48;  // of a curve, a section; even, since dashes go by pairs
+constexpr int kShift = 4;    // OpenCV's fixed point: sixteenths of a pixel
+
+const cv::Scalar kFits(90, 230, 90), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
+const cv::Scalar kMeasured(30, 140, 255), kModel(255, 230, 80), kDark(30, 30, 30);
+
+// Drawn lines and letters stay legible where a picture is shown much smaller than it is.
+struct Pen {
+  cv::Mat& picture;
+  int width;
+  double letter;
+
+  explicit Pen(cv::Mat& on)
+      : picture(on), width(std::max(1, on.cols / 400)), letter(std::max(0.4, on.cols / 640.0)) {}
+
+  static cv::Point fine(const Eigen::Vector2d& p) {
+    constexpr double kFar = 1e5;  // [px]; beyond it fixed point overflows
+    const double unit = 1 << kShift;
+    return {static_cast<int>(std::lround(unit * std::clamp(p.x(), -kFar, kFar))),
+            static_cast<int>(std::lround(unit * std::clamp(p.y(), -kFar, kFar)))};
+  }
+  void line(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const cv::Scalar& color) const {
+    cv::line(picture, fine(a), fine(b), color, width, cv::LINE_AA, kShift);
+  }
+  void text(const std::string& words, cv::Point place, double size, const cv::Scalar& color) const {
+    const auto put = [&](const cv::Scalar& ink, int thickness) {
+      cv::putText(picture, words, place, cv::FONT_HERSHEY_SIMPLEX, size, ink, thickness,
+                  cv::LINE_AA);
+    };
+    put(kDark, 2 * width + 4);
+    put(color, width + 1);
+  }
+};
+
+void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3& X_CB,
+               const model::Shape& shape, const cv::Scalar& color, bool dashed) {
+  std::optional<Eigen::Vector2d> last;
+  int k = 0;
+  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
+    const auto pixel = camera.project(X_CB * point.X.translation);
+    if (pixel && last && (!dashed || k % 2 == 1)) pen.line(*last, *pixel, color);
+    last = pixel;
+    ++k;
+  }
+}
+
+cv::Scalar colorOf(const vision::TagDetection& tag, const vision::Sight& sight,
+                   const estimation::TagLayout& layout) {
+  const auto* residual = residualOf(sight, layout, tag.id);
+  if (residual == nullptr) return kNotUsed;
+  return residual->outlier ? kDoesNotFit : kFits;
+}
+
+}  // namespace
+
+cv::Mat drawOverlay(const cv::Mat& gray, const estimation::ArmView& view,
+                    const vision::Sight& sight, const model::Shape* model,
+                    const std::vector<std::string>& lines) {
+  cv::Mat picture;
+  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
+  const Pen pen(picture);
+  if (model != nullptr) drawCurve(pen, view.camera, view.X_CB, *model, kModel, true);
+  if (sight.state == vision::SightState::kMeasured) {
+    drawCurve(pen, view.camera, view.X_CB * sight.fit.X_B0B, sight.fit.shape, kMeasured, false);
+  }
+  for (const vision::TagDetection& tag : sight.detections) {
+    const cv::Scalar color = colorOf(tag, sight, view.layout);
+    for (int k = 0; k < 4; ++k) pen.line(tag.corners.col(k), tag.corners.col((k + 1) % 4), color);
+    const Eigen::Vector2d right = tag.corners.rowwise().maxCoeff();
+    pen.text(std::to_string(tag.id),
+             {static_cast<int>(right.x()) + 3 * pen.width, static_cast<int>(right.y())},
+             0.5 * pen.letter, color);
+  }
+  const int height = static_cast<int>(std::lround(32 * pen.letter));
+  for (std::size_t k = 0; k < lines.size(); ++k) {
+    pen.text(lines[k], {height / 3, height * static_cast<int>(k + 1)}, pen.letter, kMeasured);
+  }
+  return picture;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,141 @@
+#include "helix_arm/ros_bridge/vision/sights.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+bool has(const std::vector<int>& ids, int id) {
+  return std::find(ids.begin(), ids.end(), id) != ids.end();
+}
+
+std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
+
+// The ids that no fit can use, when there are any.
+std::string strangers(const vision::Sight& sight) {
+  std::string out;
+  if (!sight.foreign_ids.empty()) out += "; not of the scene: " + listOf(sight.foreign_ids);
+  if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
+  if (!sight.unusable_ids.empty()) {
+    out += "; where the camera's distortion folds the picture: " + listOf(sight.unusable_ids);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::string listOf(const std::vector<int>& ids) {
+  constexpr std::size_t kMost = 8;
+  std::string out;
+  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
+    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
+  }
+  return ids.size() > kMost ? out + ", ..." : out;
+}
+
+const estimation::TagResidual* residualOf(const vision::Sight& sight,
+                                          const estimation::TagLayout& layout, int id) {
+  if (sight.state != vision::SightState::kMeasured) return nullptr;
+  const auto& tags = sight.fit.tags;
+  const auto found = std::find_if(tags.begin(), tags.end(), [&](const auto& residual) {
+    return layout.tags[residual.tag].id == id;
+  });
+  return found == tags.end() ? nullptr : &*found;
+}
+
+int tagsOfArm(const vision::Sight& sight) {
+  const auto& tags = sight.detections;
+  return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
+    return !has(sight.foreign_ids, tag.id) && !has(sight.repeated_ids, tag.id);
+  }));
+}
+
+TagDetections toMsg(const std_msgs::Header& header, const vision::Sight& sight,
+                    const estimation::TagLayout& layout) {
+  TagDetections msg;
+  msg.header = header;
+  msg.tags.reserve(sight.detections.size());
+  for (const vision::TagDetection& detection : sight.detections) {
+    TagDetection tag;
+    tag.id = detection.id;
+    std::copy(detection.corners.data(), detection.corners.data() + 8, tag.corners.begin());
+    tag.hamming = static_cast<std::uint8_t>(detection.hamming);
+    tag.margin = detection.margin;
+    tag.known = layout.find(detection.id) >= 0;
+    tag.repeated = has(sight.repeated_ids, detection.id);
+    const auto* residual = residualOf(sight, layout, detection.id);
+    tag.fitted = residual != nullptr && !tag.repeated;
+    if (tag.fitted) {
+      tag.residual = residual->rms;
+      tag.weight = residual->weight;
+      tag.outlier = residual->outlier;
+    }
+    msg.tags.push_back(tag);
+  }
+  return msg;
+}
+
+ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit,
+                 const ModelHistory::Entry& model) {
+  ModelError msg;
+  msg.header = header;
+  msg.model_stamp = model.stamp;
+  msg.sections = static_cast<std::uint32_t>(fit.twists.cols());
+  const model::Twists expected = model.shape.twists(), difference = fit.twists - expected;
+  msg.twist.assign(difference.data(), difference.data() + difference.size());
+  const Eigen::Vector3d error =
+      model::tipPose(fit.shape).translation - model::tipPose(model.shape).translation;
+  msg.tip.x = error.x();
+  msg.tip.y = error.y();
+  msg.tip.z = error.z();
+  msg.tip_error = error.norm();
+  // A piece of constant twist runs at the constant speed |v|.
+  msg.tip_percent =
+      100.0 * msg.tip_error / model.shape.pieces().topRows<3>().colwise().norm().sum();
+  // The covariance is seen from the nominal base.
+  const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
+  msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(fit.tip_covariance * direction)));
+  msg.tag_rms = fit.rms;
+  return msg;
+}
+
+double tipSigma(const estimation::TwistFit& fit) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.tip_covariance,
+                                                              Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
+}
+
+std::string summarise(const vision::Sight& sight) {
+  const int outliers = sight.fit.outliers();
+  return countText(tagsOfArm(sight)) +
+         (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
+         fixed(sight.fit.rms, 2) + " px, tip to " + fixed(1e3 * tipSigma(sight.fit)) + " mm";
+}
+
+std::string describe(const vision::Sight& sight, const vision::LocalizerConfig& config) {
+  const std::string tags = countText(tagsOfArm(sight));
+  switch (sight.state) {
+    case vision::SightState::kMeasured:
+      return summarise(sight) + strangers(sight);
+    case vision::SightState::kNoTags:
+      return "no tag of the arm is in sight: look after the view, the light, and the scene's "
+             "tags.family" +
+             strangers(sight);
+    case vision::SightState::kTooFewTags:
+      return tags + " in sight do not determine the shape; at least " +
+             std::to_string(config.min_tags) +
+             " are wanted, on all sections: look after occlusion and light" + strangers(sight);
+    case vision::SightState::kNoFit:
+      break;
+  }
+  return "no shape of the arm fits the " + tags +
+         " in sight: look after their size and places in the scene, and the camera's calibration" +
+         strangers(sight);
+}
+
+}  // namespace helix_arm::ros_bridge

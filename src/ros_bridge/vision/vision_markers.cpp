@@ -1,0 +1,129 @@
+#include "helix_arm/ros_bridge/vision/vision_markers.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/marker_parts.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using visualization_msgs::Marker;
+
+constexpr std::array<const char*, 5> kNamespaces = {names::kMeasuredCurveNs, names::kModelCurveNs,
+                                                    names::kTagsNs, names::kTipErrorNs,
+                                                    names::kTipCovarianceNs};
+constexpr int kPoints = 32;            // of a curve, a section; even, since dashes go by pairs
+constexpr double kLine = 0.010;        // width of the measured curve [m]
+constexpr double kTextHeight = 0.025;  // legible in a view of a whole 0.4 m arm [m]
+constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
+constexpr double kSigmas = 2.0;
+constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
+
+std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
+  std::vector<geometry_msgs::Point> points;
+  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
+    points.push_back(toPointMsg(point.X.translation));
+  }
+  return points;
+}
+
+// An ellipsoid: the principal axes of the covariance, right-handed.
+void shapeLike(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& centre, Marker& ball) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
+  Eigen::Matrix3d axes = solver.eigenvectors();
+  if (axes.determinant() < 0) axes.col(0) *= -1.0;
+  ball.pose = toPoseMsg({axes, centre});
+  const auto diameter = [&](int axis) {
+    const double sigma = std::sqrt(std::max(0.0, solver.eigenvalues()[axis]));
+    return std::max(kThinnest, 2.0 * kSigmas * sigma);
+  };
+  ball.scale.x = diameter(0);
+  ball.scale.y = diameter(1);
+  ball.scale.z = diameter(2);
+}
+
+}  // namespace
+
+VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
+    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+
+Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
+  std_msgs::Header header;
+  header.frame_id = base_frame_;
+  header.stamp = stamp;
+  return makeMarker(header, ns, 0, type, lifetime_);
+}
+
+visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
+                                                    const estimation::TagLayout& layout,
+                                                    const estimation::TwistFit& fit,
+                                                    const model::Shape* model,
+                                                    const std::string& text) const {
+  visualization_msgs::MarkerArray out;
+  const std_msgs::ColorRGBA measured_color = color(1.0, 0.55, 0.1);
+
+  Marker measured = marker(stamp, names::kMeasuredCurveNs, Marker::LINE_STRIP);
+  measured.pose = toPoseMsg(fit.X_B0B);
+  measured.scale.x = kLine;
+  measured.color = measured_color;
+  measured.points = pointsOf(fit.shape);
+  out.markers.push_back(std::move(measured));
+
+  Marker dashed = marker(stamp, names::kModelCurveNs, Marker::LINE_LIST);
+  if (model == nullptr) {
+    dashed.action = Marker::DELETE;
+  } else {
+    dashed.scale.x = 0.5 * kLine;
+    dashed.color = color(0.3, 0.9, 1.0);
+    dashed.points = pointsOf(*model);
+  }
+  out.markers.push_back(std::move(dashed));
+
+  Marker tags = marker(stamp, names::kTagsNs, Marker::LINE_LIST);
+  tags.pose = toPoseMsg(fit.X_B0B);
+  tags.scale.x = 0.2 * kLine;
+  tags.color = color(1.0, 1.0, 1.0);
+  const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.shape);
+  const estimation::Corners corners = layout.corners();
+  for (const estimation::TagResidual& tag : fit.tags) {
+    for (int k = 0; k < 8; ++k) {  // each edge from corner to corner
+      const Eigen::Vector2d corner = corners.col((k + 1) / 2 % 4);
+      tags.points.push_back(toPointMsg(X_BT[tag.tag] * Eigen::Vector3d(corner.x(), corner.y(), 0)));
+      tags.colors.push_back(tag.outlier ? color(1.0, 0.25, 0.2) : color(0.4, 1.0, 0.5));
+    }
+  }
+  if (tags.points.empty()) tags.action = Marker::DELETE;
+  out.markers.push_back(std::move(tags));
+
+  const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
+  Marker words = marker(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
+  words.pose.position = toPointMsg(tip * Eigen::Vector3d(kTextOffset, 0, 0));
+  words.scale.z = kTextHeight;
+  words.color = measured_color;
+  words.text = text;
+  out.markers.push_back(std::move(words));
+
+  Marker ball = marker(stamp, names::kTipCovarianceNs, Marker::SPHERE);
+  shapeLike(fit.tip_covariance, tip.translation, ball);
+  ball.color = color(1.0, 0.55, 0.1, 0.5);
+  out.markers.push_back(std::move(ball));
+  return out;
+}
+
+visualization_msgs::MarkerArray VisionMarkers::remove(const ros::Time& stamp) const {
+  visualization_msgs::MarkerArray out;
+  for (const char* ns : kNamespaces) {
+    out.markers.push_back(marker(stamp, ns, Marker::SPHERE));
+    out.markers.back().action = Marker::DELETE;
+  }
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,32 @@
+#include <memory>
+#include <stdexcept>
+
+#include <nodelet/nodelet.h>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "helix_arm/ros_bridge/vision/vision_node.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// The vision node inside a nodelet manager: pictures of a camera in the same manager come without
+/// being copied.
+class VisionNodelet : public nodelet::Nodelet {
+ private:
+  void onInit() override {
+    const int code = guarded([this]() -> int {
+      node_ = std::make_unique<VisionNode>(getNodeHandle(), getPrivateNodeHandle(),
+                                           VisionNode::Host::kManager);
+      return kDone;
+    });
+    if (code == kDone) return;
+    // The manager's loader says nothing of what is thrown.
+    NODELET_FATAL("%s is not loaded: see the faults above", getName().c_str());
+    throw std::runtime_error(getName() + " has faults that were printed");
+  }
+
+  std::unique_ptr<VisionNode> node_;
+};
+
+}  // namespace helix_arm::ros_bridge
+
+PLUGINLIB_EXPORT_CLASS(helix_arm::ros_bridge::VisionNodelet, nodelet::Nodelet)

@@ -1,0 +1,156 @@
+#include "inverse_task.hpp"
+
+#include <algorithm>
+
+#include "helix_arm/model/curve.hpp"
+#include "tip_motions.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+void giveUp(Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) {
+  residual.setConstant(kNoBalance);
+  jacobian.setZero();
+}
+
+}  // namespace
+
+using lie::SE3;
+using lie::Vector6;
+
+InverseTask::InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight)
+    : arm_(&arm), loaded_(loaded), rotation_weight_(rotation_weight) {}
+
+void InverseTask::setPosition(const Eigen::Vector3d& position) {
+  kind_ = Kind::kPosition;
+  rows_ = 3;
+  pose_.translation = position;
+}
+
+void InverseTask::setPose(const SE3& pose) {
+  kind_ = Kind::kPose;
+  rows_ = 6;
+  pose_ = pose;
+}
+
+void InverseTask::setTwists(const model::Twists& twists) {
+  kind_ = Kind::kTwists;
+  rows_ = 6 * arm_->sectionCount();
+  twists_ = twists;
+  pose_ = model::tipPose(twists);
+}
+
+void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                           Eigen::MatrixXd& jacobian) const noexcept {
+  if (loaded_ != nullptr) {
+    return kind_ == Kind::kTwists ? evaluateLoadedTwists(lengths, residual, jacobian)
+                                  : evaluateLoadedTip(lengths, residual, jacobian);
+  }
+  if (kind_ == Kind::kTwists) return evaluateTwists(lengths, residual, jacobian);
+  if (kind_ == Kind::kPosition && arm_->sectionCount() == 1)
+    return evaluateSingleSection(lengths, residual, jacobian);
+  evaluateTip(lengths, residual, jacobian);
+}
+
+// The common case without the general chain: one set of coefficients gives the tip and its
+// derivative.
+void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                        Eigen::MatrixXd& jacobian) const noexcept {
+  const auto& map = arm_->equilibrium(0).map;
+  const int n = arm_->actuatorCount();
+  Vector6 g = Vector6::Zero();
+  for (int i = 0; i < n; ++i) g += map.col(i) * lengths[i];
+  const Eigen::Matrix<double, 3, 6> J = SE3::translationJacobian(g);
+  residual.head<3>() = J.leftCols<3>() * g.head<3>() - pose_.translation;  // dp/dv = V, and p = V v
+  for (int i = 0; i < n; ++i) jacobian.col(i).head<3>() = J.lazyProduct(map.col(i));
+}
+
+Eigen::Matrix3d InverseTask::compareTip(const SE3& tip, Eigen::VectorXd& residual) const noexcept {
+  residual.head<3>() = tip.translation - pose_.translation;
+  if (kind_ != Kind::kPose) return Eigen::Matrix3d::Zero();
+  // phi = log(R*' R); a body rotation d changes it by Jr(phi)^-1 d.
+  Vector6 phi = SE3{pose_.rotation.transpose() * tip.rotation, Eigen::Vector3d::Zero()}.log();
+  residual.segment<3>(3) = rotation_weight_ * phi.tail<3>();
+  return rotation_weight_ * SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>();
+}
+
+void InverseTask::setColumn(const SE3& tip, const Vector6& motion, const Eigen::Matrix3d& by_turn,
+                            int column, Eigen::MatrixXd& jacobian) const noexcept {
+  jacobian.col(column).head<3>() = tip.rotation * motion.head<3>();
+  if (kind_ == Kind::kPose) jacobian.col(column).segment<3>(3) = by_turn * motion.tail<3>();
+}
+
+void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                              Eigen::MatrixXd& jacobian) const noexcept {
+  const model::Twists g = arm_->twistsOfLengths(lengths);
+  const SE3 tip = model::tipPose(g);
+  const Eigen::Matrix3d by_turn = compareTip(tip, residual);
+  forTipMotions(*arm_, g, [&](int i, const Vector6& motion) {
+    setColumn(tip, motion, by_turn, i, jacobian);
+  });
+}
+
+void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                    Eigen::MatrixXd& jacobian) const {
+  const TipResponse response = loaded_->tipResponse(lengths);
+  if (response.status != SolveStatus::kConverged) return giveUp(residual, jacobian);
+  const Eigen::Matrix3d by_turn = compareTip(response.tip, residual);
+  for (int i = 0; i < response.by_lengths.cols(); ++i) {
+    setColumn(response.tip, response.by_lengths.col(i), by_turn, i, jacobian);
+  }
+}
+
+// Differences: of the mean twists there is no shorter way.
+void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                       Eigen::MatrixXd& jacobian) const {
+  const double step_size = 3e-5 * arm_->restLength();
+  const Solution here = loaded_->solveLengths(lengths);
+  if (!here.converged()) return giveUp(residual, jacobian);
+  const auto weigh = [this](auto&& rows) {
+    for (int k = 0; k < arm_->sectionCount(); ++k)
+      rows.template middleRows<3>(6 * k + 3) *= rotation_weight_;
+  };
+  residual.head(rows_) = (here.shape.twists() - twists_).reshaped();
+  weigh(residual);
+  for (int i = 0; i < lengths.size(); ++i) {
+    const Eigen::VectorXd step = step_size * Eigen::VectorXd::Unit(lengths.size(), i);
+    const Solution below = loaded_->solveLengths(lengths - step);
+    const Solution above = loaded_->solveLengths(lengths + step);
+    if (!below.converged() || !above.converged()) return giveUp(residual, jacobian);
+    jacobian.col(i).head(rows_) =
+        (above.shape.twists() - below.shape.twists()).reshaped() / (2.0 * step_size);
+  }
+  weigh(jacobian);
+}
+
+void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                                 Eigen::MatrixXd& jacobian) const noexcept {
+  const model::Twists g = arm_->twistsOfLengths(lengths);
+  jacobian.topRows(rows_).setZero();
+  for (int k = 0; k < arm_->sectionCount(); ++k) {
+    residual.segment<6>(6 * k) = g.col(k) - twists_.col(k);
+    residual.segment<3>(6 * k + 3) *= rotation_weight_;
+    const auto& map = arm_->equilibrium(k).map;
+    auto block = jacobian.block(6 * k, arm_->firstActuator(k), 6, map.cols());
+    block = map;
+    block.bottomRows<3>() *= rotation_weight_;
+  }
+}
+
+double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept {
+  const SE3 tip = loaded_ != nullptr ? loaded_->tipOfLengths(lengths).tip
+                                     : model::tipPose(arm_->twistsOfLengths(lengths));
+  return (tip.translation - pose_.translation).norm();
+}
+
+double InverseTask::squaredErrorOfTip(const SE3& tip) const noexcept {
+  double error = (tip.translation - pose_.translation).squaredNorm();
+  if (kind_ == Kind::kPose) {
+    // |R - R*|_F^2 / 2 is the square of the angle to first order: good enough to rank starts by.
+    error +=
+        0.5 * rotation_weight_ * rotation_weight_ * (tip.rotation - pose_.rotation).squaredNorm();
+  }
+  return error;
+}
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+
+namespace helix_arm::statics {
+
+/// Residual where a load has no balance: farther than any target [m].
+inline constexpr double kNoBalance = 1e9;
+
+/// What the inverse is to bring to zero: the weighted error of a target as a function of the
+/// actuators' lengths.
+class InverseTask {
+ public:
+  enum class Kind { kPosition, kPose, kTwists };
+
+  /// @param loaded  the arm's model where a load bends it, else null.
+  InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight);
+
+  void setPosition(const Eigen::Vector3d& position);
+  void setPose(const lie::SE3& pose);
+  void setTwists(const model::Twists& twists);
+
+  Kind kind() const { return kind_; }
+  /// Of the tip that is wanted [m].
+  const Eigen::Vector3d& position() const { return pose_.translation; }
+  /// Rows of the residual: 3, 6, or 6 a section.
+  int rows() const { return rows_; }
+  int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
+
+  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. kNoBalance in
+  /// every row where the load finds no balance.
+  void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                Eigen::MatrixXd& jacobian) const noexcept;
+
+  /// Distance of the tip that the lengths give from the tip that the target means [m].
+  double positionError(const Eigen::VectorXd& lengths) const noexcept;
+
+  /// Squared residual of a tip [m^2], for position and pose targets.
+  double squaredErrorOfTip(const lie::SE3& tip) const noexcept;
+
+ private:
+  void evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                             Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                   Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                      Eigen::MatrixXd& jacobian) const noexcept;
+  void evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                         Eigen::MatrixXd& jacobian) const;
+  void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
+                            Eigen::MatrixXd& jacobian) const;
+  // Residual of a tip; returns the change of its last rows by a turn of the tip about its own axes.
+  Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
+  // Column of the Jacobian for a body motion of the tip.
+  void setColumn(const lie::SE3& tip, const lie::Vector6& motion, const Eigen::Matrix3d& by_turn,
+                 int column, Eigen::MatrixXd& jacobian) const noexcept;
+
+  const model::Arm* arm_;
+  const ArmModel* loaded_;
+  double rotation_weight_;
+  Kind kind_ = Kind::kPosition;
+  int rows_ = 3;
+  lie::SE3 pose_;  // of the tip that is wanted, whatever the kind
+  model::Twists twists_;
+};
+
+}  // namespace helix_arm::statics

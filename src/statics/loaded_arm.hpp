@@ -1,0 +1,192 @@
+#pragma once
+
+#include <algorithm>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "buckling.hpp"
+#include "compliance.hpp"
+#include "helix_arm/model/curve_place.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "relaxation.hpp"
+
+/// Definitions of LoadedArmOf. Each group is instantiated in a file of its own, as that takes long.
+namespace helix_arm::statics {
+
+inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and to one radian
+
+/// Calls f with the number of nodes of an order as a constant.
+template <class F>
+inline auto withNodes(int order, const F& f) {
+  switch (order) {
+    case 2:
+      return f(std::integral_constant<int, 3>());
+    case 3:
+      return f(std::integral_constant<int, 4>());
+    case 4:
+      return f(std::integral_constant<int, 5>());
+    case 5:
+      return f(std::integral_constant<int, 6>());
+    case 6:
+      return f(std::integral_constant<int, 7>());
+    case 7:
+      return f(std::integral_constant<int, 8>());
+    default:
+      return f(std::integral_constant<int, 9>());
+  }
+}
+
+template <class Group>
+LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load, int order)
+    : order_(order), load_(load), size_(arm.restLength()) {
+  basics::requireValue(order >= kLeastOrder && order <= kMostOrder, "loaded tier", "the order", order,
+               "2 to 8");
+  const int sections = arm.sectionCount();
+  load.validate(sections);
+  std::set<double> cuts;  // s over the whole arm
+  for (const PointLoad& point : load.points) {
+    if (point.s > 0 && point.s < 1) cuts.insert(point.section + point.s);
+  }
+  basics::requireValue(
+      load.innerPlaces() <= kMaxInnerPoints, "load.points", "the number of places inside sections",
+      load.innerPlaces(),
+      "at most 16 with tier: loaded; put points that are close to each other in one place, "
+      "or use tier: exact");
+  for (int k = 0; k <= sections; ++k) cuts.insert(k);
+  for (auto begin = cuts.begin(), end = std::next(begin); end != cuts.end(); ++begin, ++end) {
+    const int section = std::min(static_cast<int>(*begin), sections - 1);
+    Element element{section, *begin - section, *end - *begin, {}};
+    for (std::size_t p = 0; p < load.points.size(); ++p) {
+      if (load.points[p].section + load.points[p].s == *end) {
+        element.points.push_back(static_cast<int>(p));
+      }
+    }
+    elements_.push_back(std::move(element));
+  }
+  for (int k = 0; k < sections; ++k) {
+    compliance_.push_back(complianceOf(arm, load, k));
+    null_space_.push_back(arm.equilibrium(k).null_space);
+  }
+  may_buckle_ = bucklingBound(arm, load) >= 1.0;
+}
+
+template <class Group>
+template <class Solver>
+Solver LoadedArmOf<Group>::solved(const Load& load, const Twists& unloaded,
+                                  const Solver* near) const {
+  Solver solver(*this, load, unloaded);
+  if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
+  solver.run(order_ == kLeastOrder);
+  // What is near a shape that holds is as good as it.
+  if (near != nullptr) return solver;
+  if (may_buckle_) solver.refuseUnstable();
+  if (solver.doubtful(statedTipError(order_))) check(load, unloaded, solver);
+  return solver;
+}
+
+template <class Group>
+template <class Solver>
+[[gnu::noinline]] void LoadedArmOf<Group>::check(const Load& load, const Twists& unloaded,
+                                                 Solver& solver) const {
+  Relaxation<kFineNodes> finer(*this, load, unloaded);
+  finer.startAt([&solver](int e, double t) { return solver.rateAt(e, t); });
+  finer.run(false);
+  solver.compareWith(finer.result(), statedTipError(order_));
+}
+
+template <class Group>
+void LoadedArmOf<Group>::Response::add(int column, double step, const TipOf<Group>& below,
+                                       const TipOf<Group>& above) {
+  if (!below.converged()) at.status = below.status;
+  if (!above.converged()) at.status = above.status;
+  by.col(column) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
+}
+
+template <class Group>
+TipOf<Group> LoadedArmOf<Group>::tip(const Twists& unloaded) const {
+  return withNodes(order_, [&](auto nodes) {
+    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr).result();
+  });
+}
+
+template <class Group>
+Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
+  return withNodes(order_, [&](auto nodes) {
+    const auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    const TipOf<Group> found = relaxation.result();
+    return Solution{relaxation.shape(static_cast<int>(unloaded.cols())), inSpace(found.tip),
+                    found.status, found.residual, found.iterations};
+  });
+}
+
+template <class Group>
+std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Twists& unloaded,
+                                                            int count) const {
+  model::requireCurve(count);
+  return withNodes(order_, [&](auto nodes) {
+    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
+        .curve(static_cast<int>(unloaded.cols()), count);
+  });
+}
+
+template <class Group>
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
+    const Twists& unloaded, const Eigen::MatrixXd& directions) const {
+  return withNodes(order_, [&](auto nodes) {
+    using Solver = Relaxation<nodes()>;
+    const Solver here = solved<Solver>(load_, unloaded, nullptr);
+    Response out{here.result(), Motion::Zero(Group::kDof, directions.cols())};
+    for (int d = 0; d < directions.cols(); ++d) {
+      const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
+      const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
+                                   direction.template bottomRows<Group::kRotations>().norm());
+      if (size == 0) continue;
+      const double step = kDifferenceStep / size;
+      out.add(d, step, solved<Solver>(load_, unloaded - step * direction, &here).result(),
+              solved<Solver>(load_, unloaded + step * direction, &here).result());
+    }
+    return out;
+  });
+}
+
+template <class Group>
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists& unloaded) const {
+  // A moment and a force that turn the softest section by about one radian.
+  double softest = 0.0;
+  for (const auto& C : compliance_) {
+    softest = std::max(softest,
+                       C.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
+  }
+  const double moment = 1.0 / softest, force = moment / size_, pull = load_.gravity.norm();
+  const double mass = pull > 0 ? force / pull : 1.0;
+  // In the order of the columns, each with its unit.
+  Load load = load_;
+  std::vector<std::pair<double*, double>> entries;
+  for (double& of_section : load.mass) entries.emplace_back(&of_section, mass);
+  for (PointLoad& point : load.points) {
+    entries.emplace_back(&point.mass, mass);
+    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.force[i], force);
+    for (int i = 0; i < 3; ++i) entries.emplace_back(&point.moment[i], moment);
+  }
+  return withNodes(order_, [&](auto nodes) {
+    using Solver = Relaxation<nodes()>;
+    const Solver here = solved<Solver>(load, unloaded, nullptr);
+    Response out{here.result(),
+                 Motion::Zero(Group::kDof, static_cast<Eigen::Index>(entries.size()))};
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      const auto [entry, unit] = entries[i];
+      const double kept = *entry, step = kDifferenceStep * unit;
+      *entry = kept - step;
+      const TipOf<Group> below = solved<Solver>(load, unloaded, &here).result();
+      *entry = kept + step;
+      const TipOf<Group> above = solved<Solver>(load, unloaded, &here).result();
+      *entry = kept;
+      out.add(static_cast<int>(i), step, below, above);
+    }
+    return out;
+  });
+}
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,417 @@
+#pragma once
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "anderson.hpp"
+#include "helix_arm/model/curve_place.hpp"
+#include "gauss_rule.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "loaded_limits.hpp"
+#include "twist_near.hpp"
+#include "wrench.hpp"
+
+namespace helix_arm::statics {
+
+inline constexpr int kMaxIterations = 100;
+inline constexpr double kAtRest = 1e-11;  // last change, relative to the arm's size and one radian
+// The step of the least order is trusted where the next one would be shorter by this factor, and no
+// longer than this, relative to the arm's size and one radian.
+inline constexpr double kContracting = 0.5;
+inline constexpr double kTrustedStep = 0.02;
+// Turn of a section against its shape without load, beyond which its coordinates fold back [rad].
+inline constexpr double kFarthestTurn = 5.5;
+inline constexpr double kFarthestResidual = 1e6;
+inline constexpr double kNoWork = 1e-9;      // of a wrench on a null space, relative to the load's
+inline constexpr int kKrylov = 8;            // motions that stability is judged by
+inline constexpr double kKrylovStep = 1e-6;  // of them, relative to the arm's size and one radian
+
+// What a shape is taken to be off by without another solution may be this part of what its order
+// states; beyond it the shape is compared with a finer one.
+inline constexpr double kDoubt = 0.25;
+// Of the rates in the highest mode, relative to the arm's size and one radian.
+inline constexpr double kLargestTail = 0.065;
+// Turns of an element that the points of an order do not resolve at all [rad]: so much for each,
+// and less exact where only one step is taken.
+inline constexpr double kTurnOfNode = 3.0;
+inline constexpr double kTurnOfOneStep = 20.0;
+// What the finer solution resolves [rad], and how close to it a shape must be, by what is stated.
+inline constexpr double kFinestTurn = 40.0;
+inline constexpr double kAgreement = 0.7;
+inline constexpr double kLargestAmplification = 1.0 - 1e-9;
+
+using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                                 kKrylov + 1, kKrylov + 1>;
+
+// The largest real part of the eigenvalues; infinite where they are not known.
+inline double largestEigenvalue(const Projection& H) {
+  if (!H.allFinite()) return std::numeric_limits<double>::infinity();
+  return Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().maxCoeff();
+}
+
+/// One solution of the loaded tier, at so many Gauss points an element. Everything lives on the
+/// stack.
+template <class Group>
+template <int kNodes>
+class LoadedArmOf<Group>::Relaxation {
+ public:
+  static constexpr int kDof = Group::kDof;
+  static constexpr int kRates = kDof * kNodes;  // of an element
+  using Tangent = typename Group::Tangent;
+  using Point = typename Group::Point;
+  using Points = Eigen::Matrix<double, Group::kSpace, kNodes>;
+  // One memory for all orders, a larger one for what they are compared with.
+  static constexpr int kMostRates = std::max(kMaxRates<kDof>, kRates* kMaxElements);
+  using Rates =
+      Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
+
+  Relaxation(const LoadedArmOf& arm, const Load& load, const Twists& unloaded)
+      : arm_(arm), load_(load), rule_(GaussRule<kNodes>::get()), count_(elementCount(arm)) {
+    scale_ << Eigen::Matrix<double, Group::kSpace, 1>::Constant(1.0 / arm.size_),
+        Eigen::Matrix<double, Group::kRotations, 1>::Ones();
+    for (int e = 0; e < count_; ++e) {
+      const Element& element = arm.elements_[e];
+      twist_[e] = element.length * unloaded.col(element.section);
+      for (int j = 0; j < kNodes; ++j) {
+        const Group X = Group::exp(rule_.nodes()[j] * twist_[e]);
+        rotation_[e * kNodes + j] = X.rotation;
+        translation_[e * kNodes + j] = X.translation;
+      }
+    }
+    rates_.setZero(kDof, kNodes * count_);
+  }
+
+  // Begins where another solution ended.
+  void startFrom(const Relaxation& other) { rates_ = other.rates_; }
+  // Begins at these rates: those of an element by t in [0, 1].
+  template <class RateAt>
+  void startAt(const RateAt& rateAt) {
+    for (int node = 0; node < rates_.cols(); ++node) {
+      rates_.col(node) = rateAt(node / kNodes, rule_.nodes()[node % kNodes]);
+    }
+  }
+  Tangent rateAt(int e, double t) const {
+    return rates_.template middleCols<kNodes>(e * kNodes) * rule_.at(t);
+  }
+
+  // Out of line: it is called from all over, and long.
+  [[gnu::noinline]] void run(bool one_step) {
+    if (one_step) {
+      takeOneStep();
+    } else {
+      iterate();
+    }
+    if (status_ == SolveStatus::kConverged && !supported()) status_ = SolveStatus::kUnsupported;
+    if (!tip_.translation.allFinite()) status_ = SolveStatus::kNotConverged;
+  }
+
+  // A shape that balances but would not stay is not converged: a change of strain must make the
+  // load ask for less change than that.
+  void refuseUnstable() {
+    if (status_ != SolveStatus::kConverged) return;
+    const double largest = amplification();
+    if (!(largest <= 1.0)) status_ = SolveStatus::kNotConverged;
+    amplification_ = std::clamp(largest, 0.0, kLargestAmplification);
+  }
+
+  // Whether the tip may be off by more than is stated. What the modes left out would add is taken
+  // from the highest one, times the part of it that the tip sees: turns of the arm that its Gauss
+  // points do not resolve. Found by comparison with finer solutions, in loads of all kinds.
+  bool doubtful(double stated) const {
+    if (status_ != SolveStatus::kConverged) return false;
+    double tail = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
+      tail += scale_.cwiseProduct(u * rule_.highest()).norm();
+    }
+    const double turned = turn();
+    const double resolved = kNodes == kLeastOrder + 1 ? kTurnOfOneStep : kTurnOfNode * kNodes;
+    double seen = 1.0;
+    for (int i = 0; i < kNodes && turned < resolved; ++i) seen *= turned / resolved;
+    const double off = tail * seen / (1.0 - amplification_) + remainder();
+    return !(tail <= kLargestTail && off <= kDoubt * stated);
+  }
+
+  // Takes a finer solution for the truth.
+  void compareWith(const TipOf<Group>& finer, double stated) {
+    const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
+    const bool resolved = turn() <= kFinestTurn;
+    if (finer.converged() && resolved && off <= kAgreement * stated) return;
+    status_ = SolveStatus::kNotConverged;
+    residual_ = std::max(residual_, off);
+  }
+
+  TipOf<Group> result() const { return {tip_, status_, residual_, iterations_}; }
+
+  // Pose at t in [0, 1] of an element, seen from the base.
+  Group poseAt(int e, double t) const {
+    const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.upTo(t);
+    return start_[e] * Group::exp(z) * Group::exp(t * twist_[e]);
+  }
+
+  model::Shape shape(int sections) const {
+    model::Shape::Pieces pieces(6, sections * kLoadedPieces);
+    lie::SE3 before;
+    Place place{*this};
+    for (int piece = 0; piece < pieces.cols(); ++piece) {
+      const lie::SE3 X = place.at(piece / kLoadedPieces,
+                                  static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
+      const Eigen::Vector3d turn =
+          inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
+      pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
+      before = X;
+    }
+    return {pieces, kLoadedPieces};
+  }
+
+  // The curve at evenly spaced s, base and tip included.
+  std::vector<model::CurvePoint<lie::SE3>> curve(int sections, int count) const {
+    std::vector<model::CurvePoint<lie::SE3>> out;
+    out.reserve(count);
+    Place place{*this};
+    for (int i = 0; i < count; ++i) {
+      const double s = model::curvePlace(sections, i, count);
+      const int k = std::min(static_cast<int>(s), sections - 1);
+      out.push_back({s, place.at(k, s - k)});
+    }
+    return out;
+  }
+
+ private:
+  // Walks along the arm, from its base to its tip.
+  struct Place {
+    const Relaxation& shape;
+    int e = 0;
+
+    // Pose at s of section k, no less far than the one before.
+    lie::SE3 at(int k, double s) {
+      const auto& elements = shape.arm_.elements_;
+      while (e + 1 < shape.count_ &&
+             (elements[e].section < k || elements[e].begin + elements[e].length < s)) {
+        ++e;
+      }
+      const Element& element = elements[e];
+      return inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
+    }
+  };
+
+  static int elementCount(const LoadedArmOf& arm) { return static_cast<int>(arm.elements_.size()); }
+
+  // Rates that balance the load on the shape that rates_ make; start_ and tip_ are of that shape.
+  [[gnu::noinline]] void evaluate(Rates& out) {
+    out.resize(kDof, rates_.cols());
+    Group X;
+    farthest_ = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      start_[e] = X;
+      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
+      const Eigen::Matrix<double, kDof, kNodes> z = u * rule_.before();
+      for (int j = 0; j < kNodes; ++j) {
+        const int node = e * kNodes + j;
+        const Group X_j = X * Group::exp(z.col(j)) * Group{rotation_[node], translation_[node]};
+        at_rotation_[node] = X_j.rotation;
+        at_[node] = X_j.translation;
+        z_[node] = z.col(j);
+        farthest_ = std::max(farthest_, z.col(j).template tail<Group::kRotations>().norm());
+      }
+      X = X * Group::exp(u * rule_.weights()) * Group::exp(twist_[e]);
+    }
+    tip_ = X;
+
+    Tangent W = Tangent::Zero();  // of all that pulls beyond, about the base's origin
+    for (int e = count_ - 1; e >= 0; --e) {
+      const Element& element = arm_.elements_[e];
+      const Group& end = e + 1 < count_ ? start_[e + 1] : tip_;
+      for (const int p : element.points) {
+        const PointLoad& point = load_.points[p];
+        const Point force = within<Group>(load_.forceOf(point));
+        add(force,
+            momentOf(end * within<Group>(point.offset), force) + turningWithin<Group>(point.moment),
+            W);
+      }
+      const Point weight =
+          within<Group>(element.length * load_.mass[element.section] * load_.gravity);
+      Points x;
+      for (int j = 0; j < kNodes; ++j) x.col(j) = at_[e * kNodes + j];
+      const Points beyond = x * rule_.after();
+      for (int j = 0; j < kNodes; ++j) {
+        const int node = e * kNodes + j;
+        Tangent W_j = W;
+        add((1.0 - rule_.nodes()[j]) * weight, momentOf(beyond.col(j), weight), W_j);
+        wrench_[node] = seenFrom<Group>({at_rotation_[node], at_[node]}, W_j);
+        const Tangent strain = element.length * (arm_.compliance_[element.section] * wrench_[node]);
+        out.col(node) = Group::solveRightJacobian(
+            z_[node], moved(Group{rotation_[node], translation_[node]}, strain));
+      }
+      add(weight, momentOf(x * rule_.weights(), weight), W);
+    }
+    pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
+            W.template tail<Group::kRotations>().norm();
+  }
+
+  static void add(const Point& force, const Moment<Group>& moment, Tangent& W) {
+    W.template head<Group::kSpace>() += force;
+    W.template tail<Group::kRotations>() += moment;
+  }
+
+  void finish(SolveStatus status) {
+    status_ = farthest_ < kFarthestTurn ? status : SolveStatus::kNotConverged;
+  }
+
+  // From the shape without load, then once more on the shape that gives; what further steps would
+  // do is told from the first two (Aitken: each is the one before, times the same factor).
+  void takeOneStep() {
+    Rates next;
+    evaluate(next);
+    const Rates first = next;
+    rates_ = first;
+    evaluate(next);
+    iterations_ = 2;
+    double first_square = 0.0, step_square = 0.0, product = 0.0;
+    double first_turn = 0.0, step_turn = 0.0;
+    for (int node = 0; node < first.cols(); ++node) {
+      const Tangent one = scale_.cwiseProduct(first.col(node));
+      const Tangent step = scale_.cwiseProduct(next.col(node) - first.col(node));
+      first_square += one.squaredNorm();
+      step_square += step.squaredNorm();
+      product += one.dot(step);
+      first_turn += one.template tail<Group::kRotations>().squaredNorm();
+      step_turn += step.template tail<Group::kRotations>().squaredNorm();
+    }
+    residual_ = std::sqrt(step_square);
+    const double factor = first_square > 0 ? product / first_square : 0.0;
+    rates_ = next;
+    rates_ += factor / (1.0 - factor) * (next - first);
+    place();
+    const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
+    // Of turns alone, too: a load along the arm shortens it by more than it bends it, and is then
+    // the same in every step.
+    factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
+    const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
+    finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
+  }
+
+  // The largest turn of an element, its load's share from above [rad].
+  double turn() const {
+    double largest = 0.0;
+    for (int e = 0; e < count_; ++e) {
+      largest = std::max(largest, twist_[e].template tail<Group::kRotations>().norm());
+    }
+    return largest + farthest_;
+  }
+
+  // What the steps that the least order leaves out would add, each shorter by the same factor; 0 of
+  // the orders that take them all.
+  double remainder() const {
+    const double factor = std::min(std::max(factor_, amplification_), kLargestAmplification);
+    return kNodes == kLeastOrder + 1 ? residual_ * factor / (1.0 - factor) : 0.0;
+  }
+
+  // Starts of the elements and tip of the shape that rates_ make.
+  void place() {
+    Group X;
+    for (int e = 0; e < count_; ++e) {
+      start_[e] = X;
+      X = X * Group::exp(rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights()) *
+          Group::exp(twist_[e]);
+    }
+    tip_ = X;
+  }
+
+  void iterate() {
+    Rates answer;
+    Rates weight = scale_.replicate(1, rates_.cols());
+    Anderson<kMostRates> anderson(flat(weight));
+    for (iterations_ = 1; iterations_ <= kMaxIterations; ++iterations_) {
+      evaluate(answer);
+      residual_ = anderson.advance(flat(rates_), flat(answer));
+      if (residual_ <= kAtRest) {
+        rates_ = answer;
+        place();
+        return finish(SolveStatus::kConverged);
+      }
+      if (!(residual_ < kFarthestResidual)) break;
+    }
+    iterations_ = std::min(iterations_, kMaxIterations);
+    place();
+    finish(SolveStatus::kNotConverged);
+  }
+
+  static Eigen::Map<Eigen::VectorXd> flat(Rates& rates) { return {rates.data(), rates.size()}; }
+
+  // By how much the load answers a change of strain with more of it: the largest eigenvalue of the
+  // iteration's derivative, in a Krylov space (Arnoldi).
+  [[gnu::noinline]] double amplification() {
+    using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                                kRates * kMaxElements, kKrylov + 1>;
+    Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
+    evaluate(answer);
+    const int size = static_cast<int>(found.size());
+    int count = std::min(kKrylov, size);
+    Basis basis(size, count + 1);
+    // A motion of all kinds at all places.
+    for (int i = 0; i < size; ++i) basis(i, 0) = std::sin(1.0 + 2.0 * i * i);
+    basis.col(0).normalize();
+    Projection H = Projection::Zero(count + 1, count + 1);
+    for (int j = 0; j < count; ++j) {
+      flat(rates_) = flat(found) + kKrylovStep * basis.col(j).cwiseQuotient(flat(weight));
+      evaluate(moved);
+      auto next = basis.col(j + 1);
+      next = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / kKrylovStep;
+      for (int i = 0; i <= j; ++i) {
+        H(i, j) = basis.col(i).dot(next);
+        next -= H(i, j) * basis.col(i);
+      }
+      H(j + 1, j) = next.norm();
+      if (!(H(j + 1, j) > kKrylovStep)) count = j + 1;
+      next /= H(j + 1, j);
+    }
+    rates_ = found;
+    place();
+    return largestEigenvalue(H.topLeftCorner(count, count));
+  }
+
+  bool supported() const {
+    for (int e = 0; e < count_; ++e) {
+      const auto& free = arm_.null_space_[arm_.elements_[e].section];
+      for (int j = 0; j < kNodes; ++j) {
+        for (int i = 0; i < free.cols(); ++i) {
+          if (std::abs(free.col(i).dot(wrench_[e * kNodes + j])) > kNoWork * pull_) return false;
+        }
+      }
+    }
+    return true;
+  }
+
+  const LoadedArmOf& arm_;
+  const Load& load_;
+  const GaussRule<kNodes>& rule_;
+  int count_;
+  Tangent scale_;
+  Rates rates_;
+  // Of the shape without load, in each element.
+  Tangent twist_[kMaxElements];
+  decltype(Group::rotation) rotation_[kNodes * kMaxElements];
+  Point translation_[kNodes * kMaxElements];
+  // Of the shape last evaluated.
+  std::array<Group, kMaxElements> start_;
+  decltype(Group::rotation) at_rotation_[kNodes * kMaxElements];
+  Point at_[kNodes * kMaxElements];
+  Tangent z_[kNodes * kMaxElements];
+  Tangent wrench_[kNodes * kMaxElements];  // seen from the node
+  double pull_ = 0.0;                      // of the whole load [N m]
+  Group tip_;
+  SolveStatus status_ = SolveStatus::kNotConverged;
+  double residual_ = 0.0, farthest_ = 0.0;
+  double factor_ = 0.0;         // of one step by the one before
+  double amplification_ = 0.0;  // 0 where the load is too small for it to count
+  int iterations_ = 0;
+};
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,277 @@
+#include "helix_arm/statics/tier.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/input_samples.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/basics/median_time.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "tier_solver.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+constexpr int kCornerSamples = 40;  // for each section
+constexpr int kMostCornerSamples = 160;
+constexpr int kInnerSamples = 16;
+// Where none of so many samples finds a balance, the others are not tried: each takes long.
+constexpr int kHopeless = 6;
+
+std::string percent(double part) {
+  std::ostringstream text;
+  text.precision(2);
+  text << 100.0 * part << " %";
+  return text.str();
+}
+
+std::string microseconds(double seconds) {
+  std::ostringstream text;
+  text.precision(3);
+  text << 1e6 * seconds << " us";
+  return text.str();
+}
+
+std::vector<Eigen::VectorXd> samplesOf(const model::Arm& arm) {
+  const int corners = std::min(kCornerSamples * arm.sectionCount(), kMostCornerSamples);
+  return sampleInputs(arm, corners, kInnerSamples);
+}
+
+// Where the exact tier puts the tip.
+struct Sample {
+  Eigen::VectorXd lengths;
+  Eigen::Vector3d tip;
+};
+
+struct Samples {
+  std::vector<Sample> balanced;
+  int unbalanced = 0;  // inputs where the load finds no balance
+
+  std::size_t count() const { return balanced.size() + unbalanced; }
+};
+
+Samples sampleTips(const model::Arm& arm, const Load& load) {
+  const ExactArm exact(arm, load);
+  std::vector<Sample> out;
+  int unbalanced = 0;
+  SolveStatus refused = SolveStatus::kConverged;
+  for (const Eigen::VectorXd& q : samplesOf(arm)) {
+    if (out.empty() && unbalanced == kHopeless) break;
+    Eigen::VectorXd lengths = arm.lengths(q);
+    const Solution solution = exact.solve(arm.twistsOfLengths(lengths));
+    if (solution.converged()) {
+      out.push_back({std::move(lengths), solution.tip.translation});
+    } else {
+      refused = solution.status;
+      ++unbalanced;
+    }
+  }
+  basics::require(!out.empty(), "load: ",
+          refused == SolveStatus::kUnsupported
+              ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
+                "value > 0"
+              : "no shape balances it at any of the inputs tried; lower the masses and forces, or "
+                "raise arm.stiffness.K_eps_n");
+  return {std::move(out), unbalanced};
+}
+
+// Largest error of the tip, as a part of the arm's length.
+double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, double arm_length) {
+  double error = 0.0;
+  for (const Sample& sample : samples) {
+    const Tip found = solver.tip(sample.lengths);
+    if (found.status != SolveStatus::kConverged) return std::numeric_limits<double>::infinity();
+    error = std::max(error, (found.tip.translation - sample.tip).norm() / arm_length);
+  }
+  return std::max(error, kExactTipError);
+}
+
+// Mean time of a solution over the samples: inputs differ by twice and more in what they take.
+double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& lengths) {
+  const double all = basics::medianTime([&] {
+    for (const Eigen::VectorXd& one : lengths) solver.tip(one);
+  });
+  return all / static_cast<double>(lengths.size());
+}
+
+// From the cheapest to the dearest.
+std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load, bool planar) {
+  std::vector<TierSetting> out;
+  const auto wanted = [&request](Tier tier) { return !request.tier || *request.tier == tier; };
+  // Asked for, the loaded tier says itself what it cannot have.
+  const bool orders =
+      wanted(Tier::kLoaded) && (request.tier || load.innerPlaces() <= kMaxInnerPoints);
+  if (planar && wanted(Tier::kPlanar)) out.push_back({Tier::kPlanar, 0});
+  if (wanted(Tier::kLinear) && (!planar || request.tier)) out.push_back({Tier::kLinear, 0});
+  for (int order = kLeastOrder; order <= kMostOrder && orders; ++order) {
+    if (!request.order || *request.order == order) out.push_back({Tier::kLoaded, order});
+  }
+  if (wanted(Tier::kExact)) out.push_back({Tier::kExact, 0});
+  return out;
+}
+
+// One arm under one load, with what the tiers are judged by.
+struct Scale {
+  const model::Arm& arm;
+  const std::optional<model::PlanarArm>& planar;
+  const std::optional<Load>& load;
+  Samples samples;
+
+  TierSolver solverOf(const TierSetting& setting) const { return {arm, planar, load, setting}; }
+
+  TierChoice judge(const TierSetting& setting, const TierSolver& solver) const {
+    TierChoice out{setting, kExactTipError, ""};
+    std::ostringstream reason;
+    reason << setting.name();
+    if (setting.tier == Tier::kExact) {
+      reason << ", which the other tiers are compared with";
+    } else {
+      out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
+      if (std::isfinite(out.tip_error)) {
+        reason << " errs by up to " << percent(out.tip_error) << " of the arm's length at "
+               << samples.balanced.size() << " sampled inputs";
+      } else {
+        reason << " does not converge at some sampled inputs";
+      }
+    }
+    if (!takesLoad(setting.tier)) reason << ", as it leaves the load out";
+    if (samples.unbalanced > 0) {
+      reason << " (at " << samples.unbalanced << " of " << samples.count()
+             << " sampled inputs no shape balances the load)";
+    }
+    out.reason = reason.str();
+    return out;
+  }
+};
+
+TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierSetting>& settings) {
+  std::optional<TierChoice> best;
+  std::string cheapest;
+  std::vector<Eigen::VectorXd> lengths;
+  for (const Sample& sample : scale.samples.balanced) lengths.push_back(sample.lengths);
+  for (const TierSetting& setting : settings) {
+    const TierSolver solver = scale.solverOf(setting);
+    const double taken = meanTime(solver, lengths);
+    if (cheapest.empty()) cheapest = setting.name() + ", takes " + microseconds(taken);
+    if (taken > time) continue;
+    TierChoice choice = scale.judge(setting, solver);
+    if (best && best->tip_error <= choice.tip_error) continue;
+    choice.reason += ", takes " + microseconds(taken) + " on average over them of the " +
+                     microseconds(time) + " allowed";
+    best = std::move(choice);
+  }
+  basics::require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
+          " on average over sampled inputs; allow twice that, as times vary");
+  return *best;
+}
+
+TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
+                          const std::vector<TierSetting>& settings) {
+  const double allowed = request.tip_error.value_or(kUsualTipError);
+  if (settings.size() == 1 && !request.tip_error) {
+    TierChoice choice = scale.judge(settings.front(), scale.solverOf(settings.front()));
+    choice.reason = "asked for; " + choice.reason;
+    return choice;
+  }
+  std::string nearest;
+  double least = std::numeric_limits<double>::infinity();
+  for (const TierSetting& setting : settings) {
+    TierChoice choice = scale.judge(setting, scale.solverOf(setting));
+    if (kTipErrorMargin * choice.tip_error <= std::max(allowed, kLeastTipError)) {
+      choice.reason += ", the cheapest within " + percent(allowed);
+      return choice;
+    }
+    if (nearest.empty() || choice.tip_error < least) nearest = choice.reason;
+    least = std::min(least, choice.tip_error);
+  }
+  const std::string tier = request.tier ? nameOf(*request.tier) : "auto";
+  basics::require(request.tip_error.has_value(), "tier: ", tier, " does not keep within the ",
+          percent(allowed), " that count where accuracy is not given; ", nearest,
+          "; use tier: exact, or give accuracy.tip_error_percent");
+  throw std::invalid_argument("accuracy.tip_error_percent: no tier asked for keeps within " +
+                              percent(allowed) + ", with a factor of 2 to spare; " + nearest +
+                              "; ask for less, or use tier: auto");
+}
+
+void checkRequest(const TierRequest& request) {
+  const auto positive = [](const std::optional<double>& value) {
+    return !value || (std::isfinite(*value) && *value > 0);
+  };
+  basics::require(positive(request.tip_error), "accuracy.tip_error_percent: expected a value > 0");
+  basics::require(positive(request.time), "budget.time_us: expected a value > 0");
+  basics::require(!request.tip_error || !request.time,
+          "accuracy and budget: expected one of them; the other follows from it");
+  if (!request.order) return;
+  basics::requireValue(*request.order >= kLeastOrder && *request.order <= kMostOrder, "order", "it",
+               *request.order, "2 to 8");
+  basics::require(request.tier == Tier::kLoaded, "order: it goes with tier: loaded");
+}
+
+TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
+                          const TierRequest& request) {
+  const TierSetting setting{request.tier.value_or(planar ? Tier::kPlanar : Tier::kLinear), 0};
+  basics::require(!takesLoad(setting.tier), "tier: ", nameOf(setting.tier),
+          " needs a load; give the scene the key load, or use tier: linear");
+  if (request.time) {
+    std::vector<Eigen::VectorXd> lengths;
+    for (const Eigen::VectorXd& q : samplesOf(arm)) {
+      lengths.push_back(arm.lengths(q));
+    }
+    const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
+    basics::require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
+            ", takes ", microseconds(time),
+            " on average over sampled inputs; allow twice that, as times vary");
+  }
+  if (request.tier) return {setting, 0.0, "asked for; nothing loads the arm"};
+  return {setting, 0.0,
+          planar ? "nothing loads the arm and it lies in a plane"
+                 : "nothing loads the arm: a constant twist a section is all of it"};
+}
+
+}  // namespace
+
+const char* nameOf(Tier tier) {
+  switch (tier) {
+    case Tier::kPlanar:
+      return "planar";
+    case Tier::kLinear:
+      return "linear";
+    case Tier::kLoaded:
+      return "loaded";
+    case Tier::kExact:
+      break;
+  }
+  return "exact";
+}
+
+std::string TierSetting::name() const {
+  return tier == Tier::kLoaded ? "loaded, order " + std::to_string(order) : nameOf(tier);
+}
+
+TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
+                      const std::optional<Load>& load, const TierRequest& request) {
+  checkRequest(request);
+  basics::require(request.tier != Tier::kPlanar || planar,
+          "tier: planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
+  if (load) load->validate(arm.sectionCount());
+  if (!load || (load->empty() && !request.tier)) return chooseUnloaded(arm, planar, request);
+
+  basics::require(request.tier != Tier::kPlanar || inPlane(*load),
+          "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
+          "use tier: loaded, or turn arm.base");
+  constexpr double kRounding = 1e-12;  // of percents that became parts
+  basics::require(!request.tip_error || *request.tip_error >= (1.0 - kRounding) * kLeastTipError,
+          "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
+          " of the arm's length; ask for that or more");
+  const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));
+  const std::vector<TierSetting> settings = settingsOf(request, *load, in_plane);
+  const Scale scale{arm, planar, load, sampleTips(arm, *load)};
+  return request.time ? chooseWithin(*request.time, scale, settings)
+                      : chooseAccurate(request, scale, settings);
+}
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,133 @@
+#include "tier_solver.hpp"
+
+#include "helix_arm/model/curve.hpp"
+#include "tip_motions.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of the arm's length
+
+// The maps of all sections (dof * sections x n): what each free length adds to the twists.
+template <class Group>
+Eigen::MatrixXd mapOf(const model::ArmOf<Group>& arm) {
+  Eigen::MatrixXd map =
+      Eigen::MatrixXd::Zero(Group::kDof * arm.sectionCount(), arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const auto& block = arm.equilibrium(k).map;
+    map.block(Group::kDof * k, arm.firstActuator(k), Group::kDof, block.cols()) = block;
+  }
+  return map;
+}
+
+template <class Group>
+Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(const model::ArmOf<Group>& arm,
+                                                                  const model::TwistsOf<Group>& twists) {
+  Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> out(Group::kDof, arm.actuatorCount());
+  forTipMotions(arm, twists, [&out](int i, const auto& motion) { out.col(i) = motion; });
+  return out;
+}
+
+Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
+    const Eigen::Matrix<double, 3, Eigen::Dynamic>& motions) {
+  Eigen::Matrix<double, 6, Eigen::Dynamic> out(6, motions.cols());
+  for (int i = 0; i < motions.cols(); ++i) {
+    out.col(i) = lie::embed(lie::SE2::Tangent(motions.col(i)));
+  }
+  return out;
+}
+
+}  // namespace
+
+TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
+                       const std::optional<Load>& load, const TierSetting& setting)
+    : arm_(arm), plane_(nullptr) {
+  if (setting.tier == Tier::kPlanar) plane_ = &*planar;
+  if (setting.tier == Tier::kExact) exact_.emplace(arm, *load);
+  if (setting.tier != Tier::kLoaded) return;
+  if (planar && staysInPlane(arm, *load)) {
+    plane_ = &*planar;
+    planar_loaded_.emplace(*planar, *load, setting.order);
+  } else {
+    loaded_.emplace(arm, *load, setting.order);
+  }
+}
+
+template <class Unloaded>
+Solution TierSolver::solveFrom(const Unloaded& unloaded) const {
+  if (planar_loaded_) return planar_loaded_->solve(unloaded(*plane_));
+  if (loaded_) return loaded_->solve(unloaded(arm_));
+  if (exact_) return exact_->solve(unloaded(arm_));
+  Solution solution;
+  solution.shape = plane_ != nullptr ? model::embed(unloaded(*plane_)) : unloaded(arm_);
+  solution.tip = model::tipPose(solution.shape);
+  return solution;
+}
+
+template <class Unloaded>
+Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
+  if (loaded_) return loaded_->tip(unloaded(arm_));
+  if (planar_loaded_) {
+    const TipOf<lie::SE2> found = planar_loaded_->tip(unloaded(*plane_));
+    return {lie::embed(found.tip), found.status, found.residual, found.iterations};
+  }
+  if (exact_) {
+    const Solution found = exact_->solve(unloaded(arm_));
+    return {found.tip, found.status, found.residual, found.iterations};
+  }
+  Tip found;
+  found.tip = plane_ != nullptr ? lie::embed(model::tipPose(unloaded(*plane_))) : model::tipPose(unloaded(arm_));
+  return found;
+}
+
+Solution TierSolver::solve(const Eigen::VectorXd& lengths) const {
+  return solveFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+}
+Solution TierSolver::solveInputs(const model::InputRef& q) const {
+  return solveFrom([&](const auto& arm) { return arm.twists(q); });
+}
+Tip TierSolver::tip(const Eigen::VectorXd& lengths) const {
+  return tipFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+}
+Tip TierSolver::tipOfInputs(const model::InputRef& q) const {
+  return tipFrom([&](const auto& arm) { return arm.twists(q); });
+}
+
+std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef& q, int count) const {
+  if (planar_loaded_) return planar_loaded_->curve(plane_->twists(q), count);
+  if (loaded_) return loaded_->curve(arm_.twists(q), count);
+  if (exact_) return exact_->curve(arm_.twists(q), count);
+  return model::sampleCurve(solveInputs(q).shape, count);
+}
+
+TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
+  if (loaded_) {
+    const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
+    return {found.at.tip, found.at.status, found.by};
+  }
+  if (planar_loaded_) {
+    const auto found =
+        planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
+    return {lie::embed(found.at.tip), found.at.status, inSpace(found.by)};
+  }
+  const Tip here = tip(lengths);
+  TipResponse out{here.tip, here.status, {}};
+  if (exact_) {
+    const double size = kLengthStep * arm_.restLength();
+    out.by_lengths.resize(6, lengths.size());
+    for (int i = 0; i < lengths.size(); ++i) {
+      const Eigen::VectorXd step = size * Eigen::VectorXd::Unit(lengths.size(), i);
+      const Tip below = tip(lengths - step), above = tip(lengths + step);
+      if (!below.converged()) out.status = below.status;
+      if (!above.converged()) out.status = above.status;
+      out.by_lengths.col(i) = (below.tip.inverse() * above.tip).log() / (2.0 * size);
+    }
+  } else if (plane_ != nullptr) {
+    out.by_lengths = inSpace(linearResponse(*plane_, plane_->twistsOfLengths(lengths)));
+  } else {
+    out.by_lengths = linearResponse(arm_, arm_.twistsOfLengths(lengths));
+  }
+  return out;
+}
+
+}  // namespace helix_arm::statics

@@ -1,0 +1,10 @@
+#pragma once
+
+#include "helix_arm/lie/se3.hpp"
+
+namespace helix_arm::statics {
+
+/// The twist whose exp is X and that turns about like `near` [rad], by more than pi where need be.
+lie::Vector6 twistNear(const lie::SE3& X, const Eigen::Vector3d& near);
+
+}  // namespace helix_arm::statics

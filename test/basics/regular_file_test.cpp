@@ -1,0 +1,104 @@
+#include "helix_arm/basics/regular_file.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::basics {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TemporaryFolder;
+
+constexpr std::size_t kMost = 1000;
+
+// What reading says; "read" where it gives the bytes.
+std::string faultOf(const std::string& path, std::size_t most = kMost) {
+  RegularFile file(path);
+  return file.readAll(most) ? "read" : file.fault();
+}
+
+void write(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary | std::ios::app) << bytes;
+}
+
+TEST(RegularFile, GivesItsBytesAsOftenAsAsked) {
+  const TemporaryFolder folder;
+  std::string bytes;
+  for (int i = 0; i < 300'000; ++i) bytes += static_cast<char>(i * 7 + i / 251);
+  write(folder / "a", bytes);
+  write(folder / "empty", "");
+  fs::create_symlink("a", folder / "link");
+  for (const char* name : {"a", "link"}) {
+    RegularFile file(folder / name);
+    ASSERT_TRUE(file.isOpen()) << file.fault();
+    EXPECT_EQ(file.size(), bytes.size());
+    EXPECT_EQ(file.readAll(bytes.size()), bytes);
+    EXPECT_EQ(file.readAll(bytes.size()), bytes);
+    char part[3];
+    ASSERT_EQ(file.readAt(299'998, part, 3), 2);
+    EXPECT_EQ(std::string(part, 2), bytes.substr(299'998));
+  }
+  RegularFile empty(folder / "empty");
+  EXPECT_EQ(empty.readAll(0), "");
+}
+
+TEST(RegularFile, TheLimitIsKeptFromBothSidesAndNamed) {
+  const TemporaryFolder folder;
+  write(folder / "a", std::string(kMost, 'x'));
+  write(folder / "b", std::string(kMost + 1, 'x'));
+  EXPECT_EQ(faultOf(folder / "a"), "read");
+  EXPECT_EQ(faultOf(folder / "b"), "is larger than 1000 bytes");
+  EXPECT_EQ(faultOf(folder / "b", 1), "is larger than 1 bytes");
+  EXPECT_EQ(largerThan(4U << 20U), "is larger than 4 MiB");
+  EXPECT_EQ(largerThan(16ULL << 30U), "is larger than 16 GiB");
+}
+
+// Regular files that do not know their size.
+TEST(RegularFile, AFileOfTheSystemIsReadToItsEndOrLimit) {
+  EXPECT_EQ(faultOf("/proc/self/status", 1U << 16U), "read");
+  EXPECT_EQ(faultOf("/proc/self/status", 10), "is larger than 10 bytes");
+}
+
+// Each of them would block who opens it, or have no end.
+TEST(RegularFile, WhatIsNoRegularFileIsRefusedWithoutWaiting) {
+  const TemporaryFolder folder;
+  const std::string fifo = folder / "fifo", socket = folder / "socket";
+  ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  socket.copy(address.sun_path, sizeof address.sun_path - 1);
+  const int listener = ::socket(AF_UNIX, SOCK_STREAM, 0);
+  ASSERT_EQ(::bind(listener, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  fs::create_symlink(fifo, folder / "link");
+  EXPECT_EQ(faultOf(fifo), "is a FIFO; expected a regular file");
+  EXPECT_EQ(faultOf(folder / "link"), "is a FIFO; expected a regular file");
+  EXPECT_EQ(faultOf(socket), "is a socket; expected a regular file");
+  for (const char* device : {"/dev/zero", "/dev/null", "/dev/full", "/dev/ptmx"}) {
+    EXPECT_EQ(faultOf(device), "is a device; expected a regular file");
+  }
+  EXPECT_EQ(faultOf(folder.path()), "cannot be read: Is a directory");
+  EXPECT_EQ(faultOf(folder / "nothing"), "cannot be read: No such file or directory");
+  EXPECT_EQ(faultOf(""), "cannot be read: No such file or directory");
+  ::close(listener);
+}
+
+TEST(RegularFile, KnowsThatSomebodyWroteToIt) {
+  const TemporaryFolder folder;
+  write(folder / "a", "one");
+  RegularFile file(folder / "a");
+  EXPECT_EQ(file.readAll(kMost), "one");
+  EXPECT_TRUE(file.isUnchanged());
+  write(folder / "a", "two");
+  EXPECT_FALSE(file.isUnchanged());
+}
+
+}  // namespace
+}  // namespace helix_arm::basics

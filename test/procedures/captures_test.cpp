@@ -1,0 +1,249 @@
+#include "helix_arm/procedures/captures.hpp"
+
+#include <fstream>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "scene_text.hpp"
+#include "support/temporary_file.hpp"
+#include "table_faults.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::replaced;
+
+// Six pressure actuators: three of 0 to 300 kPa, then bellows of 0 to 100, 10 to 90 and 0 to 100.
+const std::string kPressures =
+    "pressure_1_kpa,pressure_2_kpa,pressure_3_kpa,pressure_4_kpa,pressure_5_kpa,pressure_6_kpa";
+const std::string kPoseHeader = "capture," + kPressures + ",tag,x_m,y_m,z_m,qx,qy,qz,qw\n";
+const std::string kCornerHeader =
+    "capture," + kPressures + ",tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
+
+io::Scene sceneOf(const std::string& text, const std::vector<io::Override>& overrides = {}) {
+  return io::loadScene(test::TemporaryFile(text).path(), overrides);
+}
+
+LoadedCaptures load(const io::Scene& scene, const std::string& data) {
+  return loadCaptures(scene, io::loadDataSet(test::TemporaryFile(data).path()));
+}
+
+std::string faultsOf(const io::Scene& scene, const std::string& data) {
+  return test::tableFaults(
+      data, [&scene](const std::string& path) { loadCaptures(scene, io::loadDataSet(path)); });
+}
+
+TEST(Captures, CurvaturesAreNumberedByTheirRows) {
+  const auto loaded =
+      load(sceneOf(kPlanarScene), "pressure_2_kpa,curvature_rad\n0,0.01\n# between\n200,1.5\n");
+  ASSERT_EQ(loaded.captures.size(), 2u);
+  EXPECT_EQ(loaded.captures[1].number, 2);
+  EXPECT_EQ(loaded.captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 200e3)));
+  EXPECT_EQ(std::get<estimation::CurvatureReading>(loaded.captures[1].reading).curvature, 1.5);
+  EXPECT_TRUE(loaded.unknown_tags.empty());
+}
+
+TEST(Captures, PosesAreThoseOfTheLayoutSeenFromTheBase) {
+  const io::Scene scene = sceneOf(kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0, 0]}"}});
+  const auto loaded = load(scene, kPoseHeader +
+                                      "5,1,2,3,4,50,6,1,0.1,0.2,0.3,0,0,0,1\n"
+                                      "5,1,2,3,4,50,6,17,0,0,0,0,0,0,1\n"
+                                      "5,1,2,3,4,50,6,3,0,0,0,0,0,0,1\n"
+                                      "9,0,0,0,0,50,0,17,0,0,0,0,0,0,1\n");
+  ASSERT_EQ(loaded.captures.size(), 2u);
+  const auto& seen = std::get<std::vector<estimation::PoseObservation>>(loaded.captures[0].reading);
+  ASSERT_EQ(seen.size(), 2u);
+  EXPECT_EQ(seen[0].tag, scene.tags->find(1));
+  EXPECT_EQ(seen[0].X_BT.translation, Eigen::Vector3d(0.1 + 0.1, 0.2, 0.3));
+  EXPECT_EQ(seen[1].tag, scene.tags->find(3));
+  EXPECT_EQ(loaded.captures[0].pressure[4], 50e3);
+  EXPECT_TRUE(
+      std::get<std::vector<estimation::PoseObservation>>(loaded.captures[1].reading).empty());
+  EXPECT_EQ(loaded.unknown_tags, (std::map<int, int>{{17, 2}}));
+}
+
+TEST(Captures, CornersAreUndistorted) {
+  const io::Scene scene = sceneOf(kSpatialScene);
+  const auto loaded =
+      load(scene, kCornerHeader + "1,0,0,0,0,50,0,0,100,110,120,130,140,150,160,170\n");
+  const auto& seen =
+      std::get<std::vector<estimation::CornerObservation>>(loaded.captures[0].reading);
+  ASSERT_EQ(seen.size(), 1u);
+  EXPECT_EQ(seen[0].tag, scene.tags->find(0));
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector2d pixel = scene.camera->model.pixelOf(seen[0].direction.col(i));
+    EXPECT_LT((pixel - Eigen::Vector2d(100 + 20 * i, 110 + 20 * i)).norm(), 1e-9);
+  }
+}
+
+TEST(Captures, KindsAreToldByTheirColumns) {
+  const auto kind = [](const std::string& columns) {
+    io::DataSet data;
+    data.path = "data.csv";
+    std::istringstream names(columns);
+    for (std::string name; std::getline(names, name, ',');) data.columns.push_back(name);
+    return kindOf(data);
+  };
+  EXPECT_EQ(kind("pressure_1_kpa,curvature_rad,paper_tip_error_percent"), DataKind::kCurvatures);
+  EXPECT_EQ(kind("capture,tag,x_m"), DataKind::kTagPoses);
+  EXPECT_EQ(kind("capture,tag,x1_px"), DataKind::kTagCorners);
+  EXPECT_EQ(kind("pressure_kpa,length_m"), DataKind::kLengths);
+  try {
+    kind("a_m,b_m");
+    FAIL();
+  } catch (const io::DocumentError& error) {
+    EXPECT_STREQ(error.what(),
+                 "data.csv has none of the columns that tell what it holds; expected "
+                 "curvature_rad of curvatures, x_m of tag poses, x1_px of tag corners, length_m of "
+                 "free lengths");
+  }
+  try {
+    kind("curvature_rad,x_m");
+    FAIL();
+  } catch (const io::DocumentError& error) {
+    EXPECT_STREQ(error.what(),
+                 "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected "
+                 "one of them");
+  }
+}
+
+TEST(Captures, ANumberThatIsNoneIsAFault) {
+  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n"),
+            ":3 curvature_rad is no finite number; expected one");
+}
+
+TEST(Captures, ACurvatureHasNoSign) {
+  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n"),
+            ":3 curvature_rad is negative; expected a finite value >= 0");
+}
+
+TEST(Captures, DataOfAnotherArmIsAFault) {
+  const io::Scene planar = sceneOf(kPlanarScene), spatial = sceneOf(kSpatialScene);
+  EXPECT_EQ(
+      faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
+      " pressure_3_kpa is of no actuator; expected pressures in pressure_1_kpa to pressure_2_kpa");
+  EXPECT_EQ(faultsOf(spatial, kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" +
+                                  "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n"),
+            " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?");
+  EXPECT_EQ(faultsOf(spatial, kCornerHeader + "1,0,0,0,0,50,0,20,1,1,2,2,3,3,4,4\n"),
+            " holds no tag of scene rig but only 20; expected 3, 1, 0: is it of another arm?");
+  EXPECT_EQ(faultsOf(spatial, "pressure_5_kpa,curvature_rad\n50,0.1\n"),
+            " holds curvatures, which are those of one section, but scene rig has 2");
+}
+
+TEST(Captures, PressuresOutsideTheLimitsAreNamedWithTheirLines) {
+  EXPECT_EQ(faultsOf(sceneOf(kPlanarScene),
+                     "pressure_1_kpa,pressure_2_kpa,curvature_rad\n0,401,0.1\n-1,0,0.1\n0,0,0\n"),
+            ":2 pressure_2_kpa is not within the limits of muscle_2, 0 kPa to 400 kPa\n"
+            ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to 400 kPa");
+  EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + "1,0,0,0,0,0,0,1,0,0,0,0,0,0,1\n"),
+            ":2 pressure_5_kpa is not within the limits of muscle_5, 10 kPa to 90 kPa");
+}
+
+TEST(Captures, ATagTwiceInACaptureIsAFault) {
+  const std::string row = "1,0,0,0,0,50,0,1,0,0,0,0,0,0,1\n";
+  EXPECT_EQ(faultsOf(sceneOf(kSpatialScene), kPoseHeader + row + row),
+            ":3 measures the tag of line 2 again in the same capture; expected it once");
+}
+
+TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
+  const std::string corners =
+      "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"
+      "x4_px,y4_px\n1,0,4,1,1,2,2,3,3,4,4\n";
+  const std::string poses =
+      "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,4,0,0,0,0,0,0,1\n";
+  const io::Scene bare = sceneOf(kPlanarScene);
+  EXPECT_EQ(faultsOf(bare, poses),
+            " holds tags, but scene flat has none; expected a scene with a section tags");
+  EXPECT_EQ(faultsOf(bare, corners),
+            " holds corners in pictures, but scene flat has no camera; expected a scene with a "
+            "section camera");
+  EXPECT_EQ(faultsOf(bare, "pressure_kpa,length_m\n0,0.4\n"),
+            " holds free lengths of a muscle; expected measurements of an arm");
+  const io::Scene pulled =
+      sceneOf(replaced(kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
+                       "tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}"));
+  EXPECT_EQ(faultsOf(pulled, "pressure_1_kpa,curvature_rad\n0,0.1\n"),
+            " gives pressures, but actuator muscle_1 of the scene is a tendon; expected an arm of "
+            "pressure actuators");
+}
+
+TEST(Captures, ACornerWhoseDistortionCannotBeUndoneIsAFault) {
+  const io::Scene scene = sceneOf(kSpatialScene, {{"camera.distortion", "[-0.4, 0, 0, 0]"}});
+  ASSERT_FALSE(scene.camera->model.directionOf({3000, 240}));
+  EXPECT_EQ(
+      faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
+      ":2 x2_px, y2_px are not in the picture; expected a place where the camera's distortion "
+      "can be undone");
+}
+
+TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
+  const io::Scene scene = sceneOf(kSpatialScene);
+  io::TagCornerCapture capture{1, Eigen::VectorXd::Constant(6, 50e3), {{1, {}}}};
+  capture.tags[0].corners << 100, 120, 120, 100, 130, 130, 110, 110;
+  EXPECT_EQ(makeCaptures(scene, {capture}, "record").captures.size(), 1u);
+  const auto refusal = [&scene](const io::TagCornerCapture& seen) {
+    try {
+      makeCaptures(scene, {seen}, "record");
+    } catch (const io::DocumentError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  io::TagCornerCapture high = capture, few = capture;
+  high.pressure[3] = 101e3;
+  few.pressure.conservativeResize(5);
+  EXPECT_EQ(refusal(high),
+            "record pressure_4_kpa is not within the limits of left, 0 kPa to 100 kPa");
+  EXPECT_EQ(refusal(few), "record has 5 pressures in capture 1; expected 6");
+}
+
+TEST(Captures, FreeLengthsAreInPascals) {
+  const auto load = [](const std::string& text) {
+    return loadLengths(io::loadDataSet(test::TemporaryFile(text).path()));
+  };
+  const auto samples = load("pressure_kpa,length_m\n10.5,0.4\n0,0.41\n");
+  ASSERT_EQ(samples.size(), 2u);
+  EXPECT_EQ(samples[0].pressure, 10500);
+  EXPECT_EQ(samples[0].length, 0.4);
+  EXPECT_EQ(samples[1].length, 0.41);
+  EXPECT_THROW(load("pressure_1_kpa,length_m\n0,1\n"), io::DocumentError);
+  EXPECT_THROW(load("pressure_1_kpa,curvature_rad\n0,1\n"), io::DocumentError);
+}
+
+TEST(Captures, AnArmIsDescribedAsItsSceneIs) {
+  const io::Scene scene = sceneOf(kSpatialScene);
+  const estimation::ArmCaptures arm = makeArmCaptures(scene, {});
+  EXPECT_EQ(arm.name, "rig");
+  EXPECT_FALSE(arm.planar);
+  EXPECT_EQ(arm.focal, 605);
+  EXPECT_EQ(arm.layout.tags.size(), 3u);
+  EXPECT_EQ(arm.X_CB.translation, scene.X_CB().translation);
+  const estimation::ArmCaptures flat = makeArmCaptures(sceneOf(kPlanarScene), {});
+  EXPECT_TRUE(flat.planar);
+  EXPECT_TRUE(flat.layout.tags.empty());
+}
+
+TEST(Captures, RealMeasurementsAreThoseOfTheirArms) {
+  const std::string shared = std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/";
+  if (!std::ifstream(shared + "helical_50_tag_poses.csv")) GTEST_SKIP() << shared << " is absent";
+  const auto scene = [](const std::string& name) {
+    return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + name + ".yaml");
+  };
+  const auto file = [&shared](const std::string& name) { return io::loadDataSet(shared + name); };
+  const auto poses = loadCaptures(scene("helical_50"), file("helical_50_tag_poses.csv"));
+  EXPECT_EQ(poses.captures.size(), 21u);
+  EXPECT_TRUE(poses.unknown_tags.empty());
+  EXPECT_EQ(loadCaptures(scene("planar_76"), file("planar_76_curvature.csv")).captures.size(), 12u);
+  EXPECT_EQ(loadCaptures(scene("spatial_50"), file("spatial_50_curvature.csv")).captures.size(),
+            12u);
+  EXPECT_EQ(kindOf(file("free_contraction_fig3.csv")), DataKind::kLengths);
+  EXPECT_THROW(loadCaptures(scene("planar_76"), file("helical_50_tag_poses.csv")), io::DocumentError);
+  EXPECT_THROW(loadCaptures(scene("demo"), file("free_contraction_fig3.csv")), io::DocumentError);
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures

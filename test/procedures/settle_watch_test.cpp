@@ -1,0 +1,319 @@
+#include "helix_arm/procedures/settle_watch.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <random>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+namespace helix_arm::procedures {
+namespace {
+
+const SettleRules kRules{3e3, 1.0, 1.0, 0.5};
+const Eigen::Vector2d kSetPoint(1e5, 2e5);
+
+std::vector<TagSighting> tagsAt(double x, int count = 8) {
+  std::vector<TagSighting> out;
+  for (int id = 0; id < count; ++id) {
+    out.push_back({id, Eigen::Matrix<double, 2, 4>::Constant(x)});
+  }
+  return out;
+}
+
+// An arm that is watched: pressures at 100 Hz, pictures at 10 Hz.
+class Watched {
+ public:
+  explicit Watched(const SettleRules& rules = kRules) : watch({"left", "right"}, rules) {}
+
+  // Lets time pass, from just after the last one.
+  template <class Pressure, class Tags>
+  void pass(double seconds, const Pressure& pressureAt, const Tags& tagsAtTime) {
+    const int ticks = static_cast<int>(std::lround(100 * seconds));
+    for (int k = 0; k < ticks; ++k) {
+      now = 0.01 * ++tick_;
+      if (commanded) watch.command(now, set_point);
+      watch.measured(now, pressureAt(now));
+      if (tick_ % 10 == 0) watch.seen(now, tagsAtTime(now));
+    }
+  }
+  void pass(double seconds) {
+    pass(
+        seconds, [this](double) { return set_point; }, [](double) { return tagsAt(5); });
+  }
+  Settling state() const { return watch.at(now); }
+
+  SettleWatch watch;
+  Eigen::Vector2d set_point = kSetPoint;
+  bool commanded = true;
+  double now = 0;
+
+ private:
+  int tick_ = 0;
+};
+
+TEST(SettleWatch, SettlesOnceAWindowHasPassedWithoutMotion) {
+  Watched arm;
+  EXPECT_TRUE(arm.state().stale());
+  arm.pass(0.9);
+  EXPECT_FALSE(arm.state().settled());
+  EXPECT_FALSE(arm.state().stale());
+  arm.pass(0.3);
+  const Settling state = arm.state();
+  ASSERT_TRUE(state.settled()) << state.reason;
+  EXPECT_TRUE(state.reason.empty());
+  EXPECT_EQ(*state.set_point, kSetPoint);
+  EXPECT_NEAR(state.last->time, 1.2, 1e-12);
+  EXPECT_LT((state.last->pressure - kSetPoint).norm(), 1e-6);
+  EXPECT_EQ(state.last->tags.size(), 8u);
+  EXPECT_GE(arm.watch.samples().size(), 10u);
+  EXPECT_LE(arm.watch.samples().size(), 12u);
+}
+
+// A clock that creeps a microsecond from one message to the next: a window holds a million of them.
+TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
+  constexpr double kCreep = 1e-6;
+  constexpr int kPictures = 20000, kReadings = 300000;
+  Watched arm;
+  for (int k = 0; k < kReadings; ++k) arm.watch.measured(1 + k * kCreep, kSetPoint);
+  for (int k = 0; k < kPictures; ++k) arm.watch.seen(1 + k * kCreep, tagsAt(5));
+  EXPECT_LE(arm.watch.samples().size(), 60u * 120 + 1000);
+  // The oldest readings are gone, and with them the window.
+  const std::string reason = arm.watch.at(1 + kReadings * kCreep).reason;
+  double measured = 1;
+  ASSERT_EQ(std::sscanf(reason.c_str(), "pressures were measured for %lf s", &measured), 1)
+      << reason;
+  EXPECT_LE(measured, 1000 * 120 * kCreep + 0.02);
+  // A clock that goes on is believed again.
+  for (int k = 1; k <= 300; ++k) {
+    arm.watch.command(2 + 0.01 * k, kSetPoint);
+    arm.watch.measured(2 + 0.01 * k, kSetPoint);
+    if (k % 10 == 0) arm.watch.seen(2 + 0.01 * k, tagsAt(5));
+  }
+  EXPECT_TRUE(arm.watch.at(5).settled()) << arm.watch.at(5).reason;
+}
+
+TEST(SettleWatch, ANewSetPointBeginsAnew) {
+  Watched arm;
+  arm.pass(2);
+  ASSERT_TRUE(arm.state().settled());
+  arm.set_point += Eigen::Vector2d(1, 0);
+  arm.pass(0.5);
+  EXPECT_EQ(arm.state().state, SettleState::kPressure);
+  EXPECT_NE(arm.state().reason.find("set point has held for"), std::string::npos);
+  arm.pass(0.7);
+  EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
+}
+
+TEST(SettleWatch, ThePressureMustBeWithinItsToleranceOfTheSetPoint) {
+  for (const double off : {2.9e3, 3.1e3}) {
+    Watched arm;
+    arm.pass(
+        2, [&](double) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(0, off); },
+        [](double) { return tagsAt(5); });
+    EXPECT_EQ(arm.state().settled(), off < 3e3);
+    if (off < 3e3) continue;
+    EXPECT_EQ(arm.state().state, SettleState::kPressure);
+    EXPECT_NE(arm.state().reason.find("right is 3.10 kPa"), std::string::npos)
+        << arm.state().reason;
+  }
+}
+
+TEST(SettleWatch, NoiseThatAveragesOutDoesNotUnsettle) {
+  std::mt19937 generator(7);
+  std::normal_distribution<double> noise(0, 5e3);  // of one reading, larger than the tolerance
+  Watched arm;
+  int settled = 0;
+  arm.pass(1.5);
+  for (int k = 0; k < 100; ++k) {
+    arm.pass(
+        0.1,
+        [&](double) -> Eigen::VectorXd {
+          return kSetPoint + Eigen::Vector2d(noise(generator), noise(generator));
+        },
+        [](double) { return tagsAt(5); });
+    settled += arm.state().settled();
+  }
+  EXPECT_GE(settled, 97);  // the means are within 0.7 kPa, 68 times of 100
+}
+
+TEST(SettleWatch, ALagIsWaitedForThoughTheMeanOverAllTheWindowWouldPass) {
+  Watched arm;
+  arm.pass(
+      1.2,
+      [](double t) -> Eigen::VectorXd {
+        return kSetPoint - Eigen::Vector2d(1e4 * std::exp(-t / 0.3), 0);
+      },
+      [](double) { return tagsAt(5); });
+  // Over all of it 3e3 (1 - exp(-1 / 0.3)) exp(-0.2 / 0.3) = 1.5e3; over its first half 2.5e3.
+  EXPECT_TRUE(arm.state().settled());
+  Watched slow;
+  slow.pass(
+      1.2,
+      [](double t) -> Eigen::VectorXd {
+        return kSetPoint - Eigen::Vector2d(1.6e4 * std::exp(-t / 0.3), 0);
+      },
+      [](double) { return tagsAt(5); });
+  // 2.4e3 over all of it, but 4e3 over its first half.
+  EXPECT_EQ(slow.state().state, SettleState::kPressure);
+}
+
+TEST(SettleWatch, AShapeThatCreepsIsNotSettled) {
+  for (const double speed : {0.8, 1.3}) {  // [px/s]
+    Watched arm;
+    arm.pass(
+        3, [](double) { return kSetPoint; }, [&](double t) { return tagsAt(speed * t / M_SQRT2); });
+    EXPECT_EQ(arm.state().settled(), speed < 1);
+    if (speed > 1) {
+      EXPECT_EQ(arm.state().state, SettleState::kMoving);
+    }
+  }
+}
+
+TEST(SettleWatch, AQuarterOfTheTagsMayBeMisread) {
+  for (const int misread : {2, 3}) {
+    Watched arm;
+    arm.pass(
+        3, [](double) { return kSetPoint; },
+        [&](double t) {
+          auto tags = tagsAt(5);
+          for (int k = 0; k < misread; ++k) tags[k].corners.array() += 50 * t;
+          return tags;
+        });
+    EXPECT_EQ(arm.state().settled(), misread == 2);
+  }
+}
+
+TEST(SettleWatch, PicturesThatAreRarerThanTheWindowAreComparedWithTheOneBefore) {
+  SettleRules rules = kRules;
+  rules.max_age = 3;
+  for (const bool moves : {false, true}) {
+    SettleWatch watch({"left", "right"}, rules);
+    for (int k = 0; k <= 400; ++k) {
+      const double now = 0.01 * k;
+      watch.command(now, kSetPoint);
+      watch.measured(now, kSetPoint);
+      if (k % 200 == 0) watch.seen(now, tagsAt(moves ? k : 5));
+    }
+    EXPECT_EQ(watch.at(4.0).settled(), !moves);
+  }
+}
+
+TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
+  Watched arm;
+  arm.pass(2);
+  EXPECT_TRUE(arm.watch.at(arm.now + 0.49).settled());
+  EXPECT_TRUE(arm.watch.at(arm.now + 0.51).stale());
+  for (int k = 1; k <= 60; ++k) {  // pressures go on, pictures do not
+    arm.watch.command(arm.now + 0.01 * k, kSetPoint);
+    arm.watch.measured(arm.now + 0.01 * k, kSetPoint);
+  }
+  const Settling state = arm.watch.at(arm.now + 0.6);
+  EXPECT_TRUE(state.stale());
+  EXPECT_NE(state.reason.find("tag detections: none has come for 0.60 s"), std::string::npos)
+      << state.reason;
+  for (int k = 1; k <= 60; ++k) {  // and the other way round
+    arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
+    arm.watch.seen(arm.now + 0.6 + 0.01 * k, tagsAt(5));
+  }
+  EXPECT_NE(arm.watch.at(arm.now + 1.2).reason.find("measured pressures"), std::string::npos);
+}
+
+TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {
+  Watched arm;
+  arm.pass(2);
+  EXPECT_TRUE(arm.watch.at(arm.now - 0.49).settled());
+  const Settling state = arm.watch.at(arm.now - 3600);
+  EXPECT_TRUE(state.stale());
+  EXPECT_NE(state.reason.find("3600.00 s ahead of now"), std::string::npos) << state.reason;
+}
+
+TEST(SettleWatch, ASetPointThatWasSilentHasHeldOnlySince) {
+  Watched arm;
+  arm.pass(2);
+  arm.commanded = false;
+  arm.pass(0.7);  // whatever was commanded meanwhile
+  arm.commanded = true;
+  arm.pass(0.5);
+  EXPECT_EQ(arm.state().state, SettleState::kPressure) << arm.state().reason;
+  arm.pass(0.7);
+  EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
+}
+
+TEST(SettleWatch, AGapOrAJumpBackInTimeBeginsAnew) {
+  for (const double jump : {0.6, -1.0}) {
+    Watched arm;
+    arm.pass(2);
+    ASSERT_TRUE(arm.state().settled());
+    const double start = arm.now + jump;
+    Settling state;
+    for (int k = 0; k <= 150; ++k) {
+      const double now = start + 0.01 * k;
+      arm.watch.command(now, kSetPoint);
+      arm.watch.measured(now, kSetPoint);
+      if (k % 10 == 0) arm.watch.seen(now, tagsAt(5));
+      state = arm.watch.at(now);
+      if (k < 100) {
+        EXPECT_FALSE(state.settled()) << jump << " " << k;
+      }
+    }
+    EXPECT_TRUE(state.settled()) << state.reason;
+  }
+}
+
+TEST(SettleWatch, WithoutTagsThereIsNothingToRecord) {
+  Watched arm;
+  arm.pass(
+      2, [](double) { return kSetPoint; }, [](double) { return tagsAt(5, 0); });
+  EXPECT_EQ(arm.state().state, SettleState::kNoTags);
+}
+
+TEST(SettleWatch, OtherTagsThanBeforeAreNoShapeThatStandsStill) {
+  Watched arm;
+  arm.pass(
+      2, [](double) { return kSetPoint; },
+      [](double t) {
+        auto tags = tagsAt(5, 1);
+        tags[0].id = t > 1.95 ? 3 : 4;
+        return tags;
+      });
+  EXPECT_EQ(arm.state().state, SettleState::kMoving);
+}
+
+TEST(SettleWatch, WithoutSetPointsPressuresMustStayNearTheirMean) {
+  Watched arm;
+  arm.commanded = false;
+  arm.pass(2);
+  EXPECT_TRUE(arm.state().settled()) << arm.state().reason;
+  EXPECT_FALSE(arm.state().set_point);
+  arm.pass(
+      2, [](double t) -> Eigen::VectorXd { return kSetPoint + Eigen::Vector2d(2e4 * t, 0); },
+      [](double) { return tagsAt(5); });
+  EXPECT_EQ(arm.state().state, SettleState::kPressure);
+}
+
+TEST(SettleWatch, APressureThatIsNoNumberIsNotSettled) {
+  Watched arm;
+  arm.pass(
+      2, [](double) -> Eigen::VectorXd { return Eigen::Vector2d(std::nan(""), 2e5); },
+      [](double) { return tagsAt(5); });
+  EXPECT_EQ(arm.state().state, SettleState::kPressure);
+}
+
+TEST(SettleWatch, UnusableArgumentsAreRefused) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_THROW(SettleWatch({}, kRules), std::invalid_argument);
+  for (const double bad : {0.0, -1.0, infinity, std::nan("")}) {
+    EXPECT_THROW(SettleWatch({"a"}, {bad, 1, 1, 1}), std::invalid_argument);
+    EXPECT_THROW(SettleWatch({"a"}, {1, bad, 1, 1}), std::invalid_argument);
+    EXPECT_THROW(SettleWatch({"a"}, {1, 1, bad, 1}), std::invalid_argument);
+    EXPECT_THROW(SettleWatch({"a"}, {1, 1, 1, bad}), std::invalid_argument);
+  }
+  SettleWatch watch({"a"}, kRules);
+  EXPECT_THROW(watch.command(0, kSetPoint), std::invalid_argument);
+  EXPECT_THROW(watch.measured(0, kSetPoint), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures

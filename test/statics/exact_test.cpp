@@ -1,0 +1,556 @@
+#include "helix_arm/statics/exact.hpp"
+
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+using Eigen::Vector3d;
+
+Load weightlessLoad(const model::Arm& arm, double K_eps = 500.0) {
+  Load load;
+  load.mass.assign(arm.sectionCount(), 0.0);
+  load.K_eps.assign(arm.sectionCount(), K_eps);
+  return load;
+}
+
+PointLoad tipForce(const model::Arm& arm, const Vector3d& force) {
+  PointLoad point;
+  point.section = arm.sectionCount() - 1;
+  point.force = force;
+  return point;
+}
+
+PointLoad tipMoment(const model::Arm& arm, const Vector3d& moment) {
+  PointLoad point;
+  point.section = arm.sectionCount() - 1;
+  point.moment = moment;
+  return point;
+}
+
+lie::SE3 productOfExponentials(const Twists& twists) {
+  lie::SE3 X;
+  for (int k = 0; k < twists.cols(); ++k) X = X * lie::SE3::exp(twists.col(k));
+  return X;
+}
+
+double distance(const lie::SE3& a, const lie::SE3& b) {
+  return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
+}
+
+Twists unpressurised(const model::Arm& arm) { return arm.twists(arm.inputAt(0)); }
+
+// The straight ring's stiffness, summed over its muscles by hand: extension and shear as force, the
+// others as force times square length, for K_eps = 1.
+struct RodStiffness {
+  double extension, shear, torsion, bending;
+};
+RodStiffness stiffnessOf(const test::Ring& ring) {
+  const double r2 = ring.radius * ring.radius;
+  return {1.0 * ring.count, ring.count * ring.stiffness.gamma,
+          ring.count * (ring.stiffness.tau + ring.stiffness.gamma * r2),
+          ring.count * (ring.stiffness.kappa + 0.5 * r2)};
+}
+
+TEST(ExactArm, WithoutLoadItIsTheProductOfExponentials) {
+  test::Random random(501);
+  for (const test::Ring& ring : {test::straightRing(), test::helicalRing()}) {
+    for (const int sections : {1, 3, 8}) {
+      const model::Arm arm = test::ringArm(ring, sections);
+      Load none = weightlessLoad(arm);
+      none.mass.assign(sections, 0.3);  // and no gravity
+      Load least = weightlessLoad(arm);
+      least.points.push_back(tipForce(arm, 1e-200 * random.direction<3>()));
+      ASSERT_TRUE(none.empty());
+      ASSERT_FALSE(least.empty());  // so that the integration runs
+      ExactOptions options;
+      options.tolerance = 1e-13;
+      for (int i = 0; i < 5; ++i) {
+        const Twists twists = arm.twists(test::randomInput(arm, random));
+        for (const Load& load : {none, least}) {
+          const Solution solution = ExactArm(arm, load, options).solve(twists);
+          EXPECT_TRUE(solution.converged());
+          EXPECT_LT(distance(solution.tip, productOfExponentials(twists)), 1e-12);
+          EXPECT_LT((solution.shape.twists() - twists).norm(), 1e-11);
+          EXPECT_LT(distance(model::tipPose(solution.shape), solution.tip), 1e-12);
+        }
+      }
+    }
+  }
+}
+
+TEST(ExactArm, ForceAlongAStraightArmStretchesItLinearly) {
+  const test::Ring ring = test::straightRing();
+  const model::Arm arm = test::ringArm(ring);
+  const double l = arm.freeLength(0), K_eps = 700.0, EA = K_eps * stiffnessOf(ring).extension;
+  Load load = weightlessLoad(arm, K_eps);
+  load.gravity = {9.81, 0, 0};
+  load.mass = {0.4};
+  load.points.push_back(tipForce(arm, {30, 0, 0}));
+  const Solution solution = ExactArm(arm, load).solve(unpressurised(arm));
+  ASSERT_TRUE(solution.converged());
+  EXPECT_NEAR(solution.tip.translation.x(), l * (1 + 30 / EA + 0.5 * 0.4 * 9.81 / EA), 1e-12);
+  EXPECT_LT(solution.tip.translation.tail<2>().norm(), 1e-12);
+}
+
+TEST(ExactArm, MomentAboutAStraightArmTwistsItLinearly) {
+  const test::Ring ring = test::straightRing();
+  const model::Arm arm = test::ringArm(ring);
+  const double K_eps = 700.0;
+  Load load = weightlessLoad(arm, K_eps);
+  load.points.push_back(tipMoment(arm, {9, 0, 0}));
+  const Solution solution = ExactArm(arm, load).solve(unpressurised(arm));
+  const double angle = arm.freeLength(0) * 9 / (K_eps * stiffnessOf(ring).torsion);
+  ASSERT_TRUE(solution.converged());
+  EXPECT_GT(angle, 0.2);
+  EXPECT_LT(distance(solution.tip, {Eigen::AngleAxisd(angle, Vector3d::UnitX()).matrix(),
+                                    Vector3d(arm.freeLength(0), 0, 0)}),
+            1e-11);
+}
+
+TEST(ExactArm, MomentAcrossAStraightArmBendsItIntoAnArc) {
+  // The moment stays across the plane of the bending, so the curvature is constant: up to more than
+  // a full turn.
+  const test::Ring ring = test::straightRing();
+  const model::Arm arm = test::ringArm(ring);
+  const double l = arm.freeLength(0), EI = 700.0 * stiffnessOf(ring).bending;
+  for (const double angle : {1.0, 3.0, 2 * test::kPi, 9.0}) {
+    for (const int pieces : {1, 8}) {
+      Load load = weightlessLoad(arm, 700.0);
+      load.points.push_back(tipMoment(arm, {0, 0, angle * EI / l}));
+      ExactOptions options;
+      options.pieces_per_section = pieces;
+      const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
+      ASSERT_TRUE(solution.converged()) << angle;
+      const Vector3d arc(std::sin(angle), 1 - std::cos(angle), 0);
+      EXPECT_LT((solution.tip.translation - l / angle * arc).norm(), 1e-11) << angle;
+      // At a full turn one piece is a closed circle: its pose tells nothing of its length.
+      if (pieces == 1 && angle == 2 * test::kPi) continue;
+      EXPECT_NEAR(solution.shape.twists()(5, 0), angle, 1e-10);
+      EXPECT_NEAR(solution.shape.twists()(0, 0), l, 1e-10);
+    }
+  }
+}
+
+// Deflection of a straight, horizontal arm over that of a beam (Timoshenko, first order), less one.
+double beamExcess(double tip_force, double weight) {
+  const test::Ring ring = test::straightRing();
+  const model::Arm arm = test::ringArm(ring);
+  const double l = arm.freeLength(0), K_eps = 700.0;
+  const double EI = K_eps * stiffnessOf(ring).bending, GA = K_eps * stiffnessOf(ring).shear;
+  Load load = weightlessLoad(arm, K_eps);
+  load.gravity = {0, 0, -10};
+  load.mass = {weight / 10};
+  load.points.push_back(tipForce(arm, {0, 0, -tip_force}));
+  ExactOptions options;
+  options.tolerance = 1e-13;
+  const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
+  EXPECT_TRUE(solution.converged());
+  const double beam =
+      tip_force * (l * l * l / (3 * EI) + l / GA) + weight * (l * l * l / (8 * EI) + l / (2 * GA));
+  return -solution.tip.translation.z() / beam - 1;
+}
+
+TEST(ExactArm, SmallDeflectionsAreThoseOfABeamToTheSquareOfTheLoad) {
+  for (const auto& [force, weight] : {std::pair{0.2, 0.0}, std::pair{0.0, 0.5}}) {
+    const double whole = beamExcess(force, weight), half = beamExcess(force / 2, weight / 2);
+    EXPECT_GT(std::abs(whole), 1e-5);
+    EXPECT_NEAR(whole / half, 4.0, 0.02);
+    EXPECT_LT(std::abs(beamExcess(force / 100, weight / 100)), 1e-6);
+  }
+}
+
+// The elastica: an inextensible cantilever along x with a dead force F at its tip, at an angle
+// beta to x. Its tip turns by theta_L < beta; with theta = theta_L - u^2 the integrals of
+// EI/2 theta'^2 = F (cos(beta - theta_L) - cos(beta - theta)) are smooth.
+struct Elastica {
+  double force;  // F l^2 / EI
+  double x, y;   // of the tip, by l
+};
+Elastica elastica(double beta, double theta_L) {
+  const int count = 4000;  // Simpson
+  double arc = 0, x = 0, y = 0;
+  for (int i = 0; i <= count; ++i) {
+    const double u = std::sqrt(theta_L) * i / count, a = beta - theta_L;
+    const double ratio = u > 0 ? u * u / std::sin(u * u / 2) : 2.0;
+    const double f = 2 * std::sqrt(0.5 * ratio / std::sin(a + u * u / 2));
+    const double weight = (i == 0 || i == count ? 1
+                           : i % 2              ? 4
+                                                : 2) *
+                          std::sqrt(theta_L) / count / 3;
+    arc += weight * f;
+    x += weight * f * std::cos(theta_L - u * u);
+    y += weight * f * std::sin(theta_L - u * u);
+  }
+  return {0.5 * arc * arc, x / arc, y / arc};
+}
+
+TEST(ExactArm, LargeDeflectionsAreThoseOfTheElastica) {
+  // Thin muscles on a thin ring: bending is softer than stretch and shear by 1e11.
+  const test::Ring ring{3, 1e-6, 0.0, {10.0, 1e-12, 1e-12}};
+  const model::Arm arm = test::ringArm(ring);
+  const double l = arm.freeLength(0), K_eps = 1e12, EI = K_eps * stiffnessOf(ring).bending;
+  for (const double beta : {test::kPi / 2, 3.0, 3.12, test::kPi - 1e-5}) {
+    for (const double theta_L : {0.3, 1.0, 1.5, 2.5}) {
+      if (theta_L >= beta) continue;
+      const Elastica expected = elastica(beta, theta_L);
+      const Eigen::AngleAxisd plane(0.7, Vector3d::UnitX());
+      Load load = weightlessLoad(arm, K_eps);
+      load.points.push_back(tipForce(
+          arm,
+          expected.force * EI / (l * l) * (plane * Vector3d(std::cos(beta), std::sin(beta), 0))));
+      ExactOptions options;
+      options.max_iterations = 500;  // the sharpest turn from straight to bent needs many steps
+      const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
+      ASSERT_TRUE(solution.converged())
+          << beta << " " << theta_L << " after " << solution.iterations;
+      EXPECT_LT(
+          (solution.tip.translation - l * (plane * Vector3d(expected.x, expected.y, 0))).norm(),
+          1e-9 * l)
+          << beta << " " << theta_L;
+    }
+  }
+  // Euler's load, or the last ones above were not past buckling.
+  EXPECT_GT(elastica(3.12, 1.5).force, test::kPi * test::kPi / 4);
+}
+
+// How far the strain of the curve that an arm gives, by differences of its poses, is from the one
+// that the wrench calls for, by quadrature over those poses: the largest, [m] and [rad].
+struct Imbalance {
+  double strain = 0.0;
+  double load = 0.0;  // largest strain of the load
+};
+Imbalance imbalance(const model::Arm& arm, const Load& load, const Twists& unloaded) {
+  const int pieces = kMaxPieces / arm.sectionCount(), count = pieces * arm.sectionCount();
+  const double h = 1.0 / pieces;
+  ExactOptions options;
+  options.pieces_per_section = pieces;
+  const Solution solution = ExactArm(arm, load, options).solve(unloaded);
+  EXPECT_TRUE(solution.converged());
+  std::vector<lie::SE3> X(1);
+  for (int i = 0; i < count; ++i) X.push_back(X[i] * lie::SE3::exp(solution.shape.pieces().col(i)));
+  EXPECT_LT(distance(X.back(), solution.tip), 1e-12);
+
+  Imbalance worst;
+  lie::Vector6 W = lie::Vector6::Zero();
+  for (int i = count; i > 0; i -= 2) {
+    bool kink = i % pieces == 0;
+    for (const PointLoad& point : load.points) {
+      const double at = (point.section + point.s) * pieces;
+      EXPECT_EQ(at, 2 * std::round(at / 2));  // on a node of the quadrature
+      kink = kink || std::abs(at - i) < 2;
+      if (at != i) continue;
+      const Vector3d force = load.forceOf(point);
+      W.head<3>() += force;
+      W.tail<3>() += (X[i] * point.offset).cross(force) + point.moment;
+    }
+    const int k = (i - 1) / pieces;
+    if (!kink) {
+      const auto difference = [&](int j) {
+        return lie::Vector6((X[i - j].inverse() * X[i + j]).log() / (2 * j * h));
+      };
+      const lie::Vector6 g = (4 * difference(1) - difference(2)) / 3;
+      const lie::Matrix6 C = arm.freeLength(k) / load.K_eps[k] * arm.equilibrium(k).compliance;
+      const lie::Vector6 strain = C * (X[i].adjoint().transpose() * W);
+      worst.load = std::max(worst.load, strain.norm());
+      worst.strain = std::max(worst.strain, (g - unloaded.col(k) - strain).norm());
+    }
+    const Vector3d f = load.mass[k] * load.gravity * h / 3;
+    W.head<3>() += 6 * f;
+    W.tail<3>() += (X[i].translation + 4 * X[i - 1].translation + X[i - 2].translation).cross(f);
+  }
+  return worst;
+}
+
+PointLoad samplePoint(int section, double s, test::Random& random) {
+  PointLoad point;
+  point.section = section;
+  point.s = s;
+  point.mass = random.uniform(0, 0.1);
+  point.force = random.uniform(1, 2) * random.direction<3>();
+  point.moment = random.uniform(0, 0.1) * random.direction<3>();
+  point.offset = random.uniform(0, 0.1) * random.direction<3>();
+  return point;
+}
+
+TEST(ExactArm, StrainFollowsFromTheWrenchOfAllThatIsBeyond) {
+  test::Random random(502);
+  for (const int sections : {1, 2, 4}) {
+    for (const test::Ring& ring : {test::straightRing(), test::helicalRing()}) {
+      const model::Arm arm = test::ringArm(ring, sections);
+      for (int i = 0; i < 4; ++i) {
+        Load load = weightlessLoad(arm, 1000.0);
+        load.gravity = 9.81 * random.direction<3>();
+        for (double& mass : load.mass) mass = random.uniform(0.1, 0.3);
+        load.points = {samplePoint(sections - 1, 1.0, random), samplePoint(0, 0.5, random),
+                       samplePoint(0, 0.5, random), samplePoint(sections - 1, 0.0, random)};
+        const Imbalance found = imbalance(arm, load, arm.twists(test::randomInput(arm, random)));
+        EXPECT_GT(found.load, 0.04);
+        // The differences' own error is of order h^4.
+        EXPECT_LT(found.strain, 2e-6 * std::pow(sections, 4)) << sections;
+      }
+    }
+  }
+}
+
+TEST(ExactArm, LongSoftArmsBalanceWhereErrorsGrow) {
+  // Sideways from the base: one shot's errors would grow by more than 1e6 to the tip.
+  const test::Ring ring{3, 0.004, 0.0, {10.0, 1e-4, 1e-6}};
+  const model::Arm arm = test::ringArm(ring, 4);
+  const double l = arm.freeLength(0), K_eps = 500.0;
+  Load load = weightlessLoad(arm, K_eps);
+  load.gravity = {0, 0, -9.81};
+  load.mass.assign(4, 0.05);
+  load.points.push_back(tipForce(arm, {0, 0, -2}));
+  const double growth = 4 * l * std::sqrt(2 / (K_eps * stiffnessOf(ring).bending));
+  EXPECT_GT(growth, std::log(1e6));
+  const Imbalance found = imbalance(arm, load, unpressurised(arm));
+  EXPECT_GT(found.load, 1.0);
+  EXPECT_LT(found.strain, 1e-2 * found.load);
+}
+
+TEST(ExactArm, ErrorStaysBelowTheTolerance) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  test::Random random(503);
+  Load load = weightlessLoad(arm);
+  load.gravity = {0, 0, -9.81};
+  load.mass.assign(2, 0.2);
+  const double size = arm.freeLength(0) + arm.freeLength(1);
+  for (int i = 0; i < 10; ++i) {
+    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const auto tipAt = [&](double tolerance) {
+      ExactOptions options;
+      options.tolerance = tolerance;
+      const Solution solution = ExactArm(arm, load, options).solve(twists);
+      EXPECT_TRUE(solution.converged());
+      EXPECT_LE(solution.residual, tolerance);
+      return solution.tip.translation;
+    };
+    const Vector3d best = tipAt(1e-13);
+    for (const double tolerance : {1e-3, 1e-5, 1e-7, 1e-9, 1e-11}) {
+      const Vector3d tip = tipAt(tolerance);
+      EXPECT_LT((tip - best).norm(), tolerance * size) << tolerance;
+      EXPECT_LT((tip - tipAt(tolerance / 2)).norm(), tolerance * size) << tolerance;
+    }
+  }
+}
+
+TEST(ExactArm, TurningArmAndLoadTogetherTurnsTheAnswer) {
+  // A third of a turn about x moves each muscle of a ring of three to the next one's place.
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(2 * test::kPi / 3, Vector3d::UnitX()).matrix();
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  test::Random random(504);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::Vector3d q = test::randomInput(arm, random);
+    Load load = weightlessLoad(arm);
+    load.gravity = 9.81 * random.direction<3>();
+    load.mass = {0.3};
+    load.points = {samplePoint(0, 0.4, random)};
+    Load turned = load;
+    turned.gravity = R * load.gravity;
+    for (Vector3d PointLoad::*part : {&PointLoad::force, &PointLoad::moment, &PointLoad::offset}) {
+      turned.points[0].*part = R * load.points[0].*part;
+    }
+    const Solution a = ExactArm(arm, load).solve(arm.twists(q));
+    const Solution b = ExactArm(arm, turned).solve(arm.twists(Eigen::Vector3d(q[2], q[0], q[1])));
+    ASSERT_TRUE(a.converged() && b.converged());
+    EXPECT_LT(distance({R * a.tip.rotation * R.transpose(), R * a.tip.translation}, b.tip), 1e-10);
+  }
+}
+
+TEST(ExactArm, LoadsOfOnePlaceAddUp) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  test::Random random(505);
+  Load load = weightlessLoad(arm);
+  load.gravity = {1, -2, -9};
+  load.mass = {0.2};
+  PointLoad mass = samplePoint(0, 0.7, random);
+  mass.force.setZero();
+  mass.moment.setZero();
+  mass.mass = 0.25;
+  PointLoad force = mass;
+  force.mass = 0;
+  force.force = 0.25 * load.gravity;
+  PointLoad half = mass;
+  half.mass = 0.125;
+  const Twists twists = arm.twists(test::randomInput(arm, random));
+  const auto tipUnder = [&](std::vector<PointLoad> points) {
+    Load all = load;
+    all.points = std::move(points);
+    const Solution solution = ExactArm(arm, all).solve(twists);
+    EXPECT_TRUE(solution.converged());
+    return solution.tip;
+  };
+  const lie::SE3 expected = tipUnder({mass});
+  EXPECT_LT(distance(tipUnder({force}), expected), 1e-12);
+  EXPECT_LT(distance(tipUnder({half, half}), expected), 1e-12);
+  EXPECT_GT(distance(tipUnder({half}), expected), 1e-3);
+}
+
+TEST(ExactArm, ManyPointMassesAreAMassSpreadOut) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  Load spread = weightlessLoad(arm);
+  spread.gravity = {0, 0, -9.81};
+  spread.mass = {0.3};
+  const Twists twists = arm.twists(Eigen::Vector3d(2e5, 0, 1e5));
+  const lie::SE3 expected = ExactArm(arm, spread).solve(twists).tip;
+  const auto error = [&](int count) {
+    Load points = spread;
+    points.mass = {0};
+    for (int i = 0; i < count; ++i) {
+      points.points.emplace_back();
+      points.points.back().s = (i + 0.5) / count;
+      points.points.back().mass = 0.3 / count;
+    }
+    return distance(ExactArm(arm, points).solve(twists).tip, expected);
+  };
+  EXPECT_LT(error(40), 1e-4);
+  EXPECT_NEAR(error(20) / error(40), 4.0, 0.1);
+}
+
+TEST(ExactArm, ASectionCutInTwoIsTheSameArm) {
+  const test::Ring ring = test::helicalRing();
+  const model::Arm whole = test::ringArm(ring);
+  const model::Section half = test::ringSection(ring, test::fig3Muscle().scaledBy(0.5));
+  const model::Arm cut({half, half});
+  test::Random random(506);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::VectorXd q = test::randomInput(whole, random);
+    Eigen::VectorXd q_cut(6);
+    q_cut << q, q;
+    Load load = weightlessLoad(whole);
+    load.gravity = 9.81 * random.direction<3>();
+    load.mass = {0.3};
+    load.points = {samplePoint(0, 0.5, random), samplePoint(0, 0.9, random)};
+    Load load_cut = weightlessLoad(cut);
+    load_cut.gravity = load.gravity;
+    load_cut.mass = {0.15, 0.15};
+    load_cut.points = load.points;
+    load_cut.points[0].s = 1.0;
+    load_cut.points[1].section = 1;
+    load_cut.points[1].s = 0.8;
+    const Solution a = ExactArm(whole, load).solve(whole.twists(q));
+    const Solution b = ExactArm(cut, load_cut).solve(cut.twists(q_cut));
+    ASSERT_TRUE(a.converged() && b.converged());
+    EXPECT_LT(distance(a.tip, b.tip), 1e-10);
+    // The end of a section is the start of the next.
+    load_cut.points[0].section = 1;
+    load_cut.points[0].s = 0.0;
+    EXPECT_LT(distance(ExactArm(cut, load_cut).solve(cut.twists(q_cut)).tip, b.tip), 1e-13);
+  }
+}
+
+TEST(ExactArm, WhatPullsAtTheBaseDoesNotMoveTheArm) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  Load load = weightlessLoad(arm);
+  load.points.emplace_back();
+  load.points[0].s = 0;
+  load.points[0].force = {10, 20, 30};
+  load.points[0].moment = {1, 2, 3};
+  const Solution solution = ExactArm(arm, load).solve(unpressurised(arm));
+  EXPECT_TRUE(solution.converged());
+  EXPECT_LT(distance(solution.tip, productOfExponentials(unpressurised(arm))), 1e-11);
+}
+
+TEST(ExactArm, PiecesEndOnTheCurve) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  Load load = weightlessLoad(arm);
+  load.gravity = {0, 0, -9.81};
+  load.mass = {0.3, 0.2};
+  load.points.emplace_back();
+  load.points[0].s = 0.37;  // on no end of a piece
+  load.points[0].mass = 0.2;
+  const Twists twists = arm.twists(arm.inputAt(0.4));
+  ExactOptions coarse, fine;
+  coarse.pieces_per_section = 3;
+  fine.pieces_per_section = 12;
+  const Solution a = ExactArm(arm, load, coarse).solve(twists);
+  const Solution b = ExactArm(arm, load, fine).solve(twists);
+  ASSERT_EQ(a.shape.piecesPerSection(), 3);
+  for (int i = 0; i <= 6; ++i) {
+    EXPECT_LT(distance(poseAt(a.shape, i / 3.0), poseAt(b.shape, i / 3.0)), 1e-11);
+  }
+}
+
+TEST(ExactArm, LoadOnAMotionThatNothingResistsIsUnsupported) {
+  // One muscle along the axis without torsional stiffness: it bends, and spins freely.
+  const test::Ring ring{1, 0.0, 0.0, {10.0, 0.0, 1e-3}};
+  const model::Arm arm = test::ringArm(ring);
+  ASSERT_EQ(arm.equilibrium(0).rank, 5);
+  Load bent = weightlessLoad(arm);
+  bent.points.push_back(tipForce(arm, {0, 0.2, -0.1}));
+  EXPECT_EQ(ExactArm(arm, bent).solve(unpressurised(arm)).status, SolveStatus::kConverged);
+  Load spun = weightlessLoad(arm);
+  spun.points.push_back(tipMoment(arm, {0.01, 0, 0}));
+  EXPECT_EQ(ExactArm(arm, spun).solve(unpressurised(arm)).status, SolveStatus::kUnsupported);
+  Load aside = bent;  // beside the axis, the force turns it
+  aside.points[0].offset = {0, 0.1, 0.1};
+  EXPECT_EQ(ExactArm(arm, aside).solve(unpressurised(arm)).status, SolveStatus::kUnsupported);
+}
+
+TEST(ExactArm, GivesUpWithAResidualWhenIterationsEnd) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  Load load = weightlessLoad(arm);
+  load.points.push_back(tipForce(arm, {0, 0, -20}));
+  ExactOptions options;
+  options.max_iterations = 2;
+  const Solution solution = ExactArm(arm, load, options).solve(unpressurised(arm));
+  EXPECT_EQ(solution.status, SolveStatus::kNotConverged);
+  EXPECT_EQ(solution.iterations, 2);
+  EXPECT_GT(solution.residual, options.tolerance);
+  EXPECT_TRUE(solution.tip.translation.allFinite());
+  EXPECT_TRUE(ExactArm(arm, load).solve(unpressurised(arm)).converged());
+}
+
+TEST(ExactArm, HopelessLoadsNeverPassForBalanced) {
+  test::Random random(507);
+  int refused = 0;
+  for (int i = 0; i < 30; ++i) {
+    const model::Arm arm = test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
+    Load load = weightlessLoad(arm);
+    load.points.push_back(tipForce(arm, random.logUniform(1e2, 1e150) * random.direction<3>()));
+    const Solution solution = ExactArm(arm, load).solve(arm.twists(test::randomInput(arm, random)));
+    EXPECT_FALSE(std::isnan(solution.residual));
+    EXPECT_TRUE(solution.tip.translation.allFinite());
+    EXPECT_TRUE(solution.shape.pieces().allFinite());
+    EXPECT_EQ(solution.converged(), solution.residual <= ExactOptions{}.tolerance);
+    refused += !solution.converged();
+  }
+  EXPECT_GT(refused, 5);
+}
+
+TEST(ExactArm, RefusesWhatBreaksARule) {
+  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
+  const Load load = weightlessLoad(arm);
+  const auto with = [&](const ExactOptions& options) {
+    return test::refusal([&] { ExactArm(arm, load, options); });
+  };
+  EXPECT_EQ(with({}), "accepted");
+  EXPECT_EQ(with({0.0, 60, 8}), "exact tier: tolerance is 0; expected 1e-13 to 1e-2");
+  EXPECT_EQ(with({1e-9, 0, 8}), "exact tier: max_iterations is 0; expected at least 1");
+  EXPECT_EQ(with({1e-9, 60, 0}), "exact tier: pieces_per_section is 0; expected 1 to 128");
+  EXPECT_EQ(with({1e-9, 60, 65}),
+            "exact tier: the number of pieces of all sections is 130; expected at most 128; lower "
+            "pieces_per_section");
+  Load short_of_mass = load;
+  short_of_mass.mass.pop_back();
+  EXPECT_NE(test::refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
+  const ExactArm exact(arm, load);
+  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Zero(6, 1)); }),
+            "exact tier: the number of unloaded twists is 1; expected one for each section");
+  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Constant(6, 2, std::nan(""))); }),
+            "exact tier: a twist of the unloaded arm is not finite");
+}
+
+}  // namespace
+}  // namespace helix_arm::statics

@@ -1,0 +1,297 @@
+#include "helix_arm/statics/inverse.hpp"
+
+#include <cstdio>
+#include <limits>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/batch.hpp"
+#include "support/allocation_counter.hpp"
+#include "support/paper_arm.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& reference) {
+  double cost = 0;
+  for (int i = 0; i < q.size(); ++i) {
+    const model::Range& limits = arm.actuator(i).limits;
+    cost += std::pow((q[i] - reference[i]) / (limits.upper - limits.lower), 2);
+  }
+  return cost;
+}
+
+// Solutions of the target near the given one: random steps along the arm's spare motions, brought
+// back by a solver that keeps to its start.
+double leastCostNearby(const model::Arm& arm, const Eigen::Vector3d& target, const Eigen::VectorXd& q,
+                       const Eigen::VectorXd& reference, test::Random& random) {
+  InverseOptions options;
+  options.preference = Preference::kMinChange;
+  InverseSolver solver(arm, options);
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 60; ++i) {
+    Eigen::VectorXd start = q;
+    for (int k = 0; k < q.size(); ++k) {
+      const model::Range& limits = arm.actuator(k).limits;
+      start[k] +=
+          random.logUniform(1e-4, 0.02) * random.uniform(-1, 1) * (limits.upper - limits.lower);
+      start[k] = std::min(std::max(start[k], limits.lower), limits.upper);
+    }
+    const InverseResult& result = solver.toPosition(target, start);
+    if (result.status == InverseStatus::kReached)
+      least = std::min(least, preferenceCost(arm, result.input, reference));
+  }
+  return least;
+}
+
+TEST(Preference, ChoosesTheBestOfTheInputsThatReachTheTarget) {
+  const model::Arm arms[] = {test::ringArm(test::straightRing(4)), test::ringArm(test::helicalRing(5)),
+                      test::ringArm(test::straightRing(), 2)};
+  test::Random random(101);
+  int compared = 0;
+  for (const model::Arm& arm : arms) {
+    for (const Preference preference :
+         {Preference::kMinPressure, Preference::kMinChange, Preference::kCocontraction}) {
+      InverseOptions options;
+      options.preference = preference;
+      options.cocontraction = 0.4;
+      InverseSolver solver(arm, options);
+      for (int i = 0; i < 15; ++i) {
+        const Eigen::Vector3d target = arm.tip(test::randomInput(arm, random)).translation;
+        const Eigen::VectorXd start = test::randomInput(arm, random);
+        const InverseResult& result = solver.toPosition(target, start);
+        ASSERT_EQ(result.status, InverseStatus::kReached);
+        Eigen::VectorXd reference = Eigen::VectorXd::Zero(arm.actuatorCount());
+        if (preference == Preference::kMinChange) reference = start;
+        if (preference == Preference::kCocontraction)
+          reference.setConstant(0.4 * test::kMaxPressure);
+        const double cost = preferenceCost(arm, result.input, reference);
+        EXPECT_LE(cost, leastCostNearby(arm, target, result.input, reference, random) * (1 + 1e-3) +
+                            1e-6);
+        ++compared;
+      }
+    }
+  }
+  EXPECT_EQ(compared, 135);
+}
+
+TEST(Preference, FindsTheBestAlongTheOneSpareMotionOfFourMuscles) {
+  // Lengths (+, -, +, -) move nothing of four straight muscles: a line search along it is the
+  // reference.
+  const model::Arm arm = test::ringArm(test::straightRing(4));
+  const model::Contraction muscle = test::fig3Muscle();
+  const Eigen::Vector4d q(3e5, 1.2e5, 1e5, 1.5e5), spare(1, -1, 1, -1);
+  const Eigen::VectorXd l = arm.lengths(q);
+  for (const Preference preference : {Preference::kMinPressure, Preference::kCocontraction}) {
+    const Eigen::VectorXd reference = arm.inputAt(preference == Preference::kMinPressure ? 0 : 0.6);
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = -20000; k <= 20000; ++k) {
+      const Eigen::VectorXd moved = l + 5e-6 * k * spare;
+      if ((moved.array() < muscle.lengthRange().lower).any() ||
+          (moved.array() > muscle.lengthRange().upper).any()) {
+        continue;
+      }
+      Eigen::VectorXd input(4);
+      for (int i = 0; i < 4; ++i) input[i] = muscle.inverse(moved[i]);
+      least = std::min(least, preferenceCost(arm, input, reference));
+    }
+    ASSERT_LT(least, 0.99 * preferenceCost(arm, q, reference)) << "q is already the best";
+    InverseOptions options;
+    options.preference = preference;
+    options.cocontraction = 0.6;
+    InverseSolver solver(arm, options);
+    const InverseResult position = solver.toPosition(arm.tip(q).translation, q);
+    const InverseResult pose = solver.toPose(arm.tip(q), q);
+    const InverseResult twists = solver.toTwists(arm.twists(q), q);
+    for (const InverseResult& result : {position, pose, twists}) {
+      EXPECT_EQ(result.status, InverseStatus::kReached);
+      EXPECT_NEAR(preferenceCost(arm, result.input, reference), least, 1e-5);
+    }
+  }
+}
+
+TEST(Preference, CountsTheMotionsThatTheMusclesMakeNotThoseThatResist) {
+  // Three parallel muscles in a plane reach a tip of the plane with one to spare.
+  model::Section section;
+  for (const double y : {0.04, 0.0, -0.04}) {
+    section.actuators.push_back({"muscle",
+                                 {Eigen::Matrix3d::Identity(), {0, y, 0}},
+                                 {10, 0, 1.38e-4},
+                                 test::fig3Muscle(),
+                                 {0, test::kMaxPressure}});
+  }
+  const model::Arm arm({section});
+  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(2.5e5, 2e5, 1e5)).translation;
+  double cost[2] = {0, 0};
+  for (const int k : {0, 1}) {
+    InverseOptions options;
+    options.preference = k == 0 ? Preference::kMinPressure : Preference::kCocontraction;
+    options.cocontraction = 0.9;
+    InverseSolver solver(arm, options);
+    const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
+    ASSERT_EQ(result.status, InverseStatus::kReached);
+    cost[k] = preferenceCost(arm, result.input, arm.inputAt(0));
+  }
+  EXPECT_LT(cost[0], 0.97 * cost[1]);
+}
+
+TEST(Inverse, WarmStartTakesFewIterations) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  InverseSolver solver(arm);
+  Eigen::VectorXd q = Eigen::Vector3d(1e5, 2e5, 1.5e5), command = q;
+  test::Random random(102);
+  int worst = 0;
+  for (int i = 0; i < 2000; ++i) {
+    for (int k = 0; k < 3; ++k)
+      q[k] = std::min(std::max(q[k] + random.uniform(-5e3, 5e3), 1e4), 4e5);
+    const Eigen::Vector3d target = arm.tip(q).translation;
+    const InverseResult& result = solver.toPosition(target, command);
+    ASSERT_EQ(result.status, InverseStatus::kReached);
+    ASSERT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
+    command = result.input;
+    worst = std::max(worst, result.iterations);
+  }
+  EXPECT_LE(worst, 4);
+}
+
+TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
+  // Against the closest of 2 million tips sampled within the limits.
+  for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
+    const model::Arm arm = test::ringArm(ring);
+    constexpr int kPerAxis = 126;
+    std::vector<double> q[3], x, y, z;
+    for (int i = 0; i < kPerAxis * kPerAxis * kPerAxis; ++i) {
+      int rest = i;
+      for (auto& axis : q) {
+        axis.push_back(test::kMaxPressure * (rest % kPerAxis) / (kPerAxis - 1));
+        rest /= kPerAxis;
+      }
+    }
+    const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
+    const std::size_t count = q[0].size();
+    x.resize(count), y.resize(count), z.resize(count);
+    model::batchTips(arm, inputs, count, x.data(), y.data(), z.data());
+
+    InverseSolver solver(arm);
+    test::Random random(103);
+    int unreachable = 0;
+    for (int i = 0; i < 60; ++i) {
+      const Eigen::Vector3d target =
+          Eigen::Vector3d(0.25, 0, 0) + random.uniform(0.1, 0.6) * random.direction<3>();
+      double sampled = std::numeric_limits<double>::infinity();
+      for (std::size_t j = 0; j < count; ++j) {
+        sampled = std::min(sampled, (Eigen::Vector3d(x[j], y[j], z[j]) - target).squaredNorm());
+      }
+      sampled = std::sqrt(sampled);
+      const InverseResult result = solver.toPosition(target, arm.inputAt(0.5));
+      EXPECT_TRUE(result.converged()) << target.transpose();
+      EXPECT_LE(result.residual, sampled + 1e-9) << target.transpose();
+      EXPECT_GE(result.residual, sampled - 0.01) << "closer than the arm can come";
+      EXPECT_NEAR((arm.tip(result.input).translation - target).norm(), result.residual, 1e-12);
+      if (result.status != InverseStatus::kUnreachable) continue;
+      ++unreachable;
+      EXPECT_TRUE(std::any_of(result.limits.begin(), result.limits.end(),
+                              [](Limit l) { return l != Limit::kNone; }));
+    }
+    EXPECT_GT(unreachable, 50);
+  }
+}
+
+TEST(Inverse, ComesToRestForTargetsAnywhere) {
+  test::Random random(104);
+  for (const model::Arm& arm : {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),
+                         test::ringArm(test::straightRing(4), 2)}) {
+    InverseSolver solver(arm);
+    const int count = arm.sectionCount() == 1 ? 3000 : 200;
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Vector3d target = random.logUniform(0.01, 100) * random.direction<3>();
+      EXPECT_TRUE(solver.toPosition(target, arm.inputAt(0)).converged()) << target.transpose();
+    }
+  }
+}
+
+TEST(Inverse, ForgetsAFarTargetBeforeANearOne) {
+  const model::Arm arm = test::ringArm(test::straightRing());
+  InverseSolver solver(arm);
+  const Eigen::VectorXd away = solver.toPosition({1e6, 3e5, 2e5}, arm.inputAt(0)).input;
+  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(1e5, 2e5, 5e4)).translation;
+  const InverseResult& result = solver.toPosition(target, away);
+  EXPECT_EQ(result.status, InverseStatus::kReached);
+  EXPECT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
+}
+
+TEST(Inverse, ReportsActiveLimits) {
+  const model::Arm arm = test::ringArm(test::straightRing());
+  InverseSolver solver(arm);
+  const InverseResult& result =
+      solver.toTwists(arm.twists(Eigen::Vector3d(test::kMaxPressure, 0, 1e5)), arm.inputAt(0.5));
+  EXPECT_EQ(result.limits[0], Limit::kUpper);
+  EXPECT_EQ(result.limits[1], Limit::kLower);
+  EXPECT_EQ(result.limits[2], Limit::kNone);
+  EXPECT_EQ(result.input[0], test::kMaxPressure);
+  EXPECT_EQ(result.input[1], 0.0);
+}
+
+TEST(Inverse, OfAPlateauStartsFromItsFlatEnd) {
+  // A dead band at the low end: the slope there is zero in the input, never in the length.
+  model::Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
+  const model::Contraction dead_band =
+      model::Contraction::table({0, 5e4, 1e5, 4e5}, {0.43, 0.42999999, 0.42, 0.34});
+  for (auto& actuator : section.actuators) {
+    actuator.contraction = dead_band;
+    actuator.limits = dead_band.inputRange();
+  }
+  const model::Arm arm({section});
+  InverseSolver solver(arm);
+  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(2e5, 1e4, 3e5)).translation;
+  EXPECT_EQ(solver.toPosition(target, Eigen::Vector3d::Zero()).status, InverseStatus::kReached);
+}
+
+TEST(Inverse, DoesNotAllocate) {
+  for (const int count : {3, 5}) {
+    const model::Arm arm = test::ringArm(test::helicalRing(count), 2);
+    InverseSolver solver(arm);
+    const Eigen::VectorXd start = arm.inputAt(0.5), q = Eigen::VectorXd::Constant(2 * count, 1e5);
+    const Twists g = arm.twists(q);
+    const lie::SE3 tip = arm.tip(q);
+    const Eigen::Vector3d far(5, 5, 5);
+    const test::AllocationCounter counter;
+    solver.toPosition(tip.translation, start);
+    solver.toPosition(far, start);
+    solver.toPose(tip, start);
+    solver.toTwists(g, start);
+    EXPECT_EQ(counter.count(), 0u);
+  }
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  InverseSolver solver(arm);
+  const Eigen::VectorXd start = arm.inputAt(0.5);
+  const Eigen::Vector3d target = arm.tip(start * 1.1).translation;
+  const test::AllocationCounter counter;
+  solver.toPosition(target, start);
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST(Inverse, RefusesWhatBreaksItsContract) {
+  const model::Arm arm = test::ringArm(test::straightRing());
+  InverseSolver solver(arm);
+  EXPECT_THROW(solver.toPosition({NAN, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
+  EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector2d::Zero()), std::invalid_argument);
+  EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector3d(-1, 0, 0)), std::invalid_argument);
+  EXPECT_THROW(solver.toPosition({1e7, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
+  EXPECT_THROW(solver.toTwists(Twists::Zero(6, 2), arm.inputAt(0.5)), std::invalid_argument);
+  lie::SE3 pose;
+  pose.rotation(0, 0) = INFINITY;
+  EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);
+  pose.rotation = Eigen::Matrix3d::Zero();
+  EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);
+  InverseOptions options;
+  options.cocontraction = 2;
+  EXPECT_THROW(InverseSolver(arm, options), std::invalid_argument);
+  options = {};
+  options.position_tolerance = 0;
+  EXPECT_THROW(InverseSolver(arm, options), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::statics

@@ -1,0 +1,305 @@
+// What `converged` means: every order against the exact tier where orders fail, close to the load
+// that buckles a column and with many turns a section, and at many inputs of the arm that the tiers
+// are measured with.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "support/loaded_arm.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+using test::Posture;
+
+constexpr int kOrders = kMostOrder - kLeastOrder + 1;
+
+// Largest errors of the tips that orders call converged, and how many those are.
+struct Tally {
+  double worst[kOrders] = {};
+  int converged[kOrders] = {};
+  int cases = 0;
+
+  // @param solutionOf  by the order. A case that the exact tier finds no shape for is left out.
+  template <class SolutionOf>
+  void add(const model::Arm& arm, const Load& load, const Twists& twists, const SolutionOf& solutionOf,
+           const char* name) {
+    const Solution truth = ExactArm(arm, load).solve(twists);
+    if (!truth.converged()) return;
+    ++cases;
+    for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+      const auto found = solutionOf(order);
+      if (!found.converged()) continue;
+      const double error =
+          (found.tip.translation - truth.tip.translation).norm() / arm.restLength();
+      EXPECT_LE(error, statedTipError(order)) << name << ", order " << order;
+      double& largest = worst[order - kLeastOrder];
+      largest = std::max(largest, error);
+      ++converged[order - kLeastOrder];
+    }
+  }
+  void add(const model::Arm& arm, const Load& load, const Twists& twists, const char* name) {
+    add(
+        arm, load, twists, [&](int order) { return LoadedArm(arm, load, order).tip(twists); },
+        name);
+  }
+  double share(int order) const { return 1.0 * converged[order - kLeastOrder] / cases; }
+  void print(const char* name) const {
+    std::printf("%-28s%5d cases; converged, largest error:", name, cases);
+    for (int i = 0; i < kOrders; ++i) {
+      std::printf(" %3.0f %% %.1e", 100.0 * converged[i] / cases, worst[i]);
+    }
+    std::printf("\n");
+  }
+};
+
+// A column of the spatial arm's muscles with a force along it and some across.
+Load pressed(double along, double across) {
+  Load load;
+  load.mass = {0.0};
+  load.K_eps = {900};
+  load.points.resize(1);
+  load.points[0].force = {-along, 0, across};
+  return load;
+}
+model::Arm column(double K_tau) {
+  test::Ring ring = test::straightRing();
+  ring.stiffness.tau = K_tau;
+  return test::ringArm(ring);
+}
+
+// The first step shortens the column by far more than it bends it, which hid how fast bending
+// grows.
+TEST(LoadedError, TheLeastOrderSaysWhereBucklingIsTooNear) {
+  const model::Arm arm = column(1e-4);
+  const Twists twists = arm.twists(arm.inputAt(0.0));
+  const Load load = pressed(16.75, 0.01);
+  const Solution truth = ExactArm(arm, load).solve(twists);
+  ASSERT_TRUE(truth.converged());
+  const Tip found = LoadedArm(arm, load, kLeastOrder).tip(twists);
+  const double error = (found.tip.translation - truth.tip.translation).norm() / arm.restLength();
+  EXPECT_GT(error, 0.04);
+  EXPECT_EQ(found.status, SolveStatus::kNotConverged);
+  EXPECT_NEAR(found.residual, error, 0.1 * error) << "what it is off by";
+  for (int order = kLeastOrder + 1; order <= kMostOrder; ++order) {
+    EXPECT_TRUE(LoadedArm(arm, load, order).tip(twists).converged()) << order;
+  }
+}
+
+TEST(LoadedError, ConvergedIsWithinTheStatedErrorUpToBuckling) {
+  Tally below, near;
+  for (const double K_tau : {0.0, 1e-4}) {
+    const model::Arm arm = column(K_tau);
+    for (const double fraction : {0.0, 0.3}) {
+      const Twists twists = arm.twists(arm.inputAt(fraction));
+      for (const double across : {0.0, 1e-4, 0.01, 0.3}) {
+        for (double force = 1; force <= 8; force += 1) {
+          below.add(arm, pressed(force, across), twists, "well below");
+        }
+        for (double force = 9; force < 20; force += force < 14 ? 1 : 0.25) {
+          near.add(arm, pressed(force, across), twists, "near buckling");
+        }
+      }
+    }
+  }
+  below.print("up to half of it");
+  near.print("up to buckling and beyond");
+  for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+    EXPECT_GT(below.share(order), order == kLeastOrder ? 0.9 : 0.999) << order;
+    EXPECT_GT(near.share(order), 0.1) << order;
+    EXPECT_LT(near.share(order), 0.9) << order;
+  }
+}
+
+// Two muscles as long as 8 arms, under a weight in their plane that moves the tip by up to half the
+// length.
+TEST(LoadedError, ConvergedIsWithinTheStatedErrorInThePlane) {
+  test::Random random(43);
+  Tally tally;
+  for (int i = 0; i < 150; ++i) {
+    model::PlanarSection section;
+    const model::Contraction muscle = test::fig3Muscle().scaledBy(random.logUniform(0.5, 8));
+    for (const double y : {0.02, -0.02}) {
+      section.actuators.push_back({y > 0 ? "left" : "right",
+                                   {Eigen::Matrix2d::Identity(), {0, y}},
+                                   {10, 0, 1.4e-4},
+                                   muscle,
+                                   muscle.inputRange()});
+    }
+    const model::PlanarArm plane({section});
+    const model::Arm space = model::embed(plane);
+    const Eigen::VectorXd q = test::randomInput(space, random);
+    const model::PlanarTwists planar = plane.twists(q);
+    const double direction = random.uniform(0, 2 * test::kPi);
+    Load load = test::weight(Posture::kHanging, 0.0, 900);
+    load.gravity = test::kGravity * Eigen::Vector3d(std::cos(direction), std::sin(direction), 0);
+    load.mass[0] = random.logUniform(0.01, 1) / (space.restLength() * space.restLength());
+    tally.add(
+        space, load, space.twists(q),
+        [&](int order) { return PlanarLoadedArm(plane, load, order).solve(planar); },
+        "in the plane");
+  }
+  tally.print("in the plane");
+  EXPECT_GT(tally.cases, 60);
+  for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+    EXPECT_GT(tally.share(order), 0.5) << order;
+  }
+}
+
+// A ring of long muscles, under a weight that moves the tip by 0.3 to 30 % of the length.
+TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
+  test::Random random(31);
+  Tally few, many;
+  for (int i = 0; i < 500; ++i) {
+    test::Ring ring;
+    ring.radius = random.uniform(0.015, 0.05);
+    ring.tilt = random.uniform(-0.5, 0.5);
+    ring.stiffness = {random.logUniform(10, 1000), random.integer(0, 1) * random.uniform(0, 1e-4),
+                      random.uniform(0.5e-4, 2e-4)};
+    const model::Arm arm(
+        {test::ringSection(ring, test::fig3Muscle().scaledBy(random.logUniform(0.5, 8)))});
+    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const double wanted = random.logUniform(0.003, 0.3);
+    const bool at_tip = random.integer(0, 2) == 0;
+    Load load = test::weight(Posture::kHanging, 0.0, 900);
+    load.gravity = test::kGravity * random.direction<3>();
+    load.points.resize(1);
+    double mass = 0.01, moved = 0.0;
+    for (int step = 0; step < 12 && std::abs(std::log(moved / wanted)) > 0.2; ++step) {
+      (at_tip ? load.points[0].mass : load.mass[0]) = mass;
+      const Solution solution = ExactArm(arm, load).solve(twists);
+      moved = (solution.tip.translation - model::tipPose(twists).translation).norm() / arm.restLength();
+      mass *= solution.converged() ? std::pow(wanted / moved, 0.7) : 0.6;
+    }
+    const double turns = twists.col(0).tail<3>().norm() / (2 * test::kPi);
+    (turns < 3 ? few : many).add(arm, load, twists, "turns");
+  }
+  few.print("fewer than 3 turns a section");
+  many.print("3 to 20 turns a section");
+  EXPECT_GT(few.cases, 300);
+  EXPECT_GT(many.cases, 30);
+  for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+    EXPECT_GT(few.share(order), 0.85) << order;
+    EXPECT_GT(many.share(order), 0.7) << order;
+  }
+}
+
+// The README's table: masses, stiffness and inputs over their ranges, and at the ends of them.
+TEST(LoadedError, TheTableOfOrdersHoldsAtManyInputs) {
+  const double table[2][kOrders] = {{2.3e-4, 1.4e-5, 1.5e-6, 7.9e-8, 3.5e-9, 1e-9, 1e-9},
+                                    {6.4e-4, 7.4e-5, 6.5e-6, 4.4e-7, 3.0e-8, 1.9e-9, 1e-9}};
+  const model::Arm arm = test::softHelicalArm();
+  test::Random random(37);
+  for (const Posture posture : {Posture::kHanging, Posture::kHorizontal}) {
+    const bool hanging = posture == Posture::kHanging;
+    double linear = 0, worst[kOrders] = {};
+    for (int i = 0; i < 1000; ++i) {
+      const bool corner = random.integer(0, 1) == 0, heaviest = random.integer(0, 1) == 0;
+      Eigen::VectorXd fraction(3);
+      for (double& one : fraction) one = corner ? random.integer(0, 1) : random.uniform(0, 1);
+      const Load load = test::weight(posture, heaviest ? 0.3 : random.uniform(0.15, 0.3),
+                                     heaviest ? 500 : random.uniform(500, 1500));
+      const Twists twists = arm.twists(arm.inputAt(fraction));
+      const Solution truth = ExactArm(arm, load).solve(twists);
+      ASSERT_TRUE(truth.converged());
+      const auto errorOf = [&](const lie::SE3& tip) {
+        return (tip.translation - truth.tip.translation).norm() / arm.restLength();
+      };
+      linear = std::max(linear, errorOf(model::tipPose(twists)));
+      for (int order = kLeastOrder; order <= kMostOrder; ++order) {
+        const Tip found = LoadedArm(arm, load, order).tip(twists);
+        ASSERT_TRUE(found.converged()) << order;
+        double& largest = worst[order - kLeastOrder];
+        largest = std::max(largest, errorOf(found.tip));
+      }
+    }
+    std::printf("%-12s linear %.2g %%, orders 2 to 8:", hanging ? "hanging" : "horizontal",
+                100 * linear);
+    for (int i = 0; i < kOrders; ++i) {
+      std::printf(" %.1e", 100 * worst[i]);
+      EXPECT_LE(worst[i], table[hanging ? 0 : 1][i]) << "order " << i + kLeastOrder;
+    }
+    std::printf("\n");
+    EXPECT_LE(linear, hanging ? 0.0285 : 0.0825);
+  }
+}
+
+// The ends of many pieces lie on the curve; between the ends of few, their helices leave it.
+TEST(Curve, IsAsGoodAsTheTipBetweenThePieces) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = test::weight(Posture::kHorizontal, 0.3, 500);
+  const double length = arm.restLength();
+  constexpr int kPieces = 120;
+  ExactOptions many;
+  many.pieces_per_section = kPieces;
+  double between = 0.0;
+  for (const Eigen::Vector3d& fraction :
+       {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0.3, 0.6, 0.9)}) {
+    const Twists twists = arm.twists(arm.inputAt(fraction));
+    const model::Shape truth = ExactArm(arm, load, many).solve(twists).shape;
+    const ExactArm exact(arm, load);
+    const Solution solution = exact.solve(twists);
+    const auto curve = exact.curve(twists, kPieces + 1);
+    const auto loaded = LoadedArm(arm, load, kMostOrder).curve(twists, kPieces + 1);
+    ASSERT_EQ(curve.size(), kPieces + 1u);
+    for (int i = 0; i <= kPieces; ++i) {
+      const double s = 1.0 * i / kPieces;
+      EXPECT_EQ(curve[i].s, s);
+      EXPECT_EQ(loaded[i].s, s);
+      const lie::SE3 X = poseAt(truth, s);
+      EXPECT_LT((curve[i].X.translation - X.translation).norm(), 1e-10 * length) << s;
+      EXPECT_LT((curve[i].X.rotation - X.rotation).norm(), 1e-9) << s;
+      EXPECT_LT((loaded[i].X.translation - X.translation).norm(), 1e-5 * length) << s;
+      between = std::max(between,
+                         (poseAt(solution.shape, s).translation - X.translation).norm() / length);
+    }
+    EXPECT_LT((curve.back().X.translation - solution.tip.translation).norm(), 1e-10 * length);
+  }
+  std::printf("largest distance of 8 pieces a section from the curve: %.1e of the length\n",
+              between);
+  EXPECT_GT(between, 1e-5);
+  EXPECT_LT(between, 1e-4);
+}
+
+TEST(Curve, GoesOverSectionsAndPointsOfAllTiers) {
+  test::Random random(41);
+  for (int i = 0; i < 10; ++i) {
+    const model::Arm arm = test::ringArm(test::helicalRing(), 3);
+    const Load load = test::randomLoad(3, random);
+    const Twists twists = arm.twists(test::randomInput(arm, random));
+    ExactOptions many;
+    many.pieces_per_section = 40;
+    const model::Shape truth = ExactArm(arm, load, many).solve(twists).shape;
+    const auto exact = ExactArm(arm, load).curve(twists, 121);
+    const auto loaded = LoadedArm(arm, load, kMostOrder).curve(twists, 121);
+    for (int j = 0; j <= 120; ++j) {
+      const Eigen::Vector3d x = poseAt(truth, 3.0 * j / 120).translation;
+      EXPECT_LT((exact[j].X.translation - x).norm(), 1e-9) << j;
+      EXPECT_LT((loaded[j].X.translation - x).norm(), 1e-5) << j;
+    }
+  }
+}
+
+TEST(Curve, WithoutAShapeIsThatOfThePieces) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load crushing = test::weight(Posture::kHorizontal, 1e5, 500);
+  const Twists twists = arm.twists(arm.inputAt(0.5));
+  ExactOptions few;
+  few.max_iterations = 10;
+  const ExactArm exact(arm, crushing, few);
+  const Solution solution = exact.solve(twists);
+  ASSERT_FALSE(solution.converged());
+  const auto curve = exact.curve(twists, 9);
+  ASSERT_EQ(curve.size(), 9u);
+  EXPECT_EQ(curve.back().X.translation, poseAt(solution.shape, 1.0).translation);
+  EXPECT_THROW(exact.curve(twists, 1), std::invalid_argument);
+  EXPECT_THROW(LoadedArm(arm, crushing, 5).curve(twists, 1), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace helix_arm::statics

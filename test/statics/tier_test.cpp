@@ -1,0 +1,223 @@
+#include "helix_arm/statics/tier.hpp"
+
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "support/loaded_arm.hpp"
+
+namespace helix_arm::statics {
+namespace {
+
+using test::Posture;
+
+Load weightIn(const Eigen::Vector3d& direction) {
+  Load load = test::weight(Posture::kHanging, 0.2, 900);
+  load.gravity = test::kGravity * direction;
+  return load;
+}
+
+TierRequest within(double tip_error) {
+  TierRequest request;
+  request.tip_error = tip_error;
+  return request;
+}
+TierRequest only(Tier tier, std::optional<int> order = std::nullopt) {
+  TierRequest request;
+  request.tier = tier;
+  request.order = order;
+  return request;
+}
+
+std::string refusal(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
+                    const std::optional<Load>& load, const TierRequest& request) {
+  try {
+    const TierChoice choice = chooseTier(arm, planar, load, request);
+    return "took " + choice.setting.name();
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+}
+
+TEST(TierChoice, WithoutLoadTheClosedFormsServe) {
+  const model::Arm arm = test::softHelicalArm();
+  EXPECT_EQ(chooseTier(arm, {}, {}, {}).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(arm, {}, {}, within(1e-8)).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, {}).setting.tier,
+            Tier::kPlanar);
+  EXPECT_EQ(
+      chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, only(Tier::kLinear)).setting.tier,
+      Tier::kLinear);
+  EXPECT_EQ(chooseTier(arm, {}, weightIn(Eigen::Vector3d::Zero()), {}).setting.tier, Tier::kLinear);
+}
+
+TEST(TierChoice, KeepsWhatItPromisesAtInputsItHasNotSeen) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(-Eigen::Vector3d::UnitZ());
+  const ExactArm exact(arm, load);
+  int last_order = -1;
+  for (const double allowed : {0.5, 1e-2, 1e-4, 1e-6, 1e-8}) {
+    const ArmModel model(arm, std::nullopt, load, within(allowed));
+    const TierSetting setting = model.choice().setting;
+    EXPECT_GE(setting.order, last_order);  // more accuracy is never cheaper
+    last_order = setting.order;
+    test::Random random(23);
+    for (int i = 0; i < 100; ++i) {
+      const Eigen::VectorXd q = test::randomInput(arm, random);
+      const double error =
+          (model.tip(q).tip.translation - exact.solve(arm.twists(q)).tip.translation).norm();
+      EXPECT_LE(error, allowed * arm.restLength(0)) << setting.name();
+    }
+  }
+  EXPECT_EQ(chooseTier(arm, {}, load, within(0.5)).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(arm, {}, load, {}).setting.tier, Tier::kLoaded);
+  EXPECT_GT(last_order, 5);
+}
+
+TEST(TierChoice, OneOrderCheaperWouldNotDo) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(-Eigen::Vector3d::UnitZ());
+  const TierChoice choice = chooseTier(arm, {}, load, within(1e-6));
+  ASSERT_EQ(choice.setting.tier, Tier::kLoaded);
+  ASSERT_GT(choice.setting.order, kLeastOrder);
+  const TierChoice cheaper =
+      chooseTier(arm, {}, load, only(Tier::kLoaded, choice.setting.order - 1));
+  EXPECT_GT(2 * cheaper.tip_error, 1e-6);
+  EXPECT_LE(2 * choice.tip_error, 1e-6);
+}
+
+TEST(TierChoice, ATimeBuysTheMostAccurateTierThatKeepsIt) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(-Eigen::Vector3d::UnitZ());
+  TierRequest request;
+  request.time = 1.0;
+  EXPECT_LE(chooseTier(arm, {}, load, request).tip_error, 1e-9);
+  request.time = 1e-12;
+  EXPECT_NE(refusal(arm, {}, load, request).find("budget.time_us"), std::string::npos);
+  EXPECT_NE(refusal(arm, {}, {}, request).find("budget.time_us"), std::string::npos);
+}
+
+TEST(TierChoice, LoadsInThePlaneOfAPlanarArmAreSolvedThere) {
+  const model::PlanarArm plane = test::planarArm();
+  const model::Arm arm = model::embed(plane);
+  const Load down = weightIn(-Eigen::Vector3d::UnitY()),
+             across = weightIn(Eigen::Vector3d::UnitZ());
+  const ArmModel model(arm, plane, down);
+  EXPECT_EQ(model.choice().setting.tier, Tier::kLoaded);
+  const Solution found = model.solve(arm.inputAt(0.4));
+  ASSERT_TRUE(found.converged());
+  const Solution truth = ExactArm(arm, down).solve(arm.twists(arm.inputAt(0.4)));
+  EXPECT_LT((found.tip.translation - truth.tip.translation).norm(), 1e-3 * arm.restLength(0));
+  EXPECT_EQ(found.tip.translation.z(), 0.0);
+  EXPECT_EQ(chooseTier(arm, plane, down, only(Tier::kPlanar)).setting.tier, Tier::kPlanar);
+  EXPECT_EQ(chooseTier(arm, plane, across, {}).setting.tier, Tier::kLoaded);
+}
+
+// Upright and top-heavy, it falls out of its plane: what keeps it there must not be assumed.
+TEST(TierChoice, APlanarArmThatMayBuckleOutOfItsPlaneIsSolvedInSpace) {
+  const model::PlanarArm plane = test::planarArm();
+  const model::Arm arm = model::embed(plane);
+  Load load = weightIn(-Eigen::Vector3d::UnitX());
+  EXPECT_TRUE(staysInPlane(arm, weightIn(-Eigen::Vector3d::UnitY())));
+  load.points.resize(1);
+  load.points[0].mass = 1.0;
+  ASSERT_TRUE(inPlane(load));
+  EXPECT_FALSE(staysInPlane(arm, load));
+  for (const int order : {2, 5, 8}) {
+    TierRequest request = only(Tier::kLoaded, order);
+    try {
+      const ArmModel model(arm, plane, load, request);
+      EXPECT_FALSE(model.solve(arm.inputAt(0.0)).converged()) << order;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find("no shape balances it"), std::string::npos);
+    }
+  }
+}
+
+TEST(TierChoice, ManyPlacesInsideSectionsAreLeftToTheExactTier) {
+  const model::Arm arm = test::softHelicalArm();
+  Load load = weightIn(Eigen::Vector3d::UnitZ());
+  for (int i = 1; i <= kMaxInnerPoints + 1; ++i) {
+    load.points.push_back({});
+    load.points.back().s = i / (kMaxInnerPoints + 2.0);
+    load.points.back().mass = 0.001;
+  }
+  EXPECT_EQ(chooseTier(arm, {}, load, {}).setting.tier, Tier::kExact);
+  const std::string message = refusal(arm, {}, load, only(Tier::kLoaded, 5));
+  EXPECT_EQ(message.find("load.points"), 0u) << message;
+  EXPECT_NE(message.find("tier: exact"), std::string::npos);
+}
+
+TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
+  const model::PlanarArm plane = test::planarArm();
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(Eigen::Vector3d::UnitZ());
+  const auto expect = [](const std::string& message, const char* key, const char* remedy) {
+    EXPECT_EQ(message.find(key), 0u) << message;
+    EXPECT_NE(message.find(remedy), std::string::npos) << message;
+  };
+  expect(refusal(arm, {}, {}, only(Tier::kPlanar)), "tier: planar", "use tier: linear");
+  expect(refusal(model::embed(plane), plane, load, only(Tier::kPlanar)), "tier: planar",
+         "use tier: loaded");
+  expect(refusal(arm, {}, {}, only(Tier::kLoaded)), "tier: loaded", "the key load");
+  expect(refusal(arm, {}, {}, only(Tier::kExact)), "tier: exact", "the key load");
+  expect(refusal(arm, {}, load, within(1e-12)), "accuracy.tip_error_percent",
+         "ask for that or more");
+  TierRequest linear = only(Tier::kLinear);
+  linear.tip_error = 1e-4;
+  expect(refusal(arm, {}, load, linear), "accuracy.tip_error_percent", "use tier: auto");
+  expect(refusal(arm, {}, load, only(Tier::kLoaded, 9)), "order", "2 to 8");
+  expect(refusal(arm, {}, load, only(Tier::kExact, 5)), "order", "tier: loaded");
+  TierRequest both = within(1e-3);
+  both.time = 1e-3;
+  expect(refusal(arm, {}, load, both), "accuracy and budget", "one of them");
+  Load crushing = load;
+  crushing.mass = {1e6};
+  expect(refusal(arm, {}, crushing, {}), "load", "lower the masses");
+}
+
+TEST(ArmModel, EveryTierGivesTheShapeOfItsTip) {
+  const model::PlanarArm plane = test::planarArm();
+  const Load load = weightIn(-Eigen::Vector3d::UnitY());
+  for (const Tier tier : {Tier::kPlanar, Tier::kLinear, Tier::kLoaded, Tier::kExact}) {
+    const ArmModel model(model::embed(plane), plane, load, only(tier));
+    const Eigen::VectorXd q = model.arm().inputAt(0.7);
+    const Solution solution = model.solve(q);
+    EXPECT_LT((model::tipPose(solution.shape).translation - solution.tip.translation).norm(), 1e-10);
+    EXPECT_LT((model.tip(q).tip.translation - solution.tip.translation).norm(), 1e-12);
+    // Copies solve on their own.
+    const ArmModel copy = model;
+    EXPECT_EQ(copy.solve(q).tip.translation, solution.tip.translation);
+    const TipResponse response = model.tipResponse(model.arm().lengths(q));
+    for (int i = 0; i < 2; ++i) {
+      const Eigen::VectorXd step = 1e-5 * Eigen::VectorXd::Unit(2, i);
+      const Eigen::VectorXd lengths = model.arm().lengths(q);
+      const lie::Vector6 expected = (model.tipOfLengths(lengths - step).tip.inverse() *
+                                     model.tipOfLengths(lengths + step).tip)
+                                        .log() /
+                                    2e-5;
+      EXPECT_LT((response.by_lengths.col(i) - expected).norm(), 1e-5 * expected.norm())
+          << nameOf(tier);
+    }
+  }
+}
+
+TEST(ArmModel, StiffensWithItsArm) {
+  const model::Arm arm = test::softHelicalArm();
+  const Load load = weightIn(Eigen::Vector3d::UnitZ());
+  const ArmModel model(arm, std::nullopt, load, only(Tier::kLoaded, 6));
+  const model::Stiffness stiffness{30, 1e-5, 2e-4};
+  const ArmModel stiff = model.withStiffness(stiffness);
+  EXPECT_EQ(stiff.choice().setting.order, 6);
+  const Eigen::VectorXd q = arm.inputAt(0.5);
+  const ArmModel expected(arm.withStiffness(stiffness), std::nullopt, load, only(Tier::kLoaded, 6));
+  EXPECT_EQ(stiff.solve(q).tip.translation, expected.solve(q).tip.translation);
+  EXPECT_NE(stiff.solve(q).tip.translation, model.solve(q).tip.translation);
+}
+
+}  // namespace
+}  // namespace helix_arm::statics
