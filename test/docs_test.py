@@ -1,0 +1,405 @@
+#!/usr/bin/env python3
+"""Checks README.md, CONTRIBUTING.md and docs/*.md against the package: links and anchors, paths, launch arguments, commands
+and their options, tests, ROS names, the length of the README and a few phrases.
+
+usage: docs_test.py --root PACKAGE --command HELIX_ARM [--self-test]
+  --command    the built helix_arm, which is asked for its subcommands and options
+  --self-test  plants one fault of each kind in a copy of the package and asserts that it is found
+Exit code: 0 when nothing is wrong; 1 with every fault as file:line; 2 on a wrong call.
+"""
+
+import argparse
+import itertools
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+README_LINES = 200
+PHRASES = ("way of the tip", "one a channel", "what became of", "as one has it", "nobody ramps")
+FOLDERS = ("action", "config", "docs", "include", "launch", "msg", "rviz", "scripts", "src", "srv", "test")
+# Options of other programs, where a code span begins with one.
+FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
+CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "config", "docs", "include", "launch", "LICENSE", "msg",
+           "rviz", "scripts", "src", "srv", "test")
+
+PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+CAMEL = re.compile(r"[A-Z][a-z]+(?:[A-Z][a-z]+)+|Save|Reload|Calibrate")
+
+
+class Line:
+    """One line of a document, with its code and its prose apart."""
+
+    def __init__(self, number, text, is_code, section):
+        self.number, self.text, self.is_code, self.section = number, text, is_code, section
+        self.spans = [] if is_code else [m.replace("\\|", "|") for m in re.findall(r"`([^`]+)`", text)]
+        self.prose = "" if is_code else re.sub(r"`[^`]*`", "", text)
+
+    def code(self):
+        """What is code here: the line itself, or its spans."""
+        return [self.text] if self.is_code else self.spans
+
+
+def slug(heading):
+    """The anchor that GitHub gives a heading."""
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "").strip().lower()
+    return re.sub(r"[^\w\- ]", "", text).replace(" ", "-")
+
+
+class Document:
+    def __init__(self, root, path):
+        self.path, self.name = path, path.relative_to(root).as_posix()
+        self.lines, self.anchors = [], set()
+        fenced = indented = False
+        before, section = "", ""
+        for number, text in enumerate(path.read_text(encoding="utf-8").split("\n"), 1):
+            is_fence = text.startswith("```")
+            indented = text.startswith("    ") and (indented or not before.strip()) and not fenced
+            heading = re.match(r"#+ (.*)", text)
+            if heading and not fenced:
+                self.anchors.add(slug(heading.group(1)))
+                if text.startswith("## "):
+                    section = heading.group(1).strip("` ")
+            self.lines.append(Line(number, text, (fenced and not is_fence) or indented, section))
+            fenced ^= is_fence
+            before = text
+
+
+class Command:
+    """Subcommands and options of the built command, as its --help has them."""
+
+    def __init__(self, path):
+        self.path = path
+        self.shared = self.options_of(self.help())
+        self.options = {}
+        for name in self.subcommands(self.help()):
+            text = self.help(name)
+            self.options[name] = self.options_of(text)
+            for nested in self.subcommands(text):
+                self.options[name] |= self.options_of(self.help(name, "SCENE", nested))
+        if not self.options:
+            raise OSError("%s --help names no subcommand" % path)
+
+    def help(self, *words):
+        run = subprocess.run([self.path, *words, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60,
+                             universal_newlines=True, check=True)
+        return run.stdout
+
+    @staticmethod
+    def subcommands(text):
+        listed = re.search(r"^Subcommands:\n((?:  .*\n)+)", text, re.M)
+        return re.findall(r"^  ([a-z]+) ", listed.group(1), re.M) if listed else []
+
+    @staticmethod
+    def options_of(text):
+        listed = re.search(r"^Options:\n((?:  .*\n?)+)", text, re.M)
+        return set(re.findall(r"^  (?:-\w,)?(--[a-z-]+)", listed.group(1), re.M)) if listed else set()
+
+
+def test_names(root):
+    """Names that ctest knows, from the CMake files below test: helix_arm_test and its like, foreach unrolled."""
+    names, programs = set(), set()
+    for path in (root / "test").rglob("CMakeLists.txt"):
+        text = re.sub(r"#[^\n]*", "", path.read_text(encoding="utf-8"))
+        loops = []
+        for call in re.finditer(r"\b(\w+)\s*\(([^()]*)\)", text):
+            function, words = call.group(1), call.group(2).split()
+            if function == "foreach" and words:
+                loops.append((words[0], words[1:]))
+            elif function == "endforeach" and loops:
+                loops.pop()
+            elif function in ("helix_arm_test", "helix_arm_rostest", "helix_arm_fuzz", "add_test", "add_executable") and words:
+                name = words[1] if words[0] == "NAME" and len(words) > 1 else words[0]
+                for values in itertools.product(*(items for _, items in loops)):
+                    full = name
+                    for (variable, _), value in zip(loops, values):
+                        full = full.replace("${%s}" % variable, value)
+                    (programs if function == "add_executable" else names).add(full)
+    return names, programs
+
+
+class Package:
+    """What the documents may name."""
+
+    def __init__(self, root, command):
+        self.root, self.command = root, command
+        self.tests, self.programs = test_names(root)
+        self.launch = {path.name: set(re.findall(r'<arg name="(\w+)"', path.read_text(encoding="utf-8")))
+                       for path in (root / "launch").glob("*.launch")}
+        self.types = {path.stem for kind in ("msg", "srv", "action") for path in (root / kind).iterdir()}
+        self.nodes = {path.stem for path in (root / "src/nodes").glob("*.cpp")}
+        self.topics, self.services = self.ros_names()
+        self.cases = set()
+        for path in (root / "test").rglob("*.cpp"):
+            self.cases |= set(re.findall(r"^(?:TYPED_)?TEST(?:_[FP])?\((\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.M))
+        self.parameters = set()
+        for path in (root / "src/ros_bridge").rglob("*.cpp"):
+            self.parameters |= set(re.findall(r'reader\.\w+\(\s*"(\w+)"', path.read_text(encoding="utf-8")))
+
+    def ros_names(self):
+        topics, services, into = set(), set(), None
+        for path in (self.root / "include").rglob("names.hpp"):
+            for line in path.read_text(encoding="utf-8").split("\n"):
+                if line.startswith("// "):
+                    into = topics if line.startswith("// Topics") else services if line.startswith("// Services") else None
+                value = re.match(r'.*\bk\w+\[\] =\s*(?:"([^"]+)")?', line) or re.match(r'\s+"([^"]+)";', line)
+                if into is not None and value and value.group(1):
+                    into.add(value.group(1).lstrip("/"))
+        return topics, services
+
+    def has_type(self, name):
+        plain = re.sub(r"Action(Goal|Feedback|Result)?$", "", name)
+        return name in self.types or plain in self.types
+
+    def has_topic(self, name):
+        parts = name.lstrip("/").split("/")
+        of_action = ("goal", "feedback", "result", "status", "cancel")
+        is_action = len(parts) > 1 and parts[-2] in self.services and parts[-1] in of_action
+        return is_action or "/".join(parts) in self.topics or parts[-1] in self.topics or parts[0] in self.topics
+
+
+class Checker:
+    def __init__(self, root, command):
+        self.root = root
+        names = [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").glob("*.md"))]
+        self.documents = {path.resolve(): Document(root, path) for path in names if path.is_file()}
+        self.package = Package(root, command)
+        self.faults = []
+        for path in names[:2]:
+            if not path.is_file():
+                self.faults.append("%s:1: is missing" % path.name)
+
+    def fault(self, document, line, text):
+        self.faults.append("%s:%d: %s" % (document.name, line, text))
+
+    def check(self):
+        for document in self.documents.values():
+            if document.name == "README.md" and len(document.lines) - 1 > README_LINES:
+                self.fault(document, README_LINES + 1, "the README has %d lines; expected at most %d" %
+                           (len(document.lines) - 1, README_LINES))
+            titles = None
+            for line in document.lines:
+                self.check_links(document, line)
+                self.check_paths(document, line)
+                self.check_launch(document, line)
+                self.check_commands(document, line)
+                self.check_tests(document, line)
+                self.check_types(document, line)
+                titles = self.check_columns(document, line, titles)
+                for phrase in PHRASES:
+                    if phrase in line.text.lower():
+                        self.fault(document, line.number, 'says "%s"; see Words in CONTRIBUTING.md' % phrase)
+            if document.name == "docs/cli.md":
+                self.check_options_told(document)
+        return sorted(self.faults, key=lambda fault: (fault.split(":")[0], int(fault.split(":")[1])))
+
+    def check_links(self, document, line):
+        for target in LINK.findall(line.prose):
+            if re.match(r"[a-z]+:", target):
+                continue
+            path, _, anchor = target.partition("#")
+            file = (document.path.parent / path).resolve() if path else document.path.resolve()
+            if not file.exists():
+                self.fault(document, line.number, "link to %s, which is not there" % target)
+            elif anchor:
+                other = self.documents.get(file) or (Document(self.root, file) if file.suffix == ".md" else None)
+                if other is None or anchor not in other.anchors:
+                    self.fault(document, line.number, "link to %s, but there is no such heading" % target)
+
+    def check_paths(self, document, line):
+        for code in line.code():
+            for found in PATH.findall(code):
+                path = found.rstrip(".,:;")
+                if any(mark in path for mark in ("<", "NAME")):
+                    continue
+                if not any(self.root.glob(path.rstrip("/"))):
+                    self.fault(document, line.number, "path %s, which is not there" % path)
+            for header in re.findall(r'#include "(helix_arm/[\w/]+\.hpp)"', code):
+                if not (self.root / "include" / header).is_file():
+                    self.fault(document, line.number, "includes %s, which is not there" % header)
+            bare = re.fullmatch(r"(\w+\.test)", code)
+            if bare and not any((self.root / "test").rglob(bare.group(1))):
+                self.fault(document, line.number, "names %s, which is not there" % code)
+
+    def check_launch(self, document, line):
+        declared = set().union(*self.package.launch.values())
+        for code in line.code():
+            code = re.sub(r"(^|\s)#.*", "", code)
+            file = re.search(r"(?<![\w/])(\w+\.launch)\b(.*)", code)
+            if file and file.group(1) not in self.package.launch:
+                self.fault(document, line.number, "names %s; expected one of %s" %
+                           (file.group(1), ", ".join(sorted(self.package.launch))))
+                continue
+            known = self.package.launch[file.group(1)] if file else declared
+            given = re.findall(r"(?<!\S)\(?(\w+):=", file.group(2) if file else code)
+            if re.search(r"\b_\w+:=|\brosrun\b", code):
+                continue
+            for name in given:
+                if name not in known:
+                    self.fault(document, line.number, "argument %s:= is not declared by %s" %
+                               (name, file.group(1) if file else "any launch file"))
+
+    def check_commands(self, document, line):
+        command = self.package.command
+        everything = command.shared.union(*command.options.values())
+        in_section = document.name == "docs/cli.md" and line.section in command.options
+        for code in line.code():
+            code = re.sub(r"(^|\s)#.*", "", code)
+            call = re.search(r"(?<![\w/.])\$?helix_arm\s+([a-z]\w*)\b(?!\.launch)(.*)", code)
+            if call and not re.search(r"\b(roslaunch|rosrun|rosbag|rospack)\b.*helix_arm", code):
+                name, rest = call.groups()
+                if name not in command.options:
+                    self.fault(document, line.number, "helix_arm has no subcommand %s; expected one of %s" %
+                               (name, ", ".join(sorted(command.options))))
+                    continue
+                for option in OPTION.findall(rest):
+                    if option not in command.options[name] | command.shared:
+                        self.fault(document, line.number, "helix_arm %s has no option %s" % (name, option))
+            elif not line.is_code and code.startswith("--"):
+                known = command.options[line.section] | command.shared if in_section else everything | FOREIGN_OPTIONS
+                for option in OPTION.findall(code):
+                    if option not in known:
+                        self.fault(document, line.number, "helix_arm%s has no option %s" %
+                                   (" " + line.section if in_section else "", option))
+
+    def check_options_told(self, document):
+        """Every option stands in the section of its subcommand, or in what all have in common."""
+        told = {}
+        for line in document.lines:
+            told.setdefault(line.section, set()).update(OPTION.findall(line.text))
+        common = set().union(*(told[s] for s in told if s not in self.package.command.options))
+        first = {line.section: line.number for line in reversed(document.lines)}
+        for name, options in sorted(self.package.command.options.items()):
+            if name not in told:
+                self.fault(document, 1, "subcommand %s has no section" % name)
+                continue
+            for option in sorted(options - told[name] - common):
+                self.fault(document, first[name], "option %s of %s is not told of" % (option, name))
+
+    def check_tests(self, document, line):
+        known = self.package.tests | self.package.programs
+        for code in line.code():
+            for name in re.findall(r"(?<![\w/.-])([a-z]\w*_(?:test|benchmark|rostest))\b(?![.\w])", code):
+                if name not in known:
+                    self.fault(document, line.number, "there is no test or program %s" % name)
+            case = re.fullmatch(r"([A-Z]\w+)\.([A-Z]\w+)", code)
+            if case and case.groups() not in self.package.cases:
+                self.fault(document, line.number, "there is no test case %s" % code)
+
+    def check_types(self, document, line):
+        for code in line.code():
+            for name in re.findall(r"(?<![\w/])helix_arm/([A-Z]\w+)", code):
+                if not self.package.has_type(name):
+                    self.fault(document, line.number, "there is no message, service or action %s" % name)
+            in_table = document.name == "docs/nodes.md" and line.text.startswith("|")
+            if in_table and CAMEL.fullmatch(code) and not self.package.has_type(code):
+                self.fault(document, line.number, "there is no message, service or action %s" % code)
+            for name in re.findall(r"(?<![\w$/])~([a-z]\w+)\b(?!/)", code):
+                if name not in self.package.parameters | self.package.services:
+                    self.fault(document, line.number, "no node has a parameter, service or action ~%s" % name)
+            for node, name in re.findall(r"rosservice call /(\w+)/(\w+)", code):
+                if node not in self.package.nodes or name not in self.package.services:
+                    self.fault(document, line.number, "there is no service /%s/%s" % (node, name))
+            for name in re.findall(r"rostopic (?:pub|echo|hz|info)(?: -\w+(?: [\d.]+)?)* (/[\w/]+)", code):
+                if not self.package.has_topic(name):
+                    self.fault(document, line.number, "there is no topic %s" % name)
+
+    def check_columns(self, document, line, titles):
+        """Columns of topics and of tests; returns the titles of the table that this line is of."""
+        if line.is_code or not line.text.startswith("|"):
+            return None
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line.text)[1:-1]]
+        if titles is None:
+            return cells
+        for title, cell in zip(titles, cells):
+            for name in re.findall(r"`([^`]+)`", cell):
+                if title == "topic" and not self.package.has_topic(name):
+                    self.fault(document, line.number, "there is no topic %s" % name)
+                known = self.package.tests | self.package.programs
+                if title.startswith("test") and re.fullmatch(r"[a-z]\w+", name) and not name.endswith("_test") \
+                        and name not in known:
+                    self.fault(document, line.number, "there is no test or program %s" % name)
+        return titles
+
+
+# File, what is put at its end (or a change of its text), and what is to be said of it.
+PLANTS = (
+    ("README.md", "\n" * (README_LINES + 1), "expected at most 200"),
+    ("README.md", "\n[gone](docs/gone.md)", "link to docs/gone.md, which is not there"),
+    ("docs/theory.md", "\n[gone](scene.md#no-such-heading)", "no such heading"),
+    ("docs/theory.md", "\n[gone](#no-such-heading)", "no such heading"),
+    ("CONTRIBUTING.md", "\n`config/scenes/gone.yaml`", "path config/scenes/gone.yaml"),
+    ("docs/scene.md", "\n```\ncat scripts/gone\n```", "path scripts/gone"),
+    ("docs/scene.md", "\n`config/gone/*.yaml`", "path config/gone/*.yaml"),
+    ("README.md", '\n```\n#include "helix_arm/io/gone.hpp"\n```', "includes helix_arm/io/gone.hpp"),
+    ("docs/accuracy.md", "\n`gone.test`", "names gone.test"),
+    ("docs/nodes.md", "\n```\nroslaunch helix_arm gone.launch\n```", "names gone.launch"),
+    ("docs/nodes.md", "\n```\nroslaunch helix_arm arm.launch gone:=1\n```", "argument gone:= is not declared by arm.launch"),
+    ("docs/nodes.md", "\n`gone:=1`", "argument gone:= is not declared by any"),
+    ("docs/cli.md", "\n```\n$helix_arm gone SCENE\n```", "no subcommand gone"),
+    ("docs/cli.md", "\n`helix_arm forward SCENE --gone`", "helix_arm forward has no option --gone"),
+    ("docs/loads.md", "\n`--gone`", "helix_arm has no option --gone"),
+    ("docs/cli.md", ("`--threads N`", "threads"), "option --threads of workspace is not told of"),
+    ("docs/cli.md", ("\n## trade\n", "\n## tradeoff\n"), "subcommand trade has no section"),
+    ("docs/speed.md", "\n`gone_test`", "no test or program gone_test"),
+    ("docs/speed.md", "\n\n| rule | test |\n|---|---|\n| a | `gone` |", "no test or program gone"),
+    ("docs/theory.md", "\n`Equilibrium.Gone`", "no test case Equilibrium.Gone"),
+    ("docs/speed.md", "\n`gone_benchmark`", "no test or program gone_benchmark"),
+    ("docs/nodes.md", "\n`helix_arm/GoneArray`", "no message, service or action GoneArray"),
+    ("docs/nodes.md", "\n\n| in | `GoneArray` |", "no message, service or action GoneArray"),
+    ("docs/nodes.md", "\n`~gone`", "parameter, service or action ~gone"),
+    ("docs/nodes.md", "\n```\nrosservice call /vision/gone\n```", "no service /vision/gone"),
+    ("docs/nodes.md", "\n```\nrostopic echo /gone\n```", "no topic /gone"),
+    ("docs/nodes.md", "\n\n| direction | topic |\n|---|---|\n| in | `gone` |", "no topic gone"),
+    *(("docs/theory.md", "\nIt says " + phrase + " the rest.", 'says "%s"' % phrase) for phrase in PHRASES),
+)
+
+
+def self_test(root, command):
+    """What was planted and not found."""
+    missed = []
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder).resolve()
+        for name in CHECKED:
+            if (root / name).is_dir():
+                shutil.copytree(str(root / name), str(copy / name))
+            elif (root / name).is_file():
+                shutil.copy(str(root / name), str(copy / name))
+        before = set(Checker(copy, command).check())
+        for name, plant, expected in PLANTS:
+            path = copy / name
+            text = path.read_text(encoding="utf-8")
+            planted = text.replace(*plant) if isinstance(plant, tuple) else text + plant
+            path.write_text(planted, encoding="utf-8")
+            news = [fault for fault in Checker(copy, command).check() if fault not in before]
+            path.write_text(text, encoding="utf-8")
+            if planted == text or not any(re.match(re.escape(name) + r":\d+: ", fault) and expected in fault for fault in news):
+                missed.append("%s: %r was planted, but %r was not said; only %s" % (name, plant, expected, news))
+    return missed
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parent.parent)
+    parser.add_argument("--command", required=True)
+    parser.add_argument("--self-test", action="store_true")
+    arguments = parser.parse_args()
+    root = arguments.root.resolve()
+    try:
+        command = Command(arguments.command)
+    except (OSError, subprocess.SubprocessError) as error:
+        print("docs_test: %s does not tell its options: %s" % (arguments.command, error), file=sys.stderr)
+        return 2
+    faults = self_test(root, command) if arguments.self_test else Checker(root, command).check()
+    for fault in faults:
+        print(fault)
+    print("%d planted faults, %d missed" % (len(PLANTS), len(faults)) if arguments.self_test else "%d faults" % len(faults))
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
