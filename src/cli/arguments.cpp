@@ -32,8 +32,8 @@ std::string actuatorNames(const model::Arm& arm) {
 
 statics::TierRequest requestOf(const TierArguments& arguments) {
   statics::TierRequest request;
-  for (const statics::Tier tier :
-       {statics::Tier::kPlanar, statics::Tier::kLinear, statics::Tier::kLoaded, statics::Tier::kExact}) {
+  for (const statics::Tier tier : {statics::Tier::kPlanar, statics::Tier::kLinear,
+                                   statics::Tier::kLoaded, statics::Tier::kExact}) {
     if (arguments.tier == statics::nameOf(tier)) request.tier = tier;
   }
   request.order = arguments.order;

@@ -8,8 +8,8 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -115,7 +115,8 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
   return arms;
 }
 
-json contractionsJson(const procedures::CalibrationOutcome& outcome, const procedures::CalibrationData& data) {
+json contractionsJson(const procedures::CalibrationOutcome& outcome,
+                      const procedures::CalibrationData& data) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
     json samples = json::array(), curve = json::array();

@@ -6,9 +6,9 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "evaluate_tags.hpp"
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 

@@ -6,8 +6,8 @@
 #include <iostream>
 
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 

@@ -15,11 +15,11 @@
 namespace helix_arm::cli {
 namespace {
 
+using nlohmann::json;
 using statics::InverseResult;
 using statics::InverseStatus;
 using statics::Limit;
 using statics::Preference;
-using nlohmann::json;
 
 struct InverseArguments {
   std::string scene, tip, pose, twist, prefer = "min-pressure", start_kpa, start;

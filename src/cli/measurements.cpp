@@ -5,9 +5,9 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::cli {
 namespace {

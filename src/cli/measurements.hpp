@@ -27,7 +27,7 @@ struct FittedCapture {
   Eigen::VectorXd pressure;                       ///< (n) gauge [Pa]
   std::vector<estimation::PoseObservation> seen;  ///< the tags that the scene has
   std::vector<int> unknown_tags;                  ///< ids that it has not
-  statics::Solution model;                          ///< at these pressures
+  statics::Solution model;                        ///< at these pressures
   estimation::FitStatus status;
   std::string reason;  ///< why it did not converge; empty where it did
   /// Absent where the tags do not determine a shape, or no shape fits most of them.

@@ -2,11 +2,11 @@
 #include <cmath>
 #include <limits>
 
+#include "helix_arm/basics/median_time.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "helix_arm/basics/median_time.hpp"
 #include "trade.hpp"
 
 namespace helix_arm::cli {

@@ -3,9 +3,9 @@
 #include <limits>
 #include <sstream>
 
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "trade.hpp"

@@ -18,9 +18,9 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "helix_arm/statics/workspace_extremes.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
@@ -203,7 +203,7 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
   json sensitivity;
   for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
     sensitivity[statics::kSensitivityNames[k]] = {{"median", summary.median(k)},
-                                                {"max", summary.worst[k]}};
+                                                  {"max", summary.worst[k]}};
   }
   const auto bounds = [](const statics::WorkspaceExtremes& extremes) {
     const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
@@ -303,7 +303,8 @@ statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments&
     throw CallerError("--sensitivity is per kPa, and scene " + scene.name +
                       " has tendons; leave out --sensitivity");
   }
-  return statics::Workspace(modelOf(scene, arguments.tier), {arguments.seed, arguments.sensitivity});
+  return statics::Workspace(modelOf(scene, arguments.tier),
+                            {arguments.seed, arguments.sensitivity});
 }
 
 int run(WorkspaceArguments arguments, const GlobalOptions& global) {

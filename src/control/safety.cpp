@@ -68,8 +68,8 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
     // Else a reading could be a fault and no pressure at once.
     const double nearest = std::min(highestReading(channel, rules), -lowestReading(channel, rules));
     basics::require(rules.vented_below < nearest, name, ": vented_below [Pa] is ",
-                   rules.vented_below, "; expected less than ", nearest,
-                   ", where it is over its limits by trip_margin");
+                    rules.vented_below, "; expected less than ", nearest,
+                    ", where it is over its limits by trip_margin");
   }
 }
 
@@ -110,18 +110,18 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
   rules.validate();
   checkChannels(channels, rules);
   basics::require(channels.size() == channels_.size(), channels.size(), " channels for a core of ",
-                 channels_.size(), "; expected the same ones");
+                  channels_.size(), "; expected the same ones");
   for (int i = 0; i < count(); ++i) {
     const ChannelRules& channel = channels[i];
     basics::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
-                   channels_[i].name, "; expected the same ones");
+                    channels_[i].name, "; expected the same ones");
     if (orders_.valve[i] != Valve::kRegulate) continue;
     const bool inside = channel.limits.contains(goal_[i]) &&
                         onTheWay(channel.limits).contains(orders_.set_point[i]);
     basics::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
-                   1e-3 * orders_.set_point[i], ", outside the new limits of ",
-                   1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
-                   " kPa; command it inside them first");
+                    1e-3 * orders_.set_point[i], ", outside the new limits of ",
+                    1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
+                    " kPa; command it inside them first");
   }
   channels_ = std::move(channels);
   rules_ = rules;

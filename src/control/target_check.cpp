@@ -4,8 +4,8 @@
 #include <cmath>
 #include <sstream>
 
-#include "helix_arm/control/channel_watch.hpp"
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/control/channel_watch.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::control {

@@ -230,19 +230,21 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
 
 }  // namespace
 
-bool ArmCaptures::isLoaded() const { return load && !load->empty() && statics::takesLoad(tier.tier); }
+bool ArmCaptures::isLoaded() const {
+  return load && !load->empty() && statics::takesLoad(tier.tier);
+}
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
-                        "a finite value > 0");
+                         "a finite value > 0");
   };
   positive("the curvature noise", curvature_noise);
   positive("the corner noise", corner_noise);
   positive("the position noise", position_noise);
   const auto not_negative = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
-                        "a finite value >= 0");
+                         "a finite value >= 0");
   };
   not_negative("the rotation noise", rotation_noise);
   not_negative("the floor of the corners' noise", corner_floor);
@@ -257,9 +259,9 @@ void CalibrationOptions::validate() const {
   positive("the model's prior of translation", model_prior.translation);
   positive("the model's prior of rotation", model_prior.rotation);
   basics::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
-                      "the number of next pressures", next_pressures, "0 to 100");
+                       "the number of next pressures", next_pressures, "0 to 100");
   basics::requireValue(max_iterations >= 1, "calibration", "the number of iterations",
-                      max_iterations, "at least 1");
+                       max_iterations, "at least 1");
 }
 
 const char* nameOf(CalibrationStatus status) {

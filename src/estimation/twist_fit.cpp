@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <utility>
 
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "camera_reader.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/number.hpp"
 #include "pose_reader.hpp"
 #include "provenance_section.hpp"
 #include "scene_document.hpp"
@@ -73,7 +73,7 @@ void putStiffness(const model::Stiffness& stiffness, Value& document) {
 
 void putK_eps(const Scene& scene, double K_eps, Value& document) {
   basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
-                 "nothing loads scene ", scene.name, "; expected one with a load");
+                  "nothing loads scene ", scene.name, "; expected one with a load");
   for (Value* const one : stiffnessesOf(document)) {
     if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
   }
@@ -81,7 +81,7 @@ void putK_eps(const Scene& scene, double K_eps, Value& document) {
 
 void putLengthScale(const Scene& scene, const Eigen::VectorXd& factors, Value& document) {
   basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText",
-                      "the number of length scales", factors.size(), scene.arm.actuatorCount());
+                       "the number of length scales", factors.size(), scene.arm.actuatorCount());
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
     if (const Value* given = entry.keys->find("length_scale")) {
@@ -102,7 +102,7 @@ void putPose(const lie::SE3& X, Value& map) {
 
 void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
   basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
-                 "but scene ", scene.name, " has none; expected one with a camera");
+                  "but scene ", scene.name, " has none; expected one with a camera");
   lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
   X_WC.rotation *= kOpticalInBody.transpose();
   putPose(X_WC, *findValue(document, "camera"));
@@ -138,7 +138,7 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
 
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
   basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
-                      "the number of tags", layout.tags.size(), scene.tags->tags.size());
+                       "the number of tags", layout.tags.size(), scene.tags->tags.size());
   Value& groups = *findValue(*findValue(document, "tags"), "groups");
   std::vector<Value> placed;
   std::size_t next = 0;
@@ -152,8 +152,8 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
       const estimation::TagPlacement& before = scene.tags->tags[i];
       const int index = layout.find(before.id);
       basics::require(index >= 0 && layout.tags[index].section == before.section,
-                     "calibratedSceneText: tag ", before.id, " of scene ", scene.name,
-                     " is not placed on its section; expected all tags of the scene");
+                      "calibratedSceneText: tag ", before.id, " of scene ", scene.name,
+                      " is not placed on its section; expected all tags of the scene");
       moved = moved || !isSame(before, layout.tags[index]);
       split.push_back(groupOf(scene, group, layout.tags[index]));
     }
@@ -207,15 +207,15 @@ Value curveValue(const estimation::ContractionFit& fit) {
 void putContraction(const Scene& scene, const std::string& name,
                     const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
   basics::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
-                 " has no curve: ", fit.reason);
+                  " has no curve: ", fit.reason);
   Value& contractions = *findValue(document, "contractions");
   Value* const present = findValue(contractions, name);
   std::vector<std::string> known;
   for (const Value::Entry& entry : contractions.entries) known.push_back(entry.key);
   basics::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
-                 " has no contraction ", name, "; expected ", alternatives(known));
+                  " has no contraction ", name, "; expected ", alternatives(known));
   basics::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
-                 " of scene ", scene.name, " is a tendon; expected one that pressure drives");
+                  " of scene ", scene.name, " is a tendon; expected one that pressure drives");
   findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
   *present = curveValue(fit);
   // Factors on the old curve say nothing of the new one.
@@ -238,7 +238,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& calibration, Val
   if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
   const bool of_tags = calibration.tags || calibration.X_BF || calibration.bleed != 0;
   basics::require(!of_tags || scene.tags.has_value(), "calibratedSceneText: tags are calibrated, ",
-                 "but scene ", scene.name, " has none; expected one with tags");
+                  "but scene ", scene.name, " has none; expected one with tags");
   if (calibration.tags) putTags(scene, *calibration.tags, document);
   if (calibration.bleed != 0) {
     const double size = scene.tags->size - 2 * calibration.bleed;

@@ -57,7 +57,7 @@ statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) 
 }
 
 statics::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
-                           const Eigen::Matrix3d& R_BW) {
+                             const Eigen::Matrix3d& R_BW) {
   statics::PointLoad point = readPull(keys, R_BW);
   point.s = keys.number("s", kAlongSection).value_or(point.s);
   if (arm == nullptr || !keys.has("section")) return point;
@@ -81,7 +81,7 @@ bool isWeightless(const statics::Load& load) {
 }  // namespace
 
 std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
-                                    const ArmParts* arm, FaultList& faults) {
+                                      const ArmParts* arm, FaultList& faults) {
   const Value* value = document.find("load");
   if (value == nullptr) return std::nullopt;
   const std::size_t faults_before = faults.count();

@@ -12,6 +12,6 @@ namespace helix_arm::io {
 /// scene has none, or its faults leave none.
 /// @param arm  null where the faults leave no arm; the faults of `load` itself are still found.
 std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
-                                    const ArmParts* arm, FaultList& faults);
+                                      const ArmParts* arm, FaultList& faults);
 
 }  // namespace helix_arm::io

@@ -27,7 +27,7 @@ namespace {
 
 // Nothing where there are faults that concern it.
 std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& document,
-                                         const ArmParts* arm, FaultList& faults) {
+                                           const ArmParts* arm, FaultList& faults) {
   const std::size_t faults_before = faults.count();
   std::optional<statics::Load> load = readLoad(scene, document, arm, faults);
   const statics::TierRequest request = readTierRequest(scene, document, arm, faults);

@@ -2,8 +2,8 @@
 
 #include <sstream>
 
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/number.hpp"
 #include "tag_table.hpp"
 
 namespace helix_arm::io {
@@ -41,7 +41,7 @@ std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actu
   text << "\n";
   for (const TagCornerCapture& capture : captures) {
     basics::require(capture.pressure.size() == actuators, "tagCornerCsv: capture ", capture.number,
-                   " has ", capture.pressure.size(), " pressures; expected ", actuators);
+                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
     for (const TagCorners& tag : capture.tags) {
       text << capture.number;
       for (const double pressure : capture.pressure) {

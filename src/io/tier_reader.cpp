@@ -18,8 +18,8 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
 }
 
 std::optional<statics::Tier> tierOf(const std::string& name) {
-  for (const statics::Tier tier :
-       {statics::Tier::kPlanar, statics::Tier::kLinear, statics::Tier::kLoaded, statics::Tier::kExact}) {
+  for (const statics::Tier tier : {statics::Tier::kPlanar, statics::Tier::kLinear,
+                                   statics::Tier::kLoaded, statics::Tier::kExact}) {
     if (name == statics::nameOf(tier)) return tier;
   }
   return std::nullopt;
@@ -39,7 +39,7 @@ void checkSceneAllows(const MapReader& scene, statics::Tier tier, bool planar) {
 }  // namespace
 
 statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
-                                   const ArmParts* arm, FaultList& faults) {
+                                     const ArmParts* arm, FaultList& faults) {
   statics::TierRequest request;
   std::string tier = "auto";
   bool known = true;

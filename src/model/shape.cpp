@@ -7,10 +7,10 @@ namespace helix_arm::model {
 Shape::Shape(const Pieces& pieces, int pieces_per_section)
     : pieces_(pieces), pieces_per_section_(pieces_per_section) {
   basics::requireValue(pieces_per_section >= 1, "shape", "the number of pieces per section",
-               pieces_per_section, "at least 1");
-  basics::requireValue(pieces.cols() % pieces_per_section == 0 && sectionCount() <= kMaxSections, "shape",
-               "the number of pieces", pieces.cols(),
-               "a whole number of sections, at most 16 of them");
+                       pieces_per_section, "at least 1");
+  basics::requireValue(pieces.cols() % pieces_per_section == 0 && sectionCount() <= kMaxSections,
+                       "shape", "the number of pieces", pieces.cols(),
+                       "a whole number of sections, at most 16 of them");
 }
 
 Twists Shape::twists() const {
@@ -23,8 +23,9 @@ Twists Shape::twists() const {
 }
 
 Shape Shape::about(const Twists& twists) const {
-  basics::requireValue(twists.cols() == sectionCount(), "shape", "the number of sections of other twists",
-               twists.cols(), "as many as it has");
+  basics::requireValue(twists.cols() == sectionCount(), "shape",
+                       "the number of sections of other twists", twists.cols(),
+                       "as many as it has");
   if (pieces_per_section_ == 1) return twists;
   Shape out = *this;
   const Twists moved = (twists - this->twists()) / pieces_per_section_;

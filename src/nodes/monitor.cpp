@@ -1,5 +1,5 @@
-#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
 
 int main(int argc, char** argv) {
   using namespace helix_arm::ros_bridge;

@@ -8,10 +8,10 @@
 #include <set>
 #include <stdexcept>
 
-#include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/calibrated_scene.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/procedures/captures.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -76,7 +76,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   const auto chosen = [](double asked, double usual) { return asked > 0 ? asked : usual; };
   const auto check = [](const char* what, double noise) {
     basics::requireValue(std::isfinite(noise) && noise >= 0, "calibration", what, noise,
-                        "a finite value >= 0, 0 for the scene's");
+                         "a finite value >= 0, 0 for the scene's");
   };
   check("the curvature noise", request.curvature_noise);
   check("the corner noise", request.corner_noise);
@@ -109,9 +109,10 @@ std::optional<std::string> curveName(const io::Scene& scene, const std::string& 
 }
 
 io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
-                        const std::vector<io::Override>& overrides, const CalibrationRequest& request,
-                        const std::vector<io::Provenance::Data>& sources,
-                        const CalibrationOutcome& outcome) {
+                            const std::vector<io::Override>& overrides,
+                            const CalibrationRequest& request,
+                            const std::vector<io::Provenance::Data>& sources,
+                            const CalibrationOutcome& outcome) {
   io::Provenance out;
   out.date = request.date;
   out.package_version = HELIX_ARM_VERSION;
@@ -138,7 +139,8 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
 }
 
 io::SceneCalibration changesOf(const io::Scene& scene, const Calibration& calibration,
-                           const CalibrationOptions& options, const FitWords& words, bool corners) {
+                               const CalibrationOptions& options, const FitWords& words,
+                               bool corners) {
   io::SceneCalibration changes;
   changes.stiffness = calibration.stiffness;
   changes.K_eps = calibration.K_eps;
@@ -152,7 +154,8 @@ io::SceneCalibration changesOf(const io::Scene& scene, const Calibration& calibr
 
 // Shapes fitted to the tags of each capture by itself, where they determine one, with the
 // placements that a calibration found.
-ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data, const Calibration& calibration) {
+ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
+                     const Calibration& calibration) {
   ArmCaptures out = data;
   out.captures.clear();
   model::Stiffness stiffness = calibration.stiffness.value();
@@ -183,7 +186,8 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data, const Cali
 }
 
 // By the paper's definition, which knows of no other parameter.
-std::optional<estimation::LeastTipError> leastTipError(const io::Scene& scene, const ArmCaptures& data,
+std::optional<estimation::LeastTipError> leastTipError(const io::Scene& scene,
+                                                       const ArmCaptures& data,
                                                        const Calibration& calibration,
                                                        const CalibrationOptions& options) {
   const bool fitted = options.K_kappa && calibration.stiffness;
@@ -269,8 +273,8 @@ CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<st
       LoadedCaptures read = loadCaptures(scene, data);
       count = static_cast<int>(read.captures.size());
       if (!read.unknown_tags.empty()) {
-        out.warnings.push_back(path +
-                               " has tags that the scene has not: " + io::listOf(read.unknownIds()));
+        out.warnings.push_back(
+            path + " has tags that the scene has not: " + io::listOf(read.unknownIds()));
       }
       addCaptures(std::move(read.captures), path, out);
     }
@@ -279,7 +283,8 @@ CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<st
   return out;
 }
 
-CalibrationOutcome runCalibration(const std::string& path, const std::vector<io::Override>& overrides,
+CalibrationOutcome runCalibration(const std::string& path,
+                                  const std::vector<io::Override>& overrides,
                                   const CalibrationRequest& request, const CalibrationData& data,
                                   const std::vector<CompanionArm>& companions) {
   const FitWords words(request.fit);

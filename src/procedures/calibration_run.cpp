@@ -18,7 +18,7 @@ constexpr std::array<const char*, 4> kPhases = {"ramping", "settling", "returnin
 
 void requirePositive(const char* what, double value) {
   basics::requireValue(std::isfinite(value) && value > 0, "a calibration run", what, value,
-                      "a finite value > 0");
+                       "a finite value > 0");
 }
 
 }  // namespace
@@ -27,7 +27,7 @@ const char* nameOf(RunPhase phase) { return kPhases[static_cast<std::size_t>(pha
 
 void RunRules::validate() const {
   basics::requireValue(captures >= 1 && captures <= kMaxCaptures, "a calibration run", "captures",
-                      captures, "1 to 5 a pressure");
+                       captures, "1 to 5 a pressure");
   requirePositive("ramp", ramp);
   requirePositive("patience", patience);
 }
@@ -38,10 +38,10 @@ CalibrationRun::CalibrationRun(Eigen::MatrixXd plan, Eigen::VectorXd from, Eigen
   rules_.validate();
   basics::require(plan_.rows() >= 1, "a calibration run without steps; expected at least one");
   basics::require(plan_.cols() == pressure_.size() && plan_.cols() == rest_.size(), "a plan of ",
-                 plan_.cols(), " actuators, from ", pressure_.size(), " pressures to ",
-                 rest_.size(), "; expected those of one arm");
+                  plan_.cols(), " actuators, from ", pressure_.size(), " pressures to ",
+                  rest_.size(), "; expected those of one arm");
   basics::require(plan_.allFinite() && pressure_.allFinite() && rest_.allFinite(),
-                 "a calibration run with pressures that are not finite");
+                  "a calibration run with pressures that are not finite");
 }
 
 bool CalibrationRun::rampTo(const Eigen::VectorXd& target, double dt) {

@@ -28,7 +28,9 @@ constexpr NamedKind kKinds[] = {
   throw io::DocumentError(file + " " + fault);
 }
 
-std::string kilopascalText(double pressure) { return io::formatNumber(io::kilopascals(pressure)) + " kPa"; }
+std::string kilopascalText(double pressure) {
+  return io::formatNumber(io::kilopascals(pressure)) + " kPa";
+}
 
 std::optional<std::string> limitFault(const model::Actuator& actuator, int number,
                                       double pressure) {
@@ -113,7 +115,8 @@ LoadedCaptures curvaturesOf(const io::Scene& scene, const io::DataSet& data,
 
 LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
   TagReadings<estimation::PoseObservation> readings(scene, data.path);
-  for (const io::TagPoseCapture& capture : io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
+  for (const io::TagPoseCapture& capture :
+       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
     readings.add(capture.number, capture.pressure, capture.tags,
                  [](const io::TagPose& tag) { return std::optional(tag.X_BT); });
   }

@@ -7,7 +7,9 @@ namespace {
 
 constexpr std::array<double, 12> kLevels = {0, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60};  // psi
 
-control::Refusal refuse(control::Fault fault, const std::string& message) { return {fault, message}; }
+control::Refusal refuse(control::Fault fault, const std::string& message) {
+  return {fault, message};
+}
 
 }  // namespace
 
@@ -24,19 +26,21 @@ Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
   return plan;
 }
 
-control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows) {
+control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm,
+                                            const std::vector<double>& rows) {
   if (rows.empty()) return defaultPressurePlan(arm);
   const auto count = static_cast<std::size_t>(arm.actuatorCount());
   if (rows.size() % count != 0) {
-    return refuse(control::Fault::kWrongSize, "a plan of " + std::to_string(rows.size()) +
-                                         " pressures for " + std::to_string(count) +
-                                         " actuators; send one a step and actuator, row by row");
+    return refuse(control::Fault::kWrongSize,
+                  "a plan of " + std::to_string(rows.size()) + " pressures for " +
+                      std::to_string(count) +
+                      " actuators; send one a step and actuator, row by row");
   }
   Eigen::MatrixXd plan(rows.size() / count, count);
   for (Eigen::Index step = 0; step < plan.rows(); ++step) {
     const auto first = rows.begin() + step * plan.cols();
     const auto checked = control::checkPressures(arm, Eigen::VectorXd::Zero(plan.cols()), {},
-                                        std::vector<double>(first, first + plan.cols()));
+                                                 std::vector<double>(first, first + plan.cols()));
     if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
       return refuse(refusal->fault,
                     "step " + std::to_string(step + 1) + " of the plan: " + refusal->message);

@@ -14,8 +14,8 @@ Sample medianOf(const std::vector<Sample>& samples) {
   std::map<int, std::vector<const TagSighting*>> sightings;
   for (const Sample& sample : samples) {
     basics::require(sample.pressure.size() == out.pressure.size(), "samples of ",
-                   sample.pressure.size(), " and of ", out.pressure.size(),
-                   " pressures; expected those of one arm");
+                    sample.pressure.size(), " and of ", out.pressure.size(),
+                    " pressures; expected those of one arm");
     out.time = std::max(out.time, sample.time);
     for (const TagSighting& tag : sample.tags) sightings[tag.id].push_back(&tag);
   }

@@ -26,7 +26,7 @@ std::string format(const char* pattern, Arguments... arguments) {
 
 void requirePositive(const char* what, double value) {
   basics::requireValue(std::isfinite(value) && value > 0, "the settle rules", what, value,
-                      "a finite value > 0");
+                       "a finite value > 0");
 }
 
 // How far tags moved from one picture to another: that of the tag that kStillShare of those in both
@@ -67,7 +67,7 @@ SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rule
 
 void SettleWatch::checkSize(const Eigen::VectorXd& pressure) const {
   basics::require(pressure.size() == static_cast<Eigen::Index>(names_.size()), pressure.size(),
-                 " pressures for ", names_.size(), " actuators; expected one each");
+                  " pressures for ", names_.size(), " actuators; expected one each");
 }
 
 template <class Entry>

@@ -44,28 +44,28 @@ AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
   constexpr const char* kCulprit = "ascii serial regulator";
   basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
   basics::require(!device_.empty(), kCulprit,
-                 ": device is empty; expected one such as /dev/ttyUSB0");
+                  ": device is empty; expected one such as /dev/ttyUSB0");
   const bool addressed = lines_.write->has("{address}");
   const std::vector<std::string>& addresses = config.addresses;
   if (addressed) {
     basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
-                        "the number of addresses", addresses.size(),
-                        "one a channel, " + std::to_string(channels));
+                         "the number of addresses", addresses.size(),
+                         "one a channel, " + std::to_string(channels));
   } else {
     basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
-                        "none: the profile's lines have no {address}");
+                         "none: the profile's lines have no {address}");
     basics::require(channels == 1 || !profile_.one_by_one, kCulprit, ": there are ", channels,
-                   " channels, but the profile's lines have no {address} to tell them apart");
+                    " channels, but the profile's lines have no {address} to tell them apart");
   }
   for (std::size_t i = 0; i < addresses.size(); ++i) {
     const std::string& address = addresses[i];
     const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
                                                       [](char c) { return c > ' ' && c <= '~'; });
     basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
-                   "\"; expected a word without blanks");
+                    "\"; expected a word without blanks");
     basics::require(std::find(addresses.begin(), addresses.end(), address) ==
-                       addresses.begin() + static_cast<std::ptrdiff_t>(i),
-                   kCulprit, ": address ", address, " is given twice; expected one a channel");
+                        addresses.begin() + static_cast<std::ptrdiff_t>(i),
+                    kCulprit, ": address ", address, " is given twice; expected one a channel");
   }
   channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
   for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
@@ -303,10 +303,10 @@ void AsciiSerialDriver::writeTogether(const control::ValveOrders& orders) {
 void AsciiSerialDriver::write(const control::ValveOrders& orders) {
   const auto size = static_cast<std::size_t>(count_);
   basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
-                      "ascii serial regulator", "the number of orders", orders.valve.size(),
-                      "one a channel");
+                       "ascii serial regulator", "the number of orders", orders.valve.size(),
+                       "one a channel");
   basics::require(orders.set_point.allFinite(),
-                 "ascii serial regulator: a set point is not finite; expected pascals");
+                  "ascii serial regulator: a set point is not finite; expected pascals");
   if (!profile_.one_by_one) return writeTogether(orders);
   eachChannel([&](Channel& channel, int i) {
     writeChannel(channel, orders.valve[static_cast<std::size_t>(i)], orders.set_point[i]);
@@ -368,7 +368,7 @@ void AsciiSerialDriver::overhear() {
 
 void AsciiSerialDriver::read(Pressures& pressures) {
   basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
-                      "the number of readings", pressures.pressure.size(), "one a channel");
+                       "the number of readings", pressures.pressure.size(), "one a channel");
   pressures = Pressures(count_);
   std::exception_ptr error;
   try {

@@ -34,7 +34,7 @@ std::string_view withoutEnds(std::string_view line) {
 std::string numberText(double value, int decimals) {
   if (!std::isfinite(value)) return "nan";
   basics::require(std::abs(value) < kHighestNumber, "a line cannot hold the number ", value,
-                 "; expected one below 1e9");
+                  "; expected one below 1e9");
   const auto scale = static_cast<std::int64_t>(kPowersOfTen[decimals]);
   const std::int64_t counts = std::llround(value * static_cast<double>(scale));
   const std::int64_t size = std::abs(counts);
@@ -201,7 +201,7 @@ bool LineFormat::has(std::string_view field) const {
 std::string LineFormat::line(const std::string& address, const LineFields& fields) const {
   const auto number = [&](const std::optional<double>& value, const Part& part) {
     basics::require(value.has_value(), "\"", basics::quoted(text_), "\" wants ", part.text,
-                   ", which is not given");
+                    ", which is not given");
     return numberText(*value, style_.decimals);
   };
   std::string line;
@@ -326,8 +326,8 @@ LineFields LineFormat::parse(std::string_view line, const std::string& address,
     return std::move(*fields);
   }
   const std::string rest(inner.substr(mismatch.at));
-  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" is no \"" +
-                 basics::quoted(text_) + "\": expected " + mismatch.expected +
+  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" is no \"" + basics::quoted(text_) +
+                 "\": expected " + mismatch.expected +
                  (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
 }
 

@@ -19,7 +19,7 @@ class Checker {
   }
   void within(const char* what, double value, double lowest, double highest) const {
     basics::require(value >= lowest && value <= highest, culprit_, ": ", what, " is ", value,
-                   "; expected ", lowest, " to ", highest);
+                    "; expected ", lowest, " to ", highest);
   }
 
  private:

@@ -42,11 +42,11 @@ const ModbusConfig& valid(const ModbusConfig& config) {
   for (const int place : config.slots) {
     basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
     basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
-                        "slots that differ");
+                         "slots that differ");
     const int last = profile.slot(place) + 1;
     basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
-                            profile.input_base + last * profile.input_stride <= kHighestRegister,
-                        culprit.c_str(), "slot", place, "one whose registers are below 65536");
+                             profile.input_base + last * profile.input_stride <= kHighestRegister,
+                         culprit.c_str(), "slot", place, "one whose registers are below 65536");
   }
   return config;
 }
@@ -277,11 +277,11 @@ void ModbusTcpDriver::Link::clearOutputs() {
 
 void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
   basics::require(orders.valve.size() == places_.size() &&
-                     orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
-                 "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
-                 " channels; expected ", places_.size());
+                      orders.set_point.size() == static_cast<Eigen::Index>(places_.size()),
+                  "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
+                  " channels; expected ", places_.size());
   basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
-                 ": a set point is not finite; expected all to be");
+                  ": a set point is not finite; expected all to be");
   context();
   clearOutputs();
   for (Slot& slot : slots_) {
@@ -319,8 +319,8 @@ void ModbusTcpDriver::Link::vent() {
 
 void ModbusTcpDriver::Link::read(Pressures& pressures) {
   basics::require(pressures.pressure.size() == static_cast<Eigen::Index>(places_.size()),
-                 "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
-                 " channels; expected ", places_.size());
+                  "regulator ", profile_.name, ": readings are of ", pressures.pressure.size(),
+                  " channels; expected ", places_.size());
   fetch();
   for (const Slot& slot : slots_) {
     if (!profile_.app || slot.command != profile_.app->regulate) continue;

@@ -26,7 +26,7 @@ PressurePath::PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo
       longest_gap_(longest_gap),
       io_(std::move(io)) {
   basics::requireValue(longest_gap > 0, "pressure path", "the longest gap [s]", longest_gap,
-                      "a value > 0");
+                       "a value > 0");
 }
 
 void PressurePath::askGuard(double now) {

@@ -35,9 +35,9 @@ const IoRules& valid(const IoRules& rules, const Driver& driver) {
   rules.validate();
   const double longest = driver.watchdog() / kLinesAWatchdog;
   basics::require(rules.period <= longest, "the regulator vents by itself when no line comes for ",
-                 driver.watchdog(), " s (watchdog_s of its profile), and one would come every ",
-                 rules.period, " s; expected at most ", longest,
-                 " s: raise the rate of the loop or, where the device waits longer, watchdog_s");
+                  driver.watchdog(), " s (watchdog_s of its profile), and one would come every ",
+                  rules.period, " s; expected at most ", longest,
+                  " s: raise the rate of the loop or, where the device waits longer, watchdog_s");
   return rules;
 }
 
@@ -50,19 +50,19 @@ double steadyNow() {
 void IoRules::validate() const {
   const auto positive = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
-                        "a finite value > 0");
+                         "a finite value > 0");
   };
   positive("the period [s]", period);
   positive("the timeout of orders [s]", order_timeout);
   positive("the first back-off [s]", first_back_off);
   basics::requireValue(std::isfinite(longest_back_off) && longest_back_off >= first_back_off,
-                      "regulator I/O", "the longest back-off [s]", longest_back_off,
-                      "at least the first");
+                       "regulator I/O", "the longest back-off [s]", longest_back_off,
+                       "at least the first");
   basics::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
-                      most_bad_replies, "at least 1");
+                       most_bad_replies, "at least 1");
   positive("the pressure that is none [Pa]", vented_below);
   basics::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
-                      "the time to vent [s]", vent_time, "a finite value >= 0");
+                       "the time to vent [s]", vent_time, "a finite value >= 0");
 }
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)

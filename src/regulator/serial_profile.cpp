@@ -47,7 +47,7 @@ void requireSendable(const char* key, const LineFormat& line,
       return std::string_view(word) == field;
     });
     basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
-                   ", which a line to the device cannot");
+                    ", which a line to the device cannot");
   }
 }
 
@@ -90,19 +90,19 @@ void validateLines(const SerialProfile& profile) {
   for (const LineFormat& line : lines.resume) requireAlike("resume", line);
   if (lines.read) requireAlike("read", *lines.read);
   basics::require(profile.one_by_one || !addressed, kCulprit,
-                 ": write has {address}, but one_by_one is false");
+                  ": write has {address}, but one_by_one is false");
   basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
-                 ": close is given, but one_by_one is false: one channel alone cannot be closed");
+                  ": close is given, but one_by_one is false: one channel alone cannot be closed");
   if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
   const bool unasked = !lines.read;
   basics::require(!unasked || !profile.one_by_one, kCulprit,
-                 ": read is missing, so one_by_one must be false: readings come unasked, in one "
-                 "line for all channels");
+                  ": read is missing, so one_by_one must be false: readings come unasked, in one "
+                  "line for all channels");
   basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
-                 ": read is missing, so write_reply and vent_reply must be: what comes unasked "
-                 "answers nothing");
+                  ": read is missing, so write_reply and vent_reply must be: what comes unasked "
+                  "answers nothing");
   basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
-                 ": supply_line and skip are of lines that come unasked, but read is given");
+                  ": supply_line and skip are of lines that come unasked, but read is given");
 }
 
 }  // namespace
@@ -110,25 +110,26 @@ void validateLines(const SerialProfile& profile) {
 void SerialProfile::validate() const {
   require(isBaud(baud), "baud", baud, "1200, 2400, 4800, 9600 and so on up to 2000000");
   basics::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
-                 ": terminator is \"", basics::quoted(terminator),
-                 "\"; expected a carriage return, a line feed or both");
+                  ": terminator is \"", basics::quoted(terminator),
+                  "\"; expected a carriage return, a line feed or both");
   require(pascals >= 1e-3 && pascals <= 1e8, "the size of the unit [Pa]", pascals, "1e-3 to 1e8");
   require(atmosphere >= 0 && atmosphere <= 2e5, "the atmosphere [Pa]", atmosphere, "0 to 2e5");
   require(decimals >= 0 && decimals <= 6, "decimals", decimals, "0 to 6");
   for (const std::string& text : {separator, reply_separator}) {
     basics::require(keepsToSeparators(text), kCulprit, ": a separator is \"", basics::quoted(text),
-                   "\"; expected 1 to 4 characters that are in no number");
+                    "\"; expected 1 to 4 characters that are in no number");
   }
   basics::require(std::all_of(unit_word.begin(), unit_word.end(),
-                             [](char c) { return c > ' ' && c <= '~' && c != '{' && c != '}'; }),
-                 kCulprit, ": unit_word is \"", basics::quoted(unit_word),
-                 "\"; expected a word without blanks and braces");
+                              [](char c) { return c > ' ' && c <= '~' && c != '{' && c != '}'; }),
+                  kCulprit, ": unit_word is \"", basics::quoted(unit_word),
+                  "\"; expected a word without blanks and braces");
   require(timeout >= 1e-3 && timeout <= 10, "timeout [s]", timeout, "0.001 to 10");
   require(watchdog >= std::max(0.1, 2 * timeout), "watchdog [s]", watchdog,
           "0.1 or more, and at least twice the timeout");
   basics::require(!write.empty(), kCulprit, ": write is missing");
   basics::require(!reply.empty(), kCulprit, ": reply is missing");
-  basics::require(!vent.empty(), kCulprit, ": vent is missing: without it no fault can be survived");
+  basics::require(!vent.empty(), kCulprit,
+                  ": vent is missing: without it no fault can be survived");
   validateLines(*this);
 }
 

@@ -11,8 +11,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "backdrop.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "tag_pattern.hpp"
 
 namespace helix_arm::simulation {
@@ -78,19 +78,19 @@ struct PlanePoint {
 void SimulatedCameraConfig::validate() const {
   const char* const not_negative = "a finite value >= 0";
   basics::requireValue(std::isfinite(blur) && blur >= 0, kCulprit, "the blur [px]", blur,
-                      not_negative);
+                       not_negative);
   basics::requireValue(std::isfinite(noise) && noise >= 0, kCulprit, "the noise [gray levels]",
-                      noise, not_negative);
+                       noise, not_negative);
   basics::requireValue(std::isfinite(exposure) && exposure > 0, kCulprit, "the exposure", exposure,
-                      "a finite value > 0");
+                       "a finite value > 0");
   basics::requireValue(std::isfinite(bleed) && bleed >= 0, kCulprit, "the bleed [m]", bleed,
-                      not_negative);
+                       not_negative);
   basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kCulprit, "the JPEG quality",
-                      jpeg_quality, "1 to 100");
+                       jpeg_quality, "1 to 100");
   basics::requireValue(clutter >= 0, kCulprit, "the number of objects in the background", clutter,
-                      "a value >= 0");
+                       "a value >= 0");
   basics::requireValue(occluders >= 0, kCulprit, "the number of occluders", occluders,
-                      "a value >= 0");
+                       "a value >= 0");
 }
 
 struct SimulatedCamera::Workspace {
@@ -195,14 +195,14 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
   view.validate();
   config.validate();
   basics::requireValue(std::isfinite(body.radius) && body.radius > 0, kCulprit,
-                      "the arm's radius [m]", body.radius, "a finite value > 0");
+                       "the arm's radius [m]", body.radius, "a finite value > 0");
   cell = view.layout.size / family.borderCells();
   cells = family.borderCells() + 2 * family.quietCells();
   basics::requireValue(config.bleed < 0.5 * cell, kCulprit, "the bleed [m]", config.bleed,
-                      "less than half a cell of the tags");
+                       "less than half a cell of the tags");
   for (const estimation::TagPlacement& tag : view.layout.tags) {
     basics::requireValue(tag.id < family.count(), kCulprit, "the id of a tag", tag.id,
-                        "one that the family of the tags has");
+                         "one that the family of the tags has");
     patterns.emplace_back(family.cells(tag.id), config.bleed / cell);
   }
   occluders = makeOccluders(config.occluders, generator);
@@ -217,9 +217,9 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
 
 const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
   basics::requireValue(shape.sectionCount() == view.sections, kCulprit, "the number of sections",
-                      shape.sectionCount(), "one a section of the arm in view");
+                       shape.sectionCount(), "one a section of the arm in view");
   basics::requireValue(shape.pieces().allFinite(), kCulprit, "a twist", "not finite",
-                      "finite twists");
+                       "finite twists");
   backdrop.copyTo(sharp);
   collectLayers(shape);
   for (const Layer& layer : layers) {

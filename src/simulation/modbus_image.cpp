@@ -16,15 +16,15 @@ constexpr int kHighestRegister = 0xffff;
 int slotsOf(const ModbusDeviceConfig& config) {
   config.profile.validate();
   basics::requireValue(config.places >= 1, "emulated Modbus device", "the number of places",
-                      config.places, "at least 1");
+                       config.places, "at least 1");
   basics::requireValue(config.activation_time >= 0, "emulated Modbus device",
-                      "the activation time [s]", config.activation_time, "a value >= 0");
+                       "the activation time [s]", config.activation_time, "a value >= 0");
   const regulator::ModbusProfile& profile = config.profile;
   const int slots = profile.slot(config.places - 1) + 1;
   basics::requireValue(profile.output_base + slots * profile.output_stride <= kHighestRegister &&
-                          profile.input_base + slots * profile.input_stride <= kHighestRegister,
-                      "emulated Modbus device", "the number of places", config.places,
-                      "as many as have registers below 65536");
+                           profile.input_base + slots * profile.input_stride <= kHighestRegister,
+                       "emulated Modbus device", "the number of places", config.places,
+                       "as many as have registers below 65536");
   return slots;
 }
 

@@ -35,7 +35,7 @@ class Noise {
 void MountDeviation::validate() const {
   const auto check = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
-                        "a finite value >= 0");
+                         "a finite value >= 0");
   };
   check("the deviation of the camera's place [m]", camera_translation);
   check("the deviation of the camera's direction [rad]", camera_rotation);

@@ -37,7 +37,7 @@ std::string describe(const statics::Load& load) {
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
-                        "a finite value > 0");
+                         "a finite value > 0");
   };
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
@@ -67,8 +67,8 @@ SimulatedRig::SimulatedRig(const statics::ArmModel& model,
     : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
-                      "the number of sections in the camera's view", camera->view.sections,
-                      "as many as the arm has");
+                       "the number of sections in the camera's view", camera->view.sections,
+                       "as many as the arm has");
   camera_.emplace(camera->view, camera->family, camera->body, camera->config);
 }
 

@@ -19,14 +19,14 @@ const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   config.profile.validate();
   config.regulator.validate();
   basics::requireValue(config.channels >= 1, kCulprit, "the number of channels", config.channels,
-                      "at least 1");
+                       "at least 1");
   const bool addressed = regulator::SerialLines(config.profile).write->has("{address}");
   basics::requireValue(
       config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
       kCulprit, "the number of addresses", config.addresses.size(),
       "one a channel where the profile has {address}, else none");
   basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kCulprit,
-                 ": the profile has no {address} to tell channels apart");
+                  ": the profile has no {address} to tell channels apart");
   basics::requireValue(config.period > 0, kCulprit, "the period [s]", config.period, "a value > 0");
   return config;
 }

@@ -9,8 +9,8 @@ namespace helix_arm::statics {
 
 class ArmModel::Solvers {
  public:
-  Solvers(model::Arm given, std::optional<model::PlanarArm> given_planar, std::optional<Load> given_load,
-          TierChoice given_choice)
+  Solvers(model::Arm given, std::optional<model::PlanarArm> given_planar,
+          std::optional<Load> given_load, TierChoice given_choice)
       : arm(std::move(given)),
         planar(std::move(given_planar)),
         load(std::move(given_load)),
@@ -34,7 +34,8 @@ ArmModel::ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::
 ArmModel::ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::optional<Load> load,
                    const TierSetting& setting) {
   basics::require(setting.tier != Tier::kPlanar || planar, "tier: planar needs an arm in a plane");
-  basics::require(!takesLoad(setting.tier) || load, "tier: ", nameOf(setting.tier), " needs a load");
+  basics::require(!takesLoad(setting.tier) || load, "tier: ", nameOf(setting.tier),
+                  " needs a load");
   solvers_ = std::make_unique<Solvers>(std::move(arm), std::move(planar), std::move(load),
                                        TierChoice{setting, 0.0, "the setting is given"});
 }
@@ -72,7 +73,8 @@ Tip ArmModel::tipOfLengths(const Eigen::VectorXd& lengths) const {
   return solvers_->solver.tip(lengths);
 }
 
-std::vector<model::CurvePoint<lie::SE3>> ArmModel::curve(const model::InputRef& q, int count) const {
+std::vector<model::CurvePoint<lie::SE3>> ArmModel::curve(const model::InputRef& q,
+                                                         int count) const {
   return solvers_->solver.curve(q, count);
 }
 
@@ -80,7 +82,8 @@ TipResponse ArmModel::tipResponse(const Eigen::VectorXd& lengths) const {
   return solvers_->solver.tipResponse(lengths);
 }
 
-model::Shape startingShape(const ArmModel& model, const Solution& solution, const model::InputRef& q) {
+model::Shape startingShape(const ArmModel& model, const Solution& solution,
+                           const model::InputRef& q) {
   return solution.converged() ? solution.shape : model::Shape(model.arm().twists(q));
 }
 

@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "compliance.hpp"
-#include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/curve_place.hpp"
 #include "rod_flow.hpp"
 #include "twist_near.hpp"
 
@@ -147,8 +147,8 @@ class ExactArm::Rod {
   // Calls visit(X, turned) with the pose at each of the stops, s over the whole arm that do not
   // decrease, and the integral of the angular strain up to it.
   template <class Visit>
-  Trace trace(const Reached& reached, const model::Twists& unloaded, const std::vector<double>& stops,
-              const Visit& visit) const;
+  Trace trace(const Reached& reached, const model::Twists& unloaded,
+              const std::vector<double>& stops, const Visit& visit) const;
   void check(const model::Twists& unloaded) const;
   model::Shape unloadedShape(const model::Twists& unloaded) const;
 
@@ -170,8 +170,9 @@ ExactArm::Rod::Rod(const model::Arm& arm, const Load& load, const ExactOptions& 
   load.validate(sections);
   options.validate();
   basics::requireValue(sections * options.pieces_per_section <= model::kMaxPieces, "exact tier",
-               "the number of pieces of all sections", sections * options.pieces_per_section,
-               "at most 128; lower pieces_per_section");
+                       "the number of pieces of all sections",
+                       sections * options.pieces_per_section,
+                       "at most 128; lower pieces_per_section");
   empty_ = load.empty();
 
   double bend = 0.0;
@@ -414,7 +415,7 @@ model::Shape ExactArm::Rod::unloadedShape(const model::Twists& unloaded) const {
 
 void ExactArm::Rod::check(const model::Twists& unloaded) const {
   basics::requireValue(unloaded.cols() == static_cast<int>(laws_.size()), "exact tier",
-               "the number of unloaded twists", unloaded.cols(), "one for each section");
+                       "the number of unloaded twists", unloaded.cols(), "one for each section");
   basics::require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
 }
 
@@ -503,7 +504,8 @@ Solution ExactArm::Rod::solve(const model::Twists& unloaded) const {
   return solution;
 }
 
-std::vector<model::CurvePoint<lie::SE3>> ExactArm::Rod::curve(const model::Twists& unloaded, int count) const {
+std::vector<model::CurvePoint<lie::SE3>> ExactArm::Rod::curve(const model::Twists& unloaded,
+                                                              int count) const {
   model::requireCurve(count);
   check(unloaded);
   const int sections = static_cast<int>(unloaded.cols());
@@ -524,7 +526,8 @@ ExactArm::ExactArm(const model::Arm& arm, const Load& load, const ExactOptions& 
 
 Solution ExactArm::solve(const model::Twists& unloaded) const { return rod_->solve(unloaded); }
 
-std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Twists& unloaded, int count) const {
+std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Twists& unloaded,
+                                                         int count) const {
   return rod_->curve(unloaded, count);
 }
 

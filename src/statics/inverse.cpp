@@ -11,8 +11,8 @@
 #include <string>
 
 #include "box_quadratic.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "helix_arm/basics/fraction.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "inverse_task.hpp"
 
 namespace helix_arm::statics {
@@ -594,7 +594,8 @@ const InverseResult& InverseSolver::toPose(const lie::SE3& pose, const model::In
   return workspace_->solve(start);
 }
 
-const InverseResult& InverseSolver::toTwists(const model::Twists& twists, const model::InputRef& start) {
+const InverseResult& InverseSolver::toTwists(const model::Twists& twists,
+                                             const model::InputRef& start) {
   const int sections = workspace_->arm().sectionCount();
   if (twists.cols() != sections) {
     throw std::invalid_argument("got twists of " + std::to_string(twists.cols()) +

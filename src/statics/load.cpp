@@ -43,7 +43,7 @@ void Load::validate(int sections) const {
     check(point.s >= 0 && point.s <= 1, "s of a point", point.s, "0 to 1");
     check(notNegative(point.mass), "the mass of a point", point.mass, "a finite value >= 0 [kg]");
     basics::require(point.force.allFinite() && point.moment.allFinite() && point.offset.allFinite(),
-            "load: force, moment or offset of a point is not finite");
+                    "load: force, moment or offset of a point is not finite");
   }
 }
 

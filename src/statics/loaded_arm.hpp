@@ -7,9 +7,9 @@
 
 #include "buckling.hpp"
 #include "compliance.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "relaxation.hpp"
 
 /// Definitions of LoadedArmOf. Each group is instantiated in a file of its own, as that takes long.
@@ -41,8 +41,8 @@ inline auto withNodes(int order, const F& f) {
 template <class Group>
 LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load, int order)
     : order_(order), load_(load), size_(arm.restLength()) {
-  basics::requireValue(order >= kLeastOrder && order <= kMostOrder, "loaded tier", "the order", order,
-               "2 to 8");
+  basics::requireValue(order >= kLeastOrder && order <= kMostOrder, "loaded tier", "the order",
+                       order, "2 to 8");
   const int sections = arm.sectionCount();
   load.validate(sections);
   std::set<double> cuts;  // s over the whole arm
@@ -123,7 +123,7 @@ Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
 
 template <class Group>
 std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Twists& unloaded,
-                                                            int count) const {
+                                                                   int count) const {
   model::requireCurve(count);
   return withNodes(order_, [&](auto nodes) {
     return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)

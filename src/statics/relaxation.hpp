@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "anderson.hpp"
-#include "helix_arm/model/curve_place.hpp"
 #include "gauss_rule.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "loaded_limits.hpp"
 #include "twist_near.hpp"

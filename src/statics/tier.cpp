@@ -6,11 +6,11 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "helix_arm/basics/median_time.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "helix_arm/basics/median_time.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "tier_solver.hpp"
 
 namespace helix_arm::statics {
@@ -70,12 +70,13 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
       ++unbalanced;
     }
   }
-  basics::require(!out.empty(), "load: ",
-          refused == SolveStatus::kUnsupported
-              ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
-                "value > 0"
-              : "no shape balances it at any of the inputs tried; lower the masses and forces, or "
-                "raise arm.stiffness.K_eps_n");
+  basics::require(
+      !out.empty(), "load: ",
+      refused == SolveStatus::kUnsupported
+          ? "it pulls along a motion that no actuator resists; give K_tau_m2 or K_kappa_m2 a "
+            "value > 0"
+          : "no shape balances it at any of the inputs tried; lower the masses and forces, or "
+            "raise arm.stiffness.K_eps_n");
   return {std::move(out), unbalanced};
 }
 
@@ -165,7 +166,7 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
     best = std::move(choice);
   }
   basics::require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
-          " on average over sampled inputs; allow twice that, as times vary");
+                  " on average over sampled inputs; allow twice that, as times vary");
   return *best;
 }
 
@@ -190,8 +191,8 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
   }
   const std::string tier = request.tier ? nameOf(*request.tier) : "auto";
   basics::require(request.tip_error.has_value(), "tier: ", tier, " does not keep within the ",
-          percent(allowed), " that count where accuracy is not given; ", nearest,
-          "; use tier: exact, or give accuracy.tip_error_percent");
+                  percent(allowed), " that count where accuracy is not given; ", nearest,
+                  "; use tier: exact, or give accuracy.tip_error_percent");
   throw std::invalid_argument("accuracy.tip_error_percent: no tier asked for keeps within " +
                               percent(allowed) + ", with a factor of 2 to spare; " + nearest +
                               "; ask for less, or use tier: auto");
@@ -204,10 +205,10 @@ void checkRequest(const TierRequest& request) {
   basics::require(positive(request.tip_error), "accuracy.tip_error_percent: expected a value > 0");
   basics::require(positive(request.time), "budget.time_us: expected a value > 0");
   basics::require(!request.tip_error || !request.time,
-          "accuracy and budget: expected one of them; the other follows from it");
+                  "accuracy and budget: expected one of them; the other follows from it");
   if (!request.order) return;
   basics::requireValue(*request.order >= kLeastOrder && *request.order <= kMostOrder, "order", "it",
-               *request.order, "2 to 8");
+                       *request.order, "2 to 8");
   basics::require(request.tier == Tier::kLoaded, "order: it goes with tier: loaded");
 }
 
@@ -215,7 +216,7 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
                           const TierRequest& request) {
   const TierSetting setting{request.tier.value_or(planar ? Tier::kPlanar : Tier::kLinear), 0};
   basics::require(!takesLoad(setting.tier), "tier: ", nameOf(setting.tier),
-          " needs a load; give the scene the key load, or use tier: linear");
+                  " needs a load; give the scene the key load, or use tier: linear");
   if (request.time) {
     std::vector<Eigen::VectorXd> lengths;
     for (const Eigen::VectorXd& q : samplesOf(arm)) {
@@ -223,8 +224,8 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
     }
     const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
     basics::require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
-            ", takes ", microseconds(time),
-            " on average over sampled inputs; allow twice that, as times vary");
+                    ", takes ", microseconds(time),
+                    " on average over sampled inputs; allow twice that, as times vary");
   }
   if (request.tier) return {setting, 0.0, "asked for; nothing loads the arm"};
   return {setting, 0.0,
@@ -256,17 +257,18 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
                       const std::optional<Load>& load, const TierRequest& request) {
   checkRequest(request);
   basics::require(request.tier != Tier::kPlanar || planar,
-          "tier: planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
+                  "tier: planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
   if (load) load->validate(arm.sectionCount());
   if (!load || (load->empty() && !request.tier)) return chooseUnloaded(arm, planar, request);
 
-  basics::require(request.tier != Tier::kPlanar || inPlane(*load),
-          "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
-          "use tier: loaded, or turn arm.base");
+  basics::require(
+      request.tier != Tier::kPlanar || inPlane(*load),
+      "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
+      "use tier: loaded, or turn arm.base");
   constexpr double kRounding = 1e-12;  // of percents that became parts
   basics::require(!request.tip_error || *request.tip_error >= (1.0 - kRounding) * kLeastTipError,
-          "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
-          " of the arm's length; ask for that or more");
+                  "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
+                  " of the arm's length; ask for that or more");
   const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));
   const std::vector<TierSetting> settings = settingsOf(request, *load, in_plane);
   const Scale scale{arm, planar, load, sampleTips(arm, *load)};

@@ -21,8 +21,8 @@ Eigen::MatrixXd mapOf(const model::ArmOf<Group>& arm) {
 }
 
 template <class Group>
-Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(const model::ArmOf<Group>& arm,
-                                                                  const model::TwistsOf<Group>& twists) {
+Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(
+    const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists) {
   Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> out(Group::kDof, arm.actuatorCount());
   forTipMotions(arm, twists, [&out](int i, const auto& motion) { out.col(i) = motion; });
   return out;
@@ -76,7 +76,8 @@ Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
     return {found.tip, found.status, found.residual, found.iterations};
   }
   Tip found;
-  found.tip = plane_ != nullptr ? lie::embed(model::tipPose(unloaded(*plane_))) : model::tipPose(unloaded(arm_));
+  found.tip = plane_ != nullptr ? lie::embed(model::tipPose(unloaded(*plane_)))
+                                : model::tipPose(unloaded(arm_));
   return found;
 }
 
@@ -93,7 +94,8 @@ Tip TierSolver::tipOfInputs(const model::InputRef& q) const {
   return tipFrom([&](const auto& arm) { return arm.twists(q); });
 }
 
-std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef& q, int count) const {
+std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef& q,
+                                                           int count) const {
   if (planar_loaded_) return planar_loaded_->curve(plane_->twists(q), count);
   if (loaded_) return loaded_->curve(arm_.twists(q), count);
   if (exact_) return exact_->curve(arm_.twists(q), count);

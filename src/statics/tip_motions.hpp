@@ -8,7 +8,8 @@ namespace helix_arm::statics {
 /// take(i, motion) for every actuator i, motion (dof) [m/m; rad/m].
 /// @param twists  (dof x sections).
 template <class Group, class Take>
-void forTipMotions(const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists, const Take& take) {
+void forTipMotions(const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists,
+                   const Take& take) {
   // When section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
   Group after;
   for (int k = arm.sectionCount() - 1; k >= 0; --k) {

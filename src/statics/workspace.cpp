@@ -5,9 +5,9 @@
 #include <limits>
 #include <utility>
 
-#include "helix_arm/model/batch.hpp"
 #include "helix_arm/basics/fraction.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/batch.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -59,8 +59,8 @@ Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
   if (!options_.sensitivity) return;
   for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
     const model::Actuator& actuator = model_.arm().actuator(i);
-    basics::require(actuator.drive == model::Drive::kPressure, "sensitivity: it is per kPa, and ", actuator.name,
-            " is a tendon; leave it out");
+    basics::require(actuator.drive == model::Drive::kPressure, "sensitivity: it is per kPa, and ",
+                    actuator.name, " is a tendon; leave it out");
   }
   stiffer_ = stifferModels(model_);
 }
@@ -117,8 +117,8 @@ void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out
   Eigen::MatrixX3d tips(whole, 3);
   std::vector<const double*> columns;
   for (int i = 0; i < inputs.cols(); ++i) columns.push_back(inputs.col(i).data());
-  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(whole), tips.col(0).data(),
-            tips.col(1).data(), tips.col(2).data());
+  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(whole),
+                   tips.col(0).data(), tips.col(1).data(), tips.col(2).data());
   out.inputs = inputs.middleRows(before, count);
   out.tips = tips.middleRows(before, count);
 }

@@ -7,14 +7,14 @@
 #include <apriltag/apriltag.h>
 
 #include "corner_refinement.hpp"
-#include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/camera.hpp"
 
 namespace helix_arm::vision {
 namespace {
 
-using estimation::Camera;
 using basics::require;
+using estimation::Camera;
 
 constexpr int kMaxDecimate = 32;
 constexpr int kMaxThreads = 64;

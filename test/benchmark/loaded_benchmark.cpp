@@ -141,7 +141,7 @@ void loaded(::benchmark::State& state, const model::Arm& arm, Posture posture) {
   const int order = static_cast<int>(state.range(0));
   solveCases(state, arm, posture, [&arm, order](const statics::Load& load) {
     return [&arm, solver = statics::LoadedArm(arm, load, order)](const Eigen::VectorXd& q,
-                                                               Vector3d& tip) {
+                                                                 Vector3d& tip) {
       const statics::Tip found = solver.tip(arm.twists(q));
       tip = found.tip.translation;
       return found.status == statics::SolveStatus::kConverged;
@@ -174,7 +174,7 @@ model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \
   BENCHMARK_CAPTURE(linear, name, arm, posture);                                 \
   BENCHMARK_CAPTURE(loaded, name, arm, posture)                                  \
-      ->DenseRange(statics::kLeastOrder, statics::kMostOrder)                        \
+      ->DenseRange(statics::kLeastOrder, statics::kMostOrder)                    \
       ->Unit(::benchmark::kMicrosecond);                                         \
   BENCHMARK_CAPTURE(exact, name, arm, posture)->Unit(::benchmark::kMicrosecond); \
   BENCHMARK_CAPTURE(loadedOfPeer, name, arm, posture)                            \

@@ -38,7 +38,7 @@ struct LoadedRig {
   model::Arm known = test::ringArm(test::straightRing());
   statics::Load known_load = test::horizontalLoad(1, 0.25, 500.0);
   model::Stiffness stiffness = known.actuator(0).stiffness;  // true
-  statics::Load load = known_load;                             // true
+  statics::Load load = known_load;                           // true
   double length_scale = 1;
   bool exact = true;  // else by the tier that the model has, and many times faster
 

@@ -5,8 +5,8 @@
 
 #include "extremes/extreme_arm.hpp"
 #include "extremes/family.hpp"
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/loaded.hpp"

@@ -2,11 +2,11 @@
 // tables; and corners that were read are the same when they are written and read again.
 #include <optional>
 
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "memory_file.hpp"
 
 namespace {

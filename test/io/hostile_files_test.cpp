@@ -8,7 +8,6 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
@@ -16,6 +15,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "scene_text.hpp"
 #include "support/bounded_child.hpp"
 #include "support/random.hpp"

@@ -56,7 +56,8 @@ TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
 TEST(SceneLoad, PlacesAndMassesOfPointsAreAsGiven) {
   const statics::Load loads = *load(kLoadedScene).model.load();
   ASSERT_EQ(loads.points.size(), 3u);
-  const statics::PointLoad &tip = loads.points[0], &upper = loads.points[1], &lower = loads.points[2];
+  const statics::PointLoad &tip = loads.points[0], &upper = loads.points[1],
+                           &lower = loads.points[2];
   EXPECT_EQ(tip.section, 1);
   EXPECT_EQ(tip.s, 1);
   EXPECT_EQ(tip.mass, 0.05);
@@ -161,7 +162,8 @@ TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
   EXPECT_LE(fine.tip_error, 1e-5);
   ASSERT_EQ(rough.setting.tier, statics::Tier::kLoaded);
   EXPECT_GT(rough.tip_error, 1e-5) << "or the rough one is no other than the fine one";
-  EXPECT_TRUE(fine.setting.tier == statics::Tier::kExact || fine.setting.order > rough.setting.order);
+  EXPECT_TRUE(fine.setting.tier == statics::Tier::kExact ||
+              fine.setting.order > rough.setting.order);
 }
 
 TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {

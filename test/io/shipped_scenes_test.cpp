@@ -9,10 +9,10 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/random.hpp"
 #include "support/temporary_file.hpp"

@@ -241,7 +241,8 @@ TEST(Captures, RealMeasurementsAreThoseOfTheirArms) {
   EXPECT_EQ(loadCaptures(scene("spatial_50"), file("spatial_50_curvature.csv")).captures.size(),
             12u);
   EXPECT_EQ(kindOf(file("free_contraction_fig3.csv")), DataKind::kLengths);
-  EXPECT_THROW(loadCaptures(scene("planar_76"), file("helical_50_tag_poses.csv")), io::DocumentError);
+  EXPECT_THROW(loadCaptures(scene("planar_76"), file("helical_50_tag_poses.csv")),
+               io::DocumentError);
   EXPECT_THROW(loadCaptures(scene("demo"), file("free_contraction_fig3.csv")), io::DocumentError);
 }
 

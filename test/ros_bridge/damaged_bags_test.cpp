@@ -137,7 +137,8 @@ TEST(DamagedBags, OnlyRegularFilesAreRead) {
 TEST(DamagedBags, TheHashIsOfTheBytesThatWereRead) {
   const test::TemporaryFolder folder;
   const std::string bytes = soundBag(folder);
-  const procedures::CalibrationData data = loadMeasurements(test::demo(), {folder / "sound.bag"}, {});
+  const procedures::CalibrationData data =
+      loadMeasurements(test::demo(), {folder / "sound.bag"}, {});
   ASSERT_EQ(data.sources.size(), 1u);
   EXPECT_EQ(data.sources[0].sha256, io::sha256Of(bytes));
   EXPECT_EQ(data.sources[0].captures, 2);

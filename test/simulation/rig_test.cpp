@@ -114,7 +114,8 @@ TEST(TrueArm, ALoadThatPullsNothingIsNone) {
   statics::Load load = horizontalLoad();
   load.gravity.setZero();
   const ArmDeviation deviation{1.1, 0.9, 1.01, 0.5};
-  const TrueArm with(statics::ArmModel(arm, std::nullopt, load), deviation), without(arm, deviation);
+  const TrueArm with(statics::ArmModel(arm, std::nullopt, load), deviation),
+      without(arm, deviation);
   const Eigen::VectorXd q = arm.inputAt(0.3);
   EXPECT_EQ(with.shape(q).pieces(), without.shape(q).pieces());
 }

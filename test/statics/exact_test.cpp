@@ -516,7 +516,8 @@ TEST(ExactArm, HopelessLoadsNeverPassForBalanced) {
   test::Random random(507);
   int refused = 0;
   for (int i = 0; i < 30; ++i) {
-    const model::Arm arm = test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
+    const model::Arm arm =
+        test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
     Load load = weightlessLoad(arm);
     load.points.push_back(tipForce(arm, random.logUniform(1e2, 1e150) * random.direction<3>()));
     const Solution solution = ExactArm(arm, load).solve(arm.twists(test::randomInput(arm, random)));

@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/loaded_arm.hpp"
 
@@ -12,7 +12,8 @@ namespace {
 
 using test::Posture;
 
-ArmModel modelOf(const model::Arm& arm, const Load& load, Tier tier, std::optional<int> order = {}) {
+ArmModel modelOf(const model::Arm& arm, const Load& load, Tier tier,
+                 std::optional<int> order = {}) {
   TierRequest request;
   request.tier = tier;
   request.order = order;
@@ -21,7 +22,7 @@ ArmModel modelOf(const model::Arm& arm, const Load& load, Tier tier, std::option
 
 TEST(LoadedInverse, FindsInputsOfReachableTips) {
   const model::Arm arms[] = {test::softHelicalArm(), test::ringArm(test::straightRing(4)),
-                      test::ringArm(test::straightRing(), 2)};
+                             test::ringArm(test::straightRing(), 2)};
   test::Random random(31);
   for (const model::Arm& arm : arms) {
     Load load;

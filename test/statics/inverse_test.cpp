@@ -13,7 +13,8 @@
 namespace helix_arm::statics {
 namespace {
 
-double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q, const Eigen::VectorXd& reference) {
+double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q,
+                      const Eigen::VectorXd& reference) {
   double cost = 0;
   for (int i = 0; i < q.size(); ++i) {
     const model::Range& limits = arm.actuator(i).limits;
@@ -24,8 +25,9 @@ double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q, const Eig
 
 // Solutions of the target near the given one: random steps along the arm's spare motions, brought
 // back by a solver that keeps to its start.
-double leastCostNearby(const model::Arm& arm, const Eigen::Vector3d& target, const Eigen::VectorXd& q,
-                       const Eigen::VectorXd& reference, test::Random& random) {
+double leastCostNearby(const model::Arm& arm, const Eigen::Vector3d& target,
+                       const Eigen::VectorXd& q, const Eigen::VectorXd& reference,
+                       test::Random& random) {
   InverseOptions options;
   options.preference = Preference::kMinChange;
   InverseSolver solver(arm, options);
@@ -46,8 +48,9 @@ double leastCostNearby(const model::Arm& arm, const Eigen::Vector3d& target, con
 }
 
 TEST(Preference, ChoosesTheBestOfTheInputsThatReachTheTarget) {
-  const model::Arm arms[] = {test::ringArm(test::straightRing(4)), test::ringArm(test::helicalRing(5)),
-                      test::ringArm(test::straightRing(), 2)};
+  const model::Arm arms[] = {test::ringArm(test::straightRing(4)),
+                             test::ringArm(test::helicalRing(5)),
+                             test::ringArm(test::straightRing(), 2)};
   test::Random random(101);
   int compared = 0;
   for (const model::Arm& arm : arms) {
@@ -200,8 +203,9 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
 
 TEST(Inverse, ComesToRestForTargetsAnywhere) {
   test::Random random(104);
-  for (const model::Arm& arm : {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),
-                         test::ringArm(test::straightRing(4), 2)}) {
+  for (const model::Arm& arm :
+       {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),
+        test::ringArm(test::straightRing(4), 2)}) {
     InverseSolver solver(arm);
     const int count = arm.sectionCount() == 1 ? 3000 : 200;
     for (int i = 0; i < count; ++i) {

@@ -27,8 +27,8 @@ struct Tally {
 
   // @param solutionOf  by the order. A case that the exact tier finds no shape for is left out.
   template <class SolutionOf>
-  void add(const model::Arm& arm, const Load& load, const Twists& twists, const SolutionOf& solutionOf,
-           const char* name) {
+  void add(const model::Arm& arm, const Load& load, const Twists& twists,
+           const SolutionOf& solutionOf, const char* name) {
     const Solution truth = ExactArm(arm, load).solve(twists);
     if (!truth.converged()) return;
     ++cases;
@@ -173,7 +173,8 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
     for (int step = 0; step < 12 && std::abs(std::log(moved / wanted)) > 0.2; ++step) {
       (at_tip ? load.points[0].mass : load.mass[0]) = mass;
       const Solution solution = ExactArm(arm, load).solve(twists);
-      moved = (solution.tip.translation - model::tipPose(twists).translation).norm() / arm.restLength();
+      moved =
+          (solution.tip.translation - model::tipPose(twists).translation).norm() / arm.restLength();
       mass *= solution.converged() ? std::pow(wanted / moved, 0.7) : 0.6;
     }
     const double turns = twists.col(0).tail<3>().norm() / (2 * test::kPi);

@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
@@ -49,9 +49,9 @@ TEST(TierChoice, WithoutLoadTheClosedFormsServe) {
   EXPECT_EQ(chooseTier(arm, {}, {}, within(1e-8)).setting.tier, Tier::kLinear);
   EXPECT_EQ(chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, {}).setting.tier,
             Tier::kPlanar);
-  EXPECT_EQ(
-      chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, only(Tier::kLinear)).setting.tier,
-      Tier::kLinear);
+  EXPECT_EQ(chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, only(Tier::kLinear))
+                .setting.tier,
+            Tier::kLinear);
   EXPECT_EQ(chooseTier(arm, {}, weightIn(Eigen::Vector3d::Zero()), {}).setting.tier, Tier::kLinear);
 }
 
@@ -187,7 +187,8 @@ TEST(ArmModel, EveryTierGivesTheShapeOfItsTip) {
     const ArmModel model(model::embed(plane), plane, load, only(tier));
     const Eigen::VectorXd q = model.arm().inputAt(0.7);
     const Solution solution = model.solve(q);
-    EXPECT_LT((model::tipPose(solution.shape).translation - solution.tip.translation).norm(), 1e-10);
+    EXPECT_LT((model::tipPose(solution.shape).translation - solution.tip.translation).norm(),
+              1e-10);
     EXPECT_LT((model.tip(q).tip.translation - solution.tip.translation).norm(), 1e-12);
     // Copies solve on their own.
     const ArmModel copy = model;

@@ -128,9 +128,9 @@ TEST(Workspace, SensitivityIsThatOfDifferencesOfTheModel) {
       const model::Stiffness K = arm.actuator(0).stiffness;
       const Eigen::Vector3d tip = at(model, q);
       double stiffness = 0;
-      for (const model::Stiffness& stiffer :
-           {model::Stiffness{1.01 * K.gamma, K.tau, K.kappa}, model::Stiffness{K.gamma, 1.01 * K.tau, K.kappa},
-            model::Stiffness{K.gamma, K.tau, 1.01 * K.kappa}}) {
+      for (const model::Stiffness& stiffer : {model::Stiffness{1.01 * K.gamma, K.tau, K.kappa},
+                                              model::Stiffness{K.gamma, 1.01 * K.tau, K.kappa},
+                                              model::Stiffness{K.gamma, K.tau, 1.01 * K.kappa}}) {
         stiffness += (at(model.withStiffness(stiffer), q) - tip).squaredNorm();
       }
       if (model.load()) {

@@ -9,8 +9,8 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/statics/load.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 
 namespace helix_arm::estimation {

@@ -11,11 +11,11 @@
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
 #include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 

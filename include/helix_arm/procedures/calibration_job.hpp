@@ -76,7 +76,8 @@ CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<st
 /// @param path, overrides  of the scene that is calibrated.
 /// @throws std::invalid_argument on a word or a number that breaks its rule, DocumentError where
 /// the scene has faults; what data can cause is in the outcome.
-CalibrationOutcome runCalibration(const std::string& path, const std::vector<io::Override>& overrides,
+CalibrationOutcome runCalibration(const std::string& path,
+                                  const std::vector<io::Override>& overrides,
                                   const CalibrationRequest& request, const CalibrationData& data,
                                   const std::vector<CompanionArm>& companions = {});
 

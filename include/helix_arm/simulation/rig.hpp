@@ -6,9 +6,9 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/estimation/tag_sight.hpp"
-#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
 namespace helix_arm::simulation {

@@ -70,6 +70,7 @@ class ArmModel {
 ///
 /// @param solution  the model's, at inputs q.
 /// @param q         (n) inputs. Throws as Arm::lengths() does.
-model::Shape startingShape(const ArmModel& model, const Solution& solution, const model::InputRef& q);
+model::Shape startingShape(const ArmModel& model, const Solution& solution,
+                           const model::InputRef& q);
 
 }  // namespace helix_arm::statics

@@ -63,7 +63,7 @@ Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& top
 }  // namespace
 
 std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
-                                              const io::Scene& scene) {
+                                                 const io::Scene& scene) {
   std::map<int, procedures::TagSighting> found;
   for (const TagDetection& tag : detections.tags) {
     if (tag.repeated || !scene.tags || scene.tags->find(tag.id) < 0) continue;
@@ -97,7 +97,8 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>
 namespace {
 
 std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const std::string& path,
-                                       const io::Scene& scene, const procedures::SettleRules& rules) {
+                                          const io::Scene& scene,
+                                          const procedures::SettleRules& rules) {
   BagProcess bag(file, path);
   const Topics topics = topicsOf(bag, path);
   std::vector<std::string> actuators;
@@ -150,14 +151,15 @@ void requireOpen(const basics::RegularFile& file, const std::string& path) {
 }  // namespace
 
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
-                                     const procedures::SettleRules& rules) {
+                                        const procedures::SettleRules& rules) {
   const basics::RegularFile file(path);
   requireOpen(file, path);
   return samplesOf(file, path, scene, rules);
 }
 
-procedures::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
-                                     const procedures::SettleRules& rules) {
+procedures::CalibrationData loadMeasurements(const io::Scene& scene,
+                                             const std::vector<std::string>& paths,
+                                             const procedures::SettleRules& rules) {
   const std::string kRecording = ".bag";
   std::vector<std::string> tables, bags;
   for (const std::string& path : paths) {

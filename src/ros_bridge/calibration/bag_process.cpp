@@ -33,8 +33,7 @@ std::string readerProgram() {
 
 }  // namespace
 
-BagProcess::BagProcess(const basics::RegularFile& file, std::string path)
-    : path_(std::move(path)) {
+BagProcess::BagProcess(const basics::RegularFile& file, std::string path) : path_(std::move(path)) {
   const std::string program = readerProgram();
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) refuse(std::string("cannot be read: ") + std::strerror(errno));

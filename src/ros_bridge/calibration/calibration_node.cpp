@@ -12,12 +12,12 @@
 #include <ros/console.h>
 #include <ros/this_node.h>
 
-#include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "helix_arm/ros_bridge/common/clock_gate.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
@@ -154,8 +154,8 @@ Value wordOf(const char* what, const std::string& given,
     if (given == word) return value;
     list += (list.empty() ? "" : " or ") + std::string(word);
   }
-  throw std::invalid_argument(std::string(what) + " is '" + basics::quoted(given) +
-                              "'; expected " + list);
+  throw std::invalid_argument(std::string(what) + " is '" + basics::quoted(given) + "'; expected " +
+                              list);
 }
 
 }  // namespace
@@ -311,7 +311,7 @@ bool CalibrationNode::onRecord(RecordSample::Request&, RecordSample::Response& r
     const bool again = !samples_.empty() && pictures.front().time <= samples_.back().time &&
                        samples_.back().time <= pictures.back().time;
     basics::require(!again, "not recorded: the last sample is of these pictures; wait for ",
-                   options_.settle.window, " s (~window_s)");
+                    options_.settle.window, " s (~window_s)");
     samples_.push_back(medianOf(pictures));
     const procedures::Sample& sample = samples_.back();
     response.samples = static_cast<std::uint32_t>(samples_.size());
@@ -372,8 +372,8 @@ void CalibrationNode::adopt(io::Scene next) {
 procedures::CalibrationData CalibrationNode::recorded() const {
   const std::vector<io::TagCornerCapture> seen = numbered(samples_, scene_.arm);
   basics::require(!seen.empty(),
-                 "nothing was recorded; call record_sample or run_calibration first, or name data "
-                 "sets");
+                  "nothing was recorded; call record_sample or run_calibration first, or name data "
+                  "sets");
   procedures::CalibrationData out;
   out.captures = procedures::makeCaptures(scene_, seen, kRecorded).captures;
   out.sources.push_back({kRecorded,
@@ -394,13 +394,12 @@ procedures::CalibrationData CalibrationNode::load(const std::vector<std::string>
   return loadMeasurements(scene_, allowed, options_.settle);
 }
 
-procedures::CalibrationOutcome CalibrationNode::calibrate(const procedures::CalibrationRequest& request,
-                                                  const procedures::CalibrationData& data,
-                                                  const std::string& out,
-                                                  const std::function<bool()>& cancelled) {
+procedures::CalibrationOutcome CalibrationNode::calibrate(
+    const procedures::CalibrationRequest& request, const procedures::CalibrationData& data,
+    const std::string& out, const std::function<bool()>& cancelled) {
   const ReloadServer::File file = reload_->file();
   basics::require(io::sha256OfFile(file.path) == file.sha256, file.path,
-                 " is not what it was when it was loaded; call reload first");
+                  " is not what it was when it was loaded; call reload first");
   procedures::CalibrationOutcome outcome = procedures::runCalibration(file.path, {}, request, data);
   if (!outcome.success) return outcome;
   if (cancelled()) {
@@ -468,7 +467,7 @@ bool CalibrationNode::onFitContraction(FitContraction::Request& request,
       data = procedures::loadCalibrationData(scene_, {path});
     }
     basics::require(!data.lengths.empty(), path,
-                   " holds no free lengths; expected the columns pressure_kpa and length_m");
+                    " holds no free lengths; expected the columns pressure_kpa and length_m");
     const procedures::CalibrationOutcome outcome = calibrate(job, data, out, [] { return false; });
     response.success = outcome.success;
     response.message = outcome.message;
@@ -536,18 +535,19 @@ void CalibrationNode::begin(const RunCalibrationGoal& goal) {
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
   basics::require(target_publisher_.getNumSubscribers() > 0,
-                 "nobody listens on pressure_target; is pressure_command up?");
+                  "nobody listens on pressure_target; is pressure_command up?");
   const std::lock_guard<std::mutex> lock(mutex_);
   basics::require(!EndRequest::made(), "the node is about to end");
   basics::require(scene_.camera && scene_.tags, "scene ", scene_.name,
-                 " has no `camera` or no `tags`: nothing could be recorded; add them to it");
+                  " has no `camera` or no `tags`: nothing could be recorded; add them to it");
   const auto plan = procedures::checkPlan(scene_.arm, goal.plan);
   if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
     throw std::invalid_argument(refusal->message);
   }
   const procedures::Settling state = settling(clock_.now());
   basics::require(!state.stale(), state.reason);
-  basics::require(state.set_point.has_value(), "pressure_command has not come yet; is its node up?");
+  basics::require(state.set_point.has_value(),
+                  "pressure_command has not come yet; is its node up?");
   run_.emplace(std::get<Eigen::MatrixXd>(plan), scene_.arm.clamped(*state.set_point),
                scene_.arm.inputAt(0), rules);
   samples_.clear();

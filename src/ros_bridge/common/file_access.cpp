@@ -11,8 +11,8 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -66,7 +66,7 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
   const std::string quoted = basics::quoted(given, kLongestPath);
   const auto require = [&](bool holds) {
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
-                   join(endings), " file below ", below);
+                    join(endings), " file below ", below);
   };
   // A path with a null character would end there for the system.
   require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
@@ -87,7 +87,7 @@ std::string FileAccess::toRead(const std::string& what, const std::string& given
   std::string path = resolved(what, given, endings);
   std::error_code ignored;
   basics::require(fs::is_regular_file(path, ignored), what, " is '",
-                 basics::quoted(given, kLongestPath), "', where there is no regular file");
+                  basics::quoted(given, kLongestPath), "', where there is no regular file");
   return path;
 }
 
@@ -99,15 +99,15 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
   const fs::file_type type = fs::symlink_status(path, ignored).type();
   if (type != fs::file_type::not_found) {
     basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                   "', which is there and is neither a calibrated scene nor recorded samples of "
-                   "this package; expected a new name, or that of one of these");
+                    "', which is there and is neither a calibrated scene nor recorded samples of "
+                    "this package; expected a new name, or that of one of these");
     basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
-                   "', which cannot be written over; expected another path");
+                    "', which cannot be written over; expected another path");
   }
   const std::string folder = fs::path(path).parent_path().string();
   const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;
   basics::require(error == 0, what, " is '", quoted, "', but ", folder, " cannot be written (",
-                 std::strerror(error), "); expected a path in a folder that can");
+                  std::strerror(error), "); expected a path in a folder that can");
   return path;
 }
 

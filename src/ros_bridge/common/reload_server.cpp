@@ -8,8 +8,8 @@
 #include <ros/package.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -40,8 +40,8 @@ std::string ReloadServer::allowed(const std::string& scene) const {
   if (scene == first_path_) return scene;
   const auto path = filePath(scene, kShippedScenes, ".yaml");
   basics::require(path.has_value(), "scene is '", basics::quoted(scene),
-                 "'; expected an absolute path, or the name of a file in ", kShippedScenes,
-                 " of the package");
+                  "'; expected an absolute path, or the name of a file in ", kShippedScenes,
+                  " of the package");
   if (scene.front() != '/') return *path;
   const FileAccess access(
       {{scene_folder_, "~scene_folder"},
@@ -80,7 +80,7 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
   };
   const auto require = [&](bool holds, const auto&... what) {
     basics::require(holds, "scene ", next.name, " is not of the rig that runs: ", what...,
-                   "; end the nodes to change the rig");
+                    "; end the nodes to change the rig");
   };
   require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
           " sections, expected ", now.sectionCount());

@@ -8,10 +8,10 @@
 #include <ros/console.h>
 #include <ros/this_node.h>
 
-#include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/data_set.hpp"
+#include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"

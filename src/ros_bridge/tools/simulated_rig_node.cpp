@@ -16,9 +16,9 @@
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 #include "helix_arm/ros_bridge/pressure/regulator_setup.hpp"
+#include "helix_arm/ros_bridge/vision/pictures.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

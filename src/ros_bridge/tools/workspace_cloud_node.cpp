@@ -27,7 +27,7 @@ bool allPressures(const model::Arm& arm) {
 }
 
 statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceCloudOptions& options,
-                             bool sensitivity) {
+                               bool sensitivity) {
   return statics::Workspace(scene.model, {static_cast<std::uint64_t>(options.seed), sensitivity});
 }
 

@@ -8,8 +8,8 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/marker_parts.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

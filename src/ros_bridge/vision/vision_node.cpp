@@ -11,8 +11,8 @@
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/vision/overlay.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
+#include "helix_arm/ros_bridge/vision/overlay.hpp"
 #include "helix_arm/ros_bridge/vision/sights.hpp"
 
 namespace helix_arm::ros_bridge {

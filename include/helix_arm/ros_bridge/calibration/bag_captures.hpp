@@ -4,16 +4,16 @@
 #include <vector>
 
 #include "helix_arm/TagDetections.h"
-#include "helix_arm/procedures/settle_watch.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
 
 /// From what nodes say, live or in a recording, to what a calibration takes.
 namespace helix_arm::ros_bridge {
 
 /// The scene's tags of one picture, ascending ids; those seen twice are left out.
 std::vector<procedures::TagSighting> sightingsOf(const TagDetections& detections,
-                                              const io::Scene& scene);
+                                                 const io::Scene& scene);
 
 /// Samples as a data set has them, numbered from 1; their pressures, which are within a tolerance
 /// of set points, brought inside the limits.
@@ -30,11 +30,12 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>
 /// topic or has more than one, where pressures are not of the scene's arm, or where the arm never
 /// stands still.
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
-                                     const procedures::SettleRules& rules);
+                                        const procedures::SettleRules& rules);
 
 /// Data sets of all kinds: recordings (.bag), and what procedures::loadCalibrationData() reads.
 /// @throws io::DocumentError with every fault of a file.
-procedures::CalibrationData loadMeasurements(const io::Scene& scene, const std::vector<std::string>& paths,
-                                     const procedures::SettleRules& rules);
+procedures::CalibrationData loadMeasurements(const io::Scene& scene,
+                                             const std::vector<std::string>& paths,
+                                             const procedures::SettleRules& rules);
 
 }  // namespace helix_arm::ros_bridge

@@ -21,9 +21,9 @@
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/VisionStatus.h"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
@@ -141,8 +141,9 @@ class CalibrationNode {
   procedures::CalibrationData load(const std::vector<std::string>& paths) const;
   /// Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
   procedures::CalibrationOutcome calibrate(const procedures::CalibrationRequest& request,
-                                   const procedures::CalibrationData& data, const std::string& out,
-                                   const std::function<bool()>& cancelled);
+                                           const procedures::CalibrationData& data,
+                                           const std::string& out,
+                                           const std::function<bool()>& cancelled);
 
   const CalibrationNodeOptions options_;
   mutable std::mutex mutex_;  ///< of all below, up to the publisher
@@ -154,9 +155,9 @@ class CalibrationNode {
   FaultCount foreign_pressures_;
   std::vector<procedures::Sample> samples_;
   std::optional<procedures::CalibrationOutcome> last_;  ///< the last one that calibrated the scene
-  bool running_ = false;                        ///< an action is under way
-  bool fitting_ = false;                        ///< a service fits
-  std::optional<procedures::CalibrationRun> run_;  ///< while it moves the arm
+  bool running_ = false;                                ///< an action is under way
+  bool fitting_ = false;                                ///< a service fits
+  std::optional<procedures::CalibrationRun> run_;       ///< while it moves the arm
 
   ros::NodeHandle node_;
   ros::Publisher target_publisher_;

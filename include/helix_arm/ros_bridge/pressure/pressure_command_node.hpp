@@ -14,17 +14,17 @@
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/common/arm_frames.hpp"
-#include "helix_arm/ros_bridge/pressure/arm_markers.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
+#include "helix_arm/ros_bridge/pressure/arm_markers.hpp"
+#include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
 #include "helix_arm/ros_bridge/pressure/target_ledger.hpp"
 #include "helix_arm/ros_bridge/pressure/tip_handle.hpp"
+#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -173,7 +173,7 @@ class PressureCommandNode {
   TargetLedger ledger_;
   ArmMarkers markers_;
 
-  Eigen::VectorXd measured_;  ///< last reading [Pa]
+  Eigen::VectorXd measured_;    ///< last reading [Pa]
   statics::Solution solution_;  ///< at the measured pressures, clamped
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet

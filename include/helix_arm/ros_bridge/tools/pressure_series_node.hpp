@@ -8,8 +8,8 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TargetStatus.h"
-#include "helix_arm/procedures/series_player.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/series_player.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
 
@@ -17,12 +17,12 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of pressure_series.
 struct PressureSeriesOptions {
-  std::string scene;             ///< ~scene: as pressure_command's; required
-  std::string data;              ///< ~data: CSV file, or name of a shipped series; none: a tour
+  std::string scene;                ///< ~scene: as pressure_command's; required
+  std::string data;                 ///< ~data: CSV file, or name of a shipped series; none: a tour
   procedures::SeriesTiming timing;  ///< ~ramp_s, ~hold_s (0 to 3600 [s]), ~loop
-  double rate = 50.0;            ///< ~rate: of the targets, 1 to 1000 [Hz]
-  bool yields = false;           ///< ~yields: fall silent while someone else wants the arm
-  double resume_after = 3.0;     ///< ~resume_after_s: the others' silence that ends it [s]
+  double rate = 50.0;               ///< ~rate: of the targets, 1 to 1000 [Hz]
+  bool yields = false;              ///< ~yields: fall silent while someone else wants the arm
+  double resume_after = 3.0;        ///< ~resume_after_s: the others' silence that ends it [s]
 
   /// @throws ParameterError with every fault.
   static PressureSeriesOptions load();
@@ -73,9 +73,9 @@ class PressureSeriesNode {
 
   const PressureSeriesOptions options_;
   const io::Scene scene_;
-  const Eigen::MatrixXd rows_;                   ///< (rows x actuators) [Pa]
+  const Eigen::MatrixXd rows_;                      ///< (rows x actuators) [Pa]
   std::optional<procedures::SeriesPlayer> player_;  ///< from the first command on
-  Eigen::VectorXd command_;                      ///< last one in force, inside the limits [Pa]
+  Eigen::VectorXd command_;                         ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
   bool held_back_ = false;     ///< targets are dropped for now, whatever they ask

@@ -22,8 +22,8 @@
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
-#include "helix_arm/ros_bridge/vision/pictures.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
+#include "helix_arm/ros_bridge/vision/pictures.hpp"
 #include "helix_arm/ros_bridge/vision/vision_ledger.hpp"
 #include "helix_arm/ros_bridge/vision/vision_markers.hpp"
 
