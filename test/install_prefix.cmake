@@ -31,4 +31,44 @@ foreach(place "${SCRATCH}[:|]" "${SCRATCH}/share")
     message(FATAL_ERROR "setup.sh does not lead to ${place}: ${output}")
   endif()
 endforeach()
+
+# A package of somebody else finds it there, and links the library of the model with Eigen and yaml-cpp alone.
+set(example ${SCRATCH}/share/helix_arm/examples)
+execute_process(COMMAND ${CMAKE_COMMAND} -S ${example} -B ${SCRATCH}/example "-DCMAKE_PREFIX_PATH=${SCRATCH}"
+    -DPYTHON_EXECUTABLE=${PYTHON} -DCMAKE_BUILD_TYPE=Release
+  RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "find_package(helix_arm) from ${SCRATCH} ended with ${result}: ${output}${message}")
+endif()
+execute_process(COMMAND ${CMAKE_COMMAND} --build ${SCRATCH}/example
+  RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "examples/forward.cpp does not build: ${output}${message}")
+endif()
+set(scene ${SCRATCH}/share/helix_arm/config/scenes/helical_50.yaml)
+execute_process(COMMAND ${SCRATCH}/example/forward ${scene} 200 0 50
+  RESULT_VARIABLE result OUTPUT_VARIABLE tip ERROR_VARIABLE message)
+execute_process(COMMAND ${SCRATCH}/lib/helix_arm/helix_arm forward ${scene} --pressure-kpa 200,0,50 --format json
+  OUTPUT_VARIABLE expected)
+string(REGEX MATCHALL "-?[0-9.]+(e-?[0-9]+)?" tip "${tip}")
+string(REGEX REPLACE ".*\"position_m\": *\\[([^]]*)\\].*" "\\1" expected "${expected}")
+string(REGEX MATCHALL "-?[0-9.]+(e-?[0-9]+)?" expected "${expected}")
+list(LENGTH tip numbers)
+if(NOT result EQUAL 0 OR NOT numbers EQUAL 3)
+  message(FATAL_ERROR "examples/forward ended with ${result}: ${tip} ${message}")
+endif()
+foreach(i RANGE 2)
+  list(GET tip ${i} one)
+  list(GET expected ${i} other)
+  string(SUBSTRING "${one}" 0 11 one)  # about nine digits
+  string(FIND "${other}" "${one}" at)
+  if(NOT at EQUAL 0)
+    message(FATAL_ERROR "examples/forward says ${tip}; the command says ${expected}")
+  endif()
+endforeach()
+execute_process(COMMAND ldd ${SCRATCH}/example/forward OUTPUT_VARIABLE libraries)
+if(NOT libraries MATCHES "libhelix_arm_core" OR libraries MATCHES "not found|opencv|modbus|turbojpeg|ceres|roscpp|crypto")
+  message(FATAL_ERROR "examples/forward needs more than helix_arm_core, Eigen and yaml-cpp: ${libraries}")
+endif()
+
 file(REMOVE_RECURSE ${SCRATCH})

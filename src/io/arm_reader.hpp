@@ -4,7 +4,9 @@
 #include <vector>
 
 #include "contraction_reader.hpp"
-#include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/section_look.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/arm.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {

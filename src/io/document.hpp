@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/override.hpp"
 
 namespace helix_arm::io {
 

@@ -1,11 +1,11 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "document.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "scene_arm_reader.hpp"
 
 namespace helix_arm::io {
 
@@ -19,10 +19,6 @@ struct SceneDocument {
 /// @throws DocumentError where the file cannot be read, is not YAML or of something else.
 SceneDocument readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
                                 FaultList& faults);
-
-/// The tree of a scene's text as it is; nothing, and a fault that holds nothing of it, where it is
-/// of something else.
-std::optional<Value> parseScene(const std::string& text, FaultList& faults);
 
 /// The scene that a tree describes.
 /// @throws DocumentError with all faults.

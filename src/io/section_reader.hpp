@@ -6,7 +6,8 @@
 #include <vector>
 
 #include "contraction_reader.hpp"
-#include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/section_look.hpp"
+#include "helix_arm/model/arm.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "helix_arm/vision/tag_detector.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 #include "pose_reader.hpp"
 

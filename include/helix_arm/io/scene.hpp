@@ -8,7 +8,9 @@
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/io/override.hpp"
 #include "helix_arm/io/provenance.hpp"
+#include "helix_arm/io/section_look.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/config.hpp"
@@ -20,14 +22,6 @@
 #include "helix_arm/vision/frame_source.hpp"
 
 namespace helix_arm::io {
-
-/// How one section is drawn; nothing of it enters the model.
-struct SectionLook {
-  std::string name;
-  int separators = 8;              ///< discs along the section, >= 2
-  double separator_radius = 0.03;  ///< [m]
-  double muscle_radius = 0.008;    ///< [m]
-};
 
 /// The camera that looks at the arm.
 struct CameraConfig {
@@ -85,14 +79,6 @@ struct Scene {
   /// What its simulated camera is made of: camera and tags where they truly are, the arm drawn as
   /// thick as its widest section. Nothing without a camera or tags.
   std::optional<simulation::CameraSetup> cameraSetup() const;
-};
-
-/// An override of one key, as `--set regulator.simulated.noise_kpa=1` gives it; list entries by
-/// number
-/// (`arm.sections.0.name`).
-struct Override {
-  std::string key;    ///< dotted path; a key that the schema does not know is a fault
-  std::string value;  ///< YAML text
 };
 
 /// Reads, checks and resolves a scene file.
