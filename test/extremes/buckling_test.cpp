@@ -10,7 +10,7 @@
 #include "support/allocation_counter.hpp"
 #include "support/paper_arm.hpp"
 
-namespace helix_arm::model {
+namespace helix_arm::statics {
 namespace {
 
 using Eigen::Vector3d;
@@ -28,13 +28,13 @@ double bendingOf(const test::Ring& ring) {
 }
 
 // Euler's load of a column that is held at its base and free at its tip [N].
-double eulerLoad(const Arm& arm, const test::Ring& ring) {
+double eulerLoad(const model::Arm& arm, const test::Ring& ring) {
   double l = 0;
   for (int k = 0; k < arm.sectionCount(); ++k) l += arm.freeLength(k);
   return test::kPi * test::kPi / 4 * bendingOf(ring) / (l * l);
 }
 
-Load pressed(const Arm& arm, double force, const Vector3d& aside) {
+Load pressed(const model::Arm& arm, double force, const Vector3d& aside) {
   Load load;
   load.mass.assign(arm.sectionCount(), 0.0);
   load.K_eps.assign(arm.sectionCount(), kEps_N);
@@ -64,7 +64,7 @@ struct Column {
   // load is that of a column that neither shortens nor shears.
   double under, past;
 
-  Arm arm() const { return test::ringArm(ring, sections); }
+  model::Arm arm() const { return test::ringArm(ring, sections); }
   double critical() const {
     return (by_its_weight ? 7.837 / 2.4674 : 1.0) * eulerLoad(arm(), ring);
   }
@@ -89,7 +89,7 @@ std::vector<Column> columns() {
 }
 
 // The exact tier, given time for the sharp turn from straight to bent.
-Solution exactOf(const Arm& arm, const Load& load, const Twists& unloaded) {
+Solution exactOf(const model::Arm& arm, const Load& load, const model::Twists& unloaded) {
   ExactOptions options;
   options.max_iterations = 500;
   return ExactArm(arm, load, options).solve(unloaded);
@@ -97,8 +97,8 @@ Solution exactOf(const Arm& arm, const Load& load, const Twists& unloaded) {
 
 TEST(Buckling, TheNamedLoadsAreUnderAndPastTheCriticalOnes) {
   for (const Column& column : columns()) {
-    const Arm arm = column.arm();
-    const Twists straight = arm.twists(arm.inputAt(0));
+    const model::Arm arm = column.arm();
+    const model::Twists straight = arm.twists(arm.inputAt(0));
     EXPECT_GT(column.critical(), 0.01) << column.name;
     for (const double share : kShares) {
       if (share > 2.0) continue;  // where it is wound up
@@ -117,8 +117,8 @@ TEST(Buckling, TheNamedLoadsAreUnderAndPastTheCriticalOnes) {
 TEST(Buckling, LoadedTiersFindTheStableShapeOrSayThatTheyDidNot) {
   test::Random random(801);
   for (const Column& column : columns()) {
-    const Arm arm = column.arm();
-    const Twists straight = arm.twists(arm.inputAt(0));
+    const model::Arm arm = column.arm();
+    const model::Twists straight = arm.twists(arm.inputAt(0));
     int all_under = 0, found_under = 0, found_past = 0, refused_past = 0;
     {
       // The least order errs by as much where a column is about to give way.
@@ -151,7 +151,7 @@ TEST(Buckling, LoadedTiersFindTheStableShapeOrSayThatTheyDidNot) {
 
 TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
   const Column column = columns()[2];
-  const Arm arm = column.arm();
+  const model::Arm arm = column.arm();
   for (const double share : {0.3, 0.9, 1.2, 2.0}) {
     Family family(text("tier auto at %g of its load", share), kUsualTipError, "of the length");
     const Load load = column.load(share, 1e-2, 0.3);
@@ -174,8 +174,8 @@ TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
 
 TEST(Buckling, StabilityIsToldWithoutTheHeap) {
   const Column column = columns()[1];
-  const Arm arm = column.arm();
-  const Twists straight = arm.twists(arm.inputAt(0));
+  const model::Arm arm = column.arm();
+  const model::Twists straight = arm.twists(arm.inputAt(0));
   for (const double share : {0.8, 1.5}) {
     const LoadedArm loaded(arm, column.load(share, 1e-4, 0.3), 5);
     const bool stands = loaded.tip(straight).converged();
@@ -187,4 +187,4 @@ TEST(Buckling, StabilityIsToldWithoutTheHeap) {
 }
 
 }  // namespace
-}  // namespace helix_arm::model
+}  // namespace helix_arm::statics

@@ -243,7 +243,7 @@ TEST(Extremes, PressuresAtJustInsideAndJustOutsideTheLimits) {
   const RealMatrix N = RealMatrix::Zero(6, 0);
   for (const int sections : {1, 16}) {
     const Arm arm = test::ringArm(test::helicalRing(), sections);
-    const ArmModel model(arm);
+    const statics::ArmModel model(arm);
     for (int i = 0; i < arm.actuatorCount(); ++i) {
       const Range& limits = arm.actuator(i).limits;
       Eigen::VectorXd q = arm.inputAt(0.5);
@@ -283,23 +283,24 @@ TEST(Extremes, InverseFindsWhatForwardReached) {
       const Arm arm = build.arm();
       if (arm.actuatorCount() > 48) continue;
       const double length = lengthOf(arm.twists(arm.inputAt(0)));
-      InverseOptions options;
+      statics::InverseOptions options;
       options.position_tolerance = 1e-6 * length;
       options.rotation_weight = 0.1 * length;
-      InverseSolver solver(arm, options);
+      statics::InverseSolver solver(arm, options);
       for (int i = 0; i < 3; ++i) {
         const Eigen::VectorXd q = test::randomInput(arm, random);
         const Twists twists = arm.twists(q);
         Eigen::VectorXd start = q;
         for (int a = 0; a < q.size(); ++a) start[a] += random.uniform(-1, 1) * 100.0;
-        const InverseResult& result = solver.toPosition(arm.tip(q).translation, arm.clamped(start));
+        const statics::InverseResult& result =
+            solver.toPosition(arm.tip(q).translation, arm.clamped(start));
         const double miss = (arm.tip(result.input).translation - arm.tip(q).translation).norm();
         // Arms that curl up further may be missed, but are never called reached by mistake.
-        if (largestTurnOf(twists) > 2 * kPi && result.status != InverseStatus::kReached) {
+        if (largestTurnOf(twists) > 2 * kPi && result.status != statics::InverseStatus::kReached) {
           ++curled;
           continue;
         }
-        missed += result.status != InverseStatus::kReached;
+        missed += result.status != statics::InverseStatus::kReached;
         near.add(miss / options.position_tolerance, build.name());
       }
     }

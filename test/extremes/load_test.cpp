@@ -12,7 +12,7 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
-namespace helix_arm::model {
+namespace helix_arm::statics {
 namespace {
 
 using Eigen::Vector3d;
@@ -24,7 +24,7 @@ using test::text;
 const double kDenormal = std::numeric_limits<double>::denorm_min();
 
 // Weight and a tip load that bend the arm by about 0.3 rad, or stretch or shear it by a tenth.
-Load fittingLoad(const Arm& arm, test::Random& random) {
+Load fittingLoad(const model::Arm& arm, test::Random& random) {
   constexpr double kStiffness = 1000.0, kBend = 0.3, kStretch = 0.1;
   double bend = 0, stretch = 0;
   const double length = arm.restLength();
@@ -46,7 +46,7 @@ Load fittingLoad(const Arm& arm, test::Random& random) {
   return load;
 }
 
-double largestTurnOf(const Twists& twists) {
+double largestTurnOf(const model::Twists& twists) {
   return twists.bottomRows<3>().colwise().norm().maxCoeff();
 }
 
@@ -57,12 +57,12 @@ TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
     test::Random random(802);
     int curled = 0, refused = 0, moved = 0;
     for (const Build& build : family.builds) {
-      const Arm arm = build.arm();
+      const model::Arm arm = build.arm();
       const Load load = fittingLoad(arm, random);
       const ExactArm exact(arm, load);
       const LoadedArm loaded(arm, load, kMostOrder);
       for (int i = 0; i < 3; ++i) {
-        const Twists twists = arm.twists(test::randomInput(arm, random));
+        const model::Twists twists = arm.twists(test::randomInput(arm, random));
         if (largestTurnOf(twists) > kMostTurn) {
           ++curled;
           continue;
@@ -72,7 +72,8 @@ TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
         refused += !found.converged();
         if (!truth.converged() || !found.converged()) continue;
         const double length = arm.restLength();
-        moved += (truth.tip.translation - tipPose(twists).translation).norm() > 1e-3 * length;
+        moved +=
+            (truth.tip.translation - model::tipPose(twists).translation).norm() > 1e-3 * length;
         tips.add((found.tip.translation - truth.tip.translation).norm() / length, build.name());
         EXPECT_LT((tipPose(found.shape).translation - found.tip.translation).norm(), 1e-9 * length);
       }
@@ -91,7 +92,7 @@ TEST(Extremes, TheTierChosenKeepsItsWord) {
     for (std::size_t b = 0; b < family.builds.size(); b += 3) {
       const Build& build = family.builds[b];
       if (build.sections > 8) continue;
-      const Arm arm = build.arm();
+      const model::Arm arm = build.arm();
       const Load load = fittingLoad(arm, random);
       const ArmModel model(arm, std::nullopt, load);
       const ExactArm exact(arm, load);
@@ -121,7 +122,7 @@ TEST(Extremes, LoadedInverseFindsWhatForwardReached) {
     if (builds.empty()) continue;
     Family near(std::string("loaded inverse, ") + family.range, 1.0, "of the tolerance");
     for (const Build* build : builds) {
-      const Arm arm = build->arm();
+      const model::Arm arm = build->arm();
       const ArmModel model(arm, std::nullopt, fittingLoad(arm, random), request);
       InverseOptions options;
       options.position_tolerance = 1e-6 * arm.restLength();
@@ -144,9 +145,9 @@ TEST(Extremes, LoadedInverseFindsWhatForwardReached) {
 TEST(Extremes, DenormalLoadsAreNone) {
   Family family("denormal loads", 1e-12, "of the length");
   for (const int sections : {1, 3}) {
-    const Arm arm = test::ringArm(test::helicalRing(), sections);
-    const Twists twists = arm.twists(arm.inputAt(0.3));
-    const lie::SE3 unloaded = tipPose(twists);
+    const model::Arm arm = test::ringArm(test::helicalRing(), sections);
+    const model::Twists twists = arm.twists(arm.inputAt(0.3));
+    const lie::SE3 unloaded = model::tipPose(twists);
     for (const double value : {kDenormal, 1e-310, 3e-308}) {
       for (int kind = 0; kind < 5; ++kind) {
         Load load;
@@ -182,12 +183,12 @@ TEST(Extremes, DenormalLoadsAreNone) {
 
 TEST(Extremes, DenormalsInALoadedTwistAreZeros) {
   Family family("denormals in loaded twists", 1e-12, "of the length");
-  const Arm arm = test::softHelicalArm();
+  const model::Arm arm = test::softHelicalArm();
   const Load load = test::weight(test::Posture::kHorizontal, 0.2, 900);
   for (int axis = 1; axis < 6; ++axis) {
-    Twists clean = Twists::Zero(6, 1);
+    model::Twists clean = model::Twists::Zero(6, 1);
     clean(0, 0) = 0.43;
-    Twists twists = clean;
+    model::Twists twists = clean;
     twists(axis, 0) = kDenormal;
     for (int order = kLeastOrder; order <= kMostOrder; ++order) {
       const LoadedArm loaded(arm, load, order);
@@ -209,13 +210,14 @@ TEST(Extremes, LoadsFromNothingToPastWhatTheArmCarries) {
   test::Random random(804);
   int balanced = 0, refused = 0, past = 0;
   for (int i = 0; i < 300; ++i) {
-    const Arm arm = test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
+    const model::Arm arm =
+        test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
     const double share = random.logUniform(1e-12, 1e3);
     Load load = fittingLoad(arm, random);
     load.gravity *= share;
     load.points[0].force *= share;
     load.points[0].moment *= share;
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Solution truth = ExactArm(arm, load).solve(twists);
     const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
     past += share > 30;
@@ -236,4 +238,4 @@ TEST(Extremes, LoadsFromNothingToPastWhatTheArmCarries) {
 }
 
 }  // namespace
-}  // namespace helix_arm::model
+}  // namespace helix_arm::statics

@@ -8,8 +8,8 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
-#include "scene_text.hpp"
 #include "support/random.hpp"
+#include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::io {

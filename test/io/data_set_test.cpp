@@ -4,8 +4,8 @@
 
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
-#include "table_faults.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -16,9 +16,9 @@
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/procedures/captures.hpp"
-#include "scene_text.hpp"
 #include "support/bounded_child.hpp"
 #include "support/random.hpp"
+#include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 

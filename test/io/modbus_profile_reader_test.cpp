@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "profile_text.hpp"
-#include "scene_text.hpp"
 #include "support/modbus_profiles.hpp"
+#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {

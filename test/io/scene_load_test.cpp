@@ -5,7 +5,7 @@
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "scene_faults.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {

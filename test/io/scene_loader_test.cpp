@@ -5,7 +5,7 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::io {

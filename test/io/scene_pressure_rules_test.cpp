@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::io {

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "scene_faults.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "profile_text.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
 #include "support/serial_profiles.hpp"
 
 namespace helix_arm::io {

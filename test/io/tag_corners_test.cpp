@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "support/random.hpp"
+#include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
-#include "table_faults.hpp"
 
 namespace helix_arm::io {
 namespace {

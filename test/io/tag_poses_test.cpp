@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
-#include "table_faults.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
-#include "scene_text.hpp"
+#include "support/scene_text.hpp"
+#include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
-#include "table_faults.hpp"
 
 namespace helix_arm::procedures {
 namespace {

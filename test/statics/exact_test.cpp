@@ -38,7 +38,7 @@ PointLoad tipMoment(const model::Arm& arm, const Vector3d& moment) {
   return point;
 }
 
-lie::SE3 productOfExponentials(const Twists& twists) {
+lie::SE3 productOfExponentials(const model::Twists& twists) {
   lie::SE3 X;
   for (int k = 0; k < twists.cols(); ++k) X = X * lie::SE3::exp(twists.col(k));
   return X;
@@ -48,7 +48,7 @@ double distance(const lie::SE3& a, const lie::SE3& b) {
   return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
 }
 
-Twists unpressurised(const model::Arm& arm) { return arm.twists(arm.inputAt(0)); }
+model::Twists unpressurised(const model::Arm& arm) { return arm.twists(arm.inputAt(0)); }
 
 // The straight ring's stiffness, summed over its muscles by hand: extension and shear as force, the
 // others as force times square length, for K_eps = 1.
@@ -76,7 +76,7 @@ TEST(ExactArm, WithoutLoadItIsTheProductOfExponentials) {
       ExactOptions options;
       options.tolerance = 1e-13;
       for (int i = 0; i < 5; ++i) {
-        const Twists twists = arm.twists(test::randomInput(arm, random));
+        const model::Twists twists = arm.twists(test::randomInput(arm, random));
         for (const Load& load : {none, least}) {
           const Solution solution = ExactArm(arm, load, options).solve(twists);
           EXPECT_TRUE(solution.converged());
@@ -230,8 +230,8 @@ struct Imbalance {
   double strain = 0.0;
   double load = 0.0;  // largest strain of the load
 };
-Imbalance imbalance(const model::Arm& arm, const Load& load, const Twists& unloaded) {
-  const int pieces = kMaxPieces / arm.sectionCount(), count = pieces * arm.sectionCount();
+Imbalance imbalance(const model::Arm& arm, const Load& load, const model::Twists& unloaded) {
+  const int pieces = model::kMaxPieces / arm.sectionCount(), count = pieces * arm.sectionCount();
   const double h = 1.0 / pieces;
   ExactOptions options;
   options.pieces_per_section = pieces;
@@ -327,7 +327,7 @@ TEST(ExactArm, ErrorStaysBelowTheTolerance) {
   load.mass.assign(2, 0.2);
   const double size = arm.freeLength(0) + arm.freeLength(1);
   for (int i = 0; i < 10; ++i) {
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const auto tipAt = [&](double tolerance) {
       ExactOptions options;
       options.tolerance = tolerance;
@@ -383,7 +383,7 @@ TEST(ExactArm, LoadsOfOnePlaceAddUp) {
   force.force = 0.25 * load.gravity;
   PointLoad half = mass;
   half.mass = 0.125;
-  const Twists twists = arm.twists(test::randomInput(arm, random));
+  const model::Twists twists = arm.twists(test::randomInput(arm, random));
   const auto tipUnder = [&](std::vector<PointLoad> points) {
     Load all = load;
     all.points = std::move(points);
@@ -402,7 +402,7 @@ TEST(ExactArm, ManyPointMassesAreAMassSpreadOut) {
   Load spread = weightlessLoad(arm);
   spread.gravity = {0, 0, -9.81};
   spread.mass = {0.3};
-  const Twists twists = arm.twists(Eigen::Vector3d(2e5, 0, 1e5));
+  const model::Twists twists = arm.twists(Eigen::Vector3d(2e5, 0, 1e5));
   const lie::SE3 expected = ExactArm(arm, spread).solve(twists).tip;
   const auto error = [&](int count) {
     Load points = spread;
@@ -470,7 +470,7 @@ TEST(ExactArm, PiecesEndOnTheCurve) {
   load.points.emplace_back();
   load.points[0].s = 0.37;  // on no end of a piece
   load.points[0].mass = 0.2;
-  const Twists twists = arm.twists(arm.inputAt(0.4));
+  const model::Twists twists = arm.twists(arm.inputAt(0.4));
   ExactOptions coarse, fine;
   coarse.pieces_per_section = 3;
   fine.pieces_per_section = 12;
@@ -547,9 +547,9 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
   short_of_mass.mass.pop_back();
   EXPECT_NE(test::refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
   const ExactArm exact(arm, load);
-  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Zero(6, 1)); }),
+  EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Zero(6, 1)); }),
             "exact tier: the number of unloaded twists is 1; expected one for each section");
-  EXPECT_EQ(test::refusal([&] { exact.solve(Twists::Constant(6, 2, std::nan(""))); }),
+  EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Constant(6, 2, std::nan(""))); }),
             "exact tier: a twist of the unloaded arm is not finite");
 }
 

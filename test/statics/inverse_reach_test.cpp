@@ -122,7 +122,7 @@ TEST(Inverse, ReachesPosesAndTwists) {
             (reached.rotation - tip.rotation).norm() > 3e-5) {
           ++pose_failures;
         }
-        const Twists g = arm.twists(q);
+        const model::Twists g = arm.twists(q);
         const InverseResult& twists = solver.toTwists(g, arm.inputAt(0.5));
         EXPECT_EQ(twists.status, InverseStatus::kReached);
         EXPECT_LT((arm.twists(twists.input) - g).norm(), 2e-5);

@@ -257,7 +257,7 @@ TEST(Inverse, DoesNotAllocate) {
     const model::Arm arm = test::ringArm(test::helicalRing(count), 2);
     InverseSolver solver(arm);
     const Eigen::VectorXd start = arm.inputAt(0.5), q = Eigen::VectorXd::Constant(2 * count, 1e5);
-    const Twists g = arm.twists(q);
+    const model::Twists g = arm.twists(q);
     const lie::SE3 tip = arm.tip(q);
     const Eigen::Vector3d far(5, 5, 5);
     const test::AllocationCounter counter;
@@ -283,7 +283,7 @@ TEST(Inverse, RefusesWhatBreaksItsContract) {
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector2d::Zero()), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({0.3, 0, 0}, Eigen::Vector3d(-1, 0, 0)), std::invalid_argument);
   EXPECT_THROW(solver.toPosition({1e7, 0, 0}, arm.inputAt(0.5)), std::invalid_argument);
-  EXPECT_THROW(solver.toTwists(Twists::Zero(6, 2), arm.inputAt(0.5)), std::invalid_argument);
+  EXPECT_THROW(solver.toTwists(model::Twists::Zero(6, 2), arm.inputAt(0.5)), std::invalid_argument);
   lie::SE3 pose;
   pose.rotation(0, 0) = INFINITY;
   EXPECT_THROW(solver.toPose(pose, arm.inputAt(0.5)), std::invalid_argument);

@@ -27,7 +27,7 @@ struct Tally {
 
   // @param solutionOf  by the order. A case that the exact tier finds no shape for is left out.
   template <class SolutionOf>
-  void add(const model::Arm& arm, const Load& load, const Twists& twists,
+  void add(const model::Arm& arm, const Load& load, const model::Twists& twists,
            const SolutionOf& solutionOf, const char* name) {
     const Solution truth = ExactArm(arm, load).solve(twists);
     if (!truth.converged()) return;
@@ -43,7 +43,7 @@ struct Tally {
       ++converged[order - kLeastOrder];
     }
   }
-  void add(const model::Arm& arm, const Load& load, const Twists& twists, const char* name) {
+  void add(const model::Arm& arm, const Load& load, const model::Twists& twists, const char* name) {
     add(
         arm, load, twists, [&](int order) { return LoadedArm(arm, load, order).tip(twists); },
         name);
@@ -77,7 +77,7 @@ model::Arm column(double K_tau) {
 // grows.
 TEST(LoadedError, TheLeastOrderSaysWhereBucklingIsTooNear) {
   const model::Arm arm = column(1e-4);
-  const Twists twists = arm.twists(arm.inputAt(0.0));
+  const model::Twists twists = arm.twists(arm.inputAt(0.0));
   const Load load = pressed(16.75, 0.01);
   const Solution truth = ExactArm(arm, load).solve(twists);
   ASSERT_TRUE(truth.converged());
@@ -96,7 +96,7 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorUpToBuckling) {
   for (const double K_tau : {0.0, 1e-4}) {
     const model::Arm arm = column(K_tau);
     for (const double fraction : {0.0, 0.3}) {
-      const Twists twists = arm.twists(arm.inputAt(fraction));
+      const model::Twists twists = arm.twists(arm.inputAt(fraction));
       for (const double across : {0.0, 1e-4, 0.01, 0.3}) {
         for (double force = 1; force <= 8; force += 1) {
           below.add(arm, pressed(force, across), twists, "well below");
@@ -163,7 +163,7 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
                       random.uniform(0.5e-4, 2e-4)};
     const model::Arm arm(
         {test::ringSection(ring, test::fig3Muscle().scaledBy(random.logUniform(0.5, 8)))});
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const double wanted = random.logUniform(0.003, 0.3);
     const bool at_tip = random.integer(0, 2) == 0;
     Load load = test::weight(Posture::kHanging, 0.0, 900);
@@ -205,7 +205,7 @@ TEST(LoadedError, TheTableOfOrdersHoldsAtManyInputs) {
       for (double& one : fraction) one = corner ? random.integer(0, 1) : random.uniform(0, 1);
       const Load load = test::weight(posture, heaviest ? 0.3 : random.uniform(0.15, 0.3),
                                      heaviest ? 500 : random.uniform(500, 1500));
-      const Twists twists = arm.twists(arm.inputAt(fraction));
+      const model::Twists twists = arm.twists(arm.inputAt(fraction));
       const Solution truth = ExactArm(arm, load).solve(twists);
       ASSERT_TRUE(truth.converged());
       const auto errorOf = [&](const lie::SE3& tip) {
@@ -241,7 +241,7 @@ TEST(Curve, IsAsGoodAsTheTipBetweenThePieces) {
   double between = 0.0;
   for (const Eigen::Vector3d& fraction :
        {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(0.3, 0.6, 0.9)}) {
-    const Twists twists = arm.twists(arm.inputAt(fraction));
+    const model::Twists twists = arm.twists(arm.inputAt(fraction));
     const model::Shape truth = ExactArm(arm, load, many).solve(twists).shape;
     const ExactArm exact(arm, load);
     const Solution solution = exact.solve(twists);
@@ -272,7 +272,7 @@ TEST(Curve, GoesOverSectionsAndPointsOfAllTiers) {
   for (int i = 0; i < 10; ++i) {
     const model::Arm arm = test::ringArm(test::helicalRing(), 3);
     const Load load = test::randomLoad(3, random);
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     ExactOptions many;
     many.pieces_per_section = 40;
     const model::Shape truth = ExactArm(arm, load, many).solve(twists).shape;
@@ -289,7 +289,7 @@ TEST(Curve, GoesOverSectionsAndPointsOfAllTiers) {
 TEST(Curve, WithoutAShapeIsThatOfThePieces) {
   const model::Arm arm = test::softHelicalArm();
   const Load crushing = test::weight(Posture::kHorizontal, 1e5, 500);
-  const Twists twists = arm.twists(arm.inputAt(0.5));
+  const model::Twists twists = arm.twists(arm.inputAt(0.5));
   ExactOptions few;
   few.max_iterations = 10;
   const ExactArm exact(arm, crushing, few);

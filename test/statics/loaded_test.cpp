@@ -37,7 +37,7 @@ TEST(Loaded, WithoutLoadItIsTheLinearModel) {
     Load load;
     load.mass.assign(sections, 0.2);  // without gravity
     load.K_eps.assign(sections, 1000);
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const lie::SE3 expected = model::tipPose(twists);
     for (int order = kLeastOrder; order <= kMostOrder; ++order) {
       const Solution found = LoadedArm(arm, load, order).solve(twists);
@@ -59,7 +59,7 @@ TEST(Loaded, EveryOrderComesCloserToShootingThanTheOneBefore) {
   for (const Posture posture : {Posture::kHanging, Posture::kHorizontal}) {
     double linear = 0, error[kOrders] = {};
     for (const test::LoadedCase& loaded : test::loadedCases(posture)) {
-      const Twists twists = arm.twists(loaded.input);
+      const model::Twists twists = arm.twists(loaded.input);
       const Solution truth = ExactArm(arm, loaded.load).solve(twists);
       ASSERT_TRUE(truth.converged());
       const auto errorOf = [&](const lie::SE3& tip) {
@@ -90,7 +90,7 @@ TEST(Loaded, AgreesWithShootingOnArmsOfAnySectionsAndPoints) {
     const int sections = random.integer(1, 3);
     const model::Arm arm = randomArm(sections, random);
     const Load load = test::randomLoad(sections, random);
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Solution truth = ExactArm(arm, load).solve(twists);
     const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
     ASSERT_TRUE(truth.converged());
@@ -175,13 +175,13 @@ TEST(Loaded, TheTipMovesWithTheTwistsAsShootingSays) {
   for (int i = 0; i < 10; ++i) {
     const model::Arm arm = randomArm(2, random);
     const Load load = test::randomLoad(2, random);
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     Eigen::MatrixXd directions = Eigen::MatrixXd::Random(12, 3);
     const auto J = LoadedArm(arm, load, kMostOrder).tipByUnloaded(twists, directions).by;
     const ExactArm exact(arm, load);
     for (int d = 0; d < 3; ++d) {
       constexpr double kStep = 1e-4;
-      const Twists change = kStep * directions.col(d).reshaped(6, 2);
+      const model::Twists change = kStep * directions.col(d).reshaped(6, 2);
       const lie::SE3 above = exact.solve(twists + change).tip,
                      below = exact.solve(twists - change).tip;
       const lie::Vector6 expected = (below.inverse() * above).log() / (2 * kStep);
@@ -194,7 +194,7 @@ TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
   test::Random random(17);
   const model::Arm arm = randomArm(2, random);
   const Load load = test::randomLoad(2, random);
-  const Twists twists = arm.twists(test::randomInput(arm, random));
+  const model::Twists twists = arm.twists(test::randomInput(arm, random));
   const auto J = LoadedArm(arm, load, kMostOrder).tipByLoad(twists).by;
   ASSERT_EQ(J.cols(), 2 + 2 * 7);
   constexpr double kStep = 1e-3;
@@ -230,7 +230,7 @@ TEST(Loaded, SaysWhichLoadsNothingHolds) {
   load.mass = {0.0};
   load.K_eps = {1000};
   load.points.resize(1);
-  const Twists twists = arm.twists(Eigen::VectorXd::Zero(1));
+  const model::Twists twists = arm.twists(Eigen::VectorXd::Zero(1));
   load.points[0].moment = {1e-3, 0, 0};
   EXPECT_EQ(LoadedArm(arm, load, 5).solve(twists).status, SolveStatus::kUnsupported);
   load.points[0].moment = {0, 1e-3, 0};
@@ -271,7 +271,7 @@ TEST(Loaded, DerivativesByTheLoadScaleWithTheArm) {
 // the load, but does not hold.
 TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
   const model::Arm arm = test::ringArm(test::straightRing());
-  const Twists twists = arm.twists(arm.inputAt(0.0));
+  const model::Twists twists = arm.twists(arm.inputAt(0.0));
   for (const auto& [mass, holds] : {std::pair{0.02, true}, std::pair{6.0, false}}) {
     Load load = test::weight(Posture::kHanging, 0.0, 500);
     load.gravity = {-test::kGravity, 0, 0};
@@ -293,7 +293,7 @@ TEST(Loaded, PlacesThatAreAllButOneAreTwo) {
   load.points[0].s = 0.3;
   load.points[1].s = std::nextafter(0.3, 1.0);
   load.points[2].s = std::nextafter(1.0, 0.0);
-  const Twists twists = arm.twists(arm.inputAt(0.4));
+  const model::Twists twists = arm.twists(arm.inputAt(0.4));
   const Solution exact = ExactArm(arm, load).solve(twists);
   const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
   ASSERT_TRUE(exact.converged());
@@ -308,7 +308,7 @@ TEST(Loaded, TheLeastOrderIsNotTrustedFarFromItsRegime) {
   for (int i = 0; i < 300; ++i) {
     Load load = test::weight(Posture::kHorizontal, random.logUniform(0.05, 10), 552);
     load.gravity = test::kGravity * random.direction<3>();
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Tip found = LoadedArm(arm, load, kLeastOrder).tip(twists);
     const Solution truth = ExactArm(arm, load).solve(twists);
     if (!found.converged() || !truth.converged()) {
@@ -330,7 +330,7 @@ TEST(Loaded, NeverCallsABadAnswerGood) {
   for (int i = 0; i < 120; ++i) {
     Load load = test::weight(Posture::kHorizontal, random.logUniform(0.1, 50), 500);
     load.gravity = test::kGravity * random.direction<3>();
-    const Twists twists = arm.twists(test::randomInput(arm, random));
+    const model::Twists twists = arm.twists(test::randomInput(arm, random));
     const Tip found = LoadedArm(arm, load, 6).tip(twists);
     const Solution truth = ExactArm(arm, load).solve(twists);
     if (found.status != SolveStatus::kConverged) {
@@ -350,7 +350,7 @@ TEST(Loaded, NeverCallsABadAnswerGood) {
 TEST(Loaded, FindsTheTipWithoutTheHeap) {
   const model::Arm arm = test::softHelicalArm();
   const LoadedArm loaded(arm, test::weight(Posture::kHorizontal, 0.2, 800), 5);
-  const Twists twists = arm.twists(arm.inputAt(0.3));
+  const model::Twists twists = arm.twists(arm.inputAt(0.3));
   const lie::SE3 once = loaded.tip(twists).tip;
   const test::AllocationCounter counter;
   const lie::SE3 tip = loaded.tip(twists).tip;
@@ -366,7 +366,7 @@ TEST(Loaded, IsComparedWithAFinerSolutionWithoutTheHeap) {
   load.points.resize(1);
   load.points[0].force = {-16.75, 0, 0.01};
   const LoadedArm loaded(arm, load, kLeastOrder);
-  const Twists twists = arm.twists(arm.inputAt(0.0));
+  const model::Twists twists = arm.twists(arm.inputAt(0.0));
   ASSERT_FALSE(loaded.tip(twists).converged());
   const test::AllocationCounter counter;
   loaded.tip(twists);
