@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string>
 
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/ros_bridge/vision/sights.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -58,27 +58,27 @@ void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3&
   }
 }
 
-cv::Scalar colorOf(const vision::TagDetection& tag, const vision::Sight& sight,
-                   const estimation::TagLayout& layout) {
-  const auto* residual = residualOf(sight, layout, tag.id);
-  if (residual == nullptr) return kNotUsed;
-  return residual->outlier ? kDoesNotFit : kFits;
+cv::Scalar colorOf(const TagDetection& tag) {
+  if (!tag.fitted) return kNotUsed;
+  return tag.outlier ? kDoesNotFit : kFits;
 }
 
 }  // namespace
 
-cv::Mat drawOverlay(const cv::Mat& gray, const estimation::ArmView& view,
-                    const vision::Sight& sight, const model::Shape* model,
-                    const std::vector<std::string>& lines) {
+cv::Mat drawOverlay(const Measurement& measurement, const SightReport& report) {
+  const vision::Sight& sight = measurement.sight;
+  const estimation::ArmView& view = measurement.view;
+  const model::Shape* model = measurement.modelShape();
   cv::Mat picture;
-  cv::cvtColor(gray, picture, cv::COLOR_GRAY2BGR);
+  cv::cvtColor(measurement.gray, picture, cv::COLOR_GRAY2BGR);
   const Pen pen(picture);
   if (model != nullptr) drawCurve(pen, view.camera, view.X_CB, *model, kModel, true);
-  if (sight.state == vision::SightState::kMeasured) {
+  if (measurement.measured()) {
     drawCurve(pen, view.camera, view.X_CB * sight.fit.X_B0B, sight.fit.shape, kMeasured, false);
   }
-  for (const vision::TagDetection& tag : sight.detections) {
-    const cv::Scalar color = colorOf(tag, sight, view.layout);
+  for (std::size_t i = 0; i < sight.detections.size(); ++i) {
+    const vision::TagDetection& tag = sight.detections[i];
+    const cv::Scalar color = colorOf(report.detections.tags[i]);
     for (int k = 0; k < 4; ++k) pen.line(tag.corners.col(k), tag.corners.col((k + 1) % 4), color);
     const Eigen::Vector2d right = tag.corners.rowwise().maxCoeff();
     pen.text(std::to_string(tag.id),
@@ -86,8 +86,9 @@ cv::Mat drawOverlay(const cv::Mat& gray, const estimation::ArmView& view,
              0.5 * pen.letter, color);
   }
   const int height = static_cast<int>(std::lround(32 * pen.letter));
-  for (std::size_t k = 0; k < lines.size(); ++k) {
-    pen.text(lines[k], {height / 3, height * static_cast<int>(k + 1)}, pen.letter, kMeasured);
+  for (std::size_t k = 0; k < report.lines.size(); ++k) {
+    pen.text(report.lines[k], {height / 3, height * static_cast<int>(k + 1)}, pen.letter,
+             kMeasured);
   }
   return picture;
 }

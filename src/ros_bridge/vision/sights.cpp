@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -27,17 +28,7 @@ std::string strangers(const vision::Sight& sight) {
   return out;
 }
 
-}  // namespace
-
-std::string listOf(const std::vector<int>& ids) {
-  constexpr std::size_t kMost = 8;
-  std::string out;
-  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
-    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
-  }
-  return ids.size() > kMost ? out + ", ..." : out;
-}
-
+// How the tag with this id agrees with the measured shape; null where it took no part in it.
 const estimation::TagResidual* residualOf(const vision::Sight& sight,
                                           const estimation::TagLayout& layout, int id) {
   if (sight.state != vision::SightState::kMeasured) return nullptr;
@@ -48,6 +39,7 @@ const estimation::TagResidual* residualOf(const vision::Sight& sight,
   return found == tags.end() ? nullptr : &*found;
 }
 
+// Tags of the arm in sight, each seen once.
 int tagsOfArm(const vision::Sight& sight) {
   const auto& tags = sight.detections;
   return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
@@ -104,38 +96,79 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   return msg;
 }
 
+// Largest standard deviation of the measured tip over all directions [m].
 double tipSigma(const estimation::TwistFit& fit) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.tip_covariance,
                                                               Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
-std::string summarise(const vision::Sight& sight) {
+// `8 tags, 0.20 px, tip to 0.5 mm`: a measured shape in few words.
+std::string summarise(const vision::Sight& sight, int tags) {
   const int outliers = sight.fit.outliers();
-  return countText(tagsOfArm(sight)) +
-         (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
+  return countText(tags) + (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
          fixed(sight.fit.rms, 2) + " px, tip to " + fixed(1e3 * tipSigma(sight.fit)) + " mm";
 }
 
-std::string describe(const vision::Sight& sight, const vision::LocalizerConfig& config) {
-  const std::string tags = countText(tagsOfArm(sight));
+std::string describe(const vision::Sight& sight, int tags, const vision::LocalizerConfig& config) {
   switch (sight.state) {
     case vision::SightState::kMeasured:
-      return summarise(sight) + strangers(sight);
+      return summarise(sight, tags) + strangers(sight);
     case vision::SightState::kNoTags:
       return "no tag of the arm is in sight: look after the view, the light, and the scene's "
              "tags.family" +
              strangers(sight);
     case vision::SightState::kTooFewTags:
-      return tags + " in sight do not determine the shape; at least " +
+      return countText(tags) + " in sight do not determine the shape; at least " +
              std::to_string(config.min_tags) +
              " are wanted, on all sections: look after occlusion and light" + strangers(sight);
     case vision::SightState::kNoFit:
       break;
   }
-  return "no shape of the arm fits the " + tags +
+  return "no shape of the arm fits the " + countText(tags) +
          " in sight: look after their size and places in the scene, and the camera's calibration" +
          strangers(sight);
+}
+
+std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
+  if (error == nullptr) return "tip +- " + fixed(1e3 * tipSigma(fit)) + " mm";
+  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" + fixed(error->tip_percent) +
+         " %)";
+}
+
+}  // namespace
+
+SightReport reportOf(const Measurement& measurement, const std::string& base_frame,
+                     const std::string& camera_frame) {
+  const vision::Sight& sight = measurement.sight;
+  std_msgs::Header header;
+  header.stamp = measurement.stamp;
+  header.frame_id = base_frame;
+  std_msgs::Header camera_header = header;
+  camera_header.frame_id = camera_frame;
+
+  SightReport out;
+  out.tags = tagsOfArm(sight);
+  out.account = describe(sight, out.tags, measurement.config);
+  out.detections = toMsg(camera_header, sight, measurement.view.layout);
+  if (!measurement.measured()) {
+    out.lines = {out.account};
+    return out;
+  }
+  out.shape = toShapeMsg(header, "measured", sight.fit.shape, sight.fit.covariance);
+  if (measurement.model) out.error = toMsg(header, sight.fit, *measurement.model);
+  out.tip = tipText(sight.fit, out.error ? &*out.error : nullptr);
+  out.lines = {out.tip, summarise(sight, out.tags)};
+  return out;
+}
+
+std::string listOf(const std::vector<int>& ids) {
+  constexpr std::size_t kMost = 8;
+  std::string out;
+  for (std::size_t k = 0; k < std::min(ids.size(), kMost); ++k) {
+    out += (k > 0 ? ", " : "") + std::to_string(ids[k]);
+  }
+  return ids.size() > kMost ? out + ", ..." : out;
 }
 
 }  // namespace helix_arm::ros_bridge

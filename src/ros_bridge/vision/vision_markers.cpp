@@ -61,11 +61,12 @@ Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) c
   return makeMarker(header, ns, 0, type, lifetime_);
 }
 
-visualization_msgs::MarkerArray VisionMarkers::draw(const ros::Time& stamp,
-                                                    const estimation::TagLayout& layout,
-                                                    const estimation::TwistFit& fit,
-                                                    const model::Shape* model,
+visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measurement,
                                                     const std::string& text) const {
+  const ros::Time& stamp = measurement.stamp;
+  const estimation::TagLayout& layout = measurement.view.layout;
+  const estimation::TwistFit& fit = measurement.sight.fit;
+  const model::Shape* model = measurement.modelShape();
   visualization_msgs::MarkerArray out;
   const std_msgs::ColorRGBA measured_color = color(1.0, 0.55, 0.1);
 

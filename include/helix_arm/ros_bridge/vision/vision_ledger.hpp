@@ -24,7 +24,9 @@ class VisionLedger {
   void picture() { ++status_.pictures; }
   void skipped() { ++status_.skipped; }
   void refused(const PictureRefusal& refusal);
-  void saw(const vision::Sight& sight);
+  /// What was seen in a picture.
+  /// @param tags  of the arm in sight, each seen once.
+  void saw(const vision::Sight& sight, int tags);
 
   /// Whose intrinsics hold, in words.
   void calibrated(const std::string& whose) { calibration_ = whose; }

@@ -4,8 +4,7 @@
 
 #include <visualization_msgs/MarkerArray.h>
 
-#include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/ros_bridge/vision/measurement.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -21,10 +20,9 @@ class VisionMarkers {
   /// @param lifetime  longer than the period of drawing [s].
   VisionMarkers(std::string base_frame, double lifetime);
 
-  /// @param model  null: there is none to compare with, and none is drawn.
-  /// @param text   beyond the tip.
-  visualization_msgs::MarkerArray draw(const ros::Time& stamp, const estimation::TagLayout& layout,
-                                       const estimation::TwistFit& fit, const model::Shape* model,
+  /// @param measurement  has a measured shape; without a model none is drawn.
+  /// @param text         beyond the tip.
+  visualization_msgs::MarkerArray draw(const Measurement& measurement,
                                        const std::string& text) const;
 
   /// Takes everything off the screen.

@@ -1,0 +1,96 @@
+#include "helix_arm/ros_bridge/vision/model_matcher.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <ros/console.h>
+
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+// A picture waits this long for the model of its time: with pressures at 100 Hz and more it has
+// come by then, and a replay meets the same model as the first time.
+constexpr std::chrono::milliseconds kModelPatience(100);
+// Each wait in vain halves the patience, down to this: models that always lag must not slow the
+// pictures down.
+constexpr std::chrono::milliseconds kLeastPatience(5);
+
+// What to expect before a model comes.
+model::Shape restingShape(const io::Scene& scene) {
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+  const statics::Solution solution = scene.model.solve(rest);
+  if (!solution.converged()) {
+    ROS_WARN(
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
+        "where they are without load until a model comes",
+        scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
+  }
+  return statics::startingShape(scene.model, solution, rest);
+}
+
+}  // namespace
+
+ModelMatcher::ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status)
+    : status_(status), start_(restingShape(scene)), patience_(kModelPatience) {}
+
+void ModelMatcher::add(const ros::Time& stamp, const model::Shape& shape) {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    models_.add(stamp, shape);
+  }
+  changed_.notify_all();
+}
+
+void ModelMatcher::stop() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stop_ = true;
+  }
+  changed_.notify_all();
+}
+
+void ModelMatcher::restart(const io::Scene& scene) { start_ = restingShape(scene); }
+
+ModelMatcher::LookUp ModelMatcher::lookUp(const ros::Time& stamp) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  const std::optional<double> ahead = models_.lag(stamp);
+  models_.forgetFuture(stamp);
+  const bool waits = models_.mayGetNearer(stamp);
+  const auto due = std::chrono::steady_clock::now() + patience_;
+  while (!stop_ && models_.mayGetNearer(stamp)) {
+    if (changed_.wait_until(lock, due) == std::cv_status::timeout) break;
+  }
+  const bool in_time = stop_ || !models_.mayGetNearer(stamp);
+  if (!in_time) {
+    patience_ = std::max(kLeastPatience, patience_ / 2);
+  } else if (waits) {
+    patience_ = std::min(kModelPatience, 2 * patience_);
+  }
+  const std::optional<double> lag = models_.lag(stamp);
+  return {models_.nearest(stamp), lag ? lag : ahead, in_time};
+}
+
+void ModelMatcher::warnOfLag(double lag) {
+  if (!late_models_.add()) return;
+  ROS_WARN(
+      "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
+      "up, and are the clocks of the camera's and the arm's computers synchronised? Where no "
+      "shape holds the scene's load it gives no model: see `%s` in its diagnostics",
+      std::abs(lag), lag < 0 ? "after" : "before", static_cast<unsigned long>(late_models_.total()),
+      names::kModelStatus);
+}
+
+std::optional<ModelHistory::Entry> ModelMatcher::match(const ros::Time& stamp) {
+  LookUp found = lookUp(stamp);
+  status_.modelLag(found.lag);
+  if (found.lag && (!found.in_time || std::abs(*found.lag) > ModelHistory::kReach)) {
+    warnOfLag(*found.lag);
+  }
+  if (found.model) start_ = found.model->shape;
+  return std::move(found.model);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,115 @@
+#include "helix_arm/ros_bridge/vision/picture_measurer.hpp"
+
+#include <utility>
+#include <variant>
+
+#include <ros/console.h>
+
+namespace helix_arm::ros_bridge {
+
+SceneLocalizer::SceneLocalizer(io::Scene of)
+    : scene(std::move(of)),
+      localizer(std::make_unique<vision::ArmLocalizer>(scene.view(), scene.vision)) {}
+
+PictureMeasurer::PictureMeasurer(SceneLocalizer first, double stale_after,
+                                 const PictureSource& source, ModelMatcher& models)
+    : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
+
+void PictureMeasurer::adopt(SceneLocalizer next) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  next_ = std::move(next);
+}
+
+void PictureMeasurer::adoptNext() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (next_) current_ = std::move(*next_);
+  next_.reset();
+}
+
+Taken<Measurement> PictureMeasurer::measure(const Picture& picture) {
+  adoptNext();
+  Taken<cv::Mat> taken = take(picture);
+  if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
+  const cv::Mat& gray = std::get<cv::Mat>(taken);
+  follow(picture.stamp);
+  auto model = models_.match(picture.stamp);
+  const vision::Sight& sight = current_.localizer->locate(gray, models_.start());
+  return Measurement{
+      picture.stamp,    gray,        sight, current_.localizer->view(), current_.scene.vision,
+      std::move(model), calibration_};
+}
+
+Taken<cv::Mat> PictureMeasurer::take(const Picture& picture) {
+  // What is not of the camera's size is not worth decoding, which may take long.
+  if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+    const auto& data = (*jpeg)->data;
+    const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());
+    if (!claimed.empty()) {
+      if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
+    }
+  }
+  Taken<cv::Mat> taken = decode(picture);
+  if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
+    if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
+  }
+  return taken;
+}
+
+Taken<cv::Mat> PictureMeasurer::decode(const Picture& picture) {
+  if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
+    return fromMsg(**raw, buffer_);
+  }
+  if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
+    return fromMsg(**jpeg, decoder_, buffer_);
+  }
+  return std::get<cv::Mat>(picture.content);
+}
+
+std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size) {
+  estimation::ArmView view = current_.localizer->view();
+  const char* whose = kSceneCalibration;
+  if (const auto info = source_.cameraInfo()) {
+    if (const auto* refusal = std::get_if<PictureRefusal>(&*info)) return *refusal;
+    view.camera = std::get<estimation::Camera>(*info);
+    whose = "camera_info";
+  }
+  if (size != cv::Size(view.camera.width, view.camera.height)) {
+    return PictureRefusal{PictureFault::kWrongSize,
+                          "the picture is of " + sizeText(size.width, size.height) +
+                              " pixels, but " + whose + " of " +
+                              sizeText(view.camera.width, view.camera.height) +
+                              "; a calibration holds for one size only"};
+  }
+  if (!equal(view.camera, current_.localizer->view().camera)) {
+    if (adoptions_.add()) {
+      ROS_INFO(
+          "camera_info differs from the intrinsics at hand (%lu times so far): going by "
+          "camera_info%s",
+          static_cast<unsigned long>(adoptions_.total()),
+          source_.infoPublishers() > 1
+              ? "; more than one node publishes it: stop all but the camera's"
+              : "");
+    }
+    current_.localizer = std::make_unique<vision::ArmLocalizer>(view, current_.scene.vision);
+  }
+  calibration_ = whose;
+  return std::nullopt;
+}
+
+void PictureMeasurer::follow(const ros::Time& stamp) {
+  const double elapsed = secondsBetween(last_stamp_, stamp);
+  if (elapsed < 0 || elapsed > stale_after_) current_.localizer->reset();
+  if (elapsed < 0) {
+    if (jumps_.add()) {
+      ROS_INFO("the pictures' time has jumped back by %.1f s (%lu times so far): starting anew%s",
+               -elapsed, static_cast<unsigned long>(jumps_.total()),
+               source_.publishers() > 1
+                   ? "; more than one node publishes pictures: stop all but one"
+                   : "");
+    }
+    models_.restart(current_.scene);
+  }
+  last_stamp_ = stamp;
+}
+
+}  // namespace helix_arm::ros_bridge

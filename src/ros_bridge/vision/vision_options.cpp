@@ -1,0 +1,49 @@
+#include "helix_arm/ros_bridge/vision/vision_options.hpp"
+
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr char kTopic[] = "topic";
+constexpr char kWebcam[] = "webcam";
+
+}  // namespace
+
+VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
+  ParameterReader reader(private_node);
+  VisionOptions out;
+  out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.source = reader.text("source", out.source);
+  if (!out.fromFile()) {
+    out.source = reader.choice(
+        "source", out.source,
+        {kTopic, names::kImage, names::kCompressedImage, kWebcam, "an absolute path"});
+  }
+  out.use_camera_info = reader.flag("use_camera_info", out.use_camera_info);
+  out.camera_info_url = reader.text("camera_info_url", "");
+  out.file_rate = reader.number("file_rate", out.file_rate, {0.1, 1000.0});
+  out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
+  out.stale_after = reader.number("stale_after_s", out.stale_after, {0.05, 60.0});
+  out.frames = reader.count("frames", out.frames, 2, 1000);
+  out.world_frame = reader.frame("world_frame", names::kWorldFrame);
+  out.frame_prefix = reader.frame("frame_prefix", "");
+  out.optional = reader.flag("optional", out.optional);
+  out.scene_folder = reader.folder("scene_folder", defaultFolder());
+  reader.finish();
+  return out;
+}
+
+bool VisionOptions::fromWebcam() const { return source == kWebcam; }
+
+bool VisionOptions::fromFile() const { return source.compare(0, 1, "/") == 0; }
+
+bool VisionOptions::fromTopic(const std::string& topic) const {
+  return source == kTopic || source == topic;
+}
+
+std::string VisionOptions::cameraFrame() const { return frame_prefix + names::kCameraFrame; }
+
+}  // namespace helix_arm::ros_bridge
