@@ -65,6 +65,9 @@ struct CalibrationNodeOptions {
 /// Ages and windows go by the stamps of messages and ROS time, so that simulated time may run fast.
 /// Where ROS time stands still the run ends, and ramps down by a steady clock.
 ///
+/// Messages, services and ~reload are handled in the spinning thread, run_calibration in a thread
+/// of its own. Locks in their order: JobSlot or RunAction, then Recorder or Calibrator.
+///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class CalibrationNode {
  public:
@@ -73,9 +76,8 @@ class CalibrationNode {
   ~CalibrationNode();
 
   int finish() const { return kDone; }
-  bool isBusy() const {
-    return jobs_.runs();
-  }  ///< run_calibration is under way: the arm is to be ramped down first
+  /// run_calibration is under way: the arm is to be ramped down first.
+  bool isBusy() const { return jobs_.runs(); }
 
  private:
   void adopt(io::Scene next);
