@@ -140,9 +140,9 @@ TEST(GuardedCallbacks, NoNodeGoesRoundThem) {
   const std::regex raw(R"((subscribe|advertiseService|create\w*Timer)\s*[<(])");
   int files = 0;
   for (const char* folder : {"/src/ros_bridge", "/src/nodes", "/include/helix_arm/ros_bridge"}) {
-    for (const auto& entry :
-         std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
-      if (entry.path().filename() == "guarded_callbacks.hpp") continue;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(
+             std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
+      if (!entry.is_regular_file() || entry.path().filename() == "guarded_callbacks.hpp") continue;
       std::ostringstream text;
       text << std::ifstream(entry.path()).rdbuf();
       EXPECT_FALSE(std::regex_search(text.str(), raw))

@@ -38,6 +38,35 @@ class NodeProcess : public ::testing::Test {
   Master master_;
 };
 
+// Every node, of two arms: one of spatial_50 that a series moves, and a simulated rig.
+struct EveryNode {
+  explicit EveryNode(const Process::Variables& variables)
+      : command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables),
+        series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables),
+        monitor({HELIX_ARM_MONITOR}, variables),
+        rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables),
+        vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables),
+        calibration({HELIX_ARM_CALIBRATION, "__ns:=rig", "_scene:=demo"}, variables) {}
+
+  // Fails unless all of them work.
+  void awaitWork() {
+    ASSERT_TRUE(calibration.prints("ready to record")) << calibration.output();
+    ASSERT_TRUE(series.prints("row 1")) << series.output();
+    ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
+    ASSERT_TRUE(vision.prints("measured")) << vision.output();
+  }
+
+  std::vector<Process*> all() { return {&command, &series, &monitor, &rig, &vision, &calibration}; }
+
+  Process command, series, monitor, rig, vision, calibration;
+};
+
+// Expects a node to end with 1 within a deadline [s], and to say why.
+void expectFails(Process& node, const std::string& why, double deadline = 30) {
+  EXPECT_EQ(node.exitCode(deadline), 1) << node.output();
+  EXPECT_NE(node.output().find(why), std::string::npos) << node.output();
+}
+
 TEST_F(NodeProcess, ABadSceneEndsItWith2AndEveryFault) {
   const TemporaryFile scene(R"(name: bad
 contractions:
@@ -184,42 +213,21 @@ TEST_F(NodeProcess, AskedToEndItEndsWith0) {
 }
 
 TEST_F(NodeProcess, ALostMasterEndsEveryNodeWith1) {
-  Process command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
-  Process series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables());
-  Process monitor({HELIX_ARM_MONITOR}, variables());
-  Process rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables());
-  Process vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables());
-  Process calibration({HELIX_ARM_CALIBRATION, "__ns:=rig", "_scene:=demo"}, variables());
-  ASSERT_TRUE(command.prints(kReady)) << command.output();
-  ASSERT_TRUE(calibration.prints("ready to record")) << calibration.output();
-  ASSERT_TRUE(series.prints("row 1")) << series.output();
-  ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
-  ASSERT_TRUE(vision.prints("measured")) << vision.output();
+  EveryNode nodes(variables());
+  ASSERT_TRUE(nodes.command.prints(kReady)) << nodes.command.output();
+  ASSERT_NO_FATAL_FAILURE(nodes.awaitWork());
   master_.stop();
-  for (Process* node : {&command, &series, &monitor, &rig, &vision, &calibration}) {
-    EXPECT_EQ(node->exitCode(), 1) << node->output();
-    EXPECT_NE(node->output().find("is gone"), std::string::npos) << node->output();
-  }
+  for (Process* node : nodes.all()) expectFails(*node, "is gone");
 }
 
 TEST_F(NodeProcess, AHungMasterEndsEveryNodeWith1) {
-  Process command({HELIX_ARM_PRESSURE_COMMAND, kScene}, variables());
-  Process series({HELIX_ARM_SERIES, kScene, "_loop:=true"}, variables());
-  Process monitor({HELIX_ARM_MONITOR}, variables());
-  Process rig({HELIX_ARM_SIMULATED_RIG, "__ns:=rig", "_scene:=demo"}, variables());
-  Process vision({HELIX_ARM_VISION, "__ns:=rig", "_scene:=demo"}, variables());
-  Process calibration({HELIX_ARM_CALIBRATION, "__ns:=rig", "_scene:=demo"}, variables());
-  ASSERT_TRUE(calibration.prints("ready to record")) << calibration.output();
-  ASSERT_TRUE(series.prints("row 1")) << series.output();
-  ASSERT_TRUE(monitor.prints("tip")) << monitor.output();
-  ASSERT_TRUE(vision.prints("measured")) << vision.output();
+  EveryNode nodes(variables());
+  ASSERT_NO_FATAL_FAILURE(nodes.awaitWork());
   master_.signal(SIGSTOP);
-  // One of them is asked to end before it could see that.
-  monitor.signal(SIGINT);
-  for (Process* node : {&command, &series, &monitor, &rig, &vision, &calibration}) {
-    EXPECT_EQ(node->exitCode(60), 1) << node->output();
-    if (node == &monitor) continue;
-    EXPECT_NE(node->output().find("does not answer"), std::string::npos) << node->output();
+  // One of them is asked to end before it could see that; it need not name the master.
+  nodes.monitor.signal(SIGINT);
+  for (Process* node : nodes.all()) {
+    expectFails(*node, node == &nodes.monitor ? "" : "does not answer", 60);
   }
   master_.signal(SIGCONT);
 }
@@ -231,8 +239,7 @@ TEST_F(NodeProcess, AMasterThatForgotTheNodeEndsIt) {
   master_.stop();
   master_.start();
   node.signal(SIGCONT);
-  EXPECT_EQ(node.exitCode(), 1) << node.output();
-  EXPECT_NE(node.output().find("does not know this node"), std::string::npos) << node.output();
+  expectFails(node, "does not know this node");
 }
 
 TEST_F(NodeProcess, TheMonitorFailsWhereThereIsNoArm) {

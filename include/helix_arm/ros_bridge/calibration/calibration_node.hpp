@@ -1,33 +1,17 @@
 #pragma once
 
-#include <functional>
-#include <memory>
-#include <mutex>
-#include <optional>
 #include <string>
-#include <vector>
 
-#include <actionlib/server/simple_action_server.h>
 #include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 
-#include "helix_arm/Calibrate.h"
-#include "helix_arm/ClearSamples.h"
-#include "helix_arm/FitContraction.h"
-#include "helix_arm/PressureArray.h"
-#include "helix_arm/RecordSample.h"
-#include "helix_arm/RunCalibrationAction.h"
-#include "helix_arm/Save.h"
-#include "helix_arm/TagDetections.h"
-#include "helix_arm/TargetStatus.h"
-#include "helix_arm/VisionStatus.h"
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
-#include "helix_arm/ros_bridge/common/diagnostics.hpp"
-#include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
-#include "helix_arm/ros_bridge/common/moving_clock.hpp"
+#include "helix_arm/ros_bridge/calibration/calibration_services.hpp"
+#include "helix_arm/ros_bridge/calibration/calibrator.hpp"
+#include "helix_arm/ros_bridge/calibration/job_slot.hpp"
+#include "helix_arm/ros_bridge/calibration/recorder.hpp"
+#include "helix_arm/ros_bridge/calibration/run_action.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
 
@@ -81,6 +65,9 @@ struct CalibrationNodeOptions {
 /// Ages and windows go by the stamps of messages and ROS time, so that simulated time may run fast.
 /// Where ROS time stands still the run ends, and ramps down by a steady clock.
 ///
+/// Messages, services and ~reload are handled in the spinning thread, run_calibration in a thread
+/// of its own. Locks in their order: JobSlot or RunAction, then Recorder or Calibrator.
+///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class CalibrationNode {
  public:
@@ -89,85 +76,20 @@ class CalibrationNode {
   ~CalibrationNode();
 
   int finish() const { return kDone; }
-  bool isBusy() const;  ///< run_calibration is under way: the arm is to be ramped down first
+  /// run_calibration is under way: the arm is to be ramped down first.
+  bool isBusy() const { return jobs_.runs(); }
 
  private:
-  using Server = actionlib::SimpleActionServer<RunCalibrationAction>;
-
-  /// Keeps others from starting while a service fits.
-  struct Fitting {
-    explicit Fitting(CalibrationNode& owner) : node(owner) {
-      const std::lock_guard<std::mutex> lock(node.mutex_);
-      node.requireIdle();
-      node.fitting_ = true;
-    }
-    ~Fitting() {
-      const std::lock_guard<std::mutex> lock(node.mutex_);
-      node.fitting_ = false;
-    }
-    CalibrationNode& node;
-  };
-
-  // Callbacks of the spinning thread.
-  void onDetections(const TagDetectionsConstPtr& detections);
-  void onMeasured(const PressureArrayConstPtr& measured);
-  void onCommand(const PressureArrayConstPtr& command);
-  void onStatus(const TargetStatusConstPtr& status);
-  void onVision(const VisionStatusConstPtr& status);
-  void onWatch(const ros::SteadyTimerEvent& event);
-  bool onCalibrate(Calibrate::Request& request, Calibrate::Response& response);
-  bool onFitContraction(FitContraction::Request& request, FitContraction::Response& response);
-  bool onRecord(RecordSample::Request& request, RecordSample::Response& response);
-  bool onClear(ClearSamples::Request& request, ClearSamples::Response& response);
-  bool onSave(Save::Request& request, Save::Response& response);
   void adopt(io::Scene next);
 
-  // Thread of the action.
-  void onGoal(const RunCalibrationGoal& goal);
-  void begin(const RunCalibrationGoal& goal);
-  bool play();
-  void conclude(const RunCalibrationGoal& goal);
-
-  // With mutex_ locked.
-  /// @throws std::invalid_argument while run_calibration or a fit is under way.
-  void requireIdle() const;
-  procedures::Settling settling(double now) const;
-  procedures::CalibrationData recorded() const;
-  std::optional<Eigen::VectorXd> reading(const PressureArray& message, const char* topic);
-
-  /// Where a calibrated scene goes; empty stays empty.
-  /// @throws std::invalid_argument where it may not.
-  std::string writable(const std::string& out) const;
-  procedures::CalibrationData load(const std::vector<std::string>& paths) const;
-  /// Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
-  procedures::CalibrationOutcome calibrate(const procedures::CalibrationRequest& request,
-                                           const procedures::CalibrationData& data,
-                                           const std::string& out,
-                                           const std::function<bool()>& cancelled);
-
   const CalibrationNodeOptions options_;
-  mutable std::mutex mutex_;  ///< of all below, up to the publisher
-  MovingClock clock_;
-  io::Scene scene_;
-  const FileAccess data_access_, out_access_;
-  procedures::SettleWatch watch_;
-  std::optional<VisionStatus> vision_;  ///< the last one
-  FaultCount foreign_pressures_;
-  std::vector<procedures::Sample> samples_;
-  std::optional<procedures::CalibrationOutcome> last_;  ///< the last one that calibrated the scene
-  bool running_ = false;                                ///< an action is under way
-  bool fitting_ = false;                                ///< a service fits
-  std::optional<procedures::CalibrationRun> run_;       ///< while it moves the arm
-
-  ros::NodeHandle node_;
-  ros::Publisher target_publisher_;
-  ros::Subscriber detections_subscriber_, measured_subscriber_, command_subscriber_;
-  ros::Subscriber status_subscriber_, vision_subscriber_;
-  ros::ServiceServer calibrate_, fit_contraction_, record_, clear_, save_;
-  std::unique_ptr<ReloadServer> reload_;
-  ros::SteadyTimer watch_timer_;
-  FaultGuard goal_guard_{"a goal of run_calibration"};
-  std::unique_ptr<Server> server_;
+  ros::NodeHandle node_, private_node_{"~"};
+  JobSlot jobs_;
+  Recorder recorder_;
+  Calibrator calibrator_;
+  CalibrationServices services_;
+  ReloadServer reload_;
+  RunAction run_;  ///< last: its thread uses all of the above
 };
 
 inline bool mayEnd(const CalibrationNode& node) { return !node.isBusy(); }

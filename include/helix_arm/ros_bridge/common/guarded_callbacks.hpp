@@ -129,37 +129,43 @@ class GuardedService : public ros::ServiceCallbackHelper {
   const Callback callback_;
 };
 
+/// Subscribes, without delay on the wire; listen() calls it.
+template <class Message>
+ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic,
+                                 std::uint32_t queue,
+                                 typename GuardedSubscription<Message>::Callback callback,
+                                 FaultGuard::Log log) {
+  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
+                                ros::message_traits::datatype<Message>());
+  options.helper = boost::make_shared<GuardedSubscription<Message>>(
+      node.resolveName(topic), std::move(callback), std::move(log));
+  options.transport_hints = ros::TransportHints().tcpNoDelay();
+  return node.subscribe(options);
+}
+
 /// Subscribes, without delay on the wire; the callback takes the message, or the event that tells
 /// its sender as well.
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
                        void (Node::*callback)(const ros::MessageEvent<const Message>&), Node* owner,
                        FaultGuard::Log log = {}) {
-  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
-                                ros::message_traits::datatype<Message>());
-  options.helper = boost::make_shared<GuardedSubscription<Message>>(
-      node.resolveName(topic),
+  return subscribeGuarded<Message>(
+      node, topic, queue,
       [owner, callback](const ros::MessageEvent<const Message>& event) {
         (owner->*callback)(event);
       },
       std::move(log));
-  options.transport_hints = ros::TransportHints().tcpNoDelay();
-  return node.subscribe(options);
 }
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
                        void (Node::*callback)(const boost::shared_ptr<const Message>&), Node* owner,
                        FaultGuard::Log log = {}) {
-  ros::SubscribeOptions options(topic, queue, ros::message_traits::md5sum<Message>(),
-                                ros::message_traits::datatype<Message>());
-  options.helper = boost::make_shared<GuardedSubscription<Message>>(
-      node.resolveName(topic),
+  return subscribeGuarded<Message>(
+      node, topic, queue,
       [owner, callback](const ros::MessageEvent<const Message>& event) {
         (owner->*callback)(event.getConstMessage());
       },
       std::move(log));
-  options.transport_hints = ros::TransportHints().tcpNoDelay();
-  return node.subscribe(options);
 }
 
 /// Advertises a service.

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstddef>
+#include <exception>
+#include <limits>
+#include <string>
+
+#include <ros/console.h>
+
+#include "helix_arm/procedures/calibration_job.hpp"
+
+/// What the services of calibration and its action answer.
+namespace helix_arm::ros_bridge {
+
+inline constexpr std::size_t kLongestMessage = 1000;  ///< of another node, as it is quoted
+
+/// Runs what answers a service; what it throws is the answer.
+/// @return true: the answer is sent.
+template <class Response, class Body>
+bool answer(const char* service, Response& response, const Body& body) {
+  try {
+    body();
+  } catch (const std::exception& fault) {
+    response.success = false;
+    response.message = fault.what();
+  }
+  if (response.success) {
+    ROS_INFO("%s: %s", service, response.message.c_str());
+  } else {
+    ROS_WARN("%s: %s", service, response.message.c_str());
+  }
+  return true;
+}
+
+/// Fills the response of the service or the result of the action.
+/// @param path  Of the calibrated scene.
+template <class Answer>
+void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std::string& path) {
+  out.success = outcome.success;
+  out.message = outcome.message;
+  out.warnings = outcome.warnings;
+  out.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  if (outcome.success) out.out = path;
+  if (!outcome.calibration) return;
+  const estimation::Calibration& calibration = *outcome.calibration;
+  for (const estimation::Parameter& parameter : calibration.parameters) {
+    out.names.push_back(parameter.name);
+    out.units.push_back(parameter.unit);
+    out.initial.push_back(parameter.initial);
+    out.values.push_back(parameter.value);
+    out.standard_errors.push_back(parameter.standard_error);
+    out.identifiable.push_back(parameter.identifiable);
+  }
+  out.rms = calibration.rms;
+  out.error_unit = calibration.error_unit;
+  if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
+  for (const Eigen::VectorXd& row : calibration.next_pressures) {
+    out.next_pressures.insert(out.next_pressures.end(), row.begin(), row.end());
+  }
+}
+
+}  // namespace helix_arm::ros_bridge

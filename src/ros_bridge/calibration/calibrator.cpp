@@ -1,0 +1,106 @@
+#include "helix_arm/ros_bridge/calibration/calibrator.hpp"
+
+#include <exception>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+#include <ros/console.h>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+void makeFolder(const std::string& folder) {
+  std::error_code fault;
+  std::filesystem::create_directories(folder, fault);
+  if (fault) {
+    ROS_WARN("the folder %s is not there and cannot be made (%s): services find no files in it",
+             folder.c_str(), fault.message().c_str());
+  }
+}
+
+}  // namespace
+
+Calibrator::Calibrator(const std::string& data_folder, const std::string& out_folder,
+                       const procedures::SettleRules& rules, SceneFile scene_file)
+    : data_access_({{data_folder, "~data_folder"}, {out_folder, "~out_folder"}}),
+      out_access_({{out_folder, "~out_folder"}}),
+      rules_(rules),
+      scene_file_(std::move(scene_file)) {
+  makeFolder(data_folder);
+  makeFolder(out_folder);
+}
+
+std::string Calibrator::tablePath(const std::string& data) const {
+  return data_access_.toRead("data", data, {".csv"});
+}
+
+std::string Calibrator::scenePath(const std::string& out) const {
+  return out.empty() ? out : out_access_.toWrite("out", out, {".yaml"});
+}
+
+std::string Calibrator::savePath(const std::string& path) const {
+  return out_access_.toWrite("path", path, {".yaml", ".csv"});
+}
+
+procedures::CalibrationData Calibrator::load(const io::Scene& scene,
+                                             const std::vector<std::string>& paths) const {
+  std::vector<std::string> allowed;
+  for (const std::string& path : paths) {
+    allowed.push_back(data_access_.toRead("data", path, {".csv", ".bag"}));
+  }
+  return loadMeasurements(scene, allowed, rules_);
+}
+
+void Calibrator::check(const std::vector<std::string>& fit) const {
+  // An unknown word throws; missing data does not.
+  procedures::CalibrationRequest request;
+  request.fit = fit;
+  procedures::runCalibration(scene_file_().path, {}, request, {});
+}
+
+procedures::CalibrationOutcome Calibrator::calibrate(const procedures::CalibrationRequest& request,
+                                                     const procedures::CalibrationData& data,
+                                                     const std::string& out,
+                                                     const std::function<bool()>& cancelled) {
+  const ReloadServer::File file = scene_file_();
+  basics::require(io::sha256OfFile(file.path) == file.sha256, file.path,
+                  " is not what it was when it was loaded; call reload first");
+  procedures::CalibrationOutcome outcome = procedures::runCalibration(file.path, {}, request, data);
+  if (!outcome.success) return outcome;
+  if (cancelled()) {
+    outcome.success = false;
+    outcome.message = "it was cancelled";
+    return outcome;
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    last_ = outcome.scene_text;
+  }
+  if (out.empty()) return outcome;
+  try {
+    io::writeFileAtomically(scenePath(out), outcome.scene_text);
+  } catch (const std::exception& fault) {
+    outcome.success = false;
+    outcome.message +=
+        ", but it is not written: " + std::string(fault.what()) + "; call save with another path";
+  }
+  return outcome;
+}
+
+std::optional<std::string> Calibrator::last() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return last_;
+}
+
+void Calibrator::forgetLast() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  last_.reset();
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,29 @@
+#include "helix_arm/ros_bridge/calibration/job_slot.hpp"
+
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::ros_bridge {
+
+JobSlot::Claim::Claim(JobSlot& slot, Job job) : slot_(slot) {
+  const std::lock_guard<std::mutex> lock(slot_.mutex_);
+  slot_.requireIdle();
+  slot_.job_ = job;
+}
+
+JobSlot::Claim::~Claim() {
+  const std::lock_guard<std::mutex> lock(slot_.mutex_);
+  slot_.job_ = Job::kNone;
+}
+
+bool JobSlot::runs() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return job_ == Job::kRun;
+}
+
+void JobSlot::requireIdle() const {
+  basics::require(job_ != Job::kRun,
+                  "run_calibration is under way; wait for it, or cancel it first");
+  basics::require(job_ != Job::kFit, "a fit is under way; wait for it");
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,223 @@
+#include "helix_arm/ros_bridge/calibration/run_action.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+#include <variant>
+
+#include <ros/console.h>
+#include <ros/init.h>
+#include <ros/this_node.h>
+
+#include "answers.hpp"
+#include "goal_serializers.hpp"
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kFeedbackPeriod = 0.2;  // [s]
+constexpr int kUsualCaptures = 3;        // per pressure
+
+}  // namespace
+
+RunAction::RunAction(ros::NodeHandle& node, ros::NodeHandle& private_node,
+                     const procedures::RunRules& rules, double rate, JobSlot& jobs,
+                     Recorder& recorder, Calibrator& calibrator)
+    : rules_(rules),
+      rate_(rate),
+      jobs_(jobs),
+      recorder_(recorder),
+      calibrator_(calibrator),
+      target_publisher_(node.advertise<PressureArray>(names::kPressureTarget, 10)),
+      status_subscriber_(listen(node, names::kTargetStatus, 100, &RunAction::onStatus, this)),
+      server_(std::make_unique<Server>(
+          private_node, names::kRunCalibration,
+          [this](const RunCalibrationGoalConstPtr& goal) {
+            goal_guard_.run("", [&] { onGoal(*goal); });
+          },
+          false)) {
+  server_->start();
+}
+
+RunAction::~RunAction() = default;
+
+void RunAction::onStatus(const TargetStatusConstPtr& status) {
+  if (status->commander != ros::this_node::getName() || status->outcome != TargetStatus::DROPPED) {
+    return;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!motion_) return;
+  const std::string message = basics::quoted(status->message, kLongestMessage);
+  if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
+    motion_->run.yield(message);
+  } else if (status->fault == control::nameOf(control::Fault::kStale)) {
+    // The next target may be in time. If none is, the arm vents, and that ends the run.
+    ROS_WARN_THROTTLE(1, "%s", message.c_str());
+  } else {
+    motion_->run.end(procedures::RunEnd::kAborted, "pressure_command refused a target: " + message);
+  }
+}
+
+void RunAction::onGoal(const RunCalibrationGoal& goal) {
+  std::optional<JobSlot::Claim> claim;
+  RunCalibrationResult refused;
+  refused.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  answer(names::kRunCalibration, refused, [&] {
+    claim.emplace(jobs_, JobSlot::Job::kRun);
+    begin(goal);
+    refused.success = true;
+    refused.message = "begins";
+  });
+  if (!refused.success) {
+    claim.reset();
+    server_->setAborted(refused, refused.message);
+    return;
+  }
+  std::string why;
+  if (!goal_guard_.run(
+          "",
+          [&] {
+            if (const auto ending = play()) conclude(goal, *ending);
+          },
+          &why) &&
+      server_->isActive()) {
+    refused.success = false;
+    server_->setAborted(refused, why);
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  motion_.reset();
+}
+
+void RunAction::begin(const RunCalibrationGoal& goal) {
+  calibrator_.check(goal.fit);
+  calibrator_.scenePath(goal.out);  // else only found out after a long run
+  procedures::RunRules rules = rules_;
+  rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
+  rules.validate();
+  basics::require(target_publisher_.getNumSubscribers() > 0,
+                  "nobody listens on pressure_target; is pressure_command up?");
+  basics::require(!EndRequest::made(), "the node is about to end");
+  const io::Scene scene = recorder_.scene();
+  basics::require(scene.camera && scene.tags, "scene ", scene.name,
+                  " has no `camera` or no `tags`: nothing could be recorded; add them to it");
+  const auto plan = procedures::checkPlan(scene.arm, goal.plan);
+  if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
+    throw std::invalid_argument(refusal->message);
+  }
+  const procedures::Settling state = recorder_.observe().settling;
+  basics::require(!state.stale(), state.reason);
+  basics::require(state.set_point.has_value(),
+                  "pressure_command has not come yet; is its node up?");
+  const std::lock_guard<std::mutex> lock(mutex_);
+  motion_.emplace(Motion{scene.arm,
+                         {std::get<Eigen::MatrixXd>(plan), scene.arm.clamped(*state.set_point),
+                          scene.arm.inputAt(0), rules}});
+  recorder_.clear();
+  calibrator_.forgetLast();
+}
+
+std::optional<RunAction::Ending> RunAction::play() {
+  const auto period = std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+      std::chrono::duration<double>(1.0 / rate_));
+  std::vector<procedures::Sample> captures;  // of this step
+  std::chrono::steady_clock::time_point due = std::chrono::steady_clock::now(),
+                                        told = due - std::chrono::hours(1);
+  while (ros::ok()) {
+    const Turn done = turn(captures);
+    if (done.ending) return done.ending;
+    const auto now = std::chrono::steady_clock::now();
+    if (std::chrono::duration<double>(now - told).count() > kFeedbackPeriod) {
+      told = now;
+      server_->publishFeedback(done.feedback);
+    }
+    due = std::max(due + period, now);
+    std::this_thread::sleep_until(due);
+  }
+  return std::nullopt;
+}
+
+RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
+  using procedures::RunEnd;
+  const std::lock_guard<std::mutex> lock(mutex_);
+  procedures::CalibrationRun& run = motion_->run;
+  const auto [now, time_stands, state] = recorder_.observe();
+  if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "it was cancelled");
+  if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is to end");
+  if (time_stands) {
+    run.end(RunEnd::kAborted, "ROS time stands still; is the node that gives /clock up?");
+  }
+  Turn out;
+  if (run.ended()) {
+    out.ending = Ending{run.verdict(), run.reason(), run.steps()};
+    return out;
+  }
+  const procedures::CalibrationRun::Order order = run.advance(now, state);
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  target_publisher_.publish(toPressureMsg(header, motion_->arm, order.pressure));
+  if (order.capture) captures.push_back(*order.capture);
+  if (order.step_done) {
+    recorder_.add(medianOf(captures));
+    captures.clear();
+  }
+  out.feedback.step = static_cast<std::uint32_t>(run.step() + 1);
+  out.feedback.steps = static_cast<std::uint32_t>(run.steps());
+  out.feedback.state = nameOf(run.phase());
+  if (run.phase() == procedures::RunPhase::kSettling && !state.settled()) {
+    out.feedback.state += ": " + state.reason;
+  }
+  out.feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
+  out.feedback.samples = static_cast<std::uint32_t>(recorder_.count());
+  return out;
+}
+
+void RunAction::conclude(const RunCalibrationGoal& goal, const Ending& ending) {
+  RunCalibrationResult result;
+  result.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  if (ending.verdict != procedures::RunEnd::kCompleted) {
+    result.message = ending.reason;
+    ROS_WARN("run_calibration: %s", result.message.c_str());
+    if (ending.verdict == procedures::RunEnd::kPreempted) {
+      server_->setPreempted(result, result.message);
+    } else {
+      server_->setAborted(result, result.message);
+    }
+    return;
+  }
+  answer(names::kRunCalibration, result, [&] {
+    const Recording recording = recorder_.recording();
+    const procedures::CalibrationData data = recording.data();
+    RunCalibrationFeedback feedback;
+    feedback.step = feedback.steps = static_cast<std::uint32_t>(ending.steps);
+    feedback.samples = static_cast<std::uint32_t>(recording.samples.size());
+    feedback.state = "fitting";
+    server_->publishFeedback(feedback);
+    procedures::CalibrationRequest request;
+    request.fit = goal.fit;
+    request.date = procedures::utcNow();
+    const auto cancelled = [this] { return server_->isPreemptRequested(); };
+    const std::string out = calibrator_.scenePath(goal.out);
+    fill(result, calibrator_.calibrate(request, data, out, cancelled), out);
+  });
+  if (!result.success && server_->isPreemptRequested()) {
+    server_->setPreempted(result, result.message);
+  } else if (result.success) {
+    server_->setSucceeded(result, result.message);
+  } else {
+    server_->setAborted(result, result.message);
+  }
+}
+
+}  // namespace helix_arm::ros_bridge
