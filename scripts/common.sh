@@ -4,6 +4,7 @@
 build_dir="$root/build"
 devel_dir="$root/devel"
 build_options=()  # of CMake, beside those that every build has
+testing=OFF         # ON: with what tests need, installed and configured
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
@@ -48,7 +49,9 @@ ros_release() {
 }
 
 wanted_packages() {
-  sed -n -E "s/^(all|$(ros_release)): *//p" "$root/scripts/packages.txt"
+  local group=""
+  [[ $testing == OFF ]] || group="(-tests)?"
+  sed -n -E "s/^(all|$(ros_release))$group: *//p" "$root/scripts/packages.txt"
 }
 
 may_be_root() { ((EUID == 0)) || command -v sudo >/dev/null; }
@@ -126,12 +129,15 @@ build() {
     launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
     export CCACHE_BASEDIR="$root" CCACHE_NOHASHDIR=1  # two checkouts share what they compile
   fi
-  cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release "${launcher[@]}" \
-    "${build_options[@]}" >&2
+  cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release \
+    -DCATKIN_ENABLE_TESTING="$testing" "${launcher[@]}" "${build_options[@]}" >&2
   cmake --build "$build_dir" -j "$(jobs)" --target "$@" >&2
 }
 
+# prepare [tests]
 prepare() {
+  # What a build has had it keeps: going back and forth would configure anew each time.
+  [[ ${1:-} != tests && $(cached CATKIN_ENABLE_TESTING) != ON ]] || testing=ON
   use_system_python
   mkdir -p "$build_dir"
   use_some_home
