@@ -74,7 +74,7 @@ namespace helix_arm::ros_bridge {
 /// scene or parameter, such as simulated time with hardware.
 ///
 /// Its parts: TargetIntake takes targets, PressureLoop drives the regulator, ShapePublisher shows
-/// the arm at the readings. Only PressureLoop has threads, and only it locks.
+/// the arm at the readings. All of them but PressureLoop run in the main thread only.
 class PressureCommandNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
