@@ -62,10 +62,10 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime
 
 GuardProcess::~GuardProcess() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     ended_ = true;
   }
-  ends_.notify_one();
+  ends_.notifyOne();
   beats_.join();
   ::close(line_);
 }
@@ -78,8 +78,8 @@ void GuardProcess::beat() const {
 void GuardProcess::keepBeating(int realtime_priority) {
   scheduleRealtime(realtime_priority);
   const std::chrono::duration<double> period(kBeatPeriod);
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!ends_.wait_for(lock, period, [this] { return ended_; })) {
+  basics::MutexLock lock(mutex_);
+  while (!ends_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return ended_; })) {
     // Periods, not the time: a machine that was suspended has lost one.
     if (takeAnswers()) {
       patience_ = kMissedBeats;

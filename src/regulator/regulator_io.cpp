@@ -109,7 +109,7 @@ IoStatus RegulatorIo::status() const {
   out.breaks = breaks_;
   out.own_vents = own_vents_;
   out.last_read_time = last_read_time_;
-  const std::lock_guard<std::mutex> lock(error_mutex_);
+  const basics::MutexLock lock(error_mutex_);
   out.last_error = last_error_;
   out.last_error_time = last_error_time_;
   return out;
@@ -188,7 +188,7 @@ void RegulatorIo::ventUnheard() {
 }
 
 void RegulatorIo::note(const std::exception& error) {
-  const std::lock_guard<std::mutex> lock(error_mutex_);
+  const basics::MutexLock lock(error_mutex_);
   last_error_ = error.what();
   last_error_time_ = steadyNow();
 }

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <mutex>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -21,6 +20,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
 #include "modbus_image.hpp"
@@ -89,7 +89,7 @@ class ModbusDevice::Server {
   }
   ~Server() {
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       stop_ = true;
     }
     eventfd_write(wake_.number(), 1);
@@ -100,7 +100,7 @@ class ModbusDevice::Server {
 
   void setFault(DeviceFault fault) {
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       image_.catchUp(regulator::steadyNow());
       if (fault == DeviceFault::kStuckValue) image_.stick();
       if (fault_ == DeviceFault::kSilence && fault != fault_) deaf_before_ = true;
@@ -113,24 +113,24 @@ class ModbusDevice::Server {
   // What a caller asks of the device as it is now.
   template <class Ask>
   auto ask(const Ask& ask) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     image_.catchUp(regulator::steadyNow());
     return ask(image_);
   }
   DeviceFault fault() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return fault_;
   }
   std::uint64_t writes() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return writes_;
   }
   double lastWrite() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return last_write_;
   }
   int connections() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return connections_;
   }
 
@@ -150,20 +150,20 @@ class ModbusDevice::Server {
   void drop(std::size_t client);
   void dropAll();
   void serve(std::size_t client);
-  Bytes answer(const Bytes& request, DeviceFault fault);
+  Bytes answer(const Bytes& request, DeviceFault fault) HELIX_ARM_REQUIRES(mutex_);
   void reply(std::size_t client, Bytes reply, DeviceFault fault);
   void sendLate();
   void await(bool clients);
 
   const double timeout_;
-  mutable std::mutex mutex_;  // of all to `stop_`
-  ModbusImage image_;
-  DeviceFault fault_ = DeviceFault::kNone;
-  bool deaf_before_ = false;  // it was silent
-  std::uint64_t writes_ = 0;
-  double last_write_ = -std::numeric_limits<double>::infinity();
-  int connections_ = 0;
-  bool stop_ = false;
+  mutable basics::Mutex mutex_;
+  ModbusImage image_ HELIX_ARM_GUARDED_BY(mutex_);
+  DeviceFault fault_ HELIX_ARM_GUARDED_BY(mutex_) = DeviceFault::kNone;
+  bool deaf_before_ HELIX_ARM_GUARDED_BY(mutex_) = false;  // it was silent
+  std::uint64_t writes_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  double last_write_ HELIX_ARM_GUARDED_BY(mutex_) = -std::numeric_limits<double>::infinity();
+  int connections_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
 
   File wake_, listener_;
   int port_ = 0;
@@ -195,7 +195,7 @@ void ModbusDevice::Server::run() {
     DeviceFault fault;
     bool deaf_before;
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       if (stop_) break;
       fault = fault_;
       deaf_before = std::exchange(deaf_before_, false);
@@ -240,7 +240,7 @@ void ModbusDevice::Server::restart() {
   dropAll();
   listener_ = File();
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     image_.catchUp(regulator::steadyNow());
     image_.restart();
   }
@@ -252,12 +252,12 @@ void ModbusDevice::Server::restart() {
     } catch (const std::runtime_error&) {  // somebody has taken the port: until it is free again
     }
   }
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   if (fault_ == DeviceFault::kRestart) fault_ = DeviceFault::kNone;
 }
 
 bool ModbusDevice::Server::stopped() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return stop_;
 }
 
@@ -267,7 +267,7 @@ void ModbusDevice::Server::accept() {
     File client(accept4(listener_.number(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
     if (client.number() < 0 || client.number() >= FD_SETSIZE) return;
     clients_.push_back(std::move(client));
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     ++connections_;
   }
 }
@@ -278,7 +278,7 @@ void ModbusDevice::Server::drop(std::size_t client) {
                              [number](const Late& late) { return late.client == number; }),
               late_.end());
   clients_.erase(clients_.begin() + static_cast<std::ptrdiff_t>(client));
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   if (--connections_ > 0) return;
   image_.catchUp(regulator::steadyNow());
   image_.loseLink();
@@ -300,7 +300,7 @@ void ModbusDevice::Server::serve(std::size_t client) {
   DeviceFault fault;
   Bytes said;
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     fault = fault_;
     if (fault == DeviceFault::kSilence) return;
     said = answer(request, fault);

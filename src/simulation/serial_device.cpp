@@ -5,7 +5,6 @@
 #include <chrono>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <random>
 #include <stdexcept>
@@ -15,6 +14,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "pseudo_terminal.hpp"
 #include "serial_dialogue.hpp"
 
@@ -41,12 +41,13 @@ class SerialDevice::Worker {
       : config_(std::move(config)),
         dialogue_(config_),
         link_(config_.link),
+        last_step_(Clock::now()),
         terminal_(std::make_unique<PseudoTerminal>()),
         generator_(config_.seed),
-        last_step_(Clock::now()),
         wake_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
     try {
-      link_.pointTo(terminal_->path());
+      terminal_path_ = terminal_->path();
+      link_.pointTo(terminal_path_);
     } catch (...) {
       ::close(wake_);
       throw;
@@ -63,12 +64,12 @@ class SerialDevice::Worker {
   Worker& operator=(const Worker&) = delete;
 
   std::string path() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    return link_.path().empty() ? terminal_->path() : link_.path();
+    const basics::MutexLock lock(mutex_);
+    return link_.path().empty() ? terminal_path_ : link_.path();
   }
   void setFault(DeviceFault fault) {
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       advance();
       if (fault == DeviceFault::kStuckValue) dialogue_.rememberReadings();
       dialogue_.fail(airFaultOf(fault));
@@ -77,20 +78,20 @@ class SerialDevice::Worker {
     wake();
   }
   DeviceFault fault() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return fault_;
   }
   Eigen::VectorXd pressure() {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     advance();
     return dialogue_.pressure();
   }
   Eigen::VectorXd setPoint() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return dialogue_.setPoint();
   }
   std::vector<control::Valve> valves() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return dialogue_.valves();
   }
   std::uint64_t lines() const { return lines_; }
@@ -104,8 +105,7 @@ class SerialDevice::Worker {
     [[maybe_unused]] const ssize_t ignored = write(wake_, &one, sizeof one);
   }
 
-  // With the mutex held.
-  void advance() {
+  void advance() HELIX_ARM_REQUIRES(mutex_) {
     const Clock::time_point now = Clock::now();
     dialogue_.step(seconds(now - last_step_));
     last_step_ = now;
@@ -122,7 +122,7 @@ class SerialDevice::Worker {
 
   // False where there is no terminal to be had, or no place for its link, just now.
   bool restart() {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     std::unique_ptr<PseudoTerminal> fresh;
     try {
       fresh = std::make_unique<PseudoTerminal>();
@@ -133,6 +133,7 @@ class SerialDevice::Worker {
     advance();
     fault_ = DeviceFault::kNone;
     dialogue_.restart();
+    terminal_path_ = fresh->path();
     terminal_ = std::move(fresh);
     input_.clear();
     delayed_.clear();
@@ -177,7 +178,7 @@ class SerialDevice::Worker {
       SerialDialogue::Outcome outcome;
       DeviceFault fault = DeviceFault::kNone;
       {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const basics::MutexLock lock(mutex_);
         advance();
         fault = fault_;
         outcome = dialogue_.take(line, fault);
@@ -193,7 +194,7 @@ class SerialDevice::Worker {
     std::optional<std::string> line;
     DeviceFault fault = DeviceFault::kNone;
     {
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       advance();
       fault = fault_;
       line = dialogue_.unasked(fault);
@@ -226,18 +227,19 @@ class SerialDevice::Worker {
   }
 
   const SerialDeviceConfig config_;
-  mutable std::mutex mutex_;  // of what is next
-  SerialDialogue dialogue_;
-  DeviceLink link_;
-  std::unique_ptr<PseudoTerminal> terminal_;  // changed by the thread alone
-  DeviceFault fault_ = DeviceFault::kNone;
+  mutable basics::Mutex mutex_;
+  SerialDialogue dialogue_ HELIX_ARM_GUARDED_BY(mutex_);
+  DeviceLink link_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string terminal_path_ HELIX_ARM_GUARDED_BY(mutex_);
+  DeviceFault fault_ HELIX_ARM_GUARDED_BY(mutex_) = DeviceFault::kNone;
+  Clock::time_point last_step_ HELIX_ARM_GUARDED_BY(mutex_);
 
   // Of the thread alone.
+  std::unique_ptr<PseudoTerminal> terminal_;
   std::mt19937 generator_;
   std::string input_;
   std::vector<std::pair<Clock::time_point, std::string>> delayed_;
 
-  Clock::time_point last_step_;  // under the mutex, too
   std::atomic<std::uint64_t> lines_{0}, restarts_{0};
   std::atomic<double> last_set_{std::numeric_limits<double>::quiet_NaN()};
   std::atomic<bool> ended_{false};

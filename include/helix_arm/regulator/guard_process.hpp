@@ -1,14 +1,13 @@
 #pragma once
 
 #include <atomic>
-#include <condition_variable>
-#include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include <sys/types.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
 
 namespace helix_arm::regulator {
@@ -54,9 +53,9 @@ class GuardProcess {
 
   pid_t pid_ = -1;
   int line_ = -1;  ///< other end of its standard input
-  std::mutex mutex_;
-  std::condition_variable ends_;
-  bool ended_ = false;
+  basics::Mutex mutex_;
+  basics::Condition ends_;
+  bool ended_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::atomic<bool> answered_{false}, dismissed_{false};
   std::atomic<int> patience_{kFirstBeats};  ///< periods to wait for an answer
   std::thread beats_;

@@ -2,11 +2,13 @@
 
 #include <pthread.h>
 
+#include "helix_arm/basics/thread_annotations.hpp"
+
 namespace helix_arm::regulator {
 
 /// A mutex whose holder runs at the priority of the highest thread that waits for it: one of
 /// ordinary priority that holds it is not kept from letting go by a busy machine.
-class PriorityMutex {
+class HELIX_ARM_CAPABILITY("mutex") PriorityMutex {
  public:
   PriorityMutex() {
     pthread_mutexattr_t attributes;
@@ -19,12 +21,25 @@ class PriorityMutex {
   PriorityMutex(const PriorityMutex&) = delete;
   PriorityMutex& operator=(const PriorityMutex&) = delete;
 
-  // As the standard names them, for std::lock_guard.
-  void lock() { pthread_mutex_lock(&mutex_); }
-  void unlock() { pthread_mutex_unlock(&mutex_); }
+  void lock() HELIX_ARM_ACQUIRE() { pthread_mutex_lock(&mutex_); }
+  void unlock() HELIX_ARM_RELEASE() { pthread_mutex_unlock(&mutex_); }
 
  private:
   pthread_mutex_t mutex_;
+};
+
+/// Locks a PriorityMutex until the end of the scope.
+class HELIX_ARM_SCOPED_CAPABILITY PriorityLock {
+ public:
+  explicit PriorityLock(PriorityMutex& mutex) HELIX_ARM_ACQUIRE(mutex) : mutex_(mutex) {
+    mutex_.lock();
+  }
+  ~PriorityLock() HELIX_ARM_RELEASE() { mutex_.unlock(); }
+  PriorityLock(const PriorityLock&) = delete;
+  PriorityLock& operator=(const PriorityLock&) = delete;
+
+ private:
+  PriorityMutex& mutex_;
 };
 
 }  // namespace helix_arm::regulator

@@ -5,10 +5,10 @@
 #include <exception>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <thread>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/valve_orders.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "helix_arm/regulator/mailbox.hpp"
@@ -120,9 +120,9 @@ class RegulatorIo {
   std::atomic<std::uint64_t> writes_{0}, reads_{0}, bad_replies_{0}, connections_{0}, breaks_{0},
       own_vents_{0};
   std::atomic<double> last_read_time_{kNever};
-  mutable std::mutex error_mutex_;  ///< of both that follow
-  std::string last_error_;
-  double last_error_time_ = kNever;
+  mutable basics::Mutex error_mutex_;
+  std::string last_error_ HELIX_ARM_GUARDED_BY(error_mutex_);
+  double last_error_time_ HELIX_ARM_GUARDED_BY(error_mutex_) = kNever;
 
   // Of the thread alone.
   double back_off_;

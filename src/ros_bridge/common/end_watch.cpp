@@ -33,10 +33,10 @@ EndWatch::EndWatch() : thread_([this] { watch(); }) {}
 
 EndWatch::~EndWatch() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     stop_ = true;
   }
-  wake_.notify_all();
+  wake_.notifyAll();
   thread_.join();
 }
 
@@ -44,8 +44,9 @@ void EndWatch::watch() {
   // Periods, not the time: a process that was stopped has lost one.
   double idle = 0;
   unsigned seen = 0;
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!wake_.wait_for(lock, std::chrono::duration<double>(kPeriod), [this] { return stop_; })) {
+  basics::MutexLock lock(mutex_);
+  while (!wake_.waitFor(lock, std::chrono::duration<double>(kPeriod),
+                        [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; })) {
     const unsigned turns = turns_;
     const bool goes_on = turns != seen || waits_ || !EndRequest::made();
     seen = turns;

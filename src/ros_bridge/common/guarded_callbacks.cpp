@@ -28,7 +28,7 @@ void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
   try {
     const std::string text = reason();
     if (why != nullptr) *why = text;
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     if (!faults_.add()) return;
     log_(source_ + (culprit.empty() ? "" : " from " + culprit) + " was dropped (" +
          std::to_string(faults_.total()) + " so far): " + text);

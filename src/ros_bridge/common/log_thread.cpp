@@ -11,29 +11,30 @@ LogThread::LogThread() : thread_([this] { run(); }) {}
 
 LogThread::~LogThread() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     ended_ = true;
   }
-  changed_.notify_one();
+  changed_.notifyOne();
   thread_.join();
 }
 
 void LogThread::write(Level level, std::string line) {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     if (waiting_.size() < kMostWaiting) {
       waiting_.emplace_back(level, std::move(line));
     } else {
       ++lost_;
     }
   }
-  changed_.notify_one();
+  changed_.notifyOne();
 }
 
 void LogThread::run() {
-  std::unique_lock<std::mutex> lock(mutex_);
+  basics::MutexLock lock(mutex_);
   while (!ended_ || !waiting_.empty()) {
-    changed_.wait(lock, [this] { return ended_ || !waiting_.empty(); });
+    changed_.wait(lock,
+                  [this]() HELIX_ARM_REQUIRES(mutex_) { return ended_ || !waiting_.empty(); });
     decltype(waiting_) lines;
     lines.swap(waiting_);
     const std::uint64_t lost = std::exchange(lost_, 0);

@@ -66,17 +66,17 @@ MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
 
 MasterWatch::~MasterWatch() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     stop_ = true;
   }
-  wake_.notify_all();
+  wake_.notifyAll();
   thread_.join();
 }
 
 void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
   int missed = 0;
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!wake_.wait_for(lock, period, [this] { return stop_; })) {
+  basics::MutexLock lock(mutex_);
+  while (!wake_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; })) {
     lock.unlock();
     const Answer answer = askMaster();
     missed = answer == Answer::kKnowsUs ? 0 : missed + 1;

@@ -31,7 +31,7 @@ ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::
       server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
 
 ReloadServer::File ReloadServer::file() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return file_;
 }
 
@@ -56,7 +56,7 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     const File next{path, scene.sha256};
     const std::string name = scene.name;
     adopt_(std::move(scene));
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     file_ = next;
     response.success = true;
     response.message = "scene " + name + " of " + next.path;

@@ -10,6 +10,8 @@ using control::SafetyCause;
 using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
+constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
+
 const char* textOf(control::Valve valve) {
   switch (valve) {
     case control::Valve::kRegulate:
@@ -86,6 +88,22 @@ std::vector<DiagnosticStatus> pressureStatuses(const std::string& node, const io
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     out.push_back(channelStatus(node, scene, path, i));
   }
+  return out;
+}
+
+DiagnosticStatus LoopRate::status(const std::string& node, const PressureLoop::Snapshot& path,
+                                  const ros::SteadyTime& now) {
+  const double rate = static_cast<double>(path.turns - turns_) / (now - last_look_).toSec();
+  last_look_ = now;
+  turns_ = path.turns;
+  const bool slow = rate < kSlowShare * wanted_;
+  DiagnosticStatus out;
+  out.name = statusName(node, names::kLoopStatus);
+  out.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
+  out.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  addValue(out, names::kRateKey, fixed(rate));
+  addValue(out, names::kWantedRateKey, fixed(wanted_));
+  addValue(out, names::kBadReadingsKey, std::to_string(path.bad_readings.total()));
   return out;
 }
 

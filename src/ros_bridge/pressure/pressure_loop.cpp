@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
-#include <mutex>
 #include <utility>
 
 #include <boost/make_shared.hpp>
@@ -71,12 +70,6 @@ LogThread::Level levelOf(const control::SafetyReport& report) {
 
 }  // namespace
 
-template <class Change>
-void PressureLoop::act(const Change& change) {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
-  change(steadyNow());
-}
-
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
                            int realtime_priority, regulator::PressurePath path, bool auto_enable,
                            Take take)
@@ -121,10 +114,11 @@ void PressureLoop::run() {
       queue_.callAvailable(ros::WallDuration(due - now));
       continue;
     }
-    act([this](double at) {
+    {
+      const regulator::PriorityLock lock(mutex_);
       ++turns_;
-      turn(at);
-    });
+      turn(steadyNow());
+    }
     due = std::max(due + period_, now);
     queue_.callAvailable();  // however late the turns are
   }
@@ -139,39 +133,40 @@ bool PressureLoop::end() {
   ends_ = true;
   thread_.join();
   reading_spinner_.stop();
+  const regulator::PriorityLock lock(mutex_);
   return path_.end();
 }
 
 std::string PressureLoop::command(const Eigen::VectorXd& pressure) {
   std::string refusal;
-  act([&](double now) {
-    control::SafetyCore& core = path_.core();
-    if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
-    if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
-    publish(now);
-  });
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  control::SafetyCore& core = path_.core();
+  if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
+  if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+  publish(now);
   return refusal;
 }
 
 void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
                          const control::SafetyRules& rules) {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const regulator::PriorityLock lock(mutex_);
   path_.core().adopt(std::move(channels), rules);
   arm_ = arm;
 }
 
 void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const regulator::PriorityLock lock(mutex_);
   path_.guardedBy(std::move(guard));
 }
 
 Eigen::VectorXd PressureLoop::goal() const {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const regulator::PriorityLock lock(mutex_);
   return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
 }
 
 PressureLoop::Snapshot PressureLoop::snapshot() const {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const regulator::PriorityLock lock(mutex_);
   const control::SafetyCore& core = path_.core();
   Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
                core.reading(), std::nullopt,   turns_,        bad_readings_};
@@ -180,37 +175,37 @@ PressureLoop::Snapshot PressureLoop::snapshot() const {
 }
 
 bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
-  act([&](double now) {
-    const std::string refusal = path_.enable(now);
-    turn(now);
-    response.success = refusal.empty();
-    response.message = refusal.empty() ? path_.reason() : refusal;
-  });
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  const std::string refusal = path_.enable(now);
+  turn(now);
+  response.success = refusal.empty();
+  response.message = refusal.empty() ? path_.reason() : refusal;
   return true;
 }
 
 bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
-  act([&](double now) {
-    path_.core().vent(now);
-    turn(now);
-    response.success = path_.core().linked();
-    response.message = path_.reason();
-  });
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  path_.core().vent(now);
+  turn(now);
+  response.success = path_.core().linked();
+  response.message = path_.reason();
   return true;
 }
 
 bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
-  act([&](double now) {
-    path_.core().emergencyStop(now, request.data);
-    turn(now);
-    response.success = path_.core().linked() || !request.data;
-    response.message = path_.reason();
-  });
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  path_.core().emergencyStop(now, request.data);
+  turn(now);
+  response.success = path_.core().linked() || !request.data;
+  response.message = path_.reason();
   return true;
 }
 
 void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
-  const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+  const regulator::PriorityLock lock(mutex_);
   const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
   const double age = ageOf(reading->header.stamp);
   auto refusal =
@@ -264,7 +259,7 @@ void PressureLoop::post(Reading reading) {
 void PressureLoop::takeWaiting() {
   std::vector<Reading> readings;
   {
-    const std::lock_guard<regulator::PriorityMutex> lock(mutex_);
+    const regulator::PriorityLock lock(mutex_);
     readings.swap(waiting_);
   }
   if (readings.size() == kMostWaiting) readings.erase(readings.begin(), readings.end() - 1);

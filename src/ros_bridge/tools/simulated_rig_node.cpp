@@ -82,10 +82,10 @@ SimulatedRigNode::SimulatedRigNode()
 
 SimulatedRigNode::~SimulatedRigNode() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     stop_ = true;
   }
-  wake_.notify_all();
+  wake_.notifyAll();
   photographer_.join();
 }
 
@@ -141,7 +141,7 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     header.frame_id = options_.frame_prefix + names::kBaseFrame;
     truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
   }
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   now_ = moment;
 }
 
@@ -160,14 +160,14 @@ void SimulatedRigNode::takePictures() {
       std::chrono::duration<double>(1.0 / options_.camera_rate));
   Clock::time_point due = Clock::now();
   const auto stopped = [this] {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     return stop_;
   };
   while (!stopped()) {
     publishPicture(camera, encoder);
     due = std::max(due + period, Clock::now());
-    std::unique_lock<std::mutex> lock(mutex_);
-    wake_.wait_until(lock, due, [this] { return stop_; });
+    basics::MutexLock lock(mutex_);
+    wake_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
   }
 }
 
@@ -178,7 +178,7 @@ void SimulatedRigNode::publishPicture(simulation::SimulatedCamera& camera,
   if (!raw && !compressed) return;
   std::optional<Moment> moment;
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     std::swap(moment, now_);
   }
   if (!moment) return;

@@ -1,9 +1,9 @@
 #pragma once
 
 #include <atomic>
-#include <condition_variable>
-#include <mutex>
 #include <thread>
+
+#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -32,9 +32,9 @@ class EndWatch {
  private:
   void watch();
 
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  bool stop_ = false;
+  basics::Mutex mutex_;
+  basics::Condition wake_;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::atomic<unsigned> turns_{0};
   std::atomic<bool> waits_{false};
   std::atomic<double> patience_{kPatience};

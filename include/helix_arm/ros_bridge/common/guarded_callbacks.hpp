@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <string>
 #include <typeinfo>
 #include <utility>
@@ -13,6 +12,7 @@
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/ros_bridge/common/checked_stream.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 
@@ -51,8 +51,8 @@ class FaultGuard {
 
   const std::string source_;
   const Log log_;
-  std::mutex mutex_;  ///< of the count
-  FaultCount faults_;
+  basics::Mutex mutex_;
+  FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 /// How roscpp hands over the messages of one topic.

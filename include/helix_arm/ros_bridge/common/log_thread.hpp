@@ -1,14 +1,14 @@
 #pragma once
 
-#include <condition_variable>
 #include <cstdint>
-#include <mutex>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include <ros/console.h>
+
+#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -25,16 +25,16 @@ class LogThread {
   LogThread& operator=(const LogThread&) = delete;
 
   /// To be written, of any thread; where too many wait it is lost, and the log says so.
-  void write(Level level, std::string line);
+  void write(Level level, std::string line) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
   void run();
 
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::vector<std::pair<Level, std::string>> waiting_;
-  std::uint64_t lost_ = 0;
-  bool ended_ = false;
+  basics::Mutex mutex_;
+  basics::Condition changed_;
+  std::vector<std::pair<Level, std::string>> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t lost_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  bool ended_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::thread thread_;
 };
 

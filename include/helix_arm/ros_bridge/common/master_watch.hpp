@@ -2,9 +2,9 @@
 
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
-#include <mutex>
 #include <thread>
+
+#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -31,9 +31,9 @@ class MasterWatch {
  private:
   void watch(std::chrono::milliseconds period, int misses);
 
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  bool stop_ = false;
+  basics::Mutex mutex_;
+  basics::Condition wake_;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::atomic<bool> lost_{false};
   std::thread thread_;
 };

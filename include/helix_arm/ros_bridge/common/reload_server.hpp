@@ -1,12 +1,12 @@
 #pragma once
 
 #include <functional>
-#include <mutex>
 #include <string>
 
 #include <ros/node_handle.h>
 
 #include "helix_arm/Reload.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -33,7 +33,7 @@ class ReloadServer {
   struct File {
     std::string path, sha256;
   };
-  File file() const;
+  File file() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
   bool onReload(Reload::Request& request, Reload::Response& response);
@@ -42,8 +42,8 @@ class ReloadServer {
   std::string allowed(const std::string& scene) const;
 
   const std::string first_path_, scene_folder_;
-  mutable std::mutex mutex_;  ///< of the file
-  File file_;
+  mutable basics::Mutex mutex_;
+  File file_ HELIX_ARM_GUARDED_BY(mutex_);
   Adopt adopt_;
   ros::ServiceServer server_;
 };

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/time.h>
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
@@ -15,5 +17,23 @@ namespace helix_arm::ros_bridge {
 std::vector<diagnostic_msgs::DiagnosticStatus> pressureStatuses(const std::string& node,
                                                                 const io::Scene& scene,
                                                                 const PressureLoop::Snapshot& path);
+
+/// The rate of a pressure loop between two looks at it.
+class LoopRate {
+ public:
+  /// @param wanted  [Hz]
+  explicit LoopRate(double wanted) : wanted_(wanted), last_look_(ros::SteadyTime::now()) {}
+
+  /// The status `<node>: loop`: WARN if the loop was slower than wanted since the last call.
+  /// @param now  when the snapshot was taken.
+  diagnostic_msgs::DiagnosticStatus status(const std::string& node,
+                                           const PressureLoop::Snapshot& path,
+                                           const ros::SteadyTime& now);
+
+ private:
+  const double wanted_;
+  std::uint64_t turns_ = 0;  ///< of the loop, at the last look
+  ros::SteadyTime last_look_;
+};
 
 }  // namespace helix_arm::ros_bridge

@@ -15,6 +15,7 @@
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/basics/thread_annotations.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
@@ -72,24 +73,24 @@ class PressureLoop {
 
   /// Goes there from now on: (n), inside the limits [Pa].
   /// @return why it does not; empty: it does.
-  std::string command(const Eigen::VectorXd& pressure);
+  std::string command(const Eigen::VectorXd& pressure) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Other rules of the same channels from now on, and another arm of the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
   void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
-             const control::SafetyRules& rules);
+             const control::SafetyRules& rules) HELIX_ARM_EXCLUDES(mutex_);
 
   /// As PressurePath::guardedBy().
-  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard);
+  void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) HELIX_ARM_EXCLUDES(mutex_);
   /// Vents, where the regulator is the node's own, waits until no pressure stands, for a while, and
   /// does nothing from then on.
   /// @return whether the regulator has read so.
-  bool end();
+  bool end() HELIX_ARM_EXCLUDES(mutex_);
   /// What the node should end with for the loop's sake.
   int verdict() const { return thread_.verdict(); }
 
-  Eigen::VectorXd goal() const;  ///< (n) where the commands go [Pa]
-  Snapshot snapshot() const;
+  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_);  ///< (n) where the commands go [Pa]
+  Snapshot snapshot() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
   using Trigger = std_srvs::Trigger;
@@ -100,18 +101,13 @@ class PressureLoop {
   bool onStop(SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
 
-  // All of these want the lock.
-  void turn(double now);
-  void publish(double now);
-  void noteChanges(const ros::Time& stamp);
-  void post(Reading reading);
+  void turn(double now) HELIX_ARM_REQUIRES(mutex_);
+  void publish(double now) HELIX_ARM_REQUIRES(mutex_);
+  void noteChanges(const ros::Time& stamp) HELIX_ARM_REQUIRES(mutex_);
+  void post(Reading reading) HELIX_ARM_REQUIRES(mutex_);
 
-  // None of these does.
   void run();
-  /// Does change(now) under the lock.
-  template <class Change>
-  void act(const Change& change);
-  void takeWaiting();
+  void takeWaiting() HELIX_ARM_EXCLUDES(mutex_);
 
   const double period_;  ///< [s]
   const int realtime_priority_;
@@ -119,13 +115,13 @@ class PressureLoop {
   const Take take_;
   LogThread log_;
 
-  mutable regulator::PriorityMutex mutex_;  ///< of all that follows, and of the order of commands
-  model::Arm arm_;
-  regulator::PressurePath path_;
-  std::uint64_t turns_ = 0;
-  std::optional<std::uint64_t> changes_noted_;
-  FaultCount bad_readings_;
-  std::vector<Reading> waiting_;
+  mutable regulator::PriorityMutex mutex_;  ///< of the order of commands, too
+  model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);
+  regulator::PressurePath path_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t turns_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  std::optional<std::uint64_t> changes_noted_ HELIX_ARM_GUARDED_BY(mutex_);
+  FaultCount bad_readings_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::vector<Reading> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::CallbackQueue queue_;  ///< of all that follows, which leaves it when it goes
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <condition_variable>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 
@@ -10,6 +8,7 @@
 #include <ros/steady_timer.h>
 
 #include "helix_arm/PressureArray.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/guarded_thread.hpp"
@@ -100,10 +99,10 @@ class SimulatedRigNode {
   ros::Subscriber command_subscriber_;
   ros::SteadyTimer loop_timer_;
 
-  std::mutex mutex_;  ///< of the three below
-  std::condition_variable wake_;
-  bool stop_ = false;
-  std::optional<Moment> now_;   ///< the last one
+  basics::Mutex mutex_;
+  basics::Condition wake_;
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  std::optional<Moment> now_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
   GuardedThread photographer_;  ///< renders: a picture takes longer than a loop of the regulator
 };
 

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <string>
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/message_event.h>
+#include <ros/node_handle.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/TipTarget.h"
+#include "helix_arm/control/commander_lease.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/pressure/target_ledger.hpp"
+#include "helix_arm/statics/inverse.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// From a target to a command: checks its values and its stamp, then whether its sender may command
+/// the arm, turns shapes and tips into pressures, and commands them.
+///
+/// Subscribes to pressure_target, shape_target and tip_target; publishes target_status, one answer
+/// per target. A target that is not sound, or whose sender may not command, is counted and dropped,
+/// and the command stays. All of it belongs to the thread of the node's callback queue.
+class TargetIntake {
+ public:
+  /// Where accepted targets go.
+  struct Commands {
+    std::function<Eigen::VectorXd()> goal;  ///< (n) where the arm goes now [Pa]
+    /// Takes (n) [Pa], inside the limits. Returns the reason for refusal; empty on success.
+    std::function<std::string(const Eigen::VectorXd&)> send;
+  };
+
+  /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
+  ///                    to it, call adopt() before the next target.
+  /// @param base_frame  Frame of tip targets.
+  TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
+               Commands commands);
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target);
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt();
+
+  /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
+  /// call.
+  diagnostic_msgs::DiagnosticStatus status(const std::string& node);
+
+ private:
+  /// Who sent which target.
+  struct Sender {
+    std::string topic;
+    std::string commander;
+    ros::Time stamp;
+  };
+
+  void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
+  void aimTip(const Sender& sender, const control::Checked<TipGoal>& checked);
+  /// What was checked, unless its stamp says that it waited in some queue.
+  template <class T>
+  control::Checked<T> fresh(const Sender& sender, control::Checked<T> checked) const;
+
+  /// The target's value when it is sound and its sender may command; else drops it and returns
+  /// null.
+  template <class T>
+  const T* admit(const Sender& sender, const control::Checked<T>& checked);
+  void drop(const Sender& sender, const control::Refusal& refusal);
+  void follow(const Sender& sender, const statics::InverseResult& result);
+  /// Commands it; else drops the target and returns false.
+  bool command(const Sender& sender, const Eigen::VectorXd& pressure);
+  TargetStatus answerTo(const Sender& sender) const;
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  const Commands commands_;
+  statics::InverseSolver solver_;
+  control::CommanderLease lease_;
+  TargetLedger ledger_;
+  ros::Publisher status_publisher_;
+  ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
+};
+
+}  // namespace helix_arm::ros_bridge
