@@ -13,6 +13,7 @@
 #include "cross_validation.hpp"
 #include "experiment_design.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -249,13 +250,11 @@ void CalibrationOptions::validate() const {
   not_negative("the rotation noise", rotation_noise);
   not_negative("the floor of the corners' noise", corner_floor);
   positive("the robust scale", robust_scale);
-  positive("the prior of the stiffness", stiffness_prior);
-  positive("the prior of the length scale", length_scale_prior);
-  positive("the base's prior of translation", base_prior.translation);
-  positive("the base's prior of rotation", base_prior.rotation);
-  positive("the tags' prior of translation", tag_prior.translation);
-  positive("the tags' prior of rotation", tag_prior.rotation);
-  positive("the prior of the bleed", bleed_prior);
+  for (const FitParameterInfo& info : fitParameters()) {
+    for (const FitNumber& number : info.numbers) {
+      positive(number.prior.what, number.prior.deviation(*this));
+    }
+  }
   positive("the model's prior of translation", model_prior.translation);
   positive("the model's prior of rotation", model_prior.rotation);
   basics::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",
