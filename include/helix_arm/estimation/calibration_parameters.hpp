@@ -80,8 +80,8 @@ struct FitParameterInfo {
   // The option that it sets: a flag, or the kind of length scaling; contraction sets none.
   bool CalibrationOptions::*flag = nullptr;
   LengthScaling scaling = LengthScaling::kNone;
-  /// Fitted with all data that meets the need, requested or not: ignoring it causes an error of
-  /// many standard errors.
+  /// Fitted with tag corners whether requested or not: ignoring it causes an error of many standard
+  /// errors.
   bool implied = false;
   /// What is unknown of it adds to the errors of the other parameters where it is not fitted. The
   /// others count as exact.
