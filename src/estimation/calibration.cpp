@@ -78,7 +78,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   out.length_scale = problem.lengthScale();
   out.X_B0B = problem.base();
   out.layout = problem.layout();
-  out.bleed = problem.values().bleed;
+  out.bleed = problem.values().rig.at(ParameterBlock::kBleed)[0];
   for (int c = 0; c < problem.captures(); ++c) {
     out.curves.push_back(problem.shape(c));
     out.shapes.push_back(out.curves.back().twists());

@@ -243,7 +243,9 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
   return out;
 }
 
-lie::SE3 CalibrationProblem::base() const { return lie::SE3::exp(values().base); }
+lie::SE3 CalibrationProblem::base() const {
+  return lie::SE3::exp(lie::Vector6(values().rig.at(ParameterBlock::kBase)));
+}
 
 TagLayout CalibrationProblem::layout() const {
   const ArmCaptures& first = work().shared.arms.front();

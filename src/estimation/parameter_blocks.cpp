@@ -19,39 +19,22 @@ const FitParameterInfo& infoWhere(const Holds& holds) {
 // @param values  constant or not, as are the numbers.
 template <class AnyValues>
 auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
-  switch (block.kind) {
-    case ParameterBlock::kStiffness:
-      return values.stiffness.data();
-    case ParameterBlock::kLengthScale:
-      return values.length_scale.data();
-    case ParameterBlock::kBase:
-      return values.base.data();
-    case ParameterBlock::kBleed:
-      return &values.bleed;
-    case ParameterBlock::kTag:
-      return values.tags[block.of].data();
-    case ParameterBlock::kShape:
-      break;
-  }
-  return values.shapes[block.of].data();
+  if (block.kind == ParameterBlock::kStiffness) return values.stiffness.data();
+  if (block.kind == ParameterBlock::kLengthScale) return values.length_scale.data();
+  if (block.kind == ParameterBlock::kShape) return values.shapes[block.of].data();
+  if (block.kind == ParameterBlock::kTag) return values.tags[block.of].data();
+  return values.rig.at(block.kind).data();
 }
 
 }  // namespace
 
 bool Selection::has(ParameterBlock block) const {
-  switch (block) {
-    case ParameterBlock::kStiffness:
-      return !free_shapes && !stiffness.empty();
-    case ParameterBlock::kLengthScale:
-      return !free_shapes && length_scale != LengthScaling::kNone;
-    case ParameterBlock::kBase:
-    case ParameterBlock::kBleed:
-    case ParameterBlock::kTag:
-      return rig.count(block) > 0;
-    case ParameterBlock::kShape:
-      break;
+  if (block == ParameterBlock::kShape) return free_shapes;
+  if (block == ParameterBlock::kStiffness) return !free_shapes && !stiffness.empty();
+  if (block == ParameterBlock::kLengthScale) {
+    return !free_shapes && length_scale != LengthScaling::kNone;
   }
-  return free_shapes;
+  return rig.count(block) > 0;
 }
 
 Selection selectionOf(const CalibrationOptions& options) {
@@ -88,6 +71,10 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
   values_.tags.assign(tags.size(), lie::Vector6::Zero());
   if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
   if (selection.has(ParameterBlock::kLengthScale)) addLengthScales(options, selection, first.arm);
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.aboutRig() || info.block == ParameterBlock::kTag) continue;
+    values_.rig[*info.block].setZero(static_cast<Eigen::Index>(info.numbers.size()));
+  }
   const int base_tag = first.layout.baseTag();
   // Tags come last: there is one block for each.
   for (const bool of_tags : {false, true}) {
@@ -116,7 +103,7 @@ void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Sele
   Eigen::Index row = 0;
   for (const StiffnessEntry entry : selection.stiffness) {
     const FitParameterInfo& info =
-        infoWhere([entry](const auto& row) { return row.entry == entry; });
+        infoWhere([entry](const auto& one) { return one.entry == entry; });
     const FitNumber& number = info.numbers.front();
     deviation[row] = number.prior.deviation(options);
     infos_.push_back({info.name, number.unit, deviation[row], true, model.referenceOf(entry),
@@ -129,7 +116,7 @@ void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Sele
 void ParameterBlocks::addLengthScales(const CalibrationOptions& options, const Selection& selection,
                                       const model::Arm& arm) {
   const FitParameterInfo& info =
-      infoWhere([&selection](const auto& row) { return row.scaling == selection.length_scale; });
+      infoWhere([&selection](const auto& one) { return one.scaling == selection.length_scale; });
   const FitNumber& number = info.numbers.front();
   const double deviation = number.prior.deviation(options);
   const int count = static_cast<int>(values_.length_scale.size());

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -37,14 +38,14 @@ struct ParameterInfo {
   bool about_shape;  ///< stiffness or length scale
 };
 
-/// Parameters of a calibration: logs of stiffness and length scales over their initial values,
-/// right-hand motion of the base, bleed, motions of the tags, and, where shapes are free, twists.
+/// Parameters of a calibration, fitted or not.
 struct Values {
-  Eigen::VectorXd stiffness, length_scale;
-  lie::Vector6 base = lie::Vector6::Zero();
-  double bleed = 0;
-  std::vector<lie::Vector6> tags;  ///< shift along the arm and across it [m], rotation [rad]
-  std::vector<Eigen::VectorXd> shapes;
+  Eigen::VectorXd stiffness, length_scale;  ///< logs over their initial values
+  /// Numbers of every parameter of the rig except the tags: right-hand motion [m, rad] of the base,
+  /// bleed [m].
+  std::map<ParameterBlock, Eigen::VectorXd> rig;
+  std::vector<lie::Vector6> tags;       ///< shift along the arm and across it [m], rotation [rad]
+  std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, where shapes are free
 };
 
 /// Values of the free parameters, and how the least squares divides them into blocks: those of

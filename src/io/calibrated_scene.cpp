@@ -282,6 +282,38 @@ void writeBleed(const Target& to) {
   setValue(tags, "size_m", numberValue(to.scene.tags->size - 2 * to.calibration.bleed));
 }
 
+// What a fitted parameter changes of the scene.
+void addChange(estimation::FitParameter parameter, const Scene& scene,
+               const estimation::Calibration& calibration, bool corners,
+               SceneCalibration& changes) {
+  using estimation::FitParameter;
+  switch (parameter) {
+    case FitParameter::kKappa:
+    case FitParameter::kGamma:
+    case FitParameter::kTau:
+    case FitParameter::kEps:
+      changes.stiffness = calibration.stiffness;
+      changes.K_eps = calibration.K_eps;
+      return;
+    case FitParameter::kLengthScale:
+    case FitParameter::kLengthScaleEach:
+      changes.length_scale = calibration.length_scale;
+      return;
+    case FitParameter::kContraction:  // from a fit of its own
+      return;
+    case FitParameter::kBase:
+      if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
+      if (!corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
+      return;
+    case FitParameter::kTags:
+      changes.tags = calibration.layout;
+      return;
+    case FitParameter::kBleed:
+      changes.bleed = calibration.bleed;
+      return;
+  }
+}
+
 // Parameters that share keys share a writer.
 Writer writerOf(estimation::FitParameter parameter) {
   using estimation::FitParameter;
@@ -321,6 +353,15 @@ void putCalibration(const Target& to) {
 }
 
 }  // namespace
+
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners) {
+  SceneCalibration changes;
+  for (const estimation::FitParameter one : fitted) {
+    addChange(one, scene, calibration, corners, changes);
+  }
+  return changes;
+}
 
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
                                 const SceneCalibration& calibration, const std::string& sha256) {

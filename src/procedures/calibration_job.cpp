@@ -118,35 +118,6 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   return out;
 }
 
-void addChange(FitParameter parameter, const io::Scene& scene, const Calibration& calibration,
-               bool corners, io::SceneCalibration& changes) {
-  switch (parameter) {
-    case FitParameter::kKappa:
-    case FitParameter::kGamma:
-    case FitParameter::kTau:
-    case FitParameter::kEps:
-      changes.stiffness = calibration.stiffness;
-      changes.K_eps = calibration.K_eps;
-      return;
-    case FitParameter::kLengthScale:
-    case FitParameter::kLengthScaleEach:
-      changes.length_scale = calibration.length_scale;
-      return;
-    case FitParameter::kContraction:  // from a fit of its own
-      return;
-    case FitParameter::kBase:
-      if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
-      if (!corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
-      return;
-    case FitParameter::kTags:
-      changes.tags = calibration.layout;
-      return;
-    case FitParameter::kBleed:
-      changes.bleed = calibration.bleed;
-      return;
-  }
-}
-
 // The captures of one more arm, but those that show nothing of it.
 void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
@@ -247,9 +218,7 @@ CalibrationOutcome runCalibration(const std::string& path,
           outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
     }
     outcome.least_tip_error = leastTipError(scene, outcome.arms.front(), calibration, options);
-    for (const FitParameter one : fitted) {
-      addChange(one, scene, calibration, areCorners(data.captures), changes);
-    }
+    changes = io::changesOf(scene, calibration, fitted, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;
   changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
