@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
@@ -322,11 +323,9 @@ Subcommand addCalibrate(CLI::App& app) {
           "(pressure_kpa, length_m). Or rosbags with tag_detections, pressure_measured and "
           "pressure_command: each time the arm stands still is a capture")
       ->required();
-  command->add_option(
-      "--fit", options->fit,
-      "comma list of stiffness (K_kappa and K_gamma), K_kappa, K_gamma, K_tau, K_eps (under load), "
-      "length_scale, length_scale_each, contraction, placement (base, tags, bleed), "
-      "base, tags, bleed; default stiffness");
+  command->add_option("--fit", options->fit,
+                      "comma list of " + estimation::fitWordsText() + "; default " +
+                          estimation::wordOf(estimation::kDefaultFitGroup));
   command->add_option("--out", options->out, "scene file to write, whole or not at all");
   command
       ->add_option("--also", options->also,

@@ -13,6 +13,7 @@
 #include "cross_validation.hpp"
 #include "experiment_design.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -77,7 +78,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   out.length_scale = problem.lengthScale();
   out.X_B0B = problem.base();
   out.layout = problem.layout();
-  out.bleed = problem.values().bleed;
+  out.bleed = problem.values().rig.at(ParameterBlock::kBleed)[0];
   for (int c = 0; c < problem.captures(); ++c) {
     out.curves.push_back(problem.shape(c));
     out.shapes.push_back(out.curves.back().twists());
@@ -249,13 +250,11 @@ void CalibrationOptions::validate() const {
   not_negative("the rotation noise", rotation_noise);
   not_negative("the floor of the corners' noise", corner_floor);
   positive("the robust scale", robust_scale);
-  positive("the prior of the stiffness", stiffness_prior);
-  positive("the prior of the length scale", length_scale_prior);
-  positive("the base's prior of translation", base_prior.translation);
-  positive("the base's prior of rotation", base_prior.rotation);
-  positive("the tags' prior of translation", tag_prior.translation);
-  positive("the tags' prior of rotation", tag_prior.rotation);
-  positive("the prior of the bleed", bleed_prior);
+  for (const FitParameterInfo& info : fitParameters()) {
+    for (const FitNumber& number : info.numbers) {
+      positive(number.prior.what, number.prior.deviation(*this));
+    }
+  }
   positive("the model's prior of translation", model_prior.translation);
   positive("the model's prior of rotation", model_prior.rotation);
   basics::requireValue(next_pressures >= 0 && next_pressures <= 100, "calibration",

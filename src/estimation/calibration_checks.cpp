@@ -64,9 +64,117 @@ bool isEmpty(const Reading& reading) {
   return (poses && poses->empty()) || (corners && corners->empty());
 }
 
+template <class Holds>
+bool anyFitted(const CalibrationOptions& options, const Holds& holds) {
+  return std::any_of(
+      fitParameters().begin(), fitParameters().end(),
+      [&](const FitParameterInfo& info) { return isFitted(info, options) && holds(info); });
+}
+
+// "base, tags and bleed".
+std::string rigWords() {
+  std::vector<std::string> words;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (info.aboutRig()) words.emplace_back(info.word);
+  }
+  std::string out;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    out += (i == 0 ? "" : i + 1 == words.size() ? " and " : ", ") + words[i];
+  }
+  return out;
+}
+
+// Why such readings do not show what is asked for.
+std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
+                             const CalibrationOptions& options, ReadingKind kind) {
+  const auto nothing = [](const std::string& reason) {
+    return Verdict{CalibrationStatus::kNothingToFit, reason};
+  };
+  const bool loaded =
+      std::all_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
+    return nothing(text(info.word,
+                        " shows under load alone; give the scene its `load`, with a tier that "
+                        "takes it into account, or do not fit ",
+                        info.word));
+  }
+  if (!anyFitted(options, [](const FitParameterInfo&) { return true; })) {
+    return nothing("nothing to fit was named");
+  }
+  const bool tags = isMet(FitNeed::kTags, kind);
+  const bool rig = anyFitted(options, [](const FitParameterInfo& info) { return info.aboutRig(); });
+  if (rig && !tags) {
+    return nothing(rigWords() + " need captures of tags; these are of curvatures or twists");
+  }
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (info.need != FitNeed::kCorners || !isFitted(info, options)) continue;
+    if (!isMet(info.need, kind)) return nothing(text(info.word, " needs captures of tag corners"));
+  }
+  if (rig && arms.size() > 1) {
+    return nothing(rigWords() + " are those of one rig; fit them for one arm at a time");
+  }
+  if (options.free_shapes && !tags) return nothing("free shapes need captures of tags");
+  return std::nullopt;
+}
+
+// Why arms that are fitted together cannot share what is fitted.
+std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
+                              const CalibrationOptions& options) {
+  using Status = CalibrationStatus;
+  const bool ratios = anyFitted(options, [](const FitParameterInfo& info) {
+    return info.entry && info.entry != StiffnessEntry::kEps;
+  });
+  const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
+  for (const ArmCaptures& arm : arms) {
+    if (options.length_scale == LengthScaling::kEach &&
+        arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
+                          arms.front().name, " ", arms.front().arm.actuatorCount(),
+                          "; a scale for each needs as many on every arm, a common one does not")};
+    }
+    for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
+      const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
+      if (other == one) continue;
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
+                          " N of the first section of ", arms.front().name,
+                          "; one K_eps is fitted for all: give them the same one first")};
+    }
+    for (int i = 0; ratios && i < arm.arm.actuatorCount(); ++i) {
+      const model::Stiffness& other = arm.arm.actuator(i).stiffness;
+      if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
+        continue;
+      }
+      return Verdict{
+          Status::kNothingToFit,
+          text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
+               arms.front().arm.actuator(0).name, " of ", arms.front().name,
+               "; one stiffness is fitted for all: give them the same one first")};
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 ReadingKind kindOf(const Reading& reading) { return static_cast<ReadingKind>(reading.index()); }
+
+bool isMet(FitNeed need, ReadingKind kind) {
+  switch (need) {
+    case FitNeed::kArm:
+    case FitNeed::kLoad:
+      return true;
+    case FitNeed::kFreeLengths:
+      return false;
+    case FitNeed::kTags:
+      return kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
+    case FitNeed::kCorners:
+      break;
+  }
+  return kind == ReadingKind::kCorners;
+}
 
 const char* unitOf(ReadingKind kind) {
   switch (kind) {
@@ -183,65 +291,8 @@ Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
 
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind) {
-  using Status = CalibrationStatus;
-  const bool tags = kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;
-  const bool placement = options.base || options.tags || options.bleed;
-  const bool stiffness = options.K_kappa || options.K_gamma || options.K_tau;
-  const bool loaded =
-      std::all_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
-  if (options.K_eps && !loaded) {
-    return Verdict{
-        Status::kNothingToFit,
-        "K_eps shows under load alone; give the scene its `load`, with a tier that takes "
-        "it into account, or do not fit K_eps"};
-  }
-  if (!placement && !stiffness && !options.K_eps && options.length_scale == LengthScaling::kNone) {
-    return Verdict{Status::kNothingToFit, "nothing to fit was named"};
-  }
-  if (placement && !tags) {
-    return Verdict{Status::kNothingToFit,
-                   "base, tags and bleed need captures of tags; these are of curvatures or twists"};
-  }
-  if (options.bleed && kind != ReadingKind::kCorners) {
-    return Verdict{Status::kNothingToFit, "bleed needs captures of tag corners"};
-  }
-  if (placement && arms.size() > 1) {
-    return Verdict{Status::kNothingToFit,
-                   "base, tags and bleed are those of one rig; fit them for one arm at a time"};
-  }
-  if (options.free_shapes && !tags) {
-    return Verdict{Status::kNothingToFit, "free shapes need captures of tags"};
-  }
-  const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
-  for (const ArmCaptures& arm : arms) {
-    if (options.length_scale == LengthScaling::kEach &&
-        arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
-                          arms.front().name, " ", arms.front().arm.actuatorCount(),
-                          "; a scale for each needs as many on every arm, a common one does not")};
-    }
-    for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
-      const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
-      if (other == one) continue;
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
-                          " N of the first section of ", arms.front().name,
-                          "; one K_eps is fitted for all: give them the same one first")};
-    }
-    for (int i = 0; stiffness && i < arm.arm.actuatorCount(); ++i) {
-      const model::Stiffness& other = arm.arm.actuator(i).stiffness;
-      if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
-        continue;
-      }
-      return Verdict{
-          Status::kNothingToFit,
-          text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
-               arms.front().arm.actuator(0).name, " of ", arms.front().name,
-               "; one stiffness is fitted for all: give them the same one first")};
-    }
-  }
-  return std::nullopt;
+  if (auto verdict = unmet(arms, options, kind)) return verdict;
+  return unlike(arms, options);
 }
 
 }  // namespace helix_arm::estimation

@@ -6,13 +6,16 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 
 /// What captures are, and whether anything can be fitted to them.
 namespace helix_arm::estimation {
 
 enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
 ReadingKind kindOf(const Reading& reading);
+/// Whether captures with such readings show a parameter with this need; whether the arm is loaded
+/// is not looked at.
+bool isMet(FitNeed need, ReadingKind kind);
 /// Of the errors of such readings: rad, px or m.
 const char* unitOf(ReadingKind kind);
 

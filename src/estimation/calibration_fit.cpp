@@ -31,20 +31,21 @@ Parameter heldParameter(const ParameterInfo& info) {
           false};
 }
 
-// All that moves the readings and could be fitted to them, whether it was asked for or not, but for
-// base, length scales and K_eps.
+// All that moves the readings and could be fitted to them, whether it was asked for or not, except
+// what counts as exact.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
-  const bool one_arm = arms.size() == 1;
-  if (one_arm && (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) wanted.tags = true;
-  wanted.bleed |= kind == ReadingKind::kCorners && one_arm;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
+    if (isMet(info.need, kind)) wanted.rig.insert(*info.block);
+  }
   if (wanted.free_shapes) return wanted;
   Elasticity initial = ShapeModel(arms, {}).initial();
   std::vector<StiffnessEntry>& entries = wanted.stiffness;
-  for (const StiffnessEntry entry :
-       {StiffnessEntry::kKappa, StiffnessEntry::kGamma, StiffnessEntry::kTau}) {
-    const bool asked = std::find(entries.begin(), entries.end(), entry) != entries.end();
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.uncertain_if_held || !info.entry) continue;
+    const bool asked = std::find(entries.begin(), entries.end(), *info.entry) != entries.end();
     // What the scene does not have is not there.
-    if (!asked && entryOf(initial, entry) > 0) entries.push_back(entry);
+    if (!asked && entryOf(initial, *info.entry) > 0) entries.push_back(*info.entry);
   }
   return wanted;
 }
@@ -68,7 +69,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationPro
     values.stiffness[i] = at[found - known.begin()];
   }
   if (held_columns.empty()) return covariance;
-  setValues(all, values);
+  all.values() = values;
   const Eigen::MatrixXd H = statisticsOf(all, noise_scale).information;
   const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
   const Eigen::MatrixXd shift = covariance * cross;
@@ -99,7 +100,7 @@ Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& be
       problem.values().stiffness += side * along.head(entries);
       const double rise = problem.solve(best.solved_scale, everyCapture, e).cost - best.cost;
       profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
-      setValues(problem, full);
+      problem.values() = full;
     }
     more += (profile - variance) * along * along.transpose();
   }
@@ -181,8 +182,7 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
 }
 
 bool hasOthers(const Selection& selection) {
-  return selection.length_scale != LengthScaling::kNone || selection.base || selection.bleed ||
-         selection.tags;
+  return selection.length_scale != LengthScaling::kNone || !selection.rig.empty();
 }
 
 }  // namespace
@@ -228,17 +228,6 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   }
   hold(last, {});
   return last;
-}
-
-void setValues(CalibrationProblem& problem, const Values& values) {
-  // In place: the least squares holds on to where the values are.
-  Values& to = problem.values();
-  to.stiffness = values.stiffness;
-  to.length_scale = values.length_scale;
-  to.base = values.base;
-  to.bleed = values.bleed;
-  std::copy(values.tags.begin(), values.tags.end(), to.tags.begin());
-  std::copy(values.shapes.begin(), values.shapes.end(), to.shapes.begin());
 }
 
 }  // namespace helix_arm::estimation

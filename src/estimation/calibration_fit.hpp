@@ -38,7 +38,4 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              ReadingKind kind,
                              const std::function<bool(const CalibrationFit&)>& holds_up);
 
-/// Sets the values of a problem with as many of each.
-void setValues(CalibrationProblem& problem, const Values& values);
-
 }  // namespace helix_arm::estimation

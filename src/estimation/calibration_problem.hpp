@@ -4,46 +4,13 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "helix_arm/estimation/calibration.hpp"
+#include "parameter_blocks.hpp"
 
 /// The least squares behind calibrate(): its parameters, its readings, and what they say.
 namespace helix_arm::estimation {
-
-/// The entries of a stiffness that can be fitted; kEps is the one that the others are ratios to.
-enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
-
-/// Which parameters are free.
-struct Selection {
-  std::vector<StiffnessEntry> stiffness;
-  LengthScaling length_scale = LengthScaling::kNone;
-  bool base = false, bleed = false, tags = false, free_shapes = false;
-};
-
-/// All that is asked for.
-Selection selectionOf(const CalibrationOptions& options);
-
-/// What a parameter is, for people and for its verdict.
-struct ParameterInfo {
-  std::string name, unit;
-  double deviation;  ///< of its prior, in the parameter's own units; stiffness and scales: of logs
-  bool logarithmic;
-  double reference;  ///< the value is reference * exp(parameter) where logarithmic
-  double initial;    ///< of the scenes; 0 where the reference stands in for none
-  bool about_shape;  ///< stiffness or length scale
-};
-
-/// Parameters of a calibration: logs of stiffness and length scales over their initial values,
-/// right-hand motion of the base, bleed, motions of the tags, and, where shapes are free, twists.
-struct Values {
-  Eigen::VectorXd stiffness, length_scale;
-  lie::Vector6 base = lie::Vector6::Zero();
-  double bleed = 0;
-  std::vector<lie::Vector6> tags;  ///< shift along the arm and across it [m], rotation [rad]
-  std::vector<Eigen::VectorXd> shapes;
-};
 
 /// How a least squares ended.
 struct Solved {
@@ -62,9 +29,13 @@ struct Comparison {
   double weight;  ///< that the robust loss leaves it, in (0, 1]
 };
 
+/// Arms, their readings and the values of what is fitted to them.
+///
+/// What evaluates readings or shapes is not const: it sets the scale of the noise, and keeps the
+/// last shapes that it found.
 class CalibrationProblem {
  public:
-  /// The data is sound.
+  /// The data is sound; the problem refers to arms and options.
   CalibrationProblem(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                      const Selection& selection);
   ~CalibrationProblem();
@@ -75,6 +46,8 @@ class CalibrationProblem {
   /// Free parameters but those of shapes.
   const std::vector<ParameterInfo>& parameters() const;
 
+  const Values& values() const;
+  /// Their sizes are not to change.
   Values& values();
   /// Values of the free parameters in the order of parameters().
   Eigen::VectorXd vector() const;
@@ -87,14 +60,14 @@ class CalibrationProblem {
   Solved solve(double noise_scale, const Included& included, std::optional<int> held = {});
 
   /// All readings at the present values.
-  std::vector<Comparison> compare(double noise_scale) const;
+  std::vector<Comparison> compare(double noise_scale);
 
   /// Weighted J'J of the readings included, without priors: all free parameters, then shapes.
-  Eigen::MatrixXd information(double noise_scale, const Included& included) const;
+  Eigen::MatrixXd information(double noise_scale, const Included& included);
   /// Free parameters of each shape; none where they are the model's.
   std::vector<int> shapeSizes() const;
   /// The same of readings that an arm at these pressures would give, as far as it can be told.
-  Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale) const;
+  Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale);
   /// Of the priors: a diagonal.
   Eigen::VectorXd priorInformation() const;
 
@@ -104,10 +77,14 @@ class CalibrationProblem {
   Eigen::VectorXd lengthScale() const;  ///< (actuators of the first arm)
   lie::SE3 base() const;
   TagLayout layout() const;
-  model::Shape shape(int capture) const;
+  model::Shape shape(int capture);
 
  private:
   struct Workspace;
+  // A pointer alone would let const methods write.
+  Workspace& work() { return *work_; }
+  const Workspace& work() const { return *work_; }
+
   std::unique_ptr<Workspace> work_;
 };
 

@@ -62,7 +62,7 @@ double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_para
 
 }  // namespace
 
-Statistics statisticsOf(const CalibrationProblem& problem, double noise_scale) {
+Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   const Eigen::VectorXd prior = problem.priorInformation();
   Eigen::MatrixXd all = problem.information(noise_scale, everyCapture);
   all.diagonal() += prior;

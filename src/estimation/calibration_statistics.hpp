@@ -12,7 +12,7 @@ struct Statistics {
   Eigen::MatrixXd information, covariance;  ///< (parameters)^2
   double data_parameters;  ///< of all free parameters, those that the readings determine
 };
-Statistics statisticsOf(const CalibrationProblem& problem, double noise_scale);
+Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
 
 /// How a search for parameters and noise ended.
 struct Estimate {

@@ -71,7 +71,7 @@ Refits refit(CalibrationProblem& problem, double noise_scale, const Folds& folds
     for (int c = 0; c < problem.captures(); ++c) {
       if (folds.of[c] == g) refits.shapes[c] = problem.shape(c).twists();
     }
-    setValues(problem, full);
+    problem.values() = full;
   }
   return refits;
 }

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <utility>
 #include <vector>
 
 #include <ceres/cost_function.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "parameter_blocks.hpp"
 #include "shape_model.hpp"
 #include "tag_models.hpp"
 
@@ -38,19 +40,21 @@ struct Shared {
   // section deviate from its mean is the model's.
   std::vector<model::Shape> expected_shapes;
   TwistFitOptions expected;  // noise of tags
+  int held_tag;              // index; it fixes the frame that all is seen from
 
   Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
          const Selection& chosen)
-      : arms(all), options(wanted), selection(chosen), model(all, chosen.stiffness) {
+      : arms(all),
+        options(wanted),
+        selection(chosen),
+        model(all, chosen.stiffness),
+        held_tag(all.front().layout.baseTag()) {
     expected.corner_noise = options.corner_noise;
     expected.position_noise = options.position_noise;
     expected.rotation_noise = options.rotation_noise;
   }
 
-  int scales() const {
-    if (selection.length_scale == LengthScaling::kNone) return 0;
-    return selection.length_scale == LengthScaling::kCommon ? 1 : arms.front().arm.actuatorCount();
-  }
+  int scales() const { return lengthScales(selection, arms.front().arm); }
   double scaleOf(const double* logs, int actuator) const {
     if (scales() == 0) return 1;
     return std::exp(logs[scales() == 1 ? 0 : actuator]);
@@ -63,35 +67,38 @@ struct Place {
   Eigen::VectorXd lengths;  // at its pressures [m]
 };
 
-// Parameters of a cost in Ceres' order, and where each stands in it.
+// Where each parameter of a cost stands in Ceres' order.
 struct Blocks {
   int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
 };
 
 class ReadingCost : public ceres::CostFunction {
  public:
-  ReadingCost(Shared& shared, Place place, int residuals, bool takes_base, bool takes_bleed,
-              bool takes_tag)
+  // @param rig  the blocks that it depends on, besides those of the shape.
+  ReadingCost(Shared& shared, Place place, int residuals, const std::set<ParameterBlock>& rig)
       : shared_(shared), place_(std::move(place)), entries_(freeEntries(shared.arms[place_.arm])) {
     set_num_residuals(residuals);
-    const auto take = [this](bool taken, int size, int& index) {
-      if (!taken || size == 0) return;
-      index = static_cast<int>(parameter_block_sizes().size());
+    const auto take = [this](ParameterBlock kind, int size, int& index) {
+      if (!shared_.selection.has(kind)) return;
+      index = static_cast<int>(kinds_.size());
+      kinds_.push_back(kind);
       mutable_parameter_block_sizes()->push_back(size);
     };
-    const Selection& selection = shared.selection;
-    const bool free = selection.free_shapes;
-    take(!free, static_cast<int>(selection.stiffness.size()), blocks_.stiffness);
-    take(!free, shared.scales(), blocks_.scale);
-    take(free, static_cast<int>(entries_.size()), blocks_.shape);
-    take(takes_base && selection.base, 6, blocks_.base);
-    take(takes_bleed && selection.bleed, 1, blocks_.bleed);
-    take(takes_tag && selection.tags, 6, blocks_.tag);
+    const auto takeOfRig = [&](ParameterBlock kind, int size, int& index) {
+      if (rig.count(kind) > 0) take(kind, size, index);
+    };
+    take(ParameterBlock::kStiffness, static_cast<int>(shared.selection.stiffness.size()),
+         blocks_.stiffness);
+    take(ParameterBlock::kLengthScale, shared.scales(), blocks_.scale);
+    take(ParameterBlock::kShape, static_cast<int>(entries_.size()), blocks_.shape);
+    takeOfRig(ParameterBlock::kBase, 6, blocks_.base);
+    takeOfRig(ParameterBlock::kBleed, 1, blocks_.bleed);
+    takeOfRig(ParameterBlock::kTag, 6, blocks_.tag);
   }
 
-  const Blocks& blocks() const { return blocks_; }
+  // Its parameters in Ceres' order.
+  const std::vector<ParameterBlock>& kinds() const { return kinds_; }
   const Place& place() const { return place_; }
-  int parameterBlocks() const { return static_cast<int>(parameter_block_sizes().size()); }
   virtual int tag() const { return -1; }
   // The error as people see it, of residuals that this cost gave.
   virtual double shown(const double* const* parameters, double square) const = 0;
@@ -149,6 +156,7 @@ class ReadingCost : public ceres::CostFunction {
   Shared& shared_;
   const Place place_;
   const std::vector<int> entries_;  // of the twists, where shapes are free
+  std::vector<ParameterBlock> kinds_;
   Blocks blocks_;
 };
 
@@ -156,7 +164,7 @@ class ReadingCost : public ceres::CostFunction {
 class CurvatureCost final : public ReadingCost {
  public:
   CurvatureCost(Shared& shared, Place place, double measured)
-      : ReadingCost(shared, std::move(place), 1, false, false, false), measured_(measured) {}
+      : ReadingCost(shared, std::move(place), 1, {}), measured_(measured) {}
 
   bool Evaluate(const double* const* p, double* residual, double** J) const override {
     const double weight = shared_.inverse_noise / shared_.options.curvature_noise;
@@ -184,8 +192,7 @@ class CurvatureCost final : public ReadingCost {
 class TwistCost final : public ReadingCost {
  public:
   TwistCost(Shared& shared, Place place, const TwistReading& reading)
-      : ReadingCost(shared, std::move(place), static_cast<int>(reading.twists.size()), false, false,
-                    false),
+      : ReadingCost(shared, std::move(place), static_cast<int>(reading.twists.size()), {}),
         measured_(reading.twists) {
     const Eigen::LLT<Eigen::MatrixXd> factors(reading.covariance);
     whitening_ = factors.matrixL().solve(
@@ -225,7 +232,7 @@ class TagCost final : public ReadingCost {
  public:
   TagCost(Shared& shared, Place place, const Model& model, typename Model::Observation seen,
           bool takes_tag)
-      : ReadingCost(shared, std::move(place), model.residuals(), true, Model::kBleeds, takes_tag),
+      : ReadingCost(shared, std::move(place), model.residuals(), rigOf(takes_tag)),
         model_(model),
         seen_(std::move(seen)) {
     const model::Arm& arm = shared.arms[place_.arm].arm;
@@ -291,6 +298,13 @@ class TagCost final : public ReadingCost {
   }
 
  private:
+  static std::set<ParameterBlock> rigOf(bool takes_tag) {
+    std::set<ParameterBlock> rig{ParameterBlock::kBase};
+    if (Model::kBleeds) rig.insert(ParameterBlock::kBleed);
+    if (takes_tag) rig.insert(ParameterBlock::kTag);
+    return rig;
+  }
+
   struct Pose {
     double s;  // along its section
     PiecePlace place;

@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "calibration_problem.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/statics/solution.hpp"
 
 /// The shapes that arms have while a calibration searches for their stiffness.

@@ -4,6 +4,7 @@
 
 #include "camera_reader.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/number.hpp"
 #include "pose_reader.hpp"
 #include "provenance_section.hpp"
@@ -227,32 +228,140 @@ void putContraction(const Scene& scene, const std::string& name,
   }
 }
 
-void putCalibration(const Scene& scene, const SceneCalibration& calibration, Value& document,
-                    FaultList& faults) {
-  for (const auto& [name, fit] : calibration.contractions) {
-    putContraction(scene, name, fit, document, faults);
+Value& tagsOf(const Scene& scene, Value& document) {
+  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
+                  scene.name, " has none; expected one with tags");
+  return *findValue(document, "tags");
+}
+
+// What writers of the parameters are given.
+struct Target {
+  const Scene& scene;
+  const SceneCalibration& calibration;
+  Value& document;
+  FaultList& faults;
+};
+using Writer = void (*)(const Target& to);
+
+void writeContractions(const Target& to) {
+  for (const auto& [name, fit] : to.calibration.contractions) {
+    putContraction(to.scene, name, fit, to.document, to.faults);
   }
-  if (calibration.stiffness) putStiffness(*calibration.stiffness, document);
-  if (calibration.K_eps) putK_eps(scene, *calibration.K_eps, document);
-  if (calibration.length_scale) putLengthScale(scene, *calibration.length_scale, document);
-  if (calibration.X_CB) putCamera(scene, *calibration.X_CB, document);
-  const bool of_tags = calibration.tags || calibration.X_BF || calibration.bleed != 0;
-  basics::require(!of_tags || scene.tags.has_value(), "calibratedSceneText: tags are calibrated, ",
-                  "but scene ", scene.name, " has none; expected one with tags");
-  if (calibration.tags) putTags(scene, *calibration.tags, document);
-  if (calibration.bleed != 0) {
-    const double size = scene.tags->size - 2 * calibration.bleed;
-    setValue(*findValue(document, "tags"), "size_m", numberValue(size));
+}
+
+void writeStiffness(const Target& to) {
+  if (to.calibration.stiffness) putStiffness(*to.calibration.stiffness, to.document);
+}
+
+void writeK_eps(const Target& to) {
+  if (to.calibration.K_eps) putK_eps(to.scene, *to.calibration.K_eps, to.document);
+}
+
+void writeLengthScale(const Target& to) {
+  if (!to.calibration.length_scale) return;
+  putLengthScale(to.scene, *to.calibration.length_scale, to.document);
+}
+
+void writeBase(const Target& to) {
+  if (to.calibration.X_CB) putCamera(to.scene, *to.calibration.X_CB, to.document);
+  if (!to.calibration.X_BF) return;
+  Value frame = MapWriter().value();
+  putPose(*to.calibration.X_BF, frame);
+  setValue(tagsOf(to.scene, to.document), "frame", std::move(frame));
+}
+
+void writeTags(const Target& to) {
+  if (!to.calibration.tags) return;
+  tagsOf(to.scene, to.document);
+  putTags(to.scene, *to.calibration.tags, to.document);
+}
+
+void writeBleed(const Target& to) {
+  if (to.calibration.bleed == 0) return;
+  Value& tags = tagsOf(to.scene, to.document);
+  setValue(tags, "size_m", numberValue(to.scene.tags->size - 2 * to.calibration.bleed));
+}
+
+// What a fitted parameter changes of the scene.
+void addChange(estimation::FitParameter parameter, const Scene& scene,
+               const estimation::Calibration& calibration, bool corners,
+               SceneCalibration& changes) {
+  using estimation::FitParameter;
+  switch (parameter) {
+    case FitParameter::kKappa:
+    case FitParameter::kGamma:
+    case FitParameter::kTau:
+    case FitParameter::kEps:
+      changes.stiffness = calibration.stiffness;
+      changes.K_eps = calibration.K_eps;
+      return;
+    case FitParameter::kLengthScale:
+    case FitParameter::kLengthScaleEach:
+      changes.length_scale = calibration.length_scale;
+      return;
+    case FitParameter::kContraction:  // from a fit of its own
+      return;
+    case FitParameter::kBase:
+      if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
+      if (!corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
+      return;
+    case FitParameter::kTags:
+      changes.tags = calibration.layout;
+      return;
+    case FitParameter::kBleed:
+      changes.bleed = calibration.bleed;
+      return;
   }
-  if (calibration.X_BF) {
-    Value frame = MapWriter().value();
-    putPose(*calibration.X_BF, frame);
-    setValue(*findValue(document, "tags"), "frame", std::move(frame));
+}
+
+// Parameters that share keys share a writer.
+Writer writerOf(estimation::FitParameter parameter) {
+  using estimation::FitParameter;
+  switch (parameter) {
+    case FitParameter::kKappa:
+    case FitParameter::kGamma:
+    case FitParameter::kTau:
+      return &writeStiffness;
+    case FitParameter::kEps:
+      return &writeK_eps;
+    case FitParameter::kLengthScale:
+    case FitParameter::kLengthScaleEach:
+      return &writeLengthScale;
+    case FitParameter::kContraction:
+      return &writeContractions;
+    case FitParameter::kBase:
+      return &writeBase;
+    case FitParameter::kTags:
+      return &writeTags;
+    case FitParameter::kBleed:
+      break;
   }
-  setValue(document, "calibration", writeProvenance(calibration.provenance));
+  return &writeBleed;
+}
+
+void putCalibration(const Target& to) {
+  // Length scales are factors on the new curves.
+  std::vector<Writer> writers{writerOf(estimation::FitParameter::kContraction)};
+  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
+    const Writer writer = writerOf(info.parameter);
+    if (std::find(writers.begin(), writers.end(), writer) == writers.end()) {
+      writers.push_back(writer);
+    }
+  }
+  for (const Writer write : writers) write(to);
+  setValue(to.document, "calibration", writeProvenance(to.calibration.provenance));
 }
 
 }  // namespace
+
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners) {
+  SceneCalibration changes;
+  for (const estimation::FitParameter one : fitted) {
+    addChange(one, scene, calibration, corners, changes);
+  }
+  return changes;
+}
 
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
                                 const SceneCalibration& calibration, const std::string& sha256) {
@@ -262,7 +371,7 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
     throw DocumentError(path + " was written to while it was calibrated; calibrate it again");
   }
   const Scene scene = makeScene(document, faults);
-  putCalibration(scene, calibration, document, faults);
+  putCalibration({scene, calibration, document, faults});
   faults.throwIfAny();
   std::string text = kTitle + writeDocument(document);
 

@@ -4,14 +4,14 @@
 #include <array>
 #include <cmath>
 #include <ctime>
-#include <map>
 #include <set>
-#include <stdexcept>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "least_tip_error.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -20,57 +20,37 @@ using estimation::ArmCaptures;
 using estimation::Calibration;
 using estimation::CalibrationOptions;
 using estimation::CalibrationStatus;
-using estimation::LengthScaling;
-
-const char* const kWords[] = {
-    "stiffness",         "K_kappa",     "K_gamma",   "K_tau", "K_eps", "length_scale",
-    "length_scale_each", "contraction", "placement", "base",  "tags",  "bleed"};
-
-// The words of a request.
-class FitWords {
- public:
-  explicit FitWords(const std::vector<std::string>& words) : words_(words.begin(), words.end()) {
-    if (words_.empty()) words_.insert("stiffness");
-    for (const std::string& word : words_) {
-      if (std::find(std::begin(kWords), std::end(kWords), word) != std::end(kWords)) continue;
-      std::string known;
-      for (const char* const one : kWords) known += (known.empty() ? "" : ", ") + std::string(one);
-      throw std::invalid_argument("there is no \"" + word + "\" to fit; expected some of " + known);
-    }
-  }
-
-  bool has(const std::string& word) const { return words_.count(word) > 0; }
-  bool any(std::initializer_list<const char*> words) const {
-    return std::any_of(words.begin(), words.end(), [this](const char* one) { return has(one); });
-  }
-
- private:
-  std::set<std::string> words_;
-};
+using estimation::FitParameter;
 
 bool areCorners(const std::vector<estimation::Capture>& captures) {
   return !captures.empty() && std::holds_alternative<std::vector<estimation::CornerObservation>>(
                                   captures.front().reading);
 }
 
+// What the words of a request name with this data.
+std::set<FitParameter> fittedOf(const CalibrationRequest& request, const CalibrationData& data) {
+  std::set<FitParameter> fitted =
+      estimation::fitParametersOf(request.fit, areCorners(data.captures));
+  // Captures of an arm show how far off its curves are, but not the curves themselves.
+  if (data.lengths.empty() && fitted.erase(FitParameter::kContraction) > 0) {
+    fitted.insert(FitParameter::kLengthScale);
+  }
+  return fitted;
+}
+
+bool isOfArm(FitParameter parameter) { return estimation::infoOf(parameter).block.has_value(); }
+
 CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& request,
-                             const FitWords& words, const CalibrationData& data) {
+                             std::set<FitParameter> fitted, const CalibrationData& data) {
   CalibrationOptions options;
-  options.K_kappa = words.any({"stiffness", "K_kappa"});
-  options.K_gamma = words.any({"stiffness", "K_gamma"});
-  options.K_tau = words.has("K_tau");
-  options.K_eps = words.has("K_eps");
-  const bool scaled =
-      words.has("length_scale") || (words.has("contraction") && data.lengths.empty());
-  if (scaled) options.length_scale = LengthScaling::kCommon;
-  if (words.has("length_scale_each")) options.length_scale = LengthScaling::kEach;
-  options.base = words.any({"placement", "base"});
-  options.tags = words.any({"placement", "tags"});
-  // It is there whether one asks for it or not, and what ignores it is wrong by many of its errors.
-  options.bleed = words.has("bleed") || areCorners(data.captures);
+  bool about_shape = false;
+  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
+    about_shape |= info.aboutShape() && fitted.count(info.parameter) > 0;
+    if (info.implied && areCorners(data.captures)) fitted.insert(info.parameter);
+  }
+  estimation::setFitted(fitted, options);
   // Placements alone are not to depend on how good the model is.
-  options.free_shapes = !options.K_kappa && !options.K_gamma && !options.K_tau && !options.K_eps &&
-                        options.length_scale == LengthScaling::kNone;
+  options.free_shapes = !about_shape;
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
   const auto chosen = [](double asked, double usual) { return asked > 0 ? asked : usual; };
@@ -138,80 +118,6 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   return out;
 }
 
-io::SceneCalibration changesOf(const io::Scene& scene, const Calibration& calibration,
-                               const CalibrationOptions& options, const FitWords& words,
-                               bool corners) {
-  io::SceneCalibration changes;
-  changes.stiffness = calibration.stiffness;
-  changes.K_eps = calibration.K_eps;
-  if (options.length_scale != LengthScaling::kNone) changes.length_scale = calibration.length_scale;
-  if (options.base && corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
-  if (options.base && !corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
-  if (options.tags) changes.tags = calibration.layout;
-  if (words.any({"placement", "bleed"})) changes.bleed = calibration.bleed;
-  return changes;
-}
-
-// Shapes fitted to the tags of each capture by itself, where they determine one, with the
-// placements that a calibration found.
-ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
-                     const Calibration& calibration) {
-  ArmCaptures out = data;
-  out.captures.clear();
-  model::Stiffness stiffness = calibration.stiffness.value();
-  stiffness.kappa = data.arm.actuator(0).stiffness.kappa;
-  out.arm = data.arm.withStiffness(stiffness);
-  if (calibration.K_eps)
-    std::fill(out.load->K_eps.begin(), out.load->K_eps.end(), *calibration.K_eps);
-  estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
-  const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
-  for (std::size_t i = 0; i < data.captures.size(); ++i) {
-    if (calibration.captures[i].outlier) continue;
-    const estimation::Capture& capture = data.captures[i];
-    const model::Shape& model = calibration.curves[i];
-    estimation::Capture twists = capture;
-    const auto* corners = std::get_if<std::vector<estimation::CornerObservation>>(&capture.reading);
-    auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&twists.reading);
-    if (poses != nullptr) {
-      for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
-    }
-    const estimation::TwistFit& fit = corners != nullptr
-                                          ? fitter.fitCold(*corners, X_CB, data.focal, model)
-                                          : fitter.fitCold(*poses, model);
-    if (fit.status != estimation::FitStatus::kConverged) continue;
-    twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
-    out.captures.push_back(std::move(twists));
-  }
-  return out;
-}
-
-// By the paper's definition, which knows of no other parameter.
-std::optional<estimation::LeastTipError> leastTipError(const io::Scene& scene,
-                                                       const ArmCaptures& data,
-                                                       const Calibration& calibration,
-                                                       const CalibrationOptions& options) {
-  const bool fitted = options.K_kappa && calibration.stiffness;
-  if (!fitted || options.length_scale != LengthScaling::kNone) return std::nullopt;
-  const bool curvatures =
-      std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
-  if (curvatures) return estimation::fitLeastTipError({data});
-  // In its plane a twist has no covariance across it.
-  if (data.planar) return std::nullopt;
-  return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
-}
-
-// Data that is given twice would count twice.
-std::optional<std::string> repeated(const std::vector<io::Provenance::Data>& sources) {
-  std::map<std::string, std::string> files;
-  for (const io::Provenance::Data& source : sources) {
-    const auto [known, is_new] = files.emplace(source.sha256, source.file);
-    if (!is_new) {
-      return source.file + " holds the same as " + known->second + "; give each data set once";
-    }
-  }
-  return std::nullopt;
-}
-
 // The captures of one more arm, but those that show nothing of it.
 void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
@@ -245,49 +151,11 @@ CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& messag
 
 }  // namespace
 
-void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
-                 CalibrationData& data) {
-  std::set<int> taken;
-  for (const estimation::Capture& one : data.captures) taken.insert(one.number);
-  const bool meet = std::any_of(captures.begin(), captures.end(),
-                                [&taken](const auto& one) { return taken.count(one.number) > 0; });
-  if (meet) {
-    const int offset = *taken.rbegin();
-    for (estimation::Capture& one : captures) one.number += offset;
-    data.warnings.push_back("captures of " + file + " are called by their number + " +
-                            std::to_string(offset));
-  }
-  std::move(captures.begin(), captures.end(), std::back_inserter(data.captures));
-}
-
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
-  CalibrationData out;
-  for (const std::string& path : paths) {
-    const io::DataSet data = io::loadDataSet(path);
-    int count = 0;
-    if (kindOf(data) == DataKind::kLengths) {
-      const std::vector<estimation::LengthSample> samples = loadLengths(data);
-      out.lengths.insert(out.lengths.end(), samples.begin(), samples.end());
-      count = static_cast<int>(samples.size());
-    } else {
-      LoadedCaptures read = loadCaptures(scene, data);
-      count = static_cast<int>(read.captures.size());
-      if (!read.unknown_tags.empty()) {
-        out.warnings.push_back(
-            path + " has tags that the scene has not: " + io::listOf(read.unknownIds()));
-      }
-      addCaptures(std::move(read.captures), path, out);
-    }
-    out.sources.push_back({path, data.sha256, count});
-  }
-  return out;
-}
-
 CalibrationOutcome runCalibration(const std::string& path,
                                   const std::vector<io::Override>& overrides,
                                   const CalibrationRequest& request, const CalibrationData& data,
                                   const std::vector<CompanionArm>& companions) {
-  const FitWords words(request.fit);
+  const std::set<FitParameter> fitted = fittedOf(request, data);
   CalibrationOutcome outcome;
   outcome.warnings = data.warnings;
   std::vector<io::Provenance::Data> sources = data.sources;
@@ -300,20 +168,18 @@ CalibrationOutcome runCalibration(const std::string& path,
                                   " holds free lengths; give those of the scene alone");
     }
   }
-  if (const auto twice = repeated(sources)) return refused(outcome, *twice);
+  if (const auto twice = repeatedSource(sources)) return refused(outcome, *twice);
   io::Scene scene = io::loadScene(path, overrides);
   const std::string sha256 = scene.sha256;
   io::SceneCalibration curves;
-  const bool fits_arm =
-      words.any({"stiffness", "K_kappa", "K_gamma", "K_tau", "K_eps", "length_scale",
-                 "length_scale_each", "placement", "base", "tags", "bleed"}) ||
-      (words.has("contraction") && data.lengths.empty());
-  if (!words.has("contraction") && !data.lengths.empty()) {
+  const bool fits_arm = std::any_of(fitted.begin(), fitted.end(), isOfArm);
+  const bool fits_curve = fitted.count(FitParameter::kContraction) > 0;
+  if (!fits_curve && !data.lengths.empty()) {
     return refused(outcome,
                    "the data holds free lengths, but no contraction is to be fitted; leave it out, "
                    "or fit contraction as well");
   }
-  if (words.has("contraction") && !data.lengths.empty()) {
+  if (fits_curve) {
     std::string message;
     const auto name = curveName(scene, request.contraction, message);
     if (!name) return refused(outcome, message);
@@ -342,7 +208,7 @@ CalibrationOutcome runCalibration(const std::string& path,
     for (const ArmCaptures& arm : outcome.arms) {
       if (arm.captures.empty()) return refused(outcome, "there is no capture of " + arm.name);
     }
-    const CalibrationOptions options = optionsOf(scene, request, words, data);
+    const CalibrationOptions options = optionsOf(scene, request, fitted, data);
     outcome.calibration = estimation::calibrate(outcome.arms, options);
     const Calibration& calibration = *outcome.calibration;
     outcome.warnings.insert(outcome.warnings.end(), calibration.warnings.begin(),
@@ -352,7 +218,7 @@ CalibrationOutcome runCalibration(const std::string& path,
           outcome, std::string(estimation::nameOf(calibration.status)) + ": " + calibration.reason);
     }
     outcome.least_tip_error = leastTipError(scene, outcome.arms.front(), calibration, options);
-    changes = changesOf(scene, calibration, options, words, areCorners(data.captures));
+    changes = io::changesOf(scene, calibration, fitted, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;
   changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);

@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/estimation/contraction_fit.hpp"
 #include "helix_arm/io/scene.hpp"
 
@@ -25,6 +27,15 @@ struct SceneCalibration {
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   Provenance provenance;
 };
+
+/// The changes of a scene that follow from a calibration that succeeded. Contractions and
+/// provenance are left empty.
+///
+/// @param fitted  what was asked for; only these parameters are changed.
+/// @param corners  whether the captures were of tag corners. The base then moves the camera,
+/// otherwise the frame of tag poses. With corners the scene has a camera.
+SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
+                           const std::set<estimation::FitParameter>& fitted, bool corners);
 
 /// The text of a scene file with a calibration in it: loading it gives the calibrated scene, whose
 /// X_CB and placements agree to 1e-12. The comments of the file are not kept.

@@ -9,18 +9,14 @@
 #include "helix_arm/estimation/contraction_fit.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/calibration_data.hpp"
 
 namespace helix_arm::procedures {
 
 /// What a calibration is asked for.
 struct CalibrationRequest {
-  /// What to fit, by these words; none: stiffness.
-  /// - stiffness: K_kappa and K_gamma; or one of K_kappa, K_gamma, K_tau
-  /// - K_eps: of an arm under load
-  /// - length_scale, length_scale_each: factors on the free lengths, one for all or one an actuator
-  /// - contraction: the curve of the free lengths, from data of free lengths; from captures of an
-  ///   arm, as length_scale
-  /// - placement: base, tags, and bleed where the captures are of corners; or one of these
+  /// What to fit: words of estimation::fitWords(); none: stiffness. Without free lengths,
+  /// contraction means length_scale.
   std::vector<std::string> fit;
   std::string contraction;  ///< which of the scene's curves; empty where it has one only
   estimation::ContractionFitOptions curve;
@@ -30,14 +26,6 @@ struct CalibrationRequest {
   double position_noise = 0;   ///< of tag poses [m]
   double rotation_noise = 0;   ///< of tag poses [rad]
   std::string date;            ///< ISO 8601, for the provenance
-};
-
-/// What was measured.
-struct CalibrationData {
-  std::vector<estimation::Capture> captures;
-  std::vector<estimation::LengthSample> lengths;
-  std::vector<io::Provenance::Data> sources;
-  std::vector<std::string> warnings;
 };
 
 /// An arm that shares its stiffness with the one that is calibrated.
@@ -61,15 +49,6 @@ struct CalibrationOutcome {
   std::vector<std::string> warnings;
   std::string scene_text;  ///< of the calibrated scene; empty without success
 };
-
-/// Adds the captures of one file; where numbers are taken they are counted on, and a warning says
-/// so.
-void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
-                 CalibrationData& data);
-
-/// Reads data sets of all kinds: curvatures, tag poses, tag corners, free lengths.
-/// @throws DocumentError with every fault of a file.
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
 
 /// Fits what is asked for and makes the calibrated scene. Writes nothing.
 ///

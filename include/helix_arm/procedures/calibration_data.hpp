@@ -1,0 +1,36 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/estimation/calibration.hpp"
+#include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/io/provenance.hpp"
+#include "helix_arm/io/scene.hpp"
+
+/// The measurements that a calibration is made from.
+namespace helix_arm::procedures {
+
+/// What was measured.
+struct CalibrationData {
+  std::vector<estimation::Capture> captures;
+  std::vector<estimation::LengthSample> lengths;
+  std::vector<io::Provenance::Data> sources;
+  std::vector<std::string> warnings;
+};
+
+/// Adds the captures of one file; where numbers are taken they are counted on, and a warning says
+/// so.
+void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
+                 CalibrationData& data);
+
+/// Reads data sets of all kinds: curvatures, tag poses, tag corners, free lengths.
+/// @throws DocumentError with every fault of a file.
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
+
+/// Data that is given twice would count twice: the message that names two sources with the same
+/// content, if there are any.
+std::optional<std::string> repeatedSource(const std::vector<io::Provenance::Data>& sources);
+
+}  // namespace helix_arm::procedures

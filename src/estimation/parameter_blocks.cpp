@@ -1,0 +1,186 @@
+#include "parameter_blocks.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <stdexcept>
+#include <utility>
+
+namespace helix_arm::estimation {
+namespace {
+
+template <class Holds>
+const FitParameterInfo& infoWhere(const Holds& holds) {
+  const std::vector<FitParameterInfo>& table = fitParameters();
+  const auto found = std::find_if(table.begin(), table.end(), holds);
+  if (found == table.end()) throw std::logic_error("fitParameters() lacks a parameter");
+  return *found;
+}
+
+// @param values  constant or not, as are the numbers.
+template <class AnyValues>
+auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
+  if (block.kind == ParameterBlock::kStiffness) return values.stiffness.data();
+  if (block.kind == ParameterBlock::kLengthScale) return values.length_scale.data();
+  if (block.kind == ParameterBlock::kShape) return values.shapes[block.of].data();
+  if (block.kind == ParameterBlock::kTag) return values.tags[block.of].data();
+  return values.rig.at(block.kind).data();
+}
+
+}  // namespace
+
+bool Selection::has(ParameterBlock block) const {
+  if (block == ParameterBlock::kShape) return free_shapes;
+  if (block == ParameterBlock::kStiffness) return !free_shapes && !stiffness.empty();
+  if (block == ParameterBlock::kLengthScale) {
+    return !free_shapes && length_scale != LengthScaling::kNone;
+  }
+  return rig.count(block) > 0;
+}
+
+Selection selectionOf(const CalibrationOptions& options) {
+  Selection selection;
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!isFitted(info, options)) continue;
+    if (info.entry) selection.stiffness.push_back(*info.entry);
+    if (info.aboutRig()) selection.rig.insert(info.block.value());
+  }
+  selection.length_scale = options.length_scale;
+  selection.free_shapes = options.free_shapes;
+  return selection;
+}
+
+int lengthScales(const Selection& selection, const model::Arm& arm) {
+  switch (selection.length_scale) {
+    case LengthScaling::kNone:
+      return 0;
+    case LengthScaling::kCommon:
+      return 1;
+    case LengthScaling::kEach:
+      break;
+  }
+  return arm.actuatorCount();
+}
+
+ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
+                                 const CalibrationOptions& options, const Selection& selection,
+                                 const ShapeModel& model) {
+  const ArmCaptures& first = arms.front();
+  const std::vector<TagPlacement>& tags = first.layout.tags;
+  values_.stiffness.setZero(static_cast<Eigen::Index>(selection.stiffness.size()));
+  values_.length_scale.setZero(lengthScales(selection, first.arm));
+  values_.tags.assign(tags.size(), lie::Vector6::Zero());
+  if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
+  if (selection.has(ParameterBlock::kLengthScale)) addLengthScales(options, selection, first.arm);
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.aboutRig() || info.block == ParameterBlock::kTag) continue;
+    values_.rig[*info.block].setZero(static_cast<Eigen::Index>(info.numbers.size()));
+  }
+  const int base_tag = first.layout.baseTag();
+  // Tags come last: there is one block for each.
+  for (const bool of_tags : {false, true}) {
+    for (const FitParameterInfo& info : fitParameters()) {
+      const bool is_of_tags = info.block == ParameterBlock::kTag;
+      if (!info.aboutRig() || !selection.has(*info.block) || is_of_tags != of_tags) continue;
+      if (!of_tags) addRig(info, options, 0, info.name);
+      for (std::size_t i = 0; of_tags && i < tags.size(); ++i) {
+        // It fixes the frame that all is seen from.
+        if (static_cast<int>(i) == base_tag) continue;
+        addRig(info, options, static_cast<int>(i), info.name + ("_" + std::to_string(tags[i].id)));
+      }
+    }
+  }
+}
+
+void ParameterBlocks::add(ParameterBlock kind, int of, Eigen::VectorXd mean,
+                          Eigen::VectorXd deviation) {
+  blocks_.push_back({kind, of, columns(), std::move(mean), std::move(deviation)});
+}
+
+void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Selection& selection,
+                                   const ShapeModel& model) {
+  Elasticity initial = model.initial();
+  Eigen::VectorXd deviation(values_.stiffness.size());
+  Eigen::Index row = 0;
+  for (const StiffnessEntry entry : selection.stiffness) {
+    const FitParameterInfo& info =
+        infoWhere([entry](const auto& one) { return one.entry == entry; });
+    const FitNumber& number = info.numbers.front();
+    deviation[row] = number.prior.deviation(options);
+    infos_.push_back({info.name, number.unit, deviation[row], true, model.referenceOf(entry),
+                      entryOf(initial, entry), true});
+    ++row;
+  }
+  add(ParameterBlock::kStiffness, 0, Eigen::VectorXd::Zero(row), deviation);
+}
+
+void ParameterBlocks::addLengthScales(const CalibrationOptions& options, const Selection& selection,
+                                      const model::Arm& arm) {
+  const FitParameterInfo& info =
+      infoWhere([&selection](const auto& one) { return one.scaling == selection.length_scale; });
+  const FitNumber& number = info.numbers.front();
+  const double deviation = number.prior.deviation(options);
+  const int count = static_cast<int>(values_.length_scale.size());
+  for (int i = 0; i < count; ++i) {
+    const std::string suffix = count == 1 ? "" : "_" + arm.actuator(i).name;
+    infos_.push_back({info.name + suffix, number.unit, deviation, true, 1.0, 1.0, true});
+  }
+  add(ParameterBlock::kLengthScale, 0, Eigen::VectorXd::Zero(count),
+      Eigen::VectorXd::Constant(count, deviation));
+}
+
+void ParameterBlocks::addRig(const FitParameterInfo& info, const CalibrationOptions& options,
+                             int of, const std::string& name) {
+  const auto count = static_cast<Eigen::Index>(info.numbers.size());
+  Eigen::VectorXd deviation(count);
+  Eigen::Index row = 0;
+  for (const FitNumber& number : info.numbers) {
+    deviation[row] = number.prior.deviation(options);
+    infos_.push_back({name + number.suffix, number.unit, deviation[row], false, 0.0, 0.0, false});
+    ++row;
+  }
+  add(*info.block, of, Eigen::VectorXd::Zero(count), deviation);
+}
+
+void ParameterBlocks::addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation) {
+  add(ParameterBlock::kShape, static_cast<int>(values_.shapes.size()), mean, deviation);
+  values_.shapes.push_back(mean);
+}
+
+int ParameterBlocks::indexOf(ParameterBlock kind, int of) const {
+  const auto found = std::find_if(blocks_.begin(), blocks_.end(), [&](const Block& block) {
+    return block.kind == kind && block.of == of;
+  });
+  if (found == blocks_.end()) throw std::out_of_range("ParameterBlocks: no such block");
+  return static_cast<int>(found - blocks_.begin());
+}
+
+int ParameterBlocks::columns() const {
+  return blocks_.empty() ? 0 : blocks_.back().column + blocks_.back().size();
+}
+
+Eigen::VectorXd ParameterBlocks::vector() const {
+  Eigen::VectorXd out(static_cast<Eigen::Index>(infos_.size()));
+  for (const Block& block : blocks_) {
+    if (block.kind == ParameterBlock::kShape) continue;
+    out.segment(block.column, block.size()) =
+        Eigen::Map<const Eigen::VectorXd>(data(block), block.size());
+  }
+  return out;
+}
+
+double* ParameterBlocks::data(const Block& block) { return dataOf(block, values_); }
+const double* ParameterBlocks::data(const Block& block) const { return dataOf(block, values_); }
+
+std::vector<double*> ParameterBlocks::data(const std::vector<int>& indices) {
+  std::vector<double*> out;
+  for (const int index : indices) out.push_back(data(blocks_[index]));
+  return out;
+}
+
+std::vector<const double*> ParameterBlocks::data(const std::vector<int>& indices) const {
+  std::vector<const double*> out;
+  for (const int index : indices) out.push_back(data(blocks_[index]));
+  return out;
+}
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,130 @@
+#include <algorithm>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/estimation/calibration_parameters.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using estimation::CalibrationOptions;
+using estimation::FitParameter;
+using estimation::FitParameterInfo;
+using estimation::LengthScaling;
+using Parameters = std::set<FitParameter>;
+
+std::string contentOf(const std::string& name) {
+  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR) + "/" + name);
+  EXPECT_TRUE(file) << name;
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// The comment of a field of a message, over as many lines as it has, with single spaces.
+std::string commentOf(const std::string& file, const std::string& field) {
+  std::istringstream lines(contentOf(file));
+  std::string text;
+  bool inside = false;
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t hash = line.find('#');
+    const std::string code = line.substr(0, hash);
+    if (code.find_first_not_of(' ') != std::string::npos) {
+      std::istringstream words(code);
+      std::string type, name;
+      words >> type >> name;
+      inside = name == field;
+    }
+    if (inside && hash != std::string::npos) text += line.substr(hash + 1);
+  }
+  std::istringstream words(text);
+  text.clear();
+  for (std::string word; words >> word;) text += (text.empty() ? "" : " ") + word;
+  return text;
+}
+
+TEST(FitParameters, EveryParameterHasItsRow) {
+  const std::vector<FitParameterInfo>& table = estimation::fitParameters();
+  ASSERT_EQ(table.size(), static_cast<std::size_t>(estimation::kFitParameterCount));
+  std::set<std::string> words;
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    EXPECT_EQ(table[i].parameter, static_cast<FitParameter>(i)) << table[i].word;
+    EXPECT_EQ(table[i].numbers.empty(), !table[i].block) << table[i].word;
+    EXPECT_TRUE(words.insert(table[i].word).second) << table[i].word;
+  }
+}
+
+TEST(FitParameters, OptionsHoldWhatWasSet) {
+  for (const FitParameterInfo& info : estimation::fitParameters()) {
+    CalibrationOptions options;
+    estimation::setFitted({info.parameter}, options);
+    for (const FitParameterInfo& other : estimation::fitParameters()) {
+      const bool set = info.block && other.parameter == info.parameter;
+      EXPECT_EQ(isFitted(other, options), set) << info.word << ": " << other.word;
+    }
+  }
+}
+
+TEST(FitParameters, PriorsArePositive) {
+  for (const FitParameterInfo& info : estimation::fitParameters()) {
+    for (const estimation::FitNumber& number : info.numbers) {
+      EXPECT_GT(number.prior.deviation({}), 0) << info.word << number.suffix;
+    }
+  }
+}
+
+TEST(FitWords, NameParametersAndGroups) {
+  const auto of = &estimation::fitParametersOf;
+  const Parameters stiffness{FitParameter::kKappa, FitParameter::kGamma};
+  EXPECT_EQ(of({}, false), stiffness);
+  EXPECT_EQ(of({"stiffness"}, true), stiffness);
+  EXPECT_EQ(of({"K_tau", "length_scale"}, false),
+            (Parameters{FitParameter::kTau, FitParameter::kLengthScale}));
+  EXPECT_EQ(of({"placement"}, true),
+            (Parameters{FitParameter::kBase, FitParameter::kTags, FitParameter::kBleed}));
+  EXPECT_EQ(of({"placement"}, false), (Parameters{FitParameter::kBase, FitParameter::kTags}));
+  EXPECT_EQ(of({"bleed"}, false), Parameters{FitParameter::kBleed}) << "asked for by itself";
+}
+
+TEST(FitWords, OfNoParameterAreRefused) {
+  try {
+    estimation::fitParametersOf({"tags", "springs"}, false);
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(),
+                 "there is no \"springs\" to fit; expected some of stiffness, K_kappa, K_gamma, "
+                 "K_tau, K_eps, length_scale, length_scale_each, contraction, placement, base, "
+                 "tags, bleed");
+  }
+}
+
+TEST(FitWords, EachActuatorsScaleGoesBeforeTheCommonOne) {
+  CalibrationOptions options;
+  estimation::setFitted({FitParameter::kLengthScale, FitParameter::kLengthScaleEach}, options);
+  EXPECT_EQ(options.length_scale, LengthScaling::kEach);
+  EXPECT_FALSE(options.K_kappa) << "only what was named is fitted";
+}
+
+TEST(FitWords, OfTheServiceAndTheActionAreThoseOfTheTable) {
+  const std::string by_default = estimation::wordOf(estimation::kDefaultFitGroup);
+  EXPECT_EQ(commentOf("srv/Calibrate.srv", "fit"),
+            "some of " + estimation::fitWordsText() + "; empty: " + by_default);
+  EXPECT_EQ(commentOf("action/RunCalibration.action", "fit"),
+            "as Calibrate has it; empty: " + by_default);
+}
+
+TEST(FitWords, AreInTheDocumentation) {
+  std::string list;
+  for (const std::string& word : estimation::fitWords()) {
+    list += (list.empty() ? "`" : ", `") + word + "`";
+    EXPECT_NE(contentOf("docs/calibration.md").find("`" + word + "`"), std::string::npos) << word;
+  }
+  EXPECT_NE(contentOf("docs/cli.md").find("comma list of " + list), std::string::npos) << list;
+}
+
+}  // namespace
+}  // namespace helix_arm::test
