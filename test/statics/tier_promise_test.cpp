@@ -160,7 +160,7 @@ TEST(TierPromise, TheTimeOfABudgetIsTheMeanOverInputs) {
     ASSERT_NE(at, std::string::npos) << reason;
     EXPECT_NE(reason.find(" us on average over them", at), std::string::npos) << reason;
     said = std::stod(reason.substr(at + 8));
-    mean = 1e6 / samples.size() * medianTime([&] {
+    mean = 1e6 / samples.size() * basics::medianTime([&] {
              for (const VectorXd& q : samples) model.tip(q);
            });
   } while (std::abs(said / mean - 1.0) > 0.15 && std::chrono::steady_clock::now() < deadline);
