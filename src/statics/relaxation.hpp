@@ -151,7 +151,7 @@ class LoadedArmOf<Group>::Relaxation {
       const lie::SE3 X = place.at(piece / kLoadedPieces,
                                   static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
       const Eigen::Vector3d turn =
-          inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
+          lie::inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
       pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
       before = X;
     }
@@ -185,7 +185,7 @@ class LoadedArmOf<Group>::Relaxation {
         ++e;
       }
       const Element& element = elements[e];
-      return inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
+      return lie::inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
     }
   };
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/so3.hpp"
 #include "so3_switch.hpp"
 #include "support/high_precision.hpp"
@@ -15,7 +16,7 @@ using test::kEps;
 using test::Real;
 using test::RealMatrix;
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 // (x y z w) of exp(w): sin(|w| / 2) w / |w| and cos(|w| / 2).
 RealMatrix expByDefinition(const Eigen::Vector3d& w) {

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/lie/so3.hpp"
 #include "support/random.hpp"
@@ -7,7 +8,7 @@
 namespace helix_arm::lie {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 // Largest difference of the matrices: a rotation has two quaternions.
 double distance(const SO3& a, const SO3& b) {
