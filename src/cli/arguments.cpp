@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/statics/loaded.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -32,10 +33,7 @@ std::string actuatorNames(const model::Arm& arm) {
 
 statics::TierRequest requestOf(const TierArguments& arguments) {
   statics::TierRequest request;
-  for (const statics::Tier tier : {statics::Tier::kPlanar, statics::Tier::kLinear,
-                                   statics::Tier::kLoaded, statics::Tier::kExact}) {
-    if (arguments.tier == statics::nameOf(tier)) request.tier = tier;
-  }
+  request.tier = statics::tierNamed(arguments.tier);
   request.order = arguments.order;
   if (arguments.accuracy_percent) request.tip_error = *arguments.accuracy_percent / 100;
   if (arguments.budget_us) request.time = *arguments.budget_us * 1e-6;
@@ -158,7 +156,7 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
       .add_option("--tier", arguments.tier,
                   "what computes it: auto (the cheapest that serves), planar (SE(2), no load), "
                   "linear (SE(3), no load), loaded, exact; default: the scene's")
-      ->check(CLI::IsMember({"auto", "planar", "linear", "loaded", "exact"}));
+      ->check(CLI::IsMember(statics::tierWords()));
   command.add_option("--order", arguments.order, "with --tier loaded: of its polynomials")
       ->check(CLI::Range(statics::kLeastOrder, statics::kMostOrder));
   command
@@ -192,16 +190,16 @@ statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments
 }
 
 std::string inputText(const model::Actuator& actuator, double input) {
-  const bool pressure = actuator.drive == model::Drive::kPressure;
+  const model::DriveUnit unit = model::unitOf(actuator.drive);
   std::ostringstream text;
   text.precision(12);
-  text << (pressure ? input / 1e3 : input) << (pressure ? " kPa" : " rad");
+  text << input / unit.scale << " " << unit.shown;
   return text.str();
 }
 
 bool hasTendon(const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    if (arm.actuator(i).drive == model::Drive::kTendon) return true;
+    if (!model::isPressure(arm.actuator(i).drive)) return true;
   }
   return false;
 }

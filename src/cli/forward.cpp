@@ -59,9 +59,6 @@ struct ForwardResult {
   }
 };
 
-lie::Vector6 inSpace(const lie::Vector6& twist) { return twist; }
-lie::Vector6 inSpace(const lie::SE2::Tangent& twist) { return lie::embed(twist); }
-
 template <class Group>
 std::vector<SectionResult> sectionsOf(const model::ArmOf<Group>& arm) {
   std::vector<SectionResult> sections;
@@ -69,7 +66,7 @@ std::vector<SectionResult> sectionsOf(const model::ArmOf<Group>& arm) {
     const auto& equilibrium = arm.equilibrium(k);
     Eigen::MatrixXd null_space(6, equilibrium.null_space.cols());
     for (int j = 0; j < null_space.cols(); ++j) {
-      null_space.col(j) = inSpace(typename Group::Tangent(equilibrium.null_space.col(j)));
+      null_space.col(j) = lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j)));
     }
     sections.push_back({equilibrium.rank, equilibrium.condition, null_space});
   }

@@ -38,10 +38,10 @@ void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& resul
   json names = json::array(), units = json::array();
   bool pressures = true;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const bool pressure = arm.actuator(i).drive == model::Drive::kPressure;
+    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
     names.push_back(arm.actuator(i).name);
-    units.push_back(pressure ? "Pa" : "rad");
-    pressures = pressures && pressure;
+    units.push_back(unit.si);
+    pressures = pressures && unit.pressure;
   }
   result["actuators"] = names;
   if (pressures) {
@@ -89,10 +89,10 @@ std::string orderCell(const statics::TierSetting& setting) {
 
 void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const std::string number = std::to_string(i + 1);
-    const bool pressure = arm.actuator(i).drive == model::Drive::kPressure;
-    row.emplace_back(pressure ? "pressure_" + number + "_pa" : "input_" + number + "_rad",
-                     exact(inputs[i]));
+    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
+    row.emplace_back(
+        std::string(unit.quantity) + "_" + std::to_string(i + 1) + "_" + unit.si_suffix,
+        exact(inputs[i]));
   }
 }
 

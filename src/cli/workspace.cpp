@@ -2,23 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <exception>
 #include <filesystem>
 #include <fstream>
-#include <future>
-#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <sstream>
-#include <thread>
 
 #include <stdlib.h>
 #include <unistd.h>
 
 #include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/statics/workspace_extremes.hpp"
@@ -27,7 +22,8 @@
 #include "plot.hpp"
 #include "workspace_file.hpp"
 #include "workspace_maps.hpp"
-#include "workspace_progress.hpp"
+#include "workspace_report.hpp"
+#include "workspace_sampling.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -36,102 +32,8 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr int kInterrupted = 130;  // as a shell says of Ctrl-C
-constexpr std::uint64_t kUsualCount = 10000000;
-constexpr std::uint64_t kUsualSensitiveCount = 200000;
 constexpr std::uint64_t kMostCount = 10000000000;
 constexpr int kMostThreads = 256;
-// Points that medians and maps are made of: they are drawn evenly, so that the first are as good as
-// all.
-constexpr std::size_t kMostKept = 2000000;
-
-struct WorkspaceArguments {
-  std::string scene, out, png;
-  std::optional<std::uint64_t> count;
-  std::uint64_t seed = 1;
-  bool sensitivity = false;
-  int threads = 0;  // 0: all cores
-  TierArguments tier;
-
-  std::uint64_t inputs() const {
-    return count.value_or(sensitivity ? kUsualSensitiveCount : kUsualCount);
-  }
-};
-
-struct Summary {
-  std::uint64_t inputs = 0, unbalanced = 0;
-  double seconds = 0.0;
-  statics::WorkspaceExtremes sampled;   // of the points
-  statics::WorkspaceExtremes extremes;  // that a search found from there
-  Eigen::Vector3d worst = Eigen::Vector3d::Zero();
-  std::vector<CloudPoint> kept;
-  bool whole = false;  // not interrupted
-
-  std::uint64_t points() const { return inputs - unbalanced; }
-  double median(int k) const {
-    std::vector<double> values;
-    for (const CloudPoint& point : kept) values.push_back(point.sensitivity[k]);
-    return basics::medianOf(std::move(values));
-  }
-};
-
-void add(const statics::WorkspacePoints& points, bool keep, Summary& summary) {
-  summary.inputs += static_cast<std::uint64_t>(points.count() + points.unbalanced);
-  summary.unbalanced += static_cast<std::uint64_t>(points.unbalanced);
-  if (points.count() == 0) return;
-  summary.sampled.add(points);
-  const bool sensitive = points.sensitivity.rows() > 0;
-  if (sensitive) {
-    summary.worst =
-        summary.worst.cwiseMax(points.sensitivity.colwise().maxCoeff().transpose()).eval();
-  }
-  for (int row = 0; keep && row < points.count() && summary.kept.size() < kMostKept; ++row) {
-    CloudPoint point{points.tips.row(row), Eigen::Vector3d::Zero()};
-    if (sensitive) point.sensitivity = points.sensitivity.row(row);
-    summary.kept.push_back(point);
-  }
-}
-
-// Samples on all threads and takes the pieces in their order, so that the result does not tell how
-// many threads there were. Ends early when interrupted.
-Summary sample(const statics::Workspace& workspace, const WorkspaceArguments& arguments,
-               CloudFile* file) {
-  struct Piece {
-    statics::WorkspacePoints points;
-    std::string encoded;
-  };
-  const std::uint64_t total = arguments.inputs();
-  const int size = workspace.pieceSize();  // few enough to end soon after Ctrl-C
-  const auto make = [&workspace, file, total, size](std::uint64_t first) {
-    const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
-    Piece piece{workspace.sample(first, count), {}};
-    if (file != nullptr) piece.encoded = file->encode(piece.points);
-    return piece;
-  };
-  const std::size_t threads = arguments.threads > 0
-                                  ? static_cast<std::size_t>(arguments.threads)
-                                  : std::max(1u, std::thread::hardware_concurrency());
-  Summary summary;
-  Progress progress(total);
-  std::deque<std::future<Piece>> pieces;
-  std::uint64_t begun = 0;
-  while (!interrupted() && summary.inputs < total) {
-    while (begun < total && pieces.size() < threads) {
-      pieces.push_back(std::async(std::launch::async, make, begun));
-      begun += static_cast<std::uint64_t>(size);
-    }
-    const Piece piece = pieces.front().get();
-    pieces.pop_front();
-    if (file != nullptr) {
-      file->write(piece.encoded, static_cast<std::uint64_t>(piece.points.count()));
-    }
-    add(piece.points, arguments.sensitivity || !arguments.png.empty(), summary);
-    progress.reached(summary.inputs);
-  }
-  summary.whole = !interrupted();
-  if (file != nullptr && summary.whole && summary.points() > 0) file->finish();
-  summary.seconds = progress.seconds();
-  return summary;
-}
 
 // A file for plot_report, which goes away with the object.
 class ReportFile {
@@ -177,7 +79,7 @@ void checkPng(const WorkspaceArguments& arguments) {
 }
 
 void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
-              const std::string& tier, const Summary& summary) {
+              const std::string& tier, const WorkspaceSummary& summary) {
   const json maps = mapsJson(summary.kept, arguments.sensitivity);
   if (maps.empty()) {
     throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
@@ -191,102 +93,6 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
                            {"reach_m", summary.extremes.reach()},
                            {"maps", maps}});
   drawReport(report.path(), arguments.png, "leave out --png");
-}
-
-std::string failureOf(const Summary& summary) {
-  return summary.points() > 0 ? "" : "at no sampled input a shape balances the load";
-}
-
-json toJson(const io::Scene& scene, const statics::TierSetting& setting,
-            const WorkspaceArguments& arguments, const Summary& summary) {
-  const bool some = summary.points() > 0;
-  json sensitivity;
-  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
-    sensitivity[statics::kSensitivityNames[k]] = {{"median", summary.median(k)},
-                                                  {"max", summary.worst[k]}};
-  }
-  const auto bounds = [](const statics::WorkspaceExtremes& extremes) {
-    const auto corner = [](const Eigen::Vector3d& p) { return cli::toJson(Eigen::VectorXd(p)); };
-    return json{{"min", corner(extremes.bounds().min())}, {"max", corner(extremes.bounds().max())}};
-  };
-  const std::string failure = failureOf(summary);
-  return {{"scene", scene.name},
-          {"tier", statics::nameOf(setting.tier)},
-          {"order", setting.order > 0 ? json(setting.order) : json()},
-          {"seed", arguments.seed},
-          {"count", summary.inputs},
-          {"unbalanced", summary.unbalanced},
-          {"failure", failure.empty() ? json() : json(failure)},
-          {"seconds", summary.seconds},
-          {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
-          {"bounds_m", some ? bounds(summary.extremes) : json()},
-          {"reach_m", some ? json(summary.extremes.reach()) : json()},
-          {"sampled_bounds_m", some ? bounds(summary.sampled) : json()},
-          {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
-          {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
-          {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
-          {"sensitivity", sensitivity}};
-}
-
-CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const Summary& summary) {
-  const bool some = summary.points() > 0;
-  CsvTable::Row row{{"scene", scene.name},
-                    {"tier", statics::nameOf(setting.tier)},
-                    {"order", orderCell(setting)},
-                    {"seed", std::to_string(arguments.seed)},
-                    {"count", std::to_string(summary.inputs)},
-                    {"unbalanced", std::to_string(summary.unbalanced)},
-                    {"seconds", exact(summary.seconds)}};
-  const auto addExtremes = [some, &row](const std::string& prefix,
-                                        const statics::WorkspaceExtremes& extremes) {
-    const char* const axes[] = {"x_m", "y_m", "z_m"};
-    const Eigen::AlignedBox3d bounds = extremes.bounds();
-    for (int i = 0; i < 3; ++i) {
-      const std::string name = axes[i];
-      row.emplace_back(prefix + "min_" + name, some ? exact(bounds.min()[i]) : "");
-      row.emplace_back(prefix + "max_" + name, some ? exact(bounds.max()[i]) : "");
-    }
-    row.emplace_back(prefix + "reach_m", some ? exact(extremes.reach()) : "");
-  };
-  addExtremes("", summary.extremes);
-  for (int k = 0; k < statics::kSensitivities && some && arguments.sensitivity; ++k) {
-    const std::string name = statics::kSensitivityNames[k];
-    row.emplace_back("median_" + name, exact(summary.median(k)));
-    row.emplace_back("max_" + name, exact(summary.worst[k]));
-  }
-  addExtremes("sampled_", summary.sampled);
-  CsvTable table;
-  table.add(row);
-  return table;
-}
-
-void printText(const io::Scene& scene, const statics::TierSetting& setting,
-               const WorkspaceArguments& arguments, const Summary& summary) {
-  std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
-            << std::setprecision(3) << summary.seconds << " s, "
-            << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
-  if (summary.unbalanced > 0) {
-    std::cout << "left out, as no shape balances the load: " << summary.unbalanced << "\n";
-  }
-  if (summary.points() == 0) {
-    std::cout << failureOf(summary) << "\n";
-    return;
-  }
-  const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
-  std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
-            << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
-            << summary.extremes.reach() << " m, searched from the samples and the limits' corners; "
-            << "of the samples alone " << summary.sampled.reach() << " m\n";
-  const char* const errors[] = {"1 kPa in every pressure", "1 mm in every free length",
-                                "1 % in the stiffness"};
-  for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {
-    std::cout << "the tip moves for " << errors[k] << ": median " << std::setprecision(3)
-              << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
-  }
-  for (const std::string& file : {arguments.out, arguments.png}) {
-    if (!file.empty()) std::cout << "wrote " << file << "\n";
-  }
 }
 
 // What is wrong with a --count; empty where nothing is.
@@ -312,7 +118,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
   checkPng(arguments);
-  Summary summary;
+  WorkspaceSummary summary;
   {
     const InterruptWatch watch;
     std::optional<CloudFile> file;
@@ -320,7 +126,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
       file.emplace(arguments.out, scene.arm,
                    CloudOrigin{scene.name, setting.name(), arguments.seed, arguments.sensitivity});
     }
-    summary = sample(workspace, arguments, file ? &*file : nullptr);
+    summary = sampleWorkspace(workspace, arguments, file ? &*file : nullptr);
   }
   if (summary.whole && summary.points() > 0) {
     summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);

@@ -75,8 +75,8 @@ std::string CloudFile::csvHeader() const {
            "length, of 1 % in the stiffness\n";
   }
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    const bool pressure = arm_.actuator(i).drive == model::Drive::kPressure;
-    out << (pressure ? "pressure_" : "input_") << i + 1 << (pressure ? "_kpa," : "_rad,");
+    const model::DriveUnit unit = model::unitOf(arm_.actuator(i).drive);
+    out << unit.quantity << "_" << i + 1 << "_" << unit.suffix << ",";
   }
   out << "x_m,y_m,z_m";
   for (int k = 0; k < statics::kSensitivities && origin_.sensitivity; ++k) {
@@ -110,8 +110,8 @@ std::string CloudFile::encodeCsv(const statics::WorkspacePoints& points) const {
   std::string out;
   for (int row = 0; row < points.count(); ++row) {
     for (int i = 0; i < arm_.actuatorCount(); ++i) {
-      const bool pressure = arm_.actuator(i).drive == model::Drive::kPressure;
-      append(points.inputs(row, i) / (pressure ? 1e3 : 1.0), kInputDigits, ',', out);
+      const double scale = model::unitOf(arm_.actuator(i).drive).scale;
+      append(points.inputs(row, i) / scale, kInputDigits, ',', out);
     }
     for (int k = 0; k < 3; ++k) {
       append(points.tips(row, k), kTipDigits, k == 2 && !origin_.sensitivity ? '\n' : ',', out);

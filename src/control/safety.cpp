@@ -18,7 +18,6 @@ constexpr std::array<const char*, kSafetyCauseCount> kCauseNames = {
     "none",          "vent_requested", "emergency_stop", "stale_target",
     "stale_reading", "regulator_lost", "over_limit",     "low_supply",
     "not_following", "leak",           "not_venting",    "guard_lost"};
-constexpr std::array<const char*, 3> kActionNames = {"vent", "hold", "close"};
 
 void require(bool holds, const char* what, double value, const char* rule) {
   basics::requireValue(holds, "safety rules", what, value, rule);
@@ -77,7 +76,17 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
 
 const char* nameOf(SafetyState state) { return kStateNames[static_cast<std::size_t>(state)]; }
 const char* nameOf(SafetyCause cause) { return kCauseNames[static_cast<std::size_t>(cause)]; }
-const char* nameOf(FaultAction action) { return kActionNames[static_cast<std::size_t>(action)]; }
+const char* nameOf(FaultAction action) {
+  switch (action) {
+    case FaultAction::kVent:
+      return "vent";
+    case FaultAction::kHold:
+      return "hold";
+    case FaultAction::kClose:
+      return "close";
+  }
+  return "";
+}
 
 void SafetyRules::validate() const {
   require(target_timeout > 0, "target_timeout [s]", target_timeout, "a value > 0");

@@ -226,7 +226,7 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
       }
       for (int i = 0; i < capture.pressure.size(); ++i) {
         const model::Actuator& actuator = arm.arm.actuator(i);
-        if (actuator.drive != model::Drive::kPressure) {
+        if (!model::isPressure(actuator.drive)) {
           return Verdict{Status::kBadData, text(arm.name, ": ", actuator.name,
                                                 " is a tendon; expected pressures alone")};
         }

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "helix_arm/statics/exact.hpp"
@@ -185,9 +187,17 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
       return solver.solve(arm.twistsOfLengths(lengths));
     };
   };
-  return data.tier.tier == statics::Tier::kExact
-             ? statics(statics::ExactArm(arm, load))
-             : statics(statics::LoadedArm(arm, load, data.tier.order));
+  switch (data.tier.tier) {
+    case statics::Tier::kExact:
+      return statics(statics::ExactArm(arm, load));
+    case statics::Tier::kLoaded:
+      return statics(statics::LoadedArm(arm, load, data.tier.order));
+    case statics::Tier::kPlanar:
+    case statics::Tier::kLinear:
+      break;
+  }
+  throw std::logic_error(std::string("tier ") + statics::nameOf(data.tier.tier) +
+                         " finds no shape under load");
 }
 
 void ShapeModel::update(const double* logs, bool derivatives) {

@@ -5,10 +5,12 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <utility>
 
+#include "fit_covariance.hpp"
+#include "fit_noise.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/model/curve.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
@@ -24,84 +26,12 @@ constexpr double kDampingRise = 10.0;
 constexpr double kLeastInformation = 1.0;
 // Steps that promise less than this part of an expected variance are not worth taking.
 constexpr double kConverged = 1e-5;
-// The tags must take this share of the model's prior variance from each entry of the twists, or
-// what they are said to measure would be the model.
-constexpr double kLeastGain = 0.75;
-// Errors whose median is this many of the expected ones raise what is expected of them, in
-// proportion and up to a limit: tags that are off by more are wrong, however many they are.
-constexpr double kNoisy = 1.5;
-constexpr double kMostNoise = 7.0;
-// Where fewer residuals than this are left over, ones as large as expected make up for them.
-constexpr double kLeastFreedom = 4.0;
-// No readings are taken for better than this share of their expected errors' variance.
-constexpr double kLeastVariance = 0.01;
 // A cold search also starts this far to each side [rad], but at no more places than these.
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
 
 void require(bool holds, const char* what, double value, const char* rule) {
   basics::requireValue(holds, "twist fit", what, value, rule);
-}
-
-// What the residuals say of the noise: its variance, in expected ones, and from how many residuals
-// beyond those that the parameters take.
-struct ResidualNoise {
-  double variance, freedom;
-};
-
-// Share of a part of a covariance in the whole, summed over its directions.
-template <class Matrix>
-double sumOfShares(const Matrix& part, const Matrix& whole) {
-  Matrix quotient = part;
-  Eigen::LLT<Matrix>(whole).solveInPlace(quotient);
-  return quotient.trace();
-}
-
-// By how much a covariance whose scale is known from `freedom` residuals only must grow, so that
-// the ellipsoid of 95 % of a chi-square of as many directions does hold 95 %: Hotelling's factor by
-// the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
-double ellipsoidScale(double directions, double freedom) {
-  constexpr double kNormal95 = 1.6449;
-  constexpr double kLambda = (kNormal95 * kNormal95 - 3) / 6;
-  constexpr double kFewest = 2;  // with less the formula is no longer good
-  const double per_direction = 1 / (std::max(directions, kFewest) - 1);
-  const auto logOfQuantile = [per_direction](double per_freedom) {
-    const double h = 2 / (per_direction + per_freedom);
-    return 2 * (kNormal95 * std::sqrt(h + kLambda) / h -
-                (per_direction - per_freedom) * (kLambda + 5.0 / 6 - 2 / (3 * h)));
-  };
-  return std::exp(logOfQuantile(1 / (freedom - 1)) - logOfQuantile(0));
-}
-
-// Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
-// base.
-template <class Matrix>
-Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
-                                const Matrix& covariance) {
-  const int sections = shape.sectionCount(), per_section = shape.piecesPerSection();
-  TagRows<3> rows;
-  rows.by_v.setIdentity();
-  rows.by_w = -lie::skew((X_B0B * model::tipPose(shape)).translation);
-  const int size = static_cast<int>(covariance.rows());
-  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxParameters> J(3, size);
-  J.setZero();
-  lie::SE3 X_B0j = X_B0B;
-  for (int k = 0; k < sections; ++k) {
-    Mover mover = Mover::none();
-    for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
-      mover += Mover(X_B0j, shape.pieces().col(j), 1.0);
-      X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
-    }
-    mover *= 1.0 / per_section;
-    mover.fill(rows, 6 * k, J);
-  }
-  if (free_base) Mover(X_B0B).fill(rows, 6 * sections, J);
-  Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
-  for (int column = 0; column < size; ++column) {
-    const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));
-    out.noalias() += moved * J.col(column).transpose();
-  }
-  return out;
 }
 
 }  // namespace
@@ -170,7 +100,7 @@ struct TwistFitter::Workspace {
       }
     }
     report();
-    reportStatistics(model, system, trial);
+    reportStatistics(model, equations, at, system, trial, result);
   }
 
   void report() {
@@ -180,109 +110,6 @@ struct TwistFitter::Workspace {
     result.bleed = at.bleed;
     result.cost = at.cost;
     result.tags = at.residuals;
-  }
-
-  // Tags that do not fit, and the RMS of the others; returns how many those are.
-  int reportTags(double limit) {
-    double square = 0;
-    int fitting = 0;
-    for (std::size_t i = 0; i < result.tags.size(); ++i) {
-      TagResidual& tag = result.tags[i];
-      tag.outlier = at.squares[i] > limit;
-      if (tag.outlier) continue;
-      square += tag.rms * tag.rms;
-      ++fitting;
-    }
-    result.rms = fitting > 0 ? std::sqrt(square / fitting) : 0;
-    return fitting;
-  }
-
-  // Of errors of normal distribution under a loss that weighs them (Huber, Robust Statistics, 7.6):
-  // the squares that count over the slopes of the equations, by which larger errors count less.
-  ResidualNoise noiseOf(double residuals, double data_parameters) const {
-    double weights = 0, weights2 = 0, squares = 0, slopes = 0, slopes2 = 0;
-    for (std::size_t i = 0; i < result.tags.size(); ++i) {
-      const double weight = result.tags[i].weight;
-      const double radial = weight * (2 * weight - 1);  // across it the slope is the weight
-      weights += weight;
-      weights2 += weight * weight;
-      squares += weight * weight * at.squares[i];
-      slopes += (residuals - 1) * weight + radial;
-      slopes2 += (residuals - 1) * weight * weight + radial * radial;
-    }
-    const double all = residuals * static_cast<double>(result.tags.size());
-    // Tags without weight are none.
-    const double count = residuals * weights * weights / weights2;
-    const double freedom = std::max(0.0, count - data_parameters);
-    const double spread = all * slopes2 / (slopes * slopes) - 1;
-    const double correction = 1 + data_parameters / all * spread;
-    const double square =
-        correction * correction * squares * count * residuals * weights / (slopes * slopes);
-    const double expected = std::max(0.0, kLeastFreedom - freedom);
-    return {std::max(kLeastVariance, (expected + square) / (expected + freedom)),
-            expected + freedom};
-  }
-
-  template <class Model, int kSize>
-  void reportStatistics(const Model& model, const NormalEquations<kSize>& system,
-                        NormalEquations<kSize>& priors) {
-    using Matrix = typename NormalEquations<kSize>::Matrix;
-    const int fitting = reportTags(equations.threshold(model));
-    const auto size = system.gradient.size();
-    priors.gradient.setZero(size);
-    priors.hessian.setZero(size, size);
-    equations.addPriors<Model>(at, priors);
-    Matrix inverse = Matrix::Identity(size, size);
-    Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
-    // Errors of the tags and of the priors, by how much each moves the answer.
-    Matrix from_priors, by_priors;
-    from_priors.noalias() = inverse.lazyProduct(priors.hessian);
-    by_priors.noalias() = from_priors.lazyProduct(inverse);
-    const double data_parameters = static_cast<double>(size) - from_priors.trace();
-    const ResidualNoise noise = noiseOf(model.residuals(), data_parameters);
-    const Matrix by_tags = noise.variance * (inverse - by_priors);
-    const Matrix all = by_tags + by_priors;
-
-    // Of the twists alone.
-    using Part = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
-                               NormalEquations<kSize>::kMax, NormalEquations<kSize>::kMax>;
-    const int twists = 6 * sections();
-    const Part twists_all = all.topLeftCorner(twists, twists);
-    const Part twists_by_tags = by_tags.topLeftCorner(twists, twists);
-    result.covariance = twists_all;
-    if (2 * fitting <= static_cast<int>(result.tags.size())) {
-      result.status = FitStatus::kUnexplained;
-    } else if (result.status == FitStatus::kConverged && !determined(inverse)) {
-      result.status = FitStatus::kUnderdetermined;
-    }
-    const double scale = ellipsoidScale(sumOfShares(twists_by_tags, twists_all), noise.freedom);
-    result.covariance += (scale - 1) * twists_by_tags;
-    for (int entry = 0; entry < twists; ++entry) {
-      if (!equations.held(entry)) continue;
-      result.covariance.row(entry).setZero();
-      result.covariance.col(entry).setZero();
-    }
-    const auto tipOf = [this](const Matrix& covariance) {
-      return tipCovarianceOf(at.X_B0B, at.shape, options().free_base, covariance);
-    };
-    result.tip_covariance = tipOf(all);
-    const Eigen::Matrix3d tip_by_tags = tipOf(by_tags);
-    const double tip_scale =
-        ellipsoidScale(sumOfShares(tip_by_tags, result.tip_covariance), noise.freedom);
-    result.tip_covariance += (tip_scale - 1) * tip_by_tags;
-  }
-
-  // Whether the tags, if they are as good as expected, say something about every entry of the
-  // twists: `covariance` is that of the answer then. Tags that are worse are for residuals to tell.
-  template <class Matrix>
-  bool determined(const Matrix& covariance) const {
-    for (int entry = 0; entry < 6 * sections(); ++entry) {
-      if (equations.held(entry)) continue;
-      const double deviation = equations.modelDeviation(entry);
-      const double left = covariance(entry, entry) / (deviation * deviation);
-      if (!(left < 1 - kLeastGain)) return false;
-    }
-    return true;
   }
 
   template <class Model>
@@ -340,12 +167,9 @@ struct TwistFitter::Workspace {
   template <class Model>
   void adaptToNoise(const Model& model, const std::vector<typename Model::Observation>& seen) {
     if (at.squares.size() != seen.size() || seen.empty()) return;
-    errors.clear();
-    for (const double square : at.squares) errors.push_back(std::sqrt(square / model.residuals()));
-    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-    std::nth_element(errors.begin(), middle, errors.end());
-    if (*middle < kNoisy) return;
-    equations.setNoiseScale(std::min(*middle / kNoisy, kMostNoise));
+    const std::optional<double> scale = noiseScaleOf(at.squares, model.residuals(), errors);
+    if (!scale) return;
+    equations.setNoiseScale(*scale);
     run(model, seen, -1);
   }
 

@@ -3,10 +3,10 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "helix_arm/basics/pi.hpp"
+
 namespace helix_arm::io {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
@@ -14,7 +14,7 @@ Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
 
 }  // namespace
 
-double radians(double degrees) { return degrees * (kPi / 180); }
+double radians(double degrees) { return degrees * (basics::kPi / 180); }
 
 Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
   return turn(rpy_deg[2], Eigen::Vector3d::UnitZ()) * turn(rpy_deg[1], Eigen::Vector3d::UnitY()) *
@@ -28,7 +28,7 @@ Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R) {
   const double c = std::cos(yaw), s = std::sin(yaw);
   const double pitch = std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0));
   const double roll = std::atan2(s * R(0, 2) - c * R(1, 2), c * R(1, 1) - s * R(0, 1));
-  return Eigen::Vector3d(roll, pitch, yaw) * (180 / kPi);
+  return Eigen::Vector3d(roll, pitch, yaw) * (180 / basics::kPi);
 }
 
 std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers) {

@@ -1,6 +1,7 @@
 #include "regulator_reader.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -14,8 +15,8 @@ namespace {
 
 constexpr int kMostSlots = 1024;
 
-regulator::SimulatedRegulatorConfig readSimulated(const Value& value, const std::string& path,
-                                                  FaultList& faults) {
+std::optional<regulator::Config> readSimulated(const Value& value, const std::string& path,
+                                               const ArmParts*, FaultList& faults) {
   const MapReader keys(value, path, {"time_constant_s", "supply_kpa", "noise_kpa", "seed"}, faults);
   regulator::SimulatedRegulatorConfig config;
   config.time_constant = keys.number("time_constant_s", kPositive, config.time_constant);
@@ -113,7 +114,7 @@ void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
   for (int i = 0; i < arm.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm.arm.actuator(i);
     const model::Range& limits = actuator.limits;
-    if (actuator.drive != model::Drive::kPressure) continue;
+    if (!model::isPressure(actuator.drive)) continue;
     if (takes.contains(limits.lower) && takes.contains(limits.upper)) continue;
     keys.complain("profile", "is " + profile.name + ", which takes " +
                                  formatNumber(kilopascals(takes.lower)) + " to " +
@@ -139,13 +140,14 @@ std::optional<regulator::Config> readModbus(const Value& value, const std::strin
   return config;
 }
 
-std::optional<regulator::Config> readKind(const std::string& kind, const Value& value,
-                                          const std::string& path, const ArmParts* arm,
-                                          FaultList& faults) {
-  if (kind == "ascii_serial") return readSerial(value, path, arm, faults);
-  if (kind == "modbus_tcp") return readModbus(value, path, arm, faults);
-  return readSimulated(value, path, faults);
-}
+// What stands under `regulator`, each kind with its reader.
+struct RegulatorKind {
+  const char* key;
+  std::optional<regulator::Config> (*read)(const Value& value, const std::string& path,
+                                           const ArmParts* arm, FaultList& faults);
+};
+constexpr RegulatorKind kKinds[] = {
+    {"simulated", readSimulated}, {"ascii_serial", readSerial}, {"modbus_tcp", readModbus}};
 
 }  // namespace
 
@@ -153,20 +155,23 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Val
                                                const ArmParts* arm, FaultList& faults) {
   const Value* value = document.find("regulator");
   if (value == nullptr) return std::nullopt;
-  const std::vector<std::string> kinds = {"simulated", "ascii_serial", "modbus_tcp"};
-  const MapReader regulator(*value, scene.path("regulator"), kinds, faults);
-  const std::optional<std::string> kind = regulator.exactlyOne(kinds);
+  std::vector<std::string> keys;
+  for (const RegulatorKind& known : kKinds) keys.emplace_back(known.key);
+  const MapReader regulator(*value, scene.path("regulator"), keys, faults);
+  const std::optional<std::string> kind = regulator.exactlyOne(keys);
   if (!kind) return std::nullopt;
+  const RegulatorKind& known = *std::find_if(std::begin(kKinds), std::end(kKinds),
+                                             [&](const auto& one) { return *kind == one.key; });
   const std::size_t before = faults.count();
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm->arm.actuator(i);
-    if (actuator.drive == model::Drive::kPressure) continue;
+    if (model::isPressure(actuator.drive)) continue;
     regulator.complain(*kind,
                        "regulates pressures, but " + actuator.name +
                            " is a tendon; expected an arm of pressure actuators or no regulator");
   }
   std::optional<regulator::Config> config =
-      readKind(*kind, *value->find(*kind), regulator.path(*kind), arm, faults);
+      known.read(*value->find(*kind), regulator.path(*kind), arm, faults);
   if (!config || arm == nullptr || faults.count() != before) return std::nullopt;
   try {
     regulator::makeDriver(*config, arm->arm.actuatorCount());  // made, not connected

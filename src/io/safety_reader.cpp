@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
 
@@ -9,7 +10,21 @@ namespace helix_arm::io {
 namespace {
 
 constexpr double kHardwareSlew = 3e5;  // [Pa/s]
-const std::vector<std::string> kActions = {"vent", "hold", "close"};
+
+control::FaultAction actionNamed(const std::string& word) {
+  for (const control::FaultAction action : control::kFaultActions) {
+    if (word == control::nameOf(action)) return action;
+  }
+  throw std::logic_error("no fault action is named " + word);
+}
+
+std::vector<std::string> actionWords() {
+  std::vector<std::string> words;
+  for (const control::FaultAction action : control::kFaultActions) {
+    words.emplace_back(control::nameOf(action));
+  }
+  return words;
+}
 
 NumberRule seconds(const NumberRule& sign) { return within(sign, 0, 3600, " s"); }
 
@@ -19,10 +34,9 @@ double pressure(const MapReader& keys, const char* key, double fallback) {
 
 std::optional<control::FaultAction> readAction(const MapReader& keys, const std::string& key,
                                                const std::optional<regulator::Config>& regulator) {
-  const std::optional<std::string> word = keys.choice(key, kActions);
+  const std::optional<std::string> word = keys.choice(key, actionWords());
   if (!word) return std::nullopt;
-  const auto place = std::find(kActions.begin(), kActions.end(), *word) - kActions.begin();
-  const auto action = static_cast<control::FaultAction>(place);
+  const control::FaultAction action = actionNamed(*word);
   if (action == control::FaultAction::kClose && regulator && !regulator::closesValves(*regulator)) {
     keys.complain(key, "is close, but the valves of " + regulator::describe(*regulator) +
                            " cannot be closed; expected vent or hold");
@@ -72,7 +86,7 @@ std::vector<control::ChannelRules> channelsOf(const ArmParts* arm) {
   std::vector<control::ChannelRules> channels;
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm->arm.actuator(i);
-    if (actuator.drive != model::Drive::kPressure) return {};
+    if (!model::isPressure(actuator.drive)) return {};
     channels.push_back({actuator.name, actuator.limits});
   }
   return channels;

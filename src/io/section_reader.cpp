@@ -3,13 +3,12 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/number.hpp"
 #include "pose_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
@@ -17,7 +16,7 @@ Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
 
 // A muscle at angle th of the cross-section: its z axis turned outward, its tangent then tilted.
 Eigen::Matrix3d muscleRotation(double th, double tilt) {
-  return rotation(th - kPi / 2, Eigen::Vector3d::UnitX()) *
+  return rotation(th - basics::kPi / 2, Eigen::Vector3d::UnitX()) *
          rotation(-tilt, Eigen::Vector3d::UnitZ());
 }
 
@@ -41,7 +40,7 @@ std::optional<model::Range> readLimits(const MapReader& keys, const std::string&
   for (const auto& [key, limit] : {std::pair{"min_pressure_kpa", &limits.lower},
                                    std::pair{"max_pressure_kpa", &limits.upper}}) {
     if (!keys.has(key)) continue;
-    if (contraction.drive != model::Drive::kPressure) {
+    if (!model::isPressure(contraction.drive)) {
       keys.complain(key, "limits a pressure, but contraction " + contraction_name +
                              " is a tendon; expected its max_angle_rad to be the limit");
       sound = false;
@@ -127,7 +126,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   const std::vector<double> scales =
       readLengthScales(ring, value, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
-    const double th = 2 * kPi * i / static_cast<double>(*count);
+    const double th = 2 * basics::kPi * i / static_cast<double>(*count);
     lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
                  *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
     // In the plane an untilted muscle needs no turn about its own axis, and sin(pi) no rounding

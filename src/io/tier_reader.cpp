@@ -1,5 +1,7 @@
 #include "tier_reader.hpp"
 
+#include "helix_arm/statics/loaded.hpp"
+
 namespace helix_arm::io {
 namespace {
 
@@ -15,14 +17,6 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
   const Value* value = document.find(key);
   if (value == nullptr) return std::nullopt;
   return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
-}
-
-std::optional<statics::Tier> tierOf(const std::string& name) {
-  for (const statics::Tier tier : {statics::Tier::kPlanar, statics::Tier::kLinear,
-                                   statics::Tier::kLoaded, statics::Tier::kExact}) {
-    if (name == statics::nameOf(tier)) return tier;
-  }
-  return std::nullopt;
 }
 
 void checkSceneAllows(const MapReader& scene, statics::Tier tier, bool planar) {
@@ -41,13 +35,13 @@ void checkSceneAllows(const MapReader& scene, statics::Tier tier, bool planar) {
 statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
                                      const ArmParts* arm, FaultList& faults) {
   statics::TierRequest request;
-  std::string tier = "auto";
+  std::string tier = statics::kAutoTier;
   bool known = true;
   if (scene.has("tier")) {
-    const auto word = scene.choice("tier", {"auto", "planar", "linear", "loaded", "exact"});
+    const auto word = scene.choice("tier", statics::tierWords());
     known = word.has_value();
     tier = word.value_or(tier);
-    request.tier = tierOf(tier);
+    request.tier = statics::tierNamed(tier);
   }
   if (request.tier && arm) checkSceneAllows(scene, *request.tier, arm->planar.has_value());
   if (scene.has("order")) {
@@ -67,7 +61,7 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
   if (scene.has("accuracy") && scene.has("budget")) {
     scene.complain("budget", "stands beside accuracy; expected one of the two");
   }
-  const bool chosen = tier != "auto" && (tier != "loaded" || scene.has("order"));
+  const bool chosen = tier != statics::kAutoTier && (tier != "loaded" || scene.has("order"));
   for (const char* key : {"accuracy", "budget"}) {
     if (!scene.has(key) || !known || !chosen) continue;
     const std::string what = tier + (tier == "loaded" ? " with an order" : "");

@@ -116,9 +116,10 @@ void ArmOf<Group>::refuse(const InputRef& q) const {
   for (int i = 0; i < actuatorCount(); ++i) {
     const Range& limits = actuators_[i].limits;
     if (limits.contains(q[i])) continue;
+    const DriveUnit unit = unitOf(actuators_[i].drive);
     message << actuators_[i].name << " is asked for " << q[i] << "; its limits are ["
-            << limits.lower << ", " << limits.upper << "] "
-            << (actuators_[i].drive == Drive::kPressure ? "Pa (gauge)" : "rad");
+            << limits.lower << ", " << limits.upper << "] " << unit.si
+            << (unit.pressure ? " (gauge)" : "");
     break;
   }
   throw std::out_of_range(message.str());

@@ -143,7 +143,7 @@ std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera
 
 void requirePressures(const std::string& file, const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    if (arm.actuator(i).drive == model::Drive::kPressure) continue;
+    if (model::isPressure(arm.actuator(i).drive)) continue;
     refuse(file, "gives pressures, but actuator " + arm.actuator(i).name +
                      " of the scene is a tendon; expected an arm of pressure actuators");
   }

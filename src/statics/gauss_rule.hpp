@@ -3,6 +3,8 @@
 #include <Eigen/Core>
 #include <cmath>
 
+#include "helix_arm/basics/pi.hpp"
+
 namespace helix_arm::statics {
 
 /// Gauss-Legendre points on [0, 1], and the integrals of the polynomials through them.
@@ -49,8 +51,7 @@ class GaussRule {
  private:
   GaussRule() {
     for (int j = 0; j < kNodes; ++j) {
-      constexpr double kPi = 3.14159265358979323846;
-      double x = -std::cos(kPi * (j + 0.75) / (kNodes + 0.5));
+      double x = -std::cos(basics::kPi * (j + 0.75) / (kNodes + 0.5));
       double slope = 0.0;
       for (int i = 0; i < 8; ++i) {
         double P[kNodes + 1];

@@ -1,5 +1,6 @@
 #include "inverse_task.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 
 #include "helix_arm/model/curve.hpp"
@@ -7,6 +8,8 @@
 
 namespace helix_arm::statics {
 namespace {
+
+constexpr double kMapRankTolerance = 1e-9;
 
 void giveUp(Eigen::VectorXd& residual, Eigen::MatrixXd& jacobian) {
   residual.setConstant(kNoBalance);
@@ -19,7 +22,14 @@ using lie::SE3;
 using lie::Vector6;
 
 InverseTask::InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight)
-    : arm_(&arm), loaded_(loaded), rotation_weight_(rotation_weight) {}
+    : arm_(&arm), loaded_(loaded), rotation_weight_(rotation_weight) {
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    // Of the map, not of A: an untilted ring can shear and twist, but its muscles cannot make it.
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(arm.equilibrium(k).map);
+    qr.setThreshold(kMapRankTolerance);
+    map_rank_ += static_cast<int>(qr.rank());
+  }
+}
 
 void InverseTask::setPosition(const Eigen::Vector3d& position) {
   kind_ = Kind::kPosition;

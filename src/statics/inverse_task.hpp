@@ -30,6 +30,8 @@ class InverseTask {
   /// Rows of the residual: 3, 6, or 6 a section.
   int rows() const { return rows_; }
   int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
+  /// Whether the arm has more actuators than the target takes.
+  bool hasSpareActuators() const { return arm_->actuatorCount() > std::min(rows_, map_rank_); }
 
   /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. kNoBalance in
   /// every row where the load finds no balance.
@@ -62,6 +64,7 @@ class InverseTask {
   const model::Arm* arm_;
   const ArmModel* loaded_;
   double rotation_weight_;
+  int map_rank_ = 0;  // independent motions of all sections together
   Kind kind_ = Kind::kPosition;
   int rows_ = 3;
   lie::SE3 pose_;  // of the tip that is wanted, whatever the kind

@@ -116,7 +116,7 @@ Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
     const auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
     const TipOf<Group> found = relaxation.result();
-    return Solution{relaxation.shape(static_cast<int>(unloaded.cols())), inSpace(found.tip),
+    return Solution{relaxation.shape(static_cast<int>(unloaded.cols())), lie::inSpace(found.tip),
                     found.status, found.residual, found.iterations};
   });
 }

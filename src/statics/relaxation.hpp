@@ -1,11 +1,9 @@
 #pragma once
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <vector>
 
 #include "anderson.hpp"
@@ -13,6 +11,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "krylov.hpp"
 #include "loaded_limits.hpp"
 #include "twist_near.hpp"
 #include "wrench.hpp"
@@ -28,9 +27,7 @@ inline constexpr double kTrustedStep = 0.02;
 // Turn of a section against its shape without load, beyond which its coordinates fold back [rad].
 inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
-inline constexpr double kNoWork = 1e-9;      // of a wrench on a null space, relative to the load's
-inline constexpr int kKrylov = 8;            // motions that stability is judged by
-inline constexpr double kKrylovStep = 1e-6;  // of them, relative to the arm's size and one radian
+inline constexpr double kNoWork = 1e-9;  // of a wrench on a null space, relative to the load's
 
 // What a shape is taken to be off by without another solution may be this part of what its order
 // states; beyond it the shape is compared with a finer one.
@@ -45,15 +42,6 @@ inline constexpr double kTurnOfOneStep = 20.0;
 inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;
-
-using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
-                                 kKrylov + 1, kKrylov + 1>;
-
-// The largest real part of the eigenvalues; infinite where they are not known.
-inline double largestEigenvalue(const Projection& H) {
-  if (!H.allFinite()) return std::numeric_limits<double>::infinity();
-  return Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().maxCoeff();
-}
 
 /// One solution of the loaded tier, at so many Gauss points an element. Everything lives on the
 /// stack.
@@ -163,7 +151,7 @@ class LoadedArmOf<Group>::Relaxation {
       const lie::SE3 X = place.at(piece / kLoadedPieces,
                                   static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
       const Eigen::Vector3d turn =
-          inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
+          lie::inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
       pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
       before = X;
     }
@@ -197,7 +185,7 @@ class LoadedArmOf<Group>::Relaxation {
         ++e;
       }
       const Element& element = elements[e];
-      return inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
+      return lie::inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
     }
   };
 
@@ -348,33 +336,17 @@ class LoadedArmOf<Group>::Relaxation {
   // By how much the load answers a change of strain with more of it: the largest eigenvalue of the
   // iteration's derivative, in a Krylov space (Arnoldi).
   [[gnu::noinline]] double amplification() {
-    using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
-                                kRates * kMaxElements, kKrylov + 1>;
     Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
     evaluate(answer);
-    const int size = static_cast<int>(found.size());
-    int count = std::min(kKrylov, size);
-    Basis basis(size, count + 1);
-    // A motion of all kinds at all places.
-    for (int i = 0; i < size; ++i) basis(i, 0) = std::sin(1.0 + 2.0 * i * i);
-    basis.col(0).normalize();
-    Projection H = Projection::Zero(count + 1, count + 1);
-    for (int j = 0; j < count; ++j) {
-      flat(rates_) = flat(found) + kKrylovStep * basis.col(j).cwiseQuotient(flat(weight));
-      evaluate(moved);
-      auto next = basis.col(j + 1);
-      next = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / kKrylovStep;
-      for (int i = 0; i <= j; ++i) {
-        H(i, j) = basis.col(i).dot(next);
-        next -= H(i, j) * basis.col(i);
-      }
-      H(j + 1, j) = next.norm();
-      if (!(H(j + 1, j) > kKrylovStep)) count = j + 1;
-      next /= H(j + 1, j);
-    }
+    const double largest = krylov::largestEigenvalue<kRates * kMaxElements>(
+        static_cast<int>(found.size()), [&](const auto& motion, auto& change) {
+          flat(rates_) = flat(found) + krylov::kStep * motion.cwiseQuotient(flat(weight));
+          evaluate(moved);
+          change = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / krylov::kStep;
+        });
     rates_ = found;
     place();
-    return largestEigenvalue(H.topLeftCorner(count, count));
+    return largest;
   }
 
   bool supported() const {

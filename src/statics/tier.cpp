@@ -189,7 +189,7 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
     if (nearest.empty() || choice.tip_error < least) nearest = choice.reason;
     least = std::min(least, choice.tip_error);
   }
-  const std::string tier = request.tier ? nameOf(*request.tier) : "auto";
+  const std::string tier = request.tier ? nameOf(*request.tier) : kAutoTier;
   basics::require(request.tip_error.has_value(), "tier: ", tier, " does not keep within the ",
                   percent(allowed), " that count where accuracy is not given; ", nearest,
                   "; use tier: exact, or give accuracy.tip_error_percent");
@@ -244,9 +244,34 @@ const char* nameOf(Tier tier) {
     case Tier::kLoaded:
       return "loaded";
     case Tier::kExact:
-      break;
+      return "exact";
   }
-  return "exact";
+  return "";
+}
+
+std::optional<Tier> tierNamed(const std::string& word) {
+  for (const Tier tier : kTiers) {
+    if (word == nameOf(tier)) return tier;
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> tierWords() {
+  std::vector<std::string> words = {kAutoTier};
+  for (const Tier tier : kTiers) words.emplace_back(nameOf(tier));
+  return words;
+}
+
+bool takesLoad(Tier tier) {
+  switch (tier) {
+    case Tier::kPlanar:
+    case Tier::kLinear:
+      return false;
+    case Tier::kLoaded:
+    case Tier::kExact:
+      return true;
+  }
+  return false;
 }
 
 std::string TierSetting::name() const {

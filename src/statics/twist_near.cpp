@@ -3,12 +3,13 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/coefficients.hpp"
 
 namespace helix_arm::statics {
 
 lie::Vector6 twistNear(const lie::SE3& X, const Eigen::Vector3d& near) {
-  constexpr double kTurn = 6.283185307179586;
+  constexpr double kTurn = 2 * basics::kPi;
   const lie::Vector6 xi = X.log();
   const double angle = xi.tail<3>().norm();
   const double along = angle > 0 ? near.dot(xi.tail<3>()) / angle : 0.0;

@@ -59,7 +59,7 @@ Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
   if (!options_.sensitivity) return;
   for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
     const model::Actuator& actuator = model_.arm().actuator(i);
-    basics::require(actuator.drive == model::Drive::kPressure, "sensitivity: it is per kPa, and ",
+    basics::require(model::isPressure(actuator.drive), "sensitivity: it is per kPa, and ",
                     actuator.name, " is a tendon; leave it out");
   }
   stiffer_ = stifferModels(model_);

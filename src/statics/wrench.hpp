@@ -63,9 +63,4 @@ typename Group::Tangent seenFrom(const Group& X, const typename Group::Tangent& 
   return out;
 }
 
-inline const lie::SE3& inSpace(const lie::SE3& X) { return X; }
-inline lie::SE3 inSpace(const lie::SE2& X) { return lie::embed(X); }
-inline const lie::Vector6& inSpace(const lie::Vector6& twist) { return twist; }
-inline lie::Vector6 inSpace(const lie::SE2::Tangent& twist) { return lie::embed(twist); }
-
 }  // namespace helix_arm::statics

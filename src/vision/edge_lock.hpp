@@ -1,26 +1,13 @@
 #pragma once
 
-#include <cstdint>
 #include <optional>
 
 #include <opencv2/core.hpp>
 
+#include "closed_border.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {
-
-/// The cells of one tag of a family with a closed border.
-struct TagPattern {
-  int cells;            ///< along a side of the border's outer edge
-  std::uint64_t white;  ///< those within the border, row by row from above, the first in bit 0
-};
-
-/// Whether the family's tags have all their bits within a black border, on white: only those can be
-/// found by their edges.
-bool hasClosedBorder(const TagFamily& family);
-
-/// @throws std::out_of_range on an unknown id.
-TagPattern patternOf(const TagFamily& family, int id);
 
 /// Finds one tag by the edges of its border, and makes sure of it: the border is black all around,
 /// the bits are the tag's, and the edges between its cells lie where the corners put them.

@@ -3,13 +3,14 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "helix_arm/basics/pi.hpp"
 #include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 // The planar arm in closed form: muscles at y = +-r, minimum of sum (v - w y_i - l_i)^2 + K_kappa
 // w^2.

@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "support/random.hpp"
@@ -19,7 +20,7 @@ using test::kLoadedScene;
 using test::kPlanarScene;
 using test::kSpatialScene;
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 Provenance provenance() {
   return {"2026-01-31T12:00:00Z",

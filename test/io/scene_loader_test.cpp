@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "support/scene_text.hpp"
@@ -15,7 +16,7 @@ using test::kPlanarScene;
 using test::kSpatialScene;
 using test::replaced;
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 constexpr double kTolerance = 1e-15;
 
 Scene load(const std::string& text, const std::vector<Override>& overrides = {}) {

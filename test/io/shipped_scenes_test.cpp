@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -20,7 +21,7 @@
 namespace helix_arm::io {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 constexpr double kPsi = 6894.76;  // as the experiments counted: 60 psi are 413.6856 kPa [Pa]
 constexpr double kMaxPressure = 413685.6;
 

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/coefficients.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -16,7 +17,7 @@ namespace {
 using test::kEps;
 using test::RealMatrix;
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 struct Worst {
   double rotation = 0.0;     // largest entry, in eps of 1

@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "log_coefficient.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
@@ -15,7 +16,7 @@ namespace {
 
 using test::Real;
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 // Definitions, by their series where the quotients cancel.
 struct Reference {

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "support/random.hpp"
@@ -10,7 +11,7 @@
 namespace helix_arm::lie {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 
 // The laws every Lie group obeys, at twists of three regimes: tiny, ordinary and near a half turn.
 template <class Group>

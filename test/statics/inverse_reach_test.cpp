@@ -10,6 +10,8 @@
 namespace helix_arm::statics {
 namespace {
 
+using model::Twists;
+
 void expectWithinLimits(const model::Arm& arm, const Eigen::VectorXd& q) {
   for (int i = 0; i < q.size(); ++i) ASSERT_TRUE(arm.actuator(i).limits.contains(q[i])) << q[i];
 }

@@ -6,12 +6,14 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/batch.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/paper_arm.hpp"
+#include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
 namespace {
+
+using model::Twists;
 
 double preferenceCost(const model::Arm& arm, const Eigen::VectorXd& q,
                       const Eigen::VectorXd& reference) {
@@ -162,19 +164,7 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
   // Against the closest of 2 million tips sampled within the limits.
   for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
     const model::Arm arm = test::ringArm(ring);
-    constexpr int kPerAxis = 126;
-    std::vector<double> q[3], x, y, z;
-    for (int i = 0; i < kPerAxis * kPerAxis * kPerAxis; ++i) {
-      int rest = i;
-      for (auto& axis : q) {
-        axis.push_back(test::kMaxPressure * (rest % kPerAxis) / (kPerAxis - 1));
-        rest /= kPerAxis;
-      }
-    }
-    const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
-    const std::size_t count = q[0].size();
-    x.resize(count), y.resize(count), z.resize(count);
-    model::batchTips(arm, inputs, count, x.data(), y.data(), z.data());
+    const test::TipGrid tips(arm, 126);
 
     InverseSolver solver(arm);
     test::Random random(103);
@@ -183,8 +173,8 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
       const Eigen::Vector3d target =
           Eigen::Vector3d(0.25, 0, 0) + random.uniform(0.1, 0.6) * random.direction<3>();
       double sampled = std::numeric_limits<double>::infinity();
-      for (std::size_t j = 0; j < count; ++j) {
-        sampled = std::min(sampled, (Eigen::Vector3d(x[j], y[j], z[j]) - target).squaredNorm());
+      for (std::size_t j = 0; j < tips.count(); ++j) {
+        sampled = std::min(sampled, (tips.tip(j) - target).squaredNorm());
       }
       sampled = std::sqrt(sampled);
       const InverseResult result = solver.toPosition(target, arm.inputAt(0.5));

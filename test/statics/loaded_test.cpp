@@ -13,6 +13,8 @@
 namespace helix_arm::statics {
 namespace {
 
+using model::Twists;
+
 using test::Posture;
 
 model::Arm randomArm(int sections, test::Random& random) {

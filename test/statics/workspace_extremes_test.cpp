@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/model/batch.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"
+#include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -54,22 +54,11 @@ TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGri
   const test::Ring curling{3, 0.006, 0.0, {10.0, 0.0, 1e-6}};
   for (const test::Ring& ring : {test::straightRing(), test::helicalRing(), curling}) {
     const model::Arm arm = test::ringArm(ring);
-    constexpr int kPerAxis = 101;
-    std::vector<double> q[3], x, y, z;
-    for (int i = 0; i < kPerAxis * kPerAxis * kPerAxis; ++i) {
-      int rest = i;
-      for (auto& axis : q) {
-        axis.push_back(test::kMaxPressure * (rest % kPerAxis) / (kPerAxis - 1));
-        rest /= kPerAxis;
-      }
-    }
-    const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
-    x.resize(q[0].size()), y.resize(x.size()), z.resize(x.size());
-    model::batchTips(arm, inputs, x.size(), x.data(), y.data(), z.data());
+    const test::TipGrid tips(arm, 101);
     double grid[WorkspaceExtremes::kCount];
     std::fill(std::begin(grid), std::end(grid), -1e9);
-    for (std::size_t j = 0; j < x.size(); ++j) {
-      const Eigen::Vector3d tip(x[j], y[j], z[j]);
+    for (std::size_t j = 0; j < tips.count(); ++j) {
+      const Eigen::Vector3d tip = tips.tip(j);
       const double extents[] = {-tip.x(), -tip.y(), -tip.z(),  tip.x(),
                                 tip.y(),  tip.z(),  tip.norm()};
       for (int k = 0; k < WorkspaceExtremes::kCount; ++k) grid[k] = std::max(grid[k], extents[k]);

@@ -6,12 +6,13 @@
 #include <utility>
 #include <vector>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::test {
 
-inline constexpr double kPi = 3.14159265358979323846;
+using basics::kPi;
 inline constexpr double kPsi = 6894.757293168;     // [Pa]
 inline constexpr double kMaxPressure = 60 * kPsi;  // [Pa]
 

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include "helix_arm/basics/pi.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/random.hpp"
 #include "support/tag_picture.hpp"
@@ -27,7 +28,7 @@ using vision::TagTracker;
 using vision::TrackingMode;
 using vision::TrackResult;
 
-constexpr double kPi = 3.141592653589793;
+using basics::kPi;
 constexpr double kFalseLock = 0.5;  // [px]
 
 const TagFamily& family() {

@@ -55,6 +55,9 @@ enum class FaultAction : std::uint8_t {
   kHold,   ///< keeps its set point for SafetyRules::hold_time, then vents
   kClose,  ///< closes its valves for SafetyRules::hold_time, then vents
 };
+/// All of them. A new action belongs here, too.
+inline constexpr FaultAction kFaultActions[] = {FaultAction::kVent, FaultAction::kHold,
+                                                FaultAction::kClose};
 
 /// "disabled", "enabled", "fault" or "vented".
 const char* nameOf(SafetyState state);

@@ -41,4 +41,10 @@ SE3 embed(const SE2& X);
 Vector6 embed(const SE2::Tangent& xi);
 SE2::Tangent project(const Vector6& xi);
 
+/// A pose or twist of either group as one of space.
+inline const SE3& inSpace(const SE3& X) { return X; }
+inline SE3 inSpace(const SE2& X) { return embed(X); }
+inline const Vector6& inSpace(const Vector6& twist) { return twist; }
+inline Vector6 inSpace(const SE2::Tangent& twist) { return embed(twist); }
+
 }  // namespace helix_arm::lie

@@ -26,6 +26,30 @@ enum class Drive {
   kTendon,    ///< a tendon; q is the angle of its spool [rad]
 };
 
+/// How the input of a kind of drive is written. Inputs are in SI units everywhere inside.
+struct DriveUnit {
+  bool pressure;          ///< whether the input is a pressure
+  const char* quantity;   ///< of columns, as in "pressure_1_pa"
+  const char* si;         ///< SI unit: "Pa"
+  const char* si_suffix;  ///< of columns in SI: "pa"
+  const char* shown;      ///< unit that people write and read: "kPa"
+  const char* suffix;     ///< of YAML keys and of columns in that unit: "kpa"
+  double scale;           ///< SI units in one of those
+};
+
+/// The unit of each kind of drive. A new kind gets a case here.
+constexpr DriveUnit unitOf(Drive drive) {
+  switch (drive) {
+    case Drive::kPressure:
+      return {true, "pressure", "Pa", "pa", "kPa", "kpa", 1e3};
+    case Drive::kTendon:
+      return {false, "input", "rad", "rad", "rad", "rad", 1.0};
+  }
+  return {};
+}
+
+constexpr bool isPressure(Drive drive) { return unitOf(drive).pressure; }
+
 /// One actuator of a section.
 template <class Group>
 struct ActuatorOf {

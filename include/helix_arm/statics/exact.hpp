@@ -51,8 +51,8 @@ class ExactArm {
   std::vector<model::CurvePoint<lie::SE3>> curve(const model::Twists& unloaded, int count) const;
 
  private:
-  class Rod;
-  std::shared_ptr<const Rod> rod_;  // immutable, so that copies and threads share it
+  class Statics;
+  std::shared_ptr<const Statics> statics_;  // immutable, so that copies and threads share it
 };
 
 }  // namespace helix_arm::statics

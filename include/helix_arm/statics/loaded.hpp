@@ -7,9 +7,12 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/solution.hpp"
-#include "helix_arm/statics/tier.hpp"
 
 namespace helix_arm::statics {
+
+/// Orders of the loaded tier: degree of the strain's polynomials.
+inline constexpr int kLeastOrder = 2;
+inline constexpr int kMostOrder = 8;
 
 /// Pieces that a loaded section's shape is given in.
 inline constexpr int kLoadedPieces = 8;

@@ -16,21 +16,27 @@ enum class Tier {
   kLoaded,  ///< strain in Legendre modes up to an order
   kExact,   ///< shooting, to the tolerance of its integration
 };
+/// All of them, from the cheapest to the dearest. A new tier belongs here, too.
+inline constexpr Tier kTiers[] = {Tier::kPlanar, Tier::kLinear, Tier::kLoaded, Tier::kExact};
+
 /// "planar", "linear", "loaded" or "exact".
 const char* nameOf(Tier tier);
+/// The tier of such a word; nothing where it is none of them.
+std::optional<Tier> tierNamed(const std::string& word);
+
+/// What asks for no tier, where the words of tiers stand.
+inline constexpr char kAutoTier[] = "auto";
+/// kAutoTier and the words of all tiers.
+std::vector<std::string> tierWords();
 
 /// Whether the tier computes what a load does: loaded and exact.
-inline bool takesLoad(Tier tier) { return tier == Tier::kLoaded || tier == Tier::kExact; }
-
-/// Orders of the loaded tier: degree of the strain's polynomials.
-inline constexpr int kLeastOrder = 2;
-inline constexpr int kMostOrder = 8;
+bool takesLoad(Tier tier);
 
 /// What a user asks for. With neither tier, tip error nor time: the cheapest tier that the scene
 /// requires, and under load one that errs by kUsualTipError at most.
 struct TierRequest {
   std::optional<Tier> tier;  ///< none: auto
-  std::optional<int> order;  ///< of Tier::kLoaded, kLeastOrder .. kMostOrder
+  std::optional<int> order;  ///< of Tier::kLoaded, as LoadedArmOf has them
   std::optional<double>
       tip_error;               ///< largest error of the tip, as a part of the arm's length, > 0
   std::optional<double> time;  ///< longest time of a solution, the mean over the samples [s], > 0

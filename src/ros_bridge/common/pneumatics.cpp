@@ -8,7 +8,7 @@ io::Scene requirePneumatic(io::Scene scene) {
   std::string faults;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = scene.arm.actuator(i);
-    if (actuator.drive == model::Drive::kPressure) continue;
+    if (model::isPressure(actuator.drive)) continue;
     faults += "\n" + actuator.name + " is a tendon; expected muscles and bellows only";
   }
   if (!faults.empty()) {

@@ -8,6 +8,7 @@
 
 #include <ros/names.h>
 
+#include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -21,12 +22,6 @@
 
 namespace helix_arm::ros_bridge {
 namespace {
-
-double medianOf(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 constexpr std::size_t kMostErrors = 100000;    // an hour's at 30 Hz
 constexpr std::size_t kLongestMessage = 1000;  // of another node
@@ -271,7 +266,7 @@ int MonitorNode::finish() {
     std::printf("%s %.1f Hz", shape_.topic.c_str(), shape_.rate());
     if (!tip_errors_.empty()) {
       std::printf(", model off by %.1f mm at the tip (median of %lu)",
-                  1e3 * medianOf({tip_errors_.begin(), tip_errors_.end()}),
+                  1e3 * basics::medianOf({tip_errors_.begin(), tip_errors_.end()}),
                   static_cast<unsigned long>(tip_errors_.size()));
     }
     std::printf("\n");

@@ -21,7 +21,7 @@ constexpr double kPeriod = 1e-3;  // between pieces, to look at what else there 
 
 bool allPressures(const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    if (arm.actuator(i).drive != model::Drive::kPressure) return false;
+    if (!model::isPressure(arm.actuator(i).drive)) return false;
   }
   return true;
 }

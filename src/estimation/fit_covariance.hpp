@@ -1,0 +1,130 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include "fit_noise.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "twist_equations.hpp"
+
+/// Covariance of a twist fit: from the errors of the tags, whose scale the residuals show, and of
+/// the priors.
+namespace helix_arm::estimation {
+
+/// Share of the model's prior variance that the tags must take from each entry of the twists, or
+/// what they are said to measure would be the model.
+inline constexpr double kLeastGain = 0.75;
+
+/// Share of a part of a covariance in the whole, summed over its directions.
+template <class Matrix>
+double sumOfShares(const Matrix& part, const Matrix& whole) {
+  Matrix quotient = part;
+  Eigen::LLT<Matrix>(whole).solveInPlace(quotient);
+  return quotient.trace();
+}
+
+/// By how much a covariance whose scale is known from `freedom` residuals only must grow, so that
+/// the ellipsoid of 95 % of a chi-square of as many directions does hold 95 %: Hotelling's factor
+/// by the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
+double ellipsoidScale(double directions, double freedom);
+
+/// Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
+/// base.
+template <class Matrix>
+Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
+                                const Matrix& covariance) {
+  const int sections = shape.sectionCount(), per_section = shape.piecesPerSection();
+  TagRows<3> rows;
+  rows.by_v.setIdentity();
+  rows.by_w = -lie::skew((X_B0B * model::tipPose(shape)).translation);
+  const int size = static_cast<int>(covariance.rows());
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxParameters> J(3, size);
+  J.setZero();
+  lie::SE3 X_B0j = X_B0B;
+  for (int k = 0; k < sections; ++k) {
+    Mover mover = Mover::none();
+    for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
+      mover += Mover(X_B0j, shape.pieces().col(j), 1.0);
+      X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
+    }
+    mover *= 1.0 / per_section;
+    mover.fill(rows, 6 * k, J);
+  }
+  if (free_base) Mover(X_B0B).fill(rows, 6 * sections, J);
+  Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
+  for (int column = 0; column < size; ++column) {
+    const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));
+    out.noalias() += moved * J.col(column).transpose();
+  }
+  return out;
+}
+
+/// Whether the tags, if they are as good as expected, say something about every entry of the
+/// twists: `covariance` is that of the answer then. Tags that are worse are for residuals to tell.
+template <class Matrix>
+bool determined(const TwistEquations& equations, const Matrix& covariance) {
+  for (int entry = 0; entry < 6 * equations.sections(); ++entry) {
+    if (equations.held(entry)) continue;
+    const double deviation = equations.modelDeviation(entry);
+    const double left = covariance(entry, entry) / (deviation * deviation);
+    if (!(left < 1 - kLeastGain)) return false;
+  }
+  return true;
+}
+
+/// Fills in what follows from the equations where a search ended: outliers, RMS, covariances, and
+/// the status where the tags do not explain or determine the twists.
+///
+/// @param at      where the search ended. @param system  the normal equations there.
+/// @param priors  work space.
+template <class Model, int kSize>
+void reportStatistics(const Model& model, const TwistEquations& equations, const FitPoint& at,
+                      const NormalEquations<kSize>& system, NormalEquations<kSize>& priors,
+                      TwistFit& result) {
+  using Matrix = typename NormalEquations<kSize>::Matrix;
+  const int fitting = markOutliers(at.squares, equations.threshold(model), result);
+  const auto size = system.gradient.size();
+  priors.gradient.setZero(size);
+  priors.hessian.setZero(size, size);
+  equations.addPriors<Model>(at, priors);
+  Matrix inverse = Matrix::Identity(size, size);
+  Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
+  // Errors of the tags and of the priors, by how much each moves the answer.
+  Matrix from_priors, by_priors;
+  from_priors.noalias() = inverse.lazyProduct(priors.hessian);
+  by_priors.noalias() = from_priors.lazyProduct(inverse);
+  const double data_parameters = static_cast<double>(size) - from_priors.trace();
+  const ResidualNoise noise = noiseOf(result, at.squares, model.residuals(), data_parameters);
+  const Matrix by_tags = noise.variance * (inverse - by_priors);
+  const Matrix all = by_tags + by_priors;
+
+  // Of the twists alone.
+  using Part = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                             NormalEquations<kSize>::kMax, NormalEquations<kSize>::kMax>;
+  const int twists = 6 * equations.sections();
+  const Part twists_all = all.topLeftCorner(twists, twists);
+  const Part twists_by_tags = by_tags.topLeftCorner(twists, twists);
+  result.covariance = twists_all;
+  if (2 * fitting <= static_cast<int>(result.tags.size())) {
+    result.status = FitStatus::kUnexplained;
+  } else if (result.status == FitStatus::kConverged && !determined(equations, inverse)) {
+    result.status = FitStatus::kUnderdetermined;
+  }
+  const double scale = ellipsoidScale(sumOfShares(twists_by_tags, twists_all), noise.freedom);
+  result.covariance += (scale - 1) * twists_by_tags;
+  for (int entry = 0; entry < twists; ++entry) {
+    if (!equations.held(entry)) continue;
+    result.covariance.row(entry).setZero();
+    result.covariance.col(entry).setZero();
+  }
+  const auto tipOf = [&](const Matrix& covariance) {
+    return tipCovarianceOf(at.X_B0B, at.shape, equations.options().free_base, covariance);
+  };
+  result.tip_covariance = tipOf(all);
+  const Eigen::Matrix3d tip_by_tags = tipOf(by_tags);
+  const double tip_scale =
+      ellipsoidScale(sumOfShares(tip_by_tags, result.tip_covariance), noise.freedom);
+  result.tip_covariance += (tip_scale - 1) * tip_by_tags;
+}
+
+}  // namespace helix_arm::estimation

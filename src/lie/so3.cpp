@@ -1,0 +1,25 @@
+#include "helix_arm/lie/so3.hpp"
+
+#include <cmath>
+
+#include "so3_switch.hpp"
+
+namespace helix_arm::lie {
+
+SO3 SO3::exp(const Eigen::Vector3d& w) {
+  const double angle = w.norm();
+  const double sinc = angle > kSo3ExpSwitch ? std::sin(0.5 * angle) / angle : 0.5;
+  SO3 R;
+  R.quaternion.w() = std::cos(0.5 * angle);
+  R.quaternion.vec() = sinc * w;
+  return R;
+}
+
+Eigen::Vector3d SO3::log() const {
+  Eigen::Quaterniond q = quaternion;
+  if (q.w() < 0) q.coeffs() *= -1.0;
+  const double sine = q.vec().norm();
+  return (sine > kSo3LogSwitch ? 2.0 * std::atan2(sine, q.w()) / sine : 2.0) * q.vec();
+}
+
+}  // namespace helix_arm::lie

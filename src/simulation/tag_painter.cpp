@@ -1,0 +1,153 @@
+#include "tag_painter.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+using Areas = TagPattern::Areas;
+
+// Gray levels of paper and ink in full light.
+constexpr double kWhite = 222, kBlack = 34;
+// A face turned away from the camera, where the light is, still gets this much of it.
+constexpr double kAmbientLight = 0.65;
+constexpr double kMostCells = 1e3;      // from a tag's corner to a pixel that may show it
+constexpr int kOutlinePoints = 8;       // a side of a tag, as distortion bends it
+constexpr double kOutlineMargin = 2.0;  // that these may miss [px]
+
+cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
+  cv::Mat out(camera.height + 1, camera.width + 1, CV_32FC2);
+  const float unseen = std::numeric_limits<float>::quiet_NaN();
+  for (int y = 0; y < out.rows; ++y) {
+    auto* row = out.ptr<cv::Vec2f>(y);
+    for (int x = 0; x < out.cols; ++x) {
+      const auto direction = camera.directionOf({x - 0.5, y - 0.5});
+      row[x] = direction ? cv::Vec2f(static_cast<float>(direction->x()),
+                                     static_cast<float>(direction->y()))
+                         : cv::Vec2f(unseen, unseen);
+    }
+  }
+  return out;
+}
+
+// The mean of the card over a pixel is painted where the pixel shows nothing but card, and mixed in
+// where it shows less.
+void paintPixel(const Areas& areas, double light, uchar& pixel) {
+  if (areas.whole == 0) return;
+  const double card = std::clamp(areas.card / areas.whole, 0.0, 1.0);
+  const double white = std::clamp(areas.white / areas.whole, 0.0, card);
+  const double gray = light * (kWhite * white + kBlack * (card - white)) + (1 - card) * pixel;
+  pixel = static_cast<uchar>(gray + 0.5);
+}
+
+}  // namespace
+
+TagPainter::TagPainter(const estimation::ArmView& view, const vision::TagFamily& family,
+                       double bleed)
+    : camera_(view.camera),
+      cell_(view.layout.size / family.borderCells()),
+      cells_(family.borderCells() + 2 * family.quietCells()) {
+  basics::requireValue(bleed < 0.5 * cell_, kSimulatedCamera, "the bleed [m]", bleed,
+                       "less than half a cell of the tags");
+  for (const estimation::TagPlacement& tag : view.layout.tags) {
+    basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
+                         "one that the family of the tags has");
+    patterns_.emplace_back(family.cells(tag.id), bleed / cell_);
+  }
+  directions_ = directionsAtPixelCorners(camera_);
+}
+
+cv::Rect TagPainter::boxOf(const lie::SE3& X_CT) const {
+  const cv::Rect whole(0, 0, camera_.width, camera_.height);
+  const double half = 0.5 * cells_ * cell_;
+  Eigen::Vector2d least = Eigen::Vector2d::Constant(kFarOff), most = -least;
+  for (int i = 0; i < 4 * kOutlinePoints; ++i) {
+    const double along = 2.0 * (i % kOutlinePoints) / kOutlinePoints - 1;
+    const Eigen::Vector3d side[] = {{along, -1, 0}, {1, along, 0}, {-along, 1, 0}, {-1, -along, 0}};
+    const auto pixel = camera_.project(X_CT * (half * side[i / kOutlinePoints]));
+    if (!pixel) return whole;  // it reaches out of what the camera can see
+    least = least.cwiseMin(*pixel);
+    most = most.cwiseMax(*pixel);
+  }
+  least = (least.array() - kOutlineMargin).max(-1.0);
+  most = (most.array() + kOutlineMargin).min(kFarOff);
+  if (!(least.x() < whole.width && least.y() < whole.height && most.x() >= 0 && most.y() >= 0)) {
+    return {};
+  }
+  const cv::Point first(static_cast<int>(std::floor(least.x())),
+                        static_cast<int>(std::floor(least.y())));
+  const cv::Point last(static_cast<int>(std::ceil(most.x())),
+                       static_cast<int>(std::ceil(most.y())));
+  return cv::Rect(first, last + cv::Point(1, 1)) & whole;
+}
+
+void TagPainter::lookThrough(int y, const cv::Rect& box, const Eigen::Matrix3d& cells_of_direction,
+                             const TagPattern& pattern, std::vector<PlanePoint>& out) const {
+  const auto* direction = directions_.ptr<cv::Vec2f>(y) + box.x;
+  TagPattern::Point hint{};
+  for (int i = 0; i <= box.width; ++i) {
+    const Eigen::Vector3d h =
+        cells_of_direction * Eigen::Vector3d(direction[i][0], direction[i][1], 1.0);
+    const double reach = kMostCells * h.z();  // negative behind the camera
+    out[i].valid = std::abs(h.x()) < reach && std::abs(h.y()) < reach;
+    if (!out[i].valid) continue;
+    hint = pattern.at(h.x() / h.z(), h.y() / h.z(), hint);
+    out[i].point = hint;
+  }
+}
+
+// Every pixel's corners are seen through the camera on the tag's plane, and the quadrangle between
+// them is measured exactly. Pixels tile the plane, so no edge moves and no area is lost; each line
+// between two pixels is measured once.
+void TagPainter::draw(int tag, const lie::SE3& X_CT, cv::Mat& picture) {
+  const TagPattern& pattern = patterns_[tag];
+  const cv::Rect box = boxOf(X_CT);
+  if (box.empty()) return;
+
+  Eigen::Matrix3d direction_of_cells;
+  direction_of_cells.col(0) = cell_ * X_CT.rotation.col(0);
+  direction_of_cells.col(1) = -cell_ * X_CT.rotation.col(1);  // rows run down
+  direction_of_cells.col(2) =
+      X_CT.translation -
+      0.5 * cells_ * (direction_of_cells.col(0) + direction_of_cells.col(1)).eval();
+  const Eigen::Matrix3d cells_of_direction = direction_of_cells.inverse();
+  const double facing = -X_CT.rotation.col(2).dot(X_CT.translation) / X_CT.translation.norm();
+  const double light = kAmbientLight + (1 - kAmbientLight) * facing;
+
+  const auto lineBetween = [&pattern](const PlanePoint& a, const PlanePoint& b) {
+    return a.valid && b.valid ? pattern.along(a.point, b.point) : Areas{};
+  };
+  const std::size_t corners = static_cast<std::size_t>(box.width) + 1;
+  for (auto* points : {&above_, &below_}) points->resize(std::max(points->size(), corners));
+  for (auto* lines : {&lines_above_, &lines_below_})
+    lines->resize(std::max(lines->size(), corners));
+
+  for (int y = box.y; y <= box.y + box.height; ++y) {
+    lookThrough(y, box, cells_of_direction, pattern, below_);
+    for (int i = 0; i < box.width; ++i) lines_below_[i] = lineBetween(below_[i], below_[i + 1]);
+    if (y > box.y) {
+      uchar* row = picture.ptr<uchar>(y - 1) + box.x;
+      Areas left = lineBetween(above_[0], below_[0]);
+      for (int i = 0; i < box.width; ++i) {
+        const Areas right = lineBetween(above_[i + 1], below_[i + 1]);
+        if (above_[i].valid && above_[i + 1].valid && below_[i].valid && below_[i + 1].valid) {
+          Areas areas = lines_above_[i];
+          areas += right;
+          areas -= lines_below_[i];
+          areas -= left;
+          paintPixel(areas, light, row[i]);
+        }
+        left = right;
+      }
+    }
+    std::swap(above_, below_);
+    std::swap(lines_above_, lines_below_);
+  }
+}
+
+}  // namespace helix_arm::simulation

@@ -1,0 +1,103 @@
+#include "inverse_preference.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace helix_arm::statics {
+namespace {
+
+constexpr double kAtRest = 1e-7;      // of a step, relative to the range of the lengths
+constexpr double kWeight = 1e-8;      // against the task, relative to diag(J'J)
+constexpr double kLeastSlope = 1e-3;  // of a contraction, relative to its mean
+
+}  // namespace
+
+InversePreference::InversePreference(const model::Arm& arm, const InverseOptions& options,
+                                     const LengthBox& box, BoxLevenbergMarquardt& minimiser)
+    : arm_(arm),
+      options_(options),
+      box_(box),
+      minimiser_(minimiser),
+      n_(box.size()),
+      reference_(n_),
+      slope_(n_),
+      diagonal_(n_),
+      gradient_(n_),
+      tangent_(n_),
+      base_lengths_(n_),
+      base_input_(n_) {}
+
+void InversePreference::prefer(const model::InputRef& start) noexcept {
+  for (int i = 0; i < n_; ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    const double fraction =
+        options_.preference == Preference::kCocontraction ? options_.cocontraction : 0.0;
+    reference_[i] = options_.preference == Preference::kMinChange
+                        ? start[i]
+                        : limits.lower + fraction * (limits.upper - limits.lower);
+  }
+}
+
+double InversePreference::offset(int i, double input) const {
+  const model::Range& limits = arm_.actuator(i).limits;
+  return (input - reference_[i]) / (limits.upper - limits.lower);
+}
+
+double InversePreference::cost(const Eigen::VectorXd& input) const noexcept {
+  double sum = 0.0;
+  for (int i = 0; i < n_; ++i) {
+    const double u = offset(i, input[i]);
+    sum += u * u;
+  }
+  return sum;
+}
+
+int InversePreference::follow(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  int steps = 0;
+  while (steps < options_.max_iterations && improve(point, input)) ++steps;
+  return steps;
+}
+
+// One step: to the least preference cost on the tangent of the target's solutions, then back onto
+// them. False, and nothing moved, where none is left to take.
+bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noexcept {
+  const double before = cost(input);
+  minimiser_.linearise(point);
+  double mean_weight = 0.0;
+  for (int i = 0; i < n_; ++i) {
+    const model::Actuator& actuator = arm_.actuator(i);
+    const double range = actuator.limits.upper - actuator.limits.lower;
+    const double mean_slope = (box_.upper()[i] - box_.lower()[i]) / range;
+    // Where the contraction is flat a length says nothing of its input: the slope is kept away from
+    // zero.
+    const double slope = actuator.contraction.slopeInside(input[i]);
+    const double kept = std::copysign(std::max(std::abs(slope), kLeastSlope * mean_slope), slope);
+    slope_[i] = 1.0 / (kept * range);
+    mean_weight += slope_[i] * slope_[i] / n_;
+  }
+  const double weight = kWeight * minimiser_.scale() / mean_weight;
+  for (int i = 0; i < n_; ++i) {
+    diagonal_[i] = weight * slope_[i] * slope_[i];
+    gradient_[i] = weight * slope_[i] * offset(i, input[i]);
+  }
+  tangent_ = minimiser_.stepWith(diagonal_, gradient_);
+  if ((tangent_.array().abs() <= kAtRest * (box_.upper() - box_.lower()).array()).all()) {
+    return false;
+  }
+  base_lengths_ = point.lengths;
+  base_input_ = input;
+  for (double fraction = 1.0; fraction > kLeastStepFraction; fraction *= 0.5) {
+    point.lengths =
+        (base_lengths_ + fraction * tangent_).cwiseMax(box_.lower()).cwiseMin(box_.upper());
+    minimiser_.evaluate(point);
+    if (minimiser_.descend(point, options_.max_iterations) != Descent::kReached) continue;
+    box_.readInputs(point.lengths, input);
+    if (cost(input) < before) return true;
+  }
+  point.lengths = base_lengths_;
+  input = base_input_;
+  minimiser_.evaluate(point);
+  return false;
+}
+
+}  // namespace helix_arm::statics

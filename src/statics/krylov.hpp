@@ -1,0 +1,54 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+/// Eigenvalues of a map in a Krylov space (Arnoldi), by finite differences of the map.
+namespace helix_arm::statics::krylov {
+
+inline constexpr int kDimensions = 8;  // motions that stability is judged by
+inline constexpr double kStep = 1e-6;  // of them, relative to the arm's size and one radian
+
+using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                                 kDimensions + 1, kDimensions + 1>;
+
+/// The largest real part of the eigenvalues; infinite where they are not known.
+inline double largestEigenvalue(const Projection& H) {
+  if (!H.allFinite()) return std::numeric_limits<double>::infinity();
+  return Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().maxCoeff();
+}
+
+/// The same of a map's derivative, in the space that a motion of all kinds at all places spans.
+/// Does not allocate beyond what the eigenvalues take.
+///
+/// @tparam kMostSize  the largest `size`.
+/// @param size  of a motion.
+/// @param respond  respond(motion, change) sets the change (size) that the derivative makes of a
+///        motion (size) of unit length, by a difference of kStep.
+template <int kMostSize, class Respond>
+double largestEigenvalue(int size, const Respond& respond) {
+  using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostSize,
+                              kDimensions + 1>;
+  int count = std::min(kDimensions, size);
+  Basis basis(size, count + 1);
+  for (int i = 0; i < size; ++i) basis(i, 0) = std::sin(1.0 + 2.0 * i * i);
+  basis.col(0).normalize();
+  Projection H = Projection::Zero(count + 1, count + 1);
+  for (int j = 0; j < count; ++j) {
+    auto next = basis.col(j + 1);
+    respond(basis.col(j), next);
+    for (int i = 0; i <= j; ++i) {
+      H(i, j) = basis.col(i).dot(next);
+      next -= H(i, j) * basis.col(i);
+    }
+    H(j + 1, j) = next.norm();
+    if (!(H(j + 1, j) > kStep)) count = j + 1;
+    next /= H(j + 1, j);
+  }
+  return largestEigenvalue(H.topLeftCorner(count, count));
+}
+
+}  // namespace helix_arm::statics::krylov

@@ -1,0 +1,21 @@
+#pragma once
+
+#include <vector>
+
+#include "multiple_shooting.hpp"
+
+namespace helix_arm::statics {
+
+/// The nodes that balance the largest share of the load that was reached.
+struct Reached {
+  std::vector<Node> nodes;
+  double share = 0.0;
+  double residual = 0.0;  ///< as Balance::residual
+  int iterations = 0;     ///< of Newton's method, all load steps together
+};
+
+/// Loads an arm in steps, as long as Newton's method stays on the branch that grows from the
+/// unloaded shape. Where the branch ends, whichever shape damped steps find under the whole load.
+Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options);
+
+}  // namespace helix_arm::statics
