@@ -114,7 +114,7 @@ TEST(FitWords, OfTheServiceAndTheActionAreThoseOfTheTable) {
   EXPECT_EQ(commentOf("srv/Calibrate.srv", "fit"),
             "some of " + estimation::fitWordsText() + "; empty: " + by_default);
   EXPECT_EQ(commentOf("action/RunCalibration.action", "fit"),
-            "as Calibrate has it; empty: " + by_default);
+            "as in Calibrate.srv; empty: " + by_default);
 }
 
 TEST(FitWords, AreInTheDocumentation) {

@@ -223,7 +223,7 @@ class AnyMessage : public ::testing::Test {
                 ros::serialization::IStream stream(reinterpret_cast<std::uint8_t*>(copy.data()),
                                                    static_cast<std::uint32_t>(copy.size()));
                 ros::serialization::deserialize(stream, status);
-                return status.outcome == TargetStatus::TAKEN;
+                return status.outcome == TargetStatus::REACHED;
               },
               0.5);
         },

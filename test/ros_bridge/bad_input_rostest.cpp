@@ -22,7 +22,7 @@ class BadInput : public ::testing::Test {
   void SetUp() override {
     rig_.keepOn();
     ASSERT_TRUE(rig_.connect());
-    ASSERT_EQ(rig_.sendPressures(kHeld).outcome, TargetStatus::TAKEN);
+    ASSERT_EQ(rig_.sendPressures(kHeld).outcome, TargetStatus::REACHED);
   }
 
   // Sends the targets; each must be dropped for the fault, which its message tells with the word.
@@ -127,7 +127,7 @@ TEST_F(BadInput, AfterAllOfItTheArmObeysAGoodTarget) {
   ++sent_[Fault::kNotFinite];
   const std::vector<double> wanted = {2e5, 1e5, 0};
   const TargetStatus answer = rig_.sendPressures(wanted);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN);
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED);
   EXPECT_EQ(rig_.commandAfter(answer), wanted);
   EXPECT_TRUE(rig_.diagnoses("pressure_command: targets", names::kLastFaultKey,
                              [](const std::string& fault) { return !fault.empty(); }));

@@ -178,7 +178,7 @@ TEST_F(CalibrationFaults, FilesAreReadAndWrittenInTheirFoldersAlone) {
 
 TEST_F(CalibrationFaults, ASampleOfAnArmThatMovesIsRefused) {
   ASSERT_TRUE(recordWhenSettled().success);
-  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::REACHED);
   ASSERT_TRUE(
       rig_.measured.next([](const PressureArray& measured) { return measured.pressure[0] > 2e5; }));
   const RecordSample::Response moving = call<RecordSample>("record_sample");
@@ -193,7 +193,7 @@ TEST_F(CalibrationFaults, ASampleOfAnArmThatMovesIsRefused) {
   EXPECT_NEAR(settled.pressure[0], 3e5, 5e3);
   EXPECT_EQ(call<ClearSamples>("clear_samples").cleared, 2u);
   EXPECT_EQ(call<ClearSamples>("clear_samples").cleared, 0u);
-  ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
 }
 
 TEST_F(CalibrationFaults, PicturesCountOnce) {
@@ -277,18 +277,18 @@ TEST_F(CalibrationFaults, KilledItLeavesAnArmThatVents) {
 }
 
 TEST_F(CalibrationFaults, ToAnotherCommanderItLeavesTheArm) {
-  ASSERT_EQ(rig_.sendPressures({0, 0, 1e5}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({0, 0, 1e5}).outcome, TargetStatus::REACHED);
   RunCalibrationGoal goal;
   client_->sendGoal(goal);
   ASSERT_TRUE(waitFor([this] {
     const TargetStatus answer = rig_.sendPressures({0, 0, 1e5});
-    EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
+    EXPECT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
     return client_->getState().isDone();
   }));
   EXPECT_EQ(ending(), "ABORTED");
   EXPECT_NE(client_->getResult()->message.find("commands the arm"), std::string::npos)
       << client_->getResult()->message;
-  EXPECT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+  EXPECT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
 }
 
 }  // namespace

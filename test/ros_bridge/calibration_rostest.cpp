@@ -114,7 +114,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   const auto tipErrorSeen = [&] {
     freeTheArm();
     const ros::Time moved = ros::Time::now();
-    EXPECT_EQ(rig_.sendPressures({3.5e5, 0, 1e5}).outcome, TargetStatus::TAKEN);
+    EXPECT_EQ(rig_.sendPressures({3.5e5, 0, 1e5}).outcome, TargetStatus::REACHED);
     const auto error = eye_.errors.next(
         [&](const ModelError& e) { return (e.header.stamp - moved).toSec() > 3.0; });
     EXPECT_TRUE(error);

@@ -58,7 +58,7 @@ using Patient = Commanders;
 
 TEST_P(Patient, TheNewerIsRefusedWhileTheFirstHoldsTheLease) {
   rig_.keepOn();
-  ASSERT_EQ(rig_.sendPressures(kPressures).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures(kPressures).outcome, TargetStatus::REACHED);
   const TargetStatus answer = drag(std::vector<double>(7, 2e5));
   EXPECT_EQ(answer.outcome, TargetStatus::DROPPED);
   EXPECT_EQ(answer.fault, "other_commander");
@@ -73,11 +73,11 @@ INSTANTIATE_TEST_SUITE_P(, Patient, ::testing::Values("patient"));
 class Brisk : public Commanders {};
 
 TEST_P(Brisk, TheNewerTakesOverOnceTheFirstIsSilent) {
-  ASSERT_EQ(rig_.sendPressures(kPressures).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures(kPressures).outcome, TargetStatus::REACHED);
   TargetStatus answer;
   ASSERT_TRUE(waitFor([&] {
     answer = drag({1e5, 2e5, 0, 1e5, 0, 2e5, 0});
-    return answer.outcome == TargetStatus::TAKEN;
+    return answer.outcome == TargetStatus::REACHED;
   }));
   EXPECT_EQ(answer.commander, names::kInteractiveMarker);
   EXPECT_LE(answer.position_error, 1e-6);

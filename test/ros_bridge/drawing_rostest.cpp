@@ -34,7 +34,7 @@ class Drawing : public ::testing::Test {
   void SetUp() override {
     ASSERT_TRUE(rig_.connect());
     rig_.keepOn();
-    ASSERT_EQ(rig_.sendPressures({3e5, 0, 0, 0, 0, 2e5, 0}).outcome, TargetStatus::TAKEN);
+    ASSERT_EQ(rig_.sendPressures({3e5, 0, 0, 0, 0, 2e5, 0}).outcome, TargetStatus::REACHED);
   }
 
   const io::Scene scene_ = io::loadScene(HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml");

@@ -52,7 +52,7 @@ class Flow : public ::testing::Test {
 TEST_F(Flow, APressureTargetBecomesTheCommandAtOnce) {
   const std::vector<double> wanted = {1e5, 2e5, 5e4};
   const TargetStatus answer = rig_.sendPressures(wanted);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN);
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED);
   EXPECT_EQ(answer.topic, names::kPressureTarget);
   EXPECT_EQ(answer.commander, ros::this_node::getName());
   const auto command =
@@ -64,7 +64,7 @@ TEST_F(Flow, APressureTargetBecomesTheCommandAtOnce) {
 TEST_F(Flow, NamesLeftOutKeepTheirCommand) {
   rig_.sendPressures({1e5, 2e5, 5e4});
   const TargetStatus answer = rig_.sendPressures({3e4}, {"muscle_3"});
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN);
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED);
   EXPECT_EQ(rig_.commandAfter(answer), (std::vector<double>{1e5, 2e5, 3e4}));
 }
 
@@ -105,7 +105,7 @@ TEST_F(Flow, ATipPositionIsReached) {
   target.header.frame_id = "arm_base";
   target.pose.position = ros_bridge::toPointMsg(wanted);
   const TargetStatus answer = rig_.send(target);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
   EXPECT_LE(answer.position_error, 1e-6);
   const Eigen::VectorXd command = vectorOf(rig_.commandAfter(answer));
   EXPECT_LT((scene_.arm.tip(command).translation - wanted).norm(), 1e-6);
@@ -117,7 +117,7 @@ TEST_F(Flow, ATipPoseIsReached) {
   target.mode = TipTarget::POSE;
   target.pose = ros_bridge::toPoseMsg(wanted);
   const TargetStatus answer = rig_.send(target);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
   const lie::SE3 tip = scene_.arm.tip(vectorOf(rig_.commandAfter(answer)));
   EXPECT_LT((tip.translation - wanted.translation).norm(), 1e-5);
   EXPECT_LT((tip.rotation - wanted.rotation).norm(), 1e-4);
@@ -128,7 +128,7 @@ TEST_F(Flow, AShapeIsReached) {
   ShapeTarget target;
   target.twist.assign(wanted.data(), wanted.data() + wanted.size());
   const TargetStatus answer = rig_.send(target);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
   const auto twists = scene_.arm.twists(vectorOf(rig_.commandAfter(answer)));
   EXPECT_LT((twists - wanted).norm(), 1e-5);
 }
@@ -138,7 +138,7 @@ TEST_F(Flow, ATargetOutOfReachMovesTheArmToTheClosestAndSaysSo) {
   target.pose.position.x = 0.3;
   target.pose.position.y = 2.0;
   const TargetStatus answer = rig_.send(target);
-  EXPECT_EQ(answer.outcome, TargetStatus::CLOSEST);
+  EXPECT_EQ(answer.outcome, TargetStatus::UNREACHABLE);
   EXPECT_FALSE(answer.message.empty());
   EXPECT_GT(answer.position_error, 1.5);
   EXPECT_FALSE(answer.at_lower_limit.empty() && answer.at_upper_limit.empty());
@@ -193,7 +193,7 @@ TEST_F(PlanarFlow, ATipInThePlaneIsReached) {
   TipTarget target;
   target.pose.position = ros_bridge::toPointMsg(wanted);
   const TargetStatus answer = rig_.send(target);
-  EXPECT_EQ(answer.outcome, TargetStatus::TAKEN) << answer.message;
+  EXPECT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
   EXPECT_LT((scene_.arm.tip(vectorOf(rig_.commandAfter(answer))).translation - wanted).norm(),
             1e-6);
 }

@@ -41,7 +41,7 @@ class Reloading : public ::testing::Test {
   }
   // The nodes of all tests go on with the demo's scene.
   void TearDown() override {
-    ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::TAKEN);
+    ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
     for (const char* node : {kPressureCommand, kVision, kMonitor}) {
       const Reload::Response response = reload(node, "demo");
       EXPECT_TRUE(response.success) << response.message;
@@ -72,7 +72,7 @@ bool isModelOf(const io::Scene& scene, const Rig& rig, const ArmShape& model) {
 }
 
 TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
-  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::REACHED);
   const io::Scene demo = shippedScene("demo");
   const TemporaryFile file(demoWith({{"arm.stiffness.K_kappa_m2", "2e-4"}}), ".yaml");
   const io::Scene stiffer = io::loadScene(file.path());
@@ -138,12 +138,12 @@ TEST_F(Reloading, ScenesComeFromTheirFolderAlone) {
 
 TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {
   const TemporaryFile file(demoWith({{"arm.sections.0.ring.max_pressure_kpa", "200"}}), ".yaml");
-  ASSERT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({0, 2.5e5, 0}).outcome, TargetStatus::REACHED);
   const Reload::Response refused = reload(kPressureCommand, file.path());
   EXPECT_FALSE(refused.success);
   EXPECT_NE(refused.message.find("muscle_2"), std::string::npos) << refused.message;
   EXPECT_TRUE(comesTo({0, 2.5e5, 0}));
-  ASSERT_EQ(rig_.sendPressures({0, 1.9e5, 0}).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures({0, 1.9e5, 0}).outcome, TargetStatus::REACHED);
   ASSERT_TRUE(comesTo({0, 1.9e5, 0}));
   const Reload::Response taken = reload(kPressureCommand, file.path());
   EXPECT_TRUE(taken.success) << taken.message;

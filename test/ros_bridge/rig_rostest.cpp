@@ -50,7 +50,7 @@ TEST_F(Loop, MeasuredIsTheTrueShapeAtTheTimeOfThePicture) {
   rig_.keepOn();
   std::vector<double> errors, shares;
   for (const std::vector<double>& pressure : {std::vector<double>{2.5e5, 1e5, 0}, {0, 1e5, 3e5}}) {
-    ASSERT_EQ(rig_.sendPressures(pressure).outcome, TargetStatus::TAKEN);
+    ASSERT_EQ(rig_.sendPressures(pressure).outcome, TargetStatus::REACHED);
     for (int k = 0; k < kCount; ++k) {
       const auto measured = eye_.measured.next([](const ArmShape&) { return true; });
       ASSERT_TRUE(measured);

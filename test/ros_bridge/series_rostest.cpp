@@ -42,11 +42,11 @@ TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
   Rig rig("yield");
   ASSERT_TRUE(rig.connect());
   const auto by_series = [&](const TargetStatus& s) {
-    return s.commander == series && s.outcome == TargetStatus::TAKEN;
+    return s.commander == series && s.outcome == TargetStatus::REACHED;
   };
   ASSERT_TRUE(rig.status.next(by_series));
   ASSERT_TRUE(waitFor([&] {
-    return rig.sendPressures(std::vector<double>(7, 1e5)).outcome == TargetStatus::TAKEN;
+    return rig.sendPressures(std::vector<double>(7, 1e5)).outcome == TargetStatus::REACHED;
   }));
   EXPECT_TRUE(rig.status.next(by_series));
 }
@@ -105,7 +105,7 @@ TEST_F(Answers, WhatCameLateOrToADisabledArmIsWaitedFor) {
     answer(TargetStatus::DROPPED, fault);
     EXPECT_TRUE(targets_.next([](const auto& target) { return target.pressure == kStands; }))
         << control::nameOf(fault) << series_.outputNow();
-    answer(TargetStatus::TAKEN, fault);
+    answer(TargetStatus::REACHED, fault);
     EXPECT_TRUE(moves()) << control::nameOf(fault) << series_.outputNow();
   }
   EXPECT_TRUE(series_.prints("the series waits: told so")) << series_.output();
@@ -116,7 +116,7 @@ TEST_F(Answers, TargetsThatAreAllRefusedForWhatTheyAskEndTheSeries) {
   // One refusal, whoever sent it, does not; nor do many with something better between them.
   for (int k = 0; k < 20; ++k) {
     answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
-    if (k % 5 == 0) answer(TargetStatus::TAKEN, control::Fault::kOutOfRange);
+    if (k % 5 == 0) answer(TargetStatus::REACHED, control::Fault::kOutOfRange);
   }
   EXPECT_TRUE(series_.prints("the series was refused: told so")) << series_.output();
   EXPECT_TRUE(moves()) << series_.outputNow();
@@ -146,7 +146,7 @@ TEST_F(Answers, CommandsThatAreAllOfAnotherArmEndTheSeries) {
 TEST_F(Answers, AnswersWithoutTargetsDoNoHarm) {
   ASSERT_TRUE(waitFor([this] { return status_.getNumSubscribers() > 0; }));
   answer(TargetStatus::DROPPED, control::Fault::kStale);
-  answer(TargetStatus::TAKEN, control::Fault::kStale);
+  answer(TargetStatus::REACHED, control::Fault::kStale);
   answer(255, control::Fault::kStale);
   EXPECT_TRUE(moves()) << series_.outputNow();
 }

@@ -64,12 +64,12 @@ TEST_F(UnderLoad, WhereNoShapeHoldsTheLoadThereIsNoModelAndTheDiagnosticsSaySo) 
   ASSERT_FALSE(crushed.empty());
   reload(file.path());
   rig_.keepOn();
-  ASSERT_EQ(rig_.sendPressures(crushed).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures(crushed).outcome, TargetStatus::REACHED);
   EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "not_converged"));
   EXPECT_TRUE(rig_.diagnoses(kStatus, names::kUnsolvedKey,
                              [](const std::string& v) { return std::stoul(v) > 0; }));
   const std::size_t from = rig_.model.all().size();
-  ASSERT_EQ(rig_.sendPressures(held).outcome, TargetStatus::TAKEN);
+  ASSERT_EQ(rig_.sendPressures(held).outcome, TargetStatus::REACHED);
   EXPECT_TRUE(rig_.diagnoses(kStatus, names::kSolveStatusKey, "converged"));
   EXPECT_TRUE(rig_.model.next([](const ArmShape&) { return true; }));
   // Every model is one of pressures at which there is a shape.

@@ -147,7 +147,7 @@ class Rig {
     target.name = name;
     target.pressure = pressure;
     const TargetStatus answer = send(target);
-    if (keeps_on_ && answer.outcome == TargetStatus::TAKEN) heartbeat_.repeat(target);
+    if (keeps_on_ && answer.outcome == TargetStatus::REACHED) heartbeat_.repeat(target);
     return answer;
   }
 

@@ -34,10 +34,10 @@ Value wordOf(const char* what, const std::string& given,
 procedures::CalibrationRequest requestOf(const Calibrate::Request& request) {
   procedures::CalibrationRequest out;
   out.fit = request.fit;
-  out.curvature_noise = request.curvature_noise;
+  out.curvature_noise = request.curvature_noise_rad;
   out.corner_noise = request.corner_noise_px;
-  out.position_noise = request.position_noise;
-  out.rotation_noise = request.rotation_noise;
+  out.position_noise = request.position_noise_m;
+  out.rotation_noise = request.rotation_noise_rad;
   out.date = procedures::utcNow();
   return out;
 }

@@ -141,7 +141,7 @@ void TargetIntake::follow(const Sender& sender, const statics::InverseResult& re
                   "the tip stays %.1f mm away, residual %.2g m; the closest shape is commanded",
                   1e3 * result.position_error, result.residual);
     ledger_.closest(sender.topic, sender.commander, text);
-    status.outcome = TargetStatus::CLOSEST;
+    status.outcome = TargetStatus::UNREACHABLE;
     status.message = text;
   }
   status_publisher_.publish(status);
@@ -159,7 +159,7 @@ TargetStatus TargetIntake::answerTo(const Sender& sender) const {
   status.target_stamp = sender.stamp;
   status.topic = sender.topic;
   status.commander = sender.commander;
-  status.outcome = TargetStatus::TAKEN;
+  status.outcome = TargetStatus::REACHED;
   return status;
 }
 

@@ -207,7 +207,7 @@ std::string MonitorNode::visionText() const {
   std::string text = " (" + std::to_string(vision_->tags) + " tags";
   if (model_error_) {
     text += ", model off by " + fixed(1e3 * model_error_->tip_error) + " mm, " +
-            fixed(model_error_->tip_percent) + " %";
+            fixed(model_error_->tip_error_percent) + " %";
   }
   return text + ")";
 }

@@ -87,7 +87,7 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   msg.tip.z = error.z();
   msg.tip_error = error.norm();
   // A piece of constant twist runs at the constant speed |v|.
-  msg.tip_percent =
+  msg.tip_error_percent =
       100.0 * msg.tip_error / model.shape.pieces().topRows<3>().colwise().norm().sum();
   // The covariance is seen from the nominal base.
   const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
@@ -132,7 +132,7 @@ std::string describe(const vision::Sight& sight, int tags, const vision::Localiz
 
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
   if (error == nullptr) return "tip +- " + fixed(1e3 * tipSigma(fit)) + " mm";
-  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" + fixed(error->tip_percent) +
+  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" + fixed(error->tip_error_percent) +
          " %)";
 }
 
