@@ -42,14 +42,23 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
 TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
     : arm_(arm), plane_(nullptr) {
-  if (setting.tier == Tier::kPlanar) plane_ = &*planar;
-  if (setting.tier == Tier::kExact) exact_.emplace(arm, *load);
-  if (setting.tier != Tier::kLoaded) return;
-  if (planar && staysInPlane(arm, *load)) {
-    plane_ = &*planar;
-    planar_loaded_.emplace(*planar, *load, setting.order);
-  } else {
-    loaded_.emplace(arm, *load, setting.order);
+  switch (setting.tier) {
+    case Tier::kPlanar:
+      plane_ = &*planar;
+      break;
+    case Tier::kLinear:
+      break;
+    case Tier::kLoaded:
+      if (planar && staysInPlane(arm, *load)) {
+        plane_ = &*planar;
+        planar_loaded_.emplace(*planar, *load, setting.order);
+      } else {
+        loaded_.emplace(arm, *load, setting.order);
+      }
+      break;
+    case Tier::kExact:
+      exact_.emplace(arm, *load);
+      break;
   }
 }
 

@@ -9,6 +9,7 @@
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
+#include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "support/loaded_arm.hpp"
 
