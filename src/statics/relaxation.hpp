@@ -19,8 +19,8 @@
 namespace helix_arm::statics {
 
 inline constexpr int kMaxIterations = 100;
-inline constexpr double kAtRest =
-    1e-11;  // largest change at convergence, relative to the arm's size and one radian
+// Largest change at convergence, relative to the arm's size and one radian.
+inline constexpr double kAtRest = 1e-11;
 // The step of the lowest order is accepted if the next step would be shorter by this factor and at
 // most this long, relative to the arm's size and one radian.
 inline constexpr double kContracting = 0.5;

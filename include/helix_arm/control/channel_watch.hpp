@@ -36,9 +36,8 @@ class SpikeFilter {
   bool lasts() const { return lasts_; }
 
  private:
-  double since_ = 0,
-         at_ =
-             0;  // start of the wrong time, less what was compensated; time of the last observation
+  // Start of the wrong time, moved later by the compensation; time of the last observation.
+  double since_ = 0, at_ = 0;
   bool wrong_ = false, lasts_ = false;
 };
 

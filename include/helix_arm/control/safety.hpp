@@ -49,7 +49,7 @@ enum class Guard : std::uint8_t {
 /// Whether the guard no longer answers and will not answer again.
 constexpr bool isGone(Guard guard) { return guard >= Guard::kStandsStill; }
 
-/// What a channel does in a fault that is not a danger of its own.
+/// What a channel does in a fault that does not require every channel to vent at once.
 enum class FaultAction : std::uint8_t {
   kVent,
   kHold,   ///< keeps its set point for SafetyRules::hold_time, then vents
@@ -83,8 +83,8 @@ struct SafetyRules {
   double reading_timeout = 0.5;  ///< longest silence of the regulator, > 0 [s]
   double trip_margin = 3e4;      ///< excess over the limits that a reading may have, >= 0 [Pa]
   double spike_time = 0.1;       ///< time that a fault must last to count, >= 0 [s]
-  std::optional<double>
-      min_supply;  ///< lowest permitted supply pressure, gauge [Pa]; absent: not monitored
+  /// Lowest permitted supply pressure, gauge [Pa]; absent: not monitored.
+  std::optional<double> min_supply;
   /// Maximum difference between a reading and a first-order lag of the set point with
   /// `time_constant`, > 0 [Pa], and the time for which it may be exceeded, > 0 [s].
   double follow_tolerance = 4e4;
@@ -93,8 +93,8 @@ struct SafetyRules {
   /// Maximum drop of a reading below a constant set point that it had reached, > 0 [Pa].
   double leak_drop = 2.5e4;
   double hold_time = 10.0;  ///< duration of FaultAction::kHold and kClose, >= 0 [s]
-  double vented_below =
-      1.5e4;  ///< readings within this of the atmosphere count as no pressure, > 0 [Pa]
+  /// Readings within this of the atmosphere count as no pressure, > 0 [Pa]
+  double vented_below = 1.5e4;
   double vent_time = 3.0;  ///< time within which a venting channel must be empty, > 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -110,19 +110,19 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
 /// State of the pressure path and its history.
 struct SafetyReport {
   SafetyState state = SafetyState::kDisabled;
-  SafetyCause cause =
-      SafetyCause::kNone;  ///< of the newest fault; the first one if several came together
-  int channel = -1;        ///< channel that caused it; -1 if it was not a single channel
-  double value = 0;        ///< observed value of the cause [Pa] or [s]
-  double limit = 0;        ///< limit of the rule for that value
-  double since = 0;        ///< time when this state began [s]
-  bool stopped = false;    ///< whether the emergency stop is engaged
+  /// Cause of the newest fault; if several came together, of the first one.
+  SafetyCause cause = SafetyCause::kNone;
+  int channel = -1;      ///< channel that caused it; -1 if it was not a single channel
+  double value = 0;      ///< observed value of the cause [Pa] or [s]
+  double limit = 0;      ///< limit of the rule for that value
+  double since = 0;      ///< time when this state began [s]
+  bool stopped = false;  ///< whether the emergency stop is engaged
   /// Whether all events since it was enabled end by themselves: silence of the commander or of the
   /// regulator, or a lost link. False after a stop or a requested vent.
   bool passing = true;
   bool vent_overdue = false;  ///< pressure remains after vent_time
-  std::uint64_t changes =
-      0;  ///< number of changes of the link and of the fields above except `value`
+  /// Number of changes of the link and of the fields above except `value`.
+  std::uint64_t changes = 0;
 };
 
 /// Safety layer between commanders and the regulator. It decides in every turn what each channel

@@ -22,8 +22,8 @@ struct CurvatureReading {
 
 /// Twists from another fit; under load, the mean twists of the sections.
 struct TwistReading {
-  model::Twists twists;        ///< (6 sections x 6 sections), positive definite
-  Eigen::MatrixXd covariance;  ///< (6 sections)^2, positive definite
+  model::Twists twists;        ///< (6 x sections), v [m], w [rad]
+  Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections), positive definite
 };
 
 /// What was measured while the pressures were constant. All readings of a data set have the same
@@ -84,8 +84,9 @@ struct CalibrationOptions {
   /// shapes do not determine.
   bool free_shapes = false;
 
-  double curvature_noise =
-      0.02;                   ///< expected standard deviations; the residuals correct them [rad]
+  /// Expected standard deviation of a curvature [rad]. The residuals correct this and the following
+  /// noises.
+  double curvature_noise = 0.02;
   double corner_noise = 0.3;  ///< [px]
   /// Lower bound of the corner noise, whatever the residuals indicate: the placements absorb part
   /// of the errors from blur, bleeding and perspective. >= 0 [px]
@@ -93,8 +94,8 @@ struct CalibrationOptions {
   double position_noise = 0.010;  ///< of a tag's position, per axis [m]
   double rotation_noise = 0.0;    ///< of a tag's rotation [rad]; 0 ignores rotations
   double robust_scale = 3.5;      ///< as in TwistFitOptions, for tags and curvatures
-  double stiffness_prior =
-      1.1;  ///< standard deviation of the logs about the scene's values: a factor of three
+  /// Standard deviation of the logs about the scene's values: a factor of three.
+  double stiffness_prior = 1.1;
   double length_scale_prior = 0.05;  ///< standard deviation of the scales about 1
   BasePrior base_prior{0.1, 0.5};
   TagPrior tag_prior;
@@ -173,21 +174,21 @@ struct Calibration {
   CalibrationStatus status = CalibrationStatus::kNoCaptures;
   std::string reason;  ///< cause and remedy; empty if calibrated
   std::vector<Parameter> parameters;
-  Eigen::MatrixXd
-      correlation;  ///< (parameters x parameters); rows of parameters that are not fitted are 0
+  /// (parameters x parameters); rows of parameters that are not fitted are 0.
+  Eigen::MatrixXd correlation;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
   std::optional<double> K_eps;                ///< of every section, if fitted [N]
-  Eigen::VectorXd
-      length_scale;  ///< (actuators of the first arm) factors on its free lengths; 1 if not fitted
+  /// (actuators of the first arm) factors on its free lengths; 1 if not fitted.
+  Eigen::VectorXd length_scale;
   lie::SE3 X_B0B;    ///< fitted base seen from the nominal base
   TagLayout layout;  ///< with the fitted placements
   double bleed = 0;  ///< [m]
   /// (captures of all arms) mean twists, predicted by the fits without their pressure; empty
   /// without held-out fits.
   std::vector<model::Twists> held_out_shapes;
-  std::vector<model::Twists>
-      shapes;  ///< (captures of all arms) mean twists, from the model or fitted
+  /// (captures of all arms) mean twists, from the model or fitted.
+  std::vector<model::Twists> shapes;
   std::vector<model::Shape> curves;  ///< the same shapes including their bending by the load, for
                                      ///< use as a model in TwistFitter
 

@@ -105,8 +105,8 @@ inline ExpCoefficients expCoefficientsBySeries(double x) {
 inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
   // h = r + k pi/2, |r| <= pi/4, with pi/2 in three parts (Cody and Waite): k times the first two
   // is exact.
-  constexpr double kRound =
-      6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
+  // 1.5 * 2^52: adding and subtracting it rounds to an integer.
+  constexpr double kRound = 6755399441055744.0;
   constexpr double kTwoOverPi = 0.63661977236758138;
   constexpr double kHalfPi1 = 1.57079632673412561417;
   constexpr double kHalfPi2 = 6.07710050630396597660e-11;

@@ -26,8 +26,8 @@ struct Equilibrium {
   using Basis = Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kDof>;
 
   Map map;  ///< A+ D (dof x n): twist [m, rad] = map * lengths [m]
-  typename Group::Matrix
-      compliance;    ///< A+, symmetric: twist [m, rad] = l * compliance * (wrench / K_eps)
+  /// A+, symmetric: twist [m, rad] = l * compliance * (wrench / K_eps).
+  typename Group::Matrix compliance;
   int rank = 0;      ///< of A
   double condition;  ///< of A, scaled to lengths, on the space where A is not singular
   Basis null_space;  ///< (dof x (dof - rank)) orthonormal twists that cost no energy; the solution

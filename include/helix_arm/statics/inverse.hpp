@@ -28,11 +28,11 @@ struct InverseOptions {
   Preference preference = Preference::kMinPressure;
   double cocontraction = 0.5;        ///< preferred fraction of each actuator's range, in [0, 1]
   double position_tolerance = 1e-6;  ///< residual up to which a target counts as reached [m]
-  double rotation_weight =
-      0.1;                   ///< position error that weighs as much as an angle error of 1 rad [m]
+  /// Position error that weighs as much as an angle error of 1 rad [m]
+  double rotation_weight = 0.1;
   int max_iterations = 200;  ///< per start
-  int max_starts =
-      24;  ///< starts tried before a target counts as unreachable; at most 6 under load
+  /// Starts tried before a target counts as unreachable; at most 6 under load.
+  int max_starts = 24;
 };
 
 /// Active limit of an actuator.
@@ -52,8 +52,8 @@ struct InverseResult {
   /// Norm of the weighted error [m]. Infinite, with status kNotConverged, if no shape balances the
   /// load at any start.
   double residual = 0.0;
-  double position_error =
-      0.0;  ///< distance from the tip to the target [m]; infinite in the same case
+  /// Distance from the tip to the target [m]; infinite in the same case.
+  double position_error = 0.0;
   std::vector<Limit> limits;  ///< (n) active limit of each actuator
   InverseStatus status = InverseStatus::kNotConverged;
   int iterations = 0;  ///< sum over all starts
