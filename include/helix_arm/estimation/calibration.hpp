@@ -84,10 +84,9 @@ struct CalibrationOptions {
   /// shapes do not determine.
   bool free_shapes = false;
 
-  /// Expected standard deviation of a curvature [rad]. The residuals correct this and the following
-  /// noises.
-  double curvature_noise = 0.02;
-  double corner_noise = 0.3;  ///< [px]
+  // Expected standard deviations; the residuals correct them.
+  double curvature_noise = 0.02;  ///< [rad]
+  double corner_noise = 0.3;      ///< of a corner's coordinate [px]
   /// Lower bound of the corner noise, whatever the residuals indicate: the placements absorb part
   /// of the errors from blur, bleeding and perspective. >= 0 [px]
   double corner_floor = 0.2;

@@ -38,8 +38,8 @@ struct WorkspaceOptions {
 ///
 /// Sensitivity: the errors of the actuators are assumed independent, so their displacements add as
 /// the root of the sum of squares. The pressure and length columns use the tier's own derivatives.
-/// The stiffness column combines the displacements when one of K_gamma, K_tau, K_kappa and, under
-/// load, K_eps is 1 % larger for every actuator at once.
+/// The stiffness column is the root of the sum of squares of the displacements when one of K_gamma,
+/// K_tau, K_kappa and, under load, K_eps is 1 % larger for every actuator at once.
 class Workspace {
  public:
   /// @throws std::invalid_argument if sensitivity is requested and some input is not a pressure.
