@@ -8,18 +8,17 @@
 
 #include "helix_arm/estimation/calibration_parameters.hpp"
 
-/// What captures are, and whether anything can be fitted to them.
+/// Properties of captures, and checks whether parameters can be fitted to them.
 namespace helix_arm::estimation {
 
 enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
 ReadingKind kindOf(const Reading& reading);
-/// Whether captures with such readings show a parameter with this need; whether the arm is loaded
-/// is not looked at.
+/// Whether captures with such readings meet a need. Does not check whether the arm is loaded.
 bool isMet(FitNeed need, ReadingKind kind);
-/// Of the errors of such readings: rad, px or m.
+/// Unit of the errors of such readings: rad, px or m.
 const char* unitOf(ReadingKind kind);
 
-/// Parts of a message, one after the other.
+/// Concatenates the parts of a message.
 template <class... Parts>
 std::string text(const Parts&... parts) {
   std::ostringstream out;
@@ -29,26 +28,26 @@ std::string text(const Parts&... parts) {
 /// "100, 0, 50 kPa".
 std::string pressureText(const Eigen::VectorXd& pressure);
 
-/// The same arms with the captures that hold readings.
+/// The same arms, without captures that have no readings.
 std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms);
-/// Of captures of which there is at least one.
+/// Requires at least one capture.
 const Reading& firstReading(const std::vector<ArmCaptures>& arms);
 
-/// A reason why nothing can be fitted.
+/// Reason for refusing a fit.
 struct Verdict {
   CalibrationStatus status;
   std::string reason;
 };
-/// What is wrong with the captures, all of which hold readings.
+/// Faults of the captures, all of which must have readings.
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms);
-/// Why sound captures do not tell what is asked for.
+/// Why sound captures cannot determine the requested parameters.
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind);
 
-/// Captures as groups at the same pressures.
+/// Captures grouped by equal pressures.
 struct Groups {
-  std::vector<int> of;                    ///< (captures)
-  std::vector<Eigen::VectorXd> pressure;  ///< (groups)
+  std::vector<int> of;                    ///< (captures) index of the group
+  std::vector<Eigen::VectorXd> pressure;  ///< (groups) [Pa]
 };
 Groups groupByPressure(const std::vector<ArmCaptures>& arms);
 

@@ -8,31 +8,30 @@
 #include "calibration_checks.hpp"
 #include "calibration_problem.hpp"
 
-/// The fit of those parameters that the captures determine.
+/// Fit of those parameters that the captures determine.
 namespace helix_arm::estimation {
 
 struct CalibrationFit {
   std::unique_ptr<CalibrationProblem> problem;  ///< at the fitted values
   bool converged = false;
-  double noise_scale = 1;  ///< of the expected noise
-  // (parameters of the problem)
-  Eigen::MatrixXd information;  ///< of readings and priors
-  Eigen::MatrixXd covariance;   ///< with what is not known of all that is not fitted
+  double noise_scale = 1;  ///< noise as a multiple of the expected noise
+  // The sizes are those of the problem's parameters.
+  Eigen::MatrixXd information;  ///< from readings and priors
+  Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted
   std::vector<bool> identified;
-  /// What was asked for and stays where it was; still a parameter of the problem where nothing else
-  /// would be left.
+  /// Requested parameters that keep their initial value. They remain parameters of the problem if
+  /// no others would be left.
   std::vector<Parameter> held;
 };
 
-/// Whether a parameter that is known to this variance counts as identified: see
-/// Parameter::identifiable.
+/// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
 
-/// Fits as many entries of the stiffness as the captures identify, of as many those that they know
-/// best; the others are held.
+/// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
+/// best-determined entries are fitted. The others keep their values.
 ///
-/// The fit refers to arms and options.
-/// @param holds_up  what else a fit that identifies its stiffness must pass.
+/// The fit keeps references to arms and options.
+/// @param holds_up  additional check that a fit with identified stiffness must pass.
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
                              ReadingKind kind,

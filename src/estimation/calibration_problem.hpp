@@ -9,33 +9,33 @@
 #include "helix_arm/estimation/calibration.hpp"
 #include "parameter_blocks.hpp"
 
-/// The least squares behind calibrate(): its parameters, its readings, and what they say.
+/// The least-squares problem of calibrate(): its parameters, its readings and their information.
 namespace helix_arm::estimation {
 
-/// How a least squares ended.
+/// Result of a least-squares solution.
 struct Solved {
   bool converged = false;
-  double cost = 0;  ///< of readings and priors: half the robust sum of squares
+  double cost = 0;  ///< readings and priors: half the robust sum of squares
 };
 
-/// One tag, curvature or twist, compared.
+/// Residual of one tag, curvature or twist.
 struct Comparison {
   int capture;    ///< index over all arms
-  int tag;        ///< index in the layout; -1 where it is no tag
-  int residuals;  ///< how many numbers it consists of
-  double square;  ///< of its residuals, in expected variances
-  double limit;   ///< of the square, beyond which it is an outlier; infinite where none can be
-  double error;   ///< as people see it [rad, px or m]
-  double weight;  ///< that the robust loss leaves it, in (0, 1]
+  int tag;        ///< index in the layout; -1 if it is not a tag
+  int residuals;  ///< number of its residuals
+  double square;  ///< sum of squared residuals, in expected variances
+  double limit;   ///< value of `square` beyond which it is an outlier; infinite if it cannot be one
+  double error;   ///< error for reports [rad, px or m]
+  double weight;  ///< weight from the robust loss, in (0, 1]
 };
 
-/// Arms, their readings and the values of what is fitted to them.
+/// Arms, their readings and the values of the fitted parameters.
 ///
-/// What evaluates readings or shapes is not const: it sets the scale of the noise, and keeps the
-/// last shapes that it found.
+/// Functions that evaluate readings or shapes are not const: they set the noise scale and cache the
+/// last shapes.
 class CalibrationProblem {
  public:
-  /// The data is sound; the problem refers to arms and options.
+  /// Requires sound data. Keeps references to arms and options.
   CalibrationProblem(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                      const Selection& selection);
   ~CalibrationProblem();
@@ -43,37 +43,37 @@ class CalibrationProblem {
   const Selection& selection() const;
   int captures() const;          ///< of all arms
   int armOf(int capture) const;  ///< index of its arm
-  /// Free parameters but those of shapes.
+  /// Free parameters except those of shapes.
   const std::vector<ParameterInfo>& parameters() const;
 
   const Values& values() const;
-  /// Their sizes are not to change.
+  /// The sizes must not change.
   Values& values();
   /// Values of the free parameters in the order of parameters().
   Eigen::VectorXd vector() const;
 
   using Included = std::function<bool(int capture)>;
-  /// Least squares over the captures that are included, from where the values stand.
+  /// Least squares over the included captures, starting from the current values.
   ///
-  /// @param noise_scale  of the expected noise.
-  /// @param held  entry of the selected stiffness that stays at its value, if any.
+  /// @param noise_scale  noise as a multiple of the expected noise.
+  /// @param held  entry of the selected stiffness that keeps its value, if any.
   Solved solve(double noise_scale, const Included& included, std::optional<int> held = {});
 
-  /// All readings at the present values.
+  /// Compares all readings with the current values.
   std::vector<Comparison> compare(double noise_scale);
 
-  /// Weighted J'J of the readings included, without priors: all free parameters, then shapes.
+  /// Weighted J'J of the included readings, without priors: all free parameters, then shapes.
   Eigen::MatrixXd information(double noise_scale, const Included& included);
-  /// Free parameters of each shape; none where they are the model's.
+  /// Number of free parameters of each shape; empty if the shapes are the model's.
   std::vector<int> shapeSizes() const;
-  /// The same of readings that an arm at these pressures would give, as far as it can be told.
+  /// Likewise for the readings that the arm is expected to give at these pressures.
   Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale);
-  /// Of the priors: a diagonal.
+  /// Diagonal matrix of the priors' information.
   Eigen::VectorXd priorInformation() const;
 
-  // What the values stand for.
+  // The physical quantities of the current values.
   model::Stiffness stiffness() const;
-  std::optional<double> K_eps() const;  ///< [N], where it is fitted
+  std::optional<double> K_eps() const;  ///< [N], if fitted
   Eigen::VectorXd lengthScale() const;  ///< (actuators of the first arm)
   lie::SE3 base() const;
   TagLayout layout() const;
@@ -81,7 +81,7 @@ class CalibrationProblem {
 
  private:
   struct Workspace;
-  // A pointer alone would let const methods write.
+  // Accessors, since a pointer member alone would let const methods write.
   Workspace& work() { return *work_; }
   const Workspace& work() const { return *work_; }
 

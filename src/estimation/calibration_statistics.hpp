@@ -4,29 +4,30 @@
 
 #include "calibration_problem.hpp"
 
-/// What residuals say of the noise, and readings and priors of the parameters.
+/// Statistics of the fit: the noise from residuals, the information from readings and priors.
 namespace helix_arm::estimation {
 
-/// What readings and priors say of the parameters but those of shapes, whatever the shapes are.
+/// Information of readings and priors about the parameters except those of shapes, marginalised
+/// over the shapes.
 struct Statistics {
-  Eigen::MatrixXd information, covariance;  ///< (parameters)^2
-  double data_parameters;  ///< of all free parameters, those that the readings determine
+  Eigen::MatrixXd information, covariance;  ///< (parameters x parameters)
+  double data_parameters;  ///< number of free parameters that the readings determine
 };
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
 
-/// How a search for parameters and noise ended.
+/// Joint estimate of parameters and noise.
 struct Estimate {
   bool converged = false;
-  double noise_scale = 1;   ///< of the expected noise
-  double solved_scale = 1;  ///< that of the last search, next to it
-  double cost = 0;          ///< of the last search
+  double noise_scale = 1;   ///< noise as a multiple of the expected noise
+  double solved_scale = 1;  ///< the scale used in the last solution, close to noise_scale
+  double cost = 0;          ///< of the last solution
 };
-/// Solves for both together, from where the problem's values stand, which it moves.
+/// Estimates both together, starting from the problem's values, which are updated.
 ///
-/// @param bias  in expected deviations: what residuals do not show; >= 0.
+/// @param bias  error that the residuals do not show, in expected standard deviations; >= 0.
 Estimate solveWithNoise(CalibrationProblem& problem, double bias);
 
-/// In the units of the value, from a deviation in those of the parameter.
+/// Converts a standard deviation from units of the parameter to units of the value.
 double standardErrorOf(const ParameterInfo& info, double value, double deviation);
 
 }  // namespace helix_arm::estimation

@@ -7,21 +7,21 @@
 #include "calibration_checks.hpp"
 #include "calibration_problem.hpp"
 
-/// How a calibration predicts captures that it has not seen.
+/// Prediction of captures that were held out of a calibration.
 namespace helix_arm::estimation {
 
 struct CrossValidation {
   HeldOut by_pressure;
-  std::optional<HeldOut> by_arm;      ///< where there are several
-  std::vector<model::Twists> shapes;  ///< (captures) by the fit without their pressure
-  bool complete = true;               ///< all fits without a pressure converged
-  Eigen::VectorXd variance;  ///< (parameters) by the jackknife over pressures, in their own units
+  std::optional<HeldOut> by_arm;      ///< if there are several arms
+  std::vector<model::Twists> shapes;  ///< (captures) from the fit without their pressure
+  bool complete = true;               ///< whether all fits without a pressure converged
+  Eigen::VectorXd variance;  ///< (parameters) jackknife over pressures, in the parameters' units
 };
 
-/// Refits without each pressure, and each arm, in turn.
+/// Repeats the fit without each pressure, and without each arm, in turn.
 ///
-/// @param problem    with shapes of the model; its values are the full solution, and are restored.
-/// @param in_sample  all readings at that solution.
+/// @param problem    uses shapes of the model; its values are the full solution, and are restored.
+/// @param in_sample  residuals of all readings at that solution.
 CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
                               ReadingKind kind, CalibrationProblem& problem, double noise_scale,
                               const std::vector<Comparison>& in_sample);

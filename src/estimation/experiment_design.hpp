@@ -6,23 +6,24 @@
 #include "calibration_checks.hpp"
 #include "calibration_fit.hpp"
 
-/// Which captures say something of the parameters, and which would say most next: of stiffness and
-/// length scales, or, where none are fitted, of all.
+/// Information of captures about the parameters, and the most informative next pressures. The
+/// parameters are stiffness and length scales or, if none are fitted, all of them.
 namespace helix_arm::estimation {
 
 /// Information that the captures at each pressure add to that of the others.
 struct Gains {
   std::vector<double> of;  ///< (groups) [nats]
-  double least = 0;        ///< captures that add no more than this say nothing new [nats]
+  double least = 0;        ///< captures with at most this gain add nothing new [nats]
 };
-/// Of a fit with shapes of the model.
+/// Requires a fit with shapes of the model.
 Gains gainsOf(const CalibrationFit& fit, const Groups& groups);
 
-/// Pressures within the arm's limits, best first, each given the ones before it (greedy D-optimal
+/// Pressures within the arm's limits, best first, each given the previous ones (greedy D-optimal
 /// design).
 ///
-/// @param fit  with shapes of the model; the arm is its first one.
-/// @return at most `count` of (actuators) [Pa].
+/// @param fit  a fit with shapes of the model.
+/// @param arm  the first arm of the fit.
+/// @return at most `count` vectors (actuators) [Pa].
 std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const model::Arm& arm,
                                            int count);
 

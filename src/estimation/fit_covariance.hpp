@@ -7,15 +7,15 @@
 #include "helix_arm/model/curve.hpp"
 #include "twist_equations.hpp"
 
-/// Covariance of a twist fit: from the errors of the tags, whose scale the residuals show, and of
-/// the priors.
+/// Covariance of a twist fit. It combines the errors of the tags, scaled by the residuals, with
+/// those of the priors.
 namespace helix_arm::estimation {
 
-/// Share of the model's prior variance that the tags must take from each entry of the twists, or
-/// what they are said to measure would be the model.
+/// Fraction by which the tags must reduce the model's prior variance of each entry of the twists.
+/// Otherwise the estimate would mostly reflect the model.
 inline constexpr double kLeastGain = 0.75;
 
-/// Share of a part of a covariance in the whole, summed over its directions.
+/// Fraction of a covariance due to one part of it, summed over its directions.
 template <class Matrix>
 double sumOfShares(const Matrix& part, const Matrix& whole) {
   Matrix quotient = part;
@@ -23,13 +23,12 @@ double sumOfShares(const Matrix& part, const Matrix& whole) {
   return quotient.trace();
 }
 
-/// By how much a covariance whose scale is known from `freedom` residuals only must grow, so that
-/// the ellipsoid of 95 % of a chi-square of as many directions does hold 95 %: Hotelling's factor
-/// by the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
+/// Factor for a covariance whose scale is estimated from only `freedom` residuals, so that the 95 %
+/// ellipsoid of a chi-square with `directions` degrees of freedom contains 95 %: Hotelling's factor
+/// from the quantile of F (Abramowitz and Stegun, 26.5.22, to 2 %).
 double ellipsoidScale(double directions, double freedom);
 
-/// Covariance of the tip's position seen from B0, from that of the twists and, behind them, the
-/// base.
+/// Covariance of the tip's position seen from B0, due to that of the twists followed by the base.
 template <class Matrix>
 Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
                                 const Matrix& covariance) {
@@ -59,8 +58,8 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
   return out;
 }
 
-/// Whether the tags, if they are as good as expected, say something about every entry of the
-/// twists: `covariance` is that of the answer then. Tags that are worse are for residuals to tell.
+/// Whether tags with the expected noise determine every entry of the twists. `covariance` is that
+/// of the solution with this noise. Larger noise is detected from the residuals.
 template <class Matrix>
 bool determined(const TwistEquations& equations, const Matrix& covariance) {
   for (int entry = 0; entry < 6 * equations.sections(); ++entry) {
@@ -72,11 +71,11 @@ bool determined(const TwistEquations& equations, const Matrix& covariance) {
   return true;
 }
 
-/// Fills in what follows from the equations where a search ended: outliers, RMS, covariances, and
-/// the status where the tags do not explain or determine the twists.
+/// Fills in the results that follow from the equations at the end of a search: outliers, RMS,
+/// covariances, and the status if the tags do not explain or determine the twists.
 ///
-/// @param at      where the search ended. @param system  the normal equations there.
-/// @param priors  work space.
+/// @param at      end of the search. @param system  normal equations there.
+/// @param priors  workspace.
 template <class Model, int kSize>
 void reportStatistics(const Model& model, const TwistEquations& equations, const FitPoint& at,
                       const NormalEquations<kSize>& system, NormalEquations<kSize>& priors,
@@ -89,7 +88,7 @@ void reportStatistics(const Model& model, const TwistEquations& equations, const
   equations.addPriors<Model>(at, priors);
   Matrix inverse = Matrix::Identity(size, size);
   Eigen::LLT<Matrix>(system.hessian).solveInPlace(inverse);
-  // Errors of the tags and of the priors, by how much each moves the answer.
+  // Errors of the tags and of the priors, each propagated to the solution.
   Matrix from_priors, by_priors;
   from_priors.noalias() = inverse.lazyProduct(priors.hessian);
   by_priors.noalias() = from_priors.lazyProduct(inverse);
@@ -98,7 +97,7 @@ void reportStatistics(const Model& model, const TwistEquations& equations, const
   const Matrix by_tags = noise.variance * (inverse - by_priors);
   const Matrix all = by_tags + by_priors;
 
-  // Of the twists alone.
+  // For the twists alone.
   using Part = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
                              NormalEquations<kSize>::kMax, NormalEquations<kSize>::kMax>;
   const int twists = 6 * equations.sections();

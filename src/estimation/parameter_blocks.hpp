@@ -9,63 +9,64 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "shape_model.hpp"
 
-/// The free parameters of a calibration, as blocks of its least squares.
+/// The free parameters of a calibration, as blocks of its least-squares problem.
 namespace helix_arm::estimation {
 
 /// Which parameters are free.
 struct Selection {
   std::vector<StiffnessEntry> stiffness;
   LengthScaling length_scale = LengthScaling::kNone;
-  std::set<ParameterBlock> rig;  ///< base, bleed and tags, those that are fitted
+  std::set<ParameterBlock> rig;  ///< those of base, bleed and tags that are fitted
   bool free_shapes = false;
 
   bool has(ParameterBlock block) const;
 };
 
-/// All that is asked for.
+/// All requested parameters.
 Selection selectionOf(const CalibrationOptions& options);
 
-/// How many length scales there are.
+/// Number of length scales.
 int lengthScales(const Selection& selection, const model::Arm& arm);
 
-/// What a parameter is, for people and for its verdict.
+/// Properties of a parameter, for reports and for its verdict.
 struct ParameterInfo {
   std::string name, unit;
-  double deviation;  ///< of its prior, in the parameter's own units; stiffness and scales: of logs
+  double deviation;  ///< of its prior, in the parameter's units; for stiffness and scales, of the
+                     ///< logarithm
   bool logarithmic;
-  double reference;  ///< the value is reference * exp(parameter) where logarithmic
-  double initial;    ///< of the scenes; 0 where the reference stands in for none
+  double reference;  ///< if logarithmic, the value is reference * exp(parameter)
+  double initial;    ///< value in the scenes; 0 if they have none and a reference replaces it
   bool about_shape;  ///< stiffness or length scale
 };
 
 /// Parameters of a calibration, fitted or not.
 struct Values {
-  Eigen::VectorXd stiffness, length_scale;  ///< logs over their initial values
-  /// Numbers of every parameter of the rig except the tags: right-hand motion [m, rad] of the base,
-  /// bleed [m].
+  Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
+  /// Numbers of every rig parameter except the tags: right-hand motion [m, rad] of the base, bleed
+  /// [m].
   std::map<ParameterBlock, Eigen::VectorXd> rig;
-  std::vector<lie::Vector6> tags;       ///< shift along the arm and across it [m], rotation [rad]
-  std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, where shapes are free
+  std::vector<lie::Vector6> tags;       ///< shift along and across the arm [m], rotation [rad]
+  std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, if shapes are free
 };
 
-/// Values of the free parameters, and how the least squares divides them into blocks: those of
-/// ParameterInfo first, then the shapes of captures. Blocks of the least squares and the columns of
-/// its information have the same order.
+/// Values of the free parameters and their division into blocks: those of ParameterInfo first, then
+/// the shapes of captures. The blocks of the least-squares problem and the columns of its
+/// information matrix have the same order.
 class ParameterBlocks {
  public:
   struct Block {
     ParameterBlock kind;
-    int of;      ///< index of its tag or capture; 0 where there is one block of this kind
-    int column;  ///< of its first number among all free parameters
+    int of;      ///< index of its tag or capture; 0 for kinds with a single block
+    int column;  ///< index of its first number among all free parameters
     Eigen::VectorXd mean, deviation;  ///< of its prior
 
     int size() const { return static_cast<int>(deviation.size()); }
   };
 
-  /// All blocks except those of shapes, at their initial values.
+  /// Creates all blocks except those of shapes, at their initial values.
   ///
-  /// @param arms  of which there is at least one.
-  /// @param model  of these arms and the selected stiffness.
+  /// @param arms  at least one.
+  /// @param model  model of these arms and the selected stiffness.
   ParameterBlocks(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                   const Selection& selection, const ShapeModel& model);
 
@@ -73,9 +74,9 @@ class ParameterBlocks {
   void addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation);
 
   const std::vector<Block>& all() const { return blocks_; }
-  /// Index of a block; @throws std::out_of_range without it.
+  /// Index of a block. @throws std::out_of_range if there is none.
   int indexOf(ParameterBlock kind, int of) const;
-  /// Free parameters of all blocks.
+  /// Number of free parameters of all blocks.
   int columns() const;
 
   /// Free parameters except those of shapes.
@@ -89,7 +90,7 @@ class ParameterBlocks {
   /// The numbers of a block within the values; valid until the values are replaced.
   double* data(const Block& block);
   const double* data(const Block& block) const;
-  /// The same of several, by their indices.
+  /// Likewise for several blocks, by their indices.
   std::vector<double*> data(const std::vector<int>& indices);
   std::vector<const double*> data(const std::vector<int>& indices) const;
 

@@ -13,13 +13,13 @@
 #include "shape_model.hpp"
 #include "tag_models.hpp"
 
-/// The readings of a calibration as the least squares sees them: residuals in expected deviations,
-/// and their derivatives.
+/// Cost functions of a calibration's readings: residuals in expected standard deviations, and their
+/// derivatives.
 namespace helix_arm::estimation {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Of one arm: which entries of its twists are free where shapes are.
+// Entries of an arm's twists that are free if shapes are fitted.
 inline std::vector<int> freeEntries(const ArmCaptures& arm) {
   std::vector<int> entries;
   for (int entry = 0; entry < 6 * arm.arm.sectionCount(); ++entry) {
@@ -29,18 +29,18 @@ inline std::vector<int> freeEntries(const ArmCaptures& arm) {
   return entries;
 }
 
-// What all costs share.
+// Data that all costs share.
 struct Shared {
   const std::vector<ArmCaptures>& arms;
   const CalibrationOptions& options;
   Selection selection;
   ShapeModel model;
   double inverse_noise = 1;  // 1 / scale of the expected noise
-  // (captures) as the model has them before the search, where shapes are free: how the pieces of a
-  // section deviate from its mean is the model's.
+  // (captures) shapes of the model before the search, for free shapes: the deviations of a
+  // section's pieces from its mean are the model's.
   std::vector<model::Shape> expected_shapes;
   TwistFitOptions expected;  // noise of tags
-  int held_tag;              // index; it fixes the frame that all is seen from
+  int held_tag;              // index of the tag that defines the reference frame
 
   Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
          const Selection& chosen)
@@ -61,20 +61,20 @@ struct Shared {
   }
 };
 
-// Where a reading was taken.
+// Arm, capture and lengths of a reading.
 struct Place {
-  int arm, capture;         // capture: over all arms
+  int arm, capture;         // capture: index over all arms
   Eigen::VectorXd lengths;  // at its pressures [m]
 };
 
-// Where each parameter of a cost stands in Ceres' order.
+// Index of each parameter block of a cost in Ceres' order.
 struct Blocks {
   int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
 };
 
 class ReadingCost : public ceres::CostFunction {
  public:
-  // @param rig  the blocks that it depends on, besides those of the shape.
+  // @param rig  the blocks that the cost depends on, besides those of the shape.
   ReadingCost(Shared& shared, Place place, int residuals, const std::set<ParameterBlock>& rig)
       : shared_(shared), place_(std::move(place)), entries_(freeEntries(shared.arms[place_.arm])) {
     set_num_residuals(residuals);
@@ -96,11 +96,11 @@ class ReadingCost : public ceres::CostFunction {
     takeOfRig(ParameterBlock::kTag, 6, blocks_.tag);
   }
 
-  // Its parameters in Ceres' order.
+  // Its parameter blocks in Ceres' order.
   const std::vector<ParameterBlock>& kinds() const { return kinds_; }
   const Place& place() const { return place_; }
   virtual int tag() const { return -1; }
-  // The error as people see it, of residuals that this cost gave.
+  // The error for reports, computed from residuals of this cost.
   virtual double shown(const double* const* parameters, double square) const = 0;
 
  protected:
@@ -122,7 +122,8 @@ class ReadingCost : public ceres::CostFunction {
                             scales != nullptr ? shared_.scales() : 0, derivatives);
   }
 
-  // Derivatives by the mean twists as derivatives by the pieces, of which those are the sums.
+  // Converts derivatives with respect to mean twists to derivatives with respect to the pieces,
+  // whose sums are the mean twists.
   static Eigen::MatrixXd overPieces(const Eigen::MatrixXd& by_twists, const model::Shape& shape) {
     Eigen::MatrixXd out(by_twists.rows(), shape.pieces().size());
     for (int j = 0; j < shape.pieces().cols(); ++j) {
@@ -131,7 +132,8 @@ class ReadingCost : public ceres::CostFunction {
     return out;
   }
 
-  // Passes derivatives by the pieces' twists on to the blocks that make them.
+  // Converts derivatives with respect to the pieces' twists to derivatives with respect to the
+  // parameter blocks.
   void passOn(const Eigen::MatrixXd& by_pieces, const ShapeThere& shape, double** J) const {
     const auto block = [&](int index, const Eigen::MatrixXd& derivatives) {
       if (index < 0 || J[index] == nullptr) return;
@@ -140,7 +142,7 @@ class ReadingCost : public ceres::CostFunction {
     if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_pieces * shape.by_stiffness);
     if (blocks_.scale >= 0) block(blocks_.scale, by_pieces * shape.by_scale);
     if (blocks_.shape < 0 || J[blocks_.shape] == nullptr) return;
-    // Of a mean twist each piece takes its share.
+    // Each piece takes an equal part of a mean twist.
     const int per_section = shape.shape.piecesPerSection();
     Eigen::Map<RowMajor> out(J[blocks_.shape], by_pieces.rows(),
                              static_cast<Eigen::Index>(entries_.size()));
@@ -155,7 +157,7 @@ class ReadingCost : public ceres::CostFunction {
 
   Shared& shared_;
   const Place place_;
-  const std::vector<int> entries_;  // of the twists, where shapes are free
+  const std::vector<int> entries_;  // free entries of the twists, for free shapes
   std::vector<ParameterBlock> kinds_;
   Blocks blocks_;
 };
@@ -175,7 +177,7 @@ class CurvatureCost final : public ReadingCost {
     residual[0] = weight * (curvature - measured_);
     if (J == nullptr) return true;
     Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(1, 6);
-    // A straight arm bends alike to all sides: no direction is the one of change.
+    // A straight arm has no preferred direction of bending, so its derivative stays zero.
     if (curvature > 0) by_twists.rightCols(2) = weight / curvature * twist.tail<2>().transpose();
     passOn(overPieces(by_twists, shape.shape), shape, J);
     return true;
@@ -226,7 +228,7 @@ class TwistCost final : public ReadingCost {
 
 template <class Model>
 class TagCost final : public ReadingCost {
-  // A tag whose normal is farther from the line of sight than this cosine is not counted on.
+  // Minimum cosine between a tag's normal and the line of sight for a tag to count as facing.
   static constexpr double kFacing = 0.3;
 
  public:
@@ -287,7 +289,7 @@ class TagCost final : public ReadingCost {
     return model_.shown(seen_, poseAt(p, shapeAt(p, false).shape).X_B0T, expected);
   }
 
-  // Whether it turns its face to the camera.
+  // Whether the tag faces the camera.
   bool faces(const double* const* p) const {
     if constexpr (Model::kBleeds) {
       const lie::SE3 X_CT = model_.X_CB0 * poseAt(p, shapeAt(p, false).shape).X_B0T;

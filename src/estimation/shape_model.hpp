@@ -7,25 +7,25 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/statics/solution.hpp"
 
-/// The shapes that arms have while a calibration searches for their stiffness.
+/// Shapes of arms as a function of the stiffness, for calibration.
 namespace helix_arm::estimation {
 
-/// All that a stiffness consists of.
+/// All components of a stiffness.
 struct Elasticity {
   model::Stiffness ratios;
-  double K_eps = 0;  ///< [N]; 0 where nothing loads the arm
+  double K_eps = 0;  ///< [N]; 0 without load
 };
 double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
 
-/// A shape that a cost sees, and how parameters change its pieces.
+/// A shape and the derivatives of its pieces with respect to the parameters.
 struct ShapeThere {
   model::Shape shape;
-  Eigen::MatrixXd by_stiffness, by_scale;  ///< (6 pieces x entries), by logs
-  bool found = true;                       ///< false: nothing holds the load
+  Eigen::MatrixXd by_stiffness, by_scale;  ///< (6 pieces x entries), with respect to logarithms
+  bool found = true;                       ///< false: no shape balances the load
 };
 
-/// Shapes of all arms at some stiffness, and how they change with it: linear maps of the lengths,
-/// or, where a load bends an arm, solutions and their central differences.
+/// Shapes of all arms at a given stiffness, and their derivatives with respect to it. Without load,
+/// these are linear maps of the lengths; for loaded arms, solutions and central differences.
 class ShapeModel {
  public:
   ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted);
@@ -35,24 +35,24 @@ class ShapeModel {
     return entryOf(reference, entry);
   }
 
-  // With the fitted entries moved by these logs, from the reference where they are 0; the others as
-  // they are.
+  // The stiffness with the fitted entries multiplied by exp(logs). An entry that is 0 starts from
+  // its reference. The other entries are unchanged.
   Elasticity elasticityAt(const double* logs, Elasticity elasticity) const;
   const Elasticity& initial() const { return initial_; }
 
-  // Shape of arm `a` at these lengths, and, where asked for, its change with the logs of the
-  // stiffness and of factors on the lengths: none, one for all, or one each.
+  // Shape of arm `a` at these lengths and, if requested, its derivatives with respect to the
+  // logarithms of the stiffness and of factors on the lengths: none, one for all, or one each.
   ShapeThere at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales = 0,
                 bool derivatives = false);
 
  private:
   using Maps = std::vector<std::vector<Eigen::MatrixXd>>;  // [arm][section]
   using Statics = std::function<statics::Solution(const Eigen::VectorXd& lengths)>;
-  // Of a loaded arm, at the logs and a step to either side of them.
+  // A loaded arm at the logs and one step to either side of them.
   struct Loaded {
     Statics there;
     std::vector<Statics> above, below;  // [entry]
-    // The last one found: all tags of a capture ask for the same.
+    // Cache of the last result, since all tags of a capture request the same shape.
     Eigen::VectorXd lengths;
     bool has_changes = false;
     ShapeThere last;

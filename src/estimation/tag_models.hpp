@@ -7,12 +7,13 @@
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/lie/se3.hpp"
 
-/// What the fit knows of tags: how far they are from where a shape puts them, and how its parts
-/// move them.
+/// Residuals of tags against a shape, and their derivatives with respect to motions of the arm's
+/// parts.
 namespace helix_arm::estimation {
 
-/// Residuals of one tag, in expected deviations, and how a small rigid motion [v; w] of it, seen
-/// from the nominal base B0 and its origin, changes them: by_v v + by_w w; and how the bleed does.
+/// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
+/// seen from the nominal base B0 and about its origin, changes them by by_v v + by_w w; the bleed
+/// changes them by by_bleed.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
@@ -26,17 +27,17 @@ struct CornerModel {
   using Rows = TagRows<8>;
   static constexpr bool kBleeds = true;
 
-  lie::SE3 X_CB0;  // nominal base
+  lie::SE3 X_CB0;  // nominal base seen from the camera
   double weight;   // focal length / noise
   const TwistFitOptions& options;
 
   int residuals() const { return 8; }
-  // Root mean square of the corners' distances along either axis [px].
+  // RMS of the corners' distances along one axis [px].
   double shown(const Observation&, const lie::SE3&, double square) const {
     return options.corner_noise * std::sqrt(square / residuals());
   }
 
-  // False where a corner lies behind the camera.
+  // False if a corner is behind the camera.
   bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners& plane,
                 Rows& rows) const {
     const Eigen::Matrix3d& R = X_B0T.rotation;
@@ -46,7 +47,7 @@ struct CornerModel {
       const Eigen::Vector3d p_C = X_CB0 * p;
       if (!(p_C.z() > 0)) return false;
       const double per_z = 1.0 / p_C.z(), scale = weight * per_z;
-      // Towards the middle of the tag, along both of its axes.
+      // Towards the centre of the tag, along both of its axes.
       const Eigen::Vector3d inward =
           R.col(0) * (plane(0, c) > 0 ? -1.0 : 1.0) + R.col(1) * (plane(1, c) > 0 ? -1.0 : 1.0);
       for (int axis = 0; axis < 2; ++axis) {
@@ -98,24 +99,24 @@ struct PoseModel {
   }
 };
 
-/// How a part of the arm moves, about the origin of B0 and seen from there, when some twist
-/// changes: v = v_by_v dv + v_by_w dw, w = v_by_v dw.
+/// Motion of a part of the arm due to a change of a twist, about the origin of B0 and seen from B0:
+/// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
 struct Mover {
   Eigen::Matrix3d v_by_v, v_by_w;
 
   static Mover none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
-  // All that lies beyond s on a piece that starts at X_B0k.
+  // Motion of all parts beyond s on a piece that starts at X_B0k.
   Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
     const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
     v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
     v_by_w = s * X_B0k.rotation * J.topRightCorner<3, 3>();
     v_by_w += lie::skew(X_B0k.translation) * v_by_v;
   }
-  // Everything, with the base.
+  // Motion of the whole arm with the base.
   explicit Mover(const lie::SE3& X_B0B)
       : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
 
-  // Of several pieces that change together.
+  // Sum over several pieces that change together.
   Mover& operator+=(const Mover& other) {
     v_by_v += other.v_by_v;
     v_by_w += other.v_by_w;

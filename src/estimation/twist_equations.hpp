@@ -12,13 +12,13 @@
 #include "helix_arm/model/curve.hpp"
 #include "tag_models.hpp"
 
-/// The robust least squares behind a twist fit: its cost, and its normal equations.
+/// The robust least-squares problem of a twist fit: its cost and its normal equations.
 namespace helix_arm::estimation {
 
 inline constexpr int kBaseParameters = 6;
 inline constexpr int kMaxParameters = 6 * model::kMaxSections + kBaseParameters + 1;
 
-/// Where a search stands.
+/// An iterate of the search.
 struct FitPoint {
   model::Twists twists;
   model::Shape shape;  ///< with these mean twists
@@ -27,7 +27,7 @@ struct FitPoint {
   double bleed = 0;
   double cost = std::numeric_limits<double>::infinity();
   std::vector<TagResidual> residuals;
-  std::vector<double> squares;  ///< of the tags' residuals, in expected variances
+  std::vector<double> squares;  ///< per tag: sum of squared residuals, in expected variances
 };
 
 /// Normal equations of all parameters: twists, base, bleed.
@@ -40,10 +40,10 @@ struct NormalEquations {
   Matrix hessian;  ///< lower triangle
 };
 
-/// Holds its work space: nothing allocates once a point has room for its tags.
+/// Owns its workspace: nothing allocates once a point has capacity for its tags.
 class TwistEquations {
  public:
-  /// The layout, their number and the options are valid.
+  /// Requires a valid layout, number of sections and options.
   TwistEquations(TagLayout layout, int sections, const TwistFitOptions& options)
       : layout_(std::move(layout)), sections_(sections), options_(options) {
     starts_.resize(model::kMaxPieces);
@@ -55,14 +55,14 @@ class TwistEquations {
   int sections() const { return sections_; }
   const TwistFitOptions& options() const { return options_; }
 
-  /// What the model's prior is about; tags as far off as they are expected to be.
+  /// Sets the centre of the model's prior, and resets the noise to the expected noise.
   void expect(const model::Shape& model) {
     expected_ = model;
     prior_ = model.twists();
     noise_scale_ = 1;
   }
   const model::Twists& prior() const { return prior_; }
-  /// Of the tags' expected errors.
+  /// Sets the factor on the tags' expected errors.
   void setNoiseScale(double scale) { noise_scale_ = scale; }
 
   /// Number of parameters.
@@ -70,7 +70,7 @@ class TwistEquations {
   int parameters() const {
     return bleedColumn() + (bleeds<Model>() ? 1 : 0);
   }
-  /// Squared residuals of a tag beyond which it is an outlier.
+  /// Sum of a tag's squared residuals beyond which it is an outlier.
   template <class Model>
   double threshold(const Model& model) const {
     const double scale = options_.robust_scale * noise_scale_;
@@ -80,14 +80,13 @@ class TwistEquations {
   double modelDeviation(int entry) const {
     return entry % 6 < 3 ? options_.model_prior.translation : options_.model_prior.rotation;
   }
-  /// Whether an entry of the twists stays 0.
+  /// Whether an entry of the twists is fixed at 0.
   bool held(int entry) const {
     return options_.planar && std::find(std::begin(kOutOfPlane), std::end(kOutOfPlane),
                                         entry % 6) != std::end(kOutOfPlane);
   }
 
-  /// A point with these twists, but for entries that are held, and base and bleed where they are
-  /// expected.
+  /// Sets a point to these twists, with held entries at 0, and to the expected base and bleed.
   void start(const model::Twists& twists, FitPoint& point) const {
     point.squares.clear();
     point.twists = twists;
@@ -100,7 +99,7 @@ class TwistEquations {
     point.bleed = 0;
   }
 
-  /// A step away from a point.
+  /// Sets `to` to the point one step away from `from`.
   template <class Model, class Step>
   void move(const FitPoint& from, const Step& step, FitPoint& to) const {
     to.twists = from.twists;
@@ -115,10 +114,10 @@ class TwistEquations {
     to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
   }
 
-  /// Fills in a point's cost and residuals, and the normal equations there; an infinite cost where
-  /// a tag would lie behind the camera.
+  /// Computes a point's cost and residuals, and the normal equations there. The cost is infinite if
+  /// a tag is behind the camera.
   ///
-  /// @param skipped  index in `seen` of a tag to leave out, or -1.
+  /// @param skipped  index in `seen` of a tag to omit, or -1.
   template <class Model, int kSize>
   void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
                 int skipped, FitPoint& point, NormalEquations<kSize>& system) {
@@ -177,7 +176,7 @@ class TwistEquations {
       system.gradient[entry] += precision * residual;
     }
     if (options_.free_base) {
-      // The prior is of log X_B0B, a step moves X_B0B on its right.
+      // The prior applies to log X_B0B; a step multiplies X_B0B from the right.
       lie::Vector6 precision;
       precision << Eigen::Vector3d::Constant(1 / options_.base_prior.translation),
           Eigen::Vector3d::Constant(1 / options_.base_prior.rotation);
@@ -199,7 +198,7 @@ class TwistEquations {
   }
 
  private:
-  // v_z, w_x and w_y, which a planar arm does not have.
+  // v_z, w_x and w_y, which are 0 for a planar arm.
   static constexpr int kOutOfPlane[] = {2, 3, 4};
 
   int baseColumn() const { return 6 * sections_; }
@@ -248,11 +247,11 @@ class TwistEquations {
   model::Twists prior_;    // of the twists
   double noise_scale_ = 1;
   std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
-  // Where sections are several pieces: of what lies beyond a piece, by those of its section up to
-  // it, as if each changed by the whole change of the twist.
+  // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
+  // section up to it, as if each changed by the whole change of the twist.
   std::vector<Mover> partial_movers_;
-  std::vector<Mover> movers_;     // of what lies beyond each section but the last
-  Mover base_mover_{lie::SE3()};  // of everything
+  std::vector<Mover> movers_;     // of what lies beyond each section except the last
+  Mover base_mover_{lie::SE3()};  // of the whole arm
 };
 
 }  // namespace helix_arm::estimation

@@ -2,11 +2,12 @@
 
 namespace helix_arm::lie {
 
-/// Angle [rad] above which exp of a rotation divides by it; below, the limit of the quotient is
-/// good to the last bit.
+/// Angle [rad] above which exp of a rotation divides by it. Below, the limit of the quotient is
+/// accurate to the last bit.
 inline constexpr double kSo3ExpSwitch = 1e-8;
 
-/// Norm of the quaternion's vector part above which log of a rotation divides by it; likewise.
+/// Norm of the quaternion's vector part above which log of a rotation divides by it. Below, the
+/// same holds.
 inline constexpr double kSo3LogSwitch = 1e-8;
 
 }  // namespace helix_arm::lie

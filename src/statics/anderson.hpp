@@ -4,22 +4,22 @@
 
 namespace helix_arm::statics {
 
-/// Anderson's acceleration of a fixed-point iteration x = F(x): each next x is the combination of
-/// the last answers F(x) whose changes F(x) - x cancel best (least squares).
+/// Anderson's acceleration of a fixed-point iteration x = F(x): the next x is the combination of
+/// the last values F(x) whose changes F(x) - x cancel best (least squares).
 ///
-/// @tparam kMost  most entries of x; nothing is allocated.
+/// @tparam kMost  maximum number of entries of x; nothing is allocated.
 template <int kMost>
 class Anderson {
  public:
   using Values = Eigen::Ref<Eigen::VectorXd>;
 
-  /// @param weight  (n) of the entries in the least squares.
+  /// @param weight  (n) weight of each entry in the least squares.
   explicit Anderson(const Eigen::Ref<const Eigen::VectorXd>& weight) : weight_(weight) {
     for (Memory* memory : {&changes_, &answers_}) memory->resize(weight.size(), kDepth);
   }
 
-  /// Takes in x and its answer F(x), (n) each, and leaves the next x in x.
-  /// @return the largest entry of the weighted change F(x) - x, from before.
+  /// Adds x and F(x), (n) each, and replaces x by the next iterate.
+  /// @return the largest entry of the weighted change F(x) - x, for the old x.
   double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer);
 
  private:
@@ -28,7 +28,7 @@ class Anderson {
   using Memory = Eigen::Matrix<double, Eigen::Dynamic, kDepth, Eigen::ColMajor, kMost, kDepth>;
 
   Stack weight_, last_answer_, last_change_;
-  Memory changes_, answers_;                    // differences of consecutive ones
+  Memory changes_, answers_;                    // differences of consecutive values
   Eigen::Matrix<double, kDepth, kDepth> gram_;  // of the changes
   int calls_ = 0;
 };

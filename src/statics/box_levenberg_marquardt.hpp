@@ -8,9 +8,9 @@
 
 namespace helix_arm::statics {
 
-/// A point of the inverse's search, with everything that is known there.
+/// A point of the inverse's search with its residual and Jacobian.
 struct InversePoint {
-  /// Takes all memory that a task needs. @param rows  the most rows of its residual.
+  /// Allocates all memory that a task needs. @param rows  maximum number of rows of its residual.
   InversePoint(int actuators, int rows)
       : lengths(actuators), residual(rows), jacobian(rows, actuators) {}
 
@@ -22,46 +22,47 @@ struct InversePoint {
 
 /// How a descent ended.
 enum class Descent {
-  kReached,    ///< at the goal
+  kReached,    ///< the residual is within the tolerance
   kAtRest,     ///< at a local minimum
-  kExhausted,  ///< after its last iteration
+  kExhausted,  ///< the maximum number of iterations was reached
 };
 
 /// Least squares of an inverse task over the lengths inside their box, by Levenberg-Marquardt with
 /// an active set.
 ///
-/// Keeps references to task and box; the task's target may change between calls. All memory is
-/// taken in the constructor.
+/// Keeps references to task and box. The task's target may change between calls. All memory is
+/// allocated in the constructor.
 class BoxLevenbergMarquardt {
  public:
   /// @param tolerance  residual at which a target counts as reached [m].
   BoxLevenbergMarquardt(const InverseTask& task, const LengthBox& box, double tolerance);
 
-  /// Residual, Jacobian and cost at the point's lengths.
+  /// Computes residual, Jacobian and cost at the point's lengths.
   void evaluate(InversePoint& point) const noexcept;
 
   /// Moves an evaluated point to the goal or to a local minimum.
   Descent descend(InversePoint& point, int most_iterations) noexcept;
 
-  /// Iterations of all descents since the last restart.
+  /// Number of iterations of all descents since the last restart().
   int iterations() const { return iterations_; }
   void restart() { iterations_ = 0; }
 
-  /// Linearises the task at an evaluated point: normal equations, and the bounds of a step.
+  /// Linearises the task at an evaluated point: normal equations and bounds of a step.
   void linearise(const InversePoint& point) noexcept;
 
-  /// Of the linearised point, the damped step; returns the decrease of the cost that the linear
-  /// model of the residual promises [m^2].
+  /// Computes the damped step of the linearised point. Returns the decrease of the cost that the
+  /// linear model of the residual predicts [m^2].
   /// @param damping  relative to the mean of diag(J'J).
   double proposeStep(const InversePoint& point, double damping) noexcept;
-  /// Lengths (n) [m] after the step proposed last, valid until the next call.
+  /// Lengths (n) [m] after the last proposed step, valid until the next call.
   const Eigen::VectorXd& proposed() const { return trial_.lengths; }
 
-  /// Of the linearised point, the step (n) [m] inside the box that minimises the linear model plus
-  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. Once per linearisation.
+  /// The step (n) [m] of the linearised point inside the box that minimises the linear model plus
+  /// 1/2 x' diag(`diagonal`) x + `gradient`' x; valid until the next call. Call it once per
+  /// linearisation.
   const Eigen::VectorXd& stepWith(const Eigen::VectorXd& diagonal,
                                   const Eigen::VectorXd& gradient) noexcept;
-  /// Mean of diag(J'J) of the linearised point.
+  /// Mean of diag(J'J) at the linearised point.
   double scale() const { return scale_; }
 
  private:
@@ -81,10 +82,10 @@ class BoxLevenbergMarquardt {
   double scale_ = 1.0;      // mean of its diagonal
 };
 
-/// The least damping: a step of the linear model as it is.
+/// Least damping: practically the undamped step of the linear model.
 inline constexpr double kLeastDamping = 1e-12;
 
-/// Shortest part of a step that a search along it tries.
+/// Smallest fraction of a step that a line search tries.
 inline constexpr double kLeastStepFraction = 0.01;
 
 }  // namespace helix_arm::statics

@@ -5,9 +5,10 @@
 
 namespace helix_arm::statics {
 
-/// min 1/2 x' H x + g' x over lower <= x <= upper, by a primal active set that starts at x = 0.
+/// Minimises 1/2 x' H x + g' x over lower <= x <= upper with a primal active-set method that starts
+/// at x = 0.
 ///
-/// Fill the members, then solve(). All memory is taken in the constructor.
+/// Set the members, then call solve(). All memory is allocated in the constructor.
 class BoxQuadratic {
  public:
   explicit BoxQuadratic(int n);

@@ -5,12 +5,13 @@
 
 namespace helix_arm::statics {
 
-/// How large a load is against the least one that buckles the arm, from above and whatever the
-/// arm's shape: below 1 nothing buckles.
+/// Upper bound of the ratio of a load to the smallest load that buckles the arm, for any shape of
+/// the arm. If it is below 1, nothing buckles.
 ///
-/// A motion turns the frame at s by theta(s), theta(0) = 0. The forces free at most the integral of
-/// |F| |theta|^2 / 2, and what moments and levers turn adds to it, while |theta(s)|^2 is at most
-/// twice the energy of bending times the compliance before s. Shear counts as in Engesser's column.
+/// A motion rotates the frame at s by theta(s), theta(0) = 0. The energy that the forces release is
+/// at most the integral of |F| |theta|^2 / 2, plus the contributions of moments and lever arms.
+/// |theta(s)|^2 is at most twice the bending energy times the compliance before s. Shear is
+/// included as in Engesser's column.
 template <class Group>
 double bucklingBound(const model::ArmOf<Group>& arm, const Load& load);
 

@@ -7,7 +7,8 @@
 
 namespace helix_arm::statics {
 
-/// Gauss-Legendre points on [0, 1], and the integrals of the polynomials through them.
+/// Gauss-Legendre points on [0, 1], with integrals of the polynomials through values at these
+/// points.
 template <int kNodes>
 class GaussRule {
  public:
@@ -23,10 +24,10 @@ class GaussRule {
   const Vector& weights() const { return weights_; }
   /// (nodes x nodes): column j holds the weights of the integral from 0 to node j.
   const Matrix& before() const { return before_; }
-  /// The same from node j to 1.
+  /// Likewise for the integral from node j to 1.
   const Matrix& after() const { return after_; }
 
-  /// Weights of the value at t in [0, 1].
+  /// Weights of the interpolated value at t in [0, 1].
   Vector at(double t) const {
     double P[kNodes + 1];
     legendre(t, P);
@@ -34,7 +35,7 @@ class GaussRule {
     for (int n = 0; n < kNodes; ++n) out += (2 * n + 1) * P[n] * at_nodes_.col(n);
     return out.cwiseProduct(weights_);
   }
-  /// Weights of the highest mode, P_nodes-1.
+  /// Weights of the coefficient of the highest mode, P_nodes-1.
   const Vector& highest() const { return highest_; }
 
   /// Weights of the integral from 0 to t in [0, 1].

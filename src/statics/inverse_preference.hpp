@@ -8,26 +8,27 @@
 
 namespace helix_arm::statics {
 
-/// The preference among inputs that reach a target, for arms with actuators to spare: moves along
-/// those inputs to the least sum_i ((q_i - q_ref,i) / range_i)^2 nearby.
+/// Optimises the preference among inputs that reach a target, for arms with redundant actuators:
+/// moves along those inputs to a local minimum of sum_i ((q_i - q_ref,i) / range_i)^2.
 ///
-/// Keeps references to arm, box and minimiser. All memory is taken in the constructor.
+/// Keeps references to arm, box and minimiser. All memory is allocated in the constructor.
 class InversePreference {
  public:
   InversePreference(const model::Arm& arm, const InverseOptions& options, const LengthBox& box,
                     BoxLevenbergMarquardt& minimiser);
 
-  /// Sets q_ref for a solution that starts at these inputs (n).
+  /// Sets q_ref for a solution that starts at inputs `start` (n).
   void prefer(const model::InputRef& start) noexcept;
 
-  /// @param point  evaluated, reaches the target. @param input  its inputs (n). Both are moved.
-  /// @return the number of steps that were taken, at most max_iterations.
+  /// @param point  evaluated point that reaches the target; modified.
+  /// @param input  inputs (n) of the point; modified.
+  /// @return the number of steps taken, at most max_iterations.
   int follow(InversePoint& point, Eigen::VectorXd& input) noexcept;
 
  private:
   double cost(const Eigen::VectorXd& input) const noexcept;
   bool improve(InversePoint& point, Eigen::VectorXd& input) noexcept;
-  // Difference of an input from its reference, by its range.
+  // Difference of an input from its reference, divided by its range.
   double offset(int i, double input) const;
 
   const model::Arm& arm_;

@@ -9,16 +9,16 @@
 
 namespace helix_arm::statics {
 
-/// Further starts of the inverse: lengths sampled within the limits, and the corners of the limits
-/// of arms with few actuators. All memory is taken in the constructor.
+/// Additional starts of the inverse: lengths sampled within the limits, and the corners of the
+/// limits for arms with few actuators. All memory is allocated in the constructor.
 class InverseStarts {
  public:
-  /// @param loaded  the arm's model where a load bends it, else null.
+  /// @param loaded  model of the arm if a load bends it, else null.
   InverseStarts(const model::Arm& arm, const ArmModel* loaded, const LengthBox& box);
 
-  /// Lengths (n) [m] of start `number` of a task, counted from 0: first those with their tips
-  /// nearest to the target, then the nearest corners, then samples spread over all.
-  /// Numbers of one task come in their order.
+  /// Lengths (n) [m] of start `number` of a task, counted from 0. The order is: the starts whose
+  /// tips are nearest to the target, the nearest corners, then samples spread over all starts. Call
+  /// it with consecutive numbers within one task.
   Eigen::MatrixXd::ConstColXpr next(int number, const InverseTask& task) noexcept;
 
  private:

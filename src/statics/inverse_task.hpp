@@ -8,16 +8,16 @@
 
 namespace helix_arm::statics {
 
-/// Residual where a load has no balance: farther than any target [m].
+/// Residual if no shape balances the load: larger than that of any target [m].
 inline constexpr double kNoBalance = 1e9;
 
-/// What the inverse is to bring to zero: the weighted error of a target as a function of the
+/// The function whose root the inverse seeks: the weighted error of a target as a function of the
 /// actuators' lengths.
 class InverseTask {
  public:
   enum class Kind { kPosition, kPose, kTwists };
 
-  /// @param loaded  the arm's model where a load bends it, else null.
+  /// @param loaded  model of the arm if a load bends it, else null.
   InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight);
 
   void setPosition(const Eigen::Vector3d& position);
@@ -25,23 +25,23 @@ class InverseTask {
   void setTwists(const model::Twists& twists);
 
   Kind kind() const { return kind_; }
-  /// Of the tip that is wanted [m].
+  /// Position of the desired tip [m].
   const Eigen::Vector3d& position() const { return pose_.translation; }
-  /// Rows of the residual: 3, 6, or 6 a section.
+  /// Rows of the residual: 3, 6, or 6 per section.
   int rows() const { return rows_; }
   int maxRows() const { return std::max(6, 6 * arm_->sectionCount()); }
-  /// Whether the arm has more actuators than the target takes.
+  /// Whether the arm has more actuators than the target requires.
   bool hasSpareActuators() const { return arm_->actuatorCount() > std::min(rows_, map_rank_); }
 
-  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. kNoBalance in
-  /// every row where the load finds no balance.
+  /// Residual (rows) [m] at lengths (n) [m], and its Jacobian (rows x n), unitless. Every row is
+  /// kNoBalance if no shape balances the load.
   void evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                 Eigen::MatrixXd& jacobian) const noexcept;
 
-  /// Distance of the tip that the lengths give from the tip that the target means [m].
+  /// Distance between the tip at these lengths and the desired tip [m].
   double positionError(const Eigen::VectorXd& lengths) const noexcept;
 
-  /// Squared residual of a tip [m^2], for position and pose targets.
+  /// Squared residual of a given tip [m^2], for position and pose targets.
   double squaredErrorOfTip(const lie::SE3& tip) const noexcept;
 
  private:
@@ -55,19 +55,20 @@ class InverseTask {
                          Eigen::MatrixXd& jacobian) const;
   void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                             Eigen::MatrixXd& jacobian) const;
-  // Residual of a tip; returns the change of its last rows by a turn of the tip about its own axes.
+  // Computes the residual of a tip; returns the derivative of its last rows with respect to a
+  // rotation of the tip about its own axes.
   Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
-  // Column of the Jacobian for a body motion of the tip.
+  // Sets the column of the Jacobian for a body motion of the tip.
   void setColumn(const lie::SE3& tip, const lie::Vector6& motion, const Eigen::Matrix3d& by_turn,
                  int column, Eigen::MatrixXd& jacobian) const noexcept;
 
   const model::Arm* arm_;
   const ArmModel* loaded_;
   double rotation_weight_;
-  int map_rank_ = 0;  // independent motions of all sections together
+  int map_rank_ = 0;  // number of independent motions of all sections together
   Kind kind_ = Kind::kPosition;
   int rows_ = 3;
-  lie::SE3 pose_;  // of the tip that is wanted, whatever the kind
+  lie::SE3 pose_;  // pose of the desired tip, for targets of every kind
   model::Twists twists_;
 };
 

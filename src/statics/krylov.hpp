@@ -9,25 +9,25 @@
 /// Eigenvalues of a map in a Krylov space (Arnoldi), by finite differences of the map.
 namespace helix_arm::statics::krylov {
 
-inline constexpr int kDimensions = 8;  // motions that stability is judged by
-inline constexpr double kStep = 1e-6;  // of them, relative to the arm's size and one radian
+inline constexpr int kDimensions = 8;  // dimension of the Krylov space
+inline constexpr double kStep = 1e-6;  // difference step, relative to the arm's size and one radian
 
 using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
                                  kDimensions + 1, kDimensions + 1>;
 
-/// The largest real part of the eigenvalues; infinite where they are not known.
+/// The largest real part of the eigenvalues; infinite if H is not finite.
 inline double largestEigenvalue(const Projection& H) {
   if (!H.allFinite()) return std::numeric_limits<double>::infinity();
   return Eigen::EigenSolver<Projection>(H, false).eigenvalues().real().maxCoeff();
 }
 
-/// The same of a map's derivative, in the space that a motion of all kinds at all places spans.
-/// Does not allocate beyond what the eigenvalues take.
+/// The same for the derivative of a map, in the Krylov space of a start vector with components in
+/// all entries. Allocates nothing except for the eigenvalues.
 ///
-/// @tparam kMostSize  the largest `size`.
-/// @param size  of a motion.
-/// @param respond  respond(motion, change) sets the change (size) that the derivative makes of a
-///        motion (size) of unit length, by a difference of kStep.
+/// @tparam kMostSize  maximum of `size`.
+/// @param size  number of entries of a motion.
+/// @param respond  respond(motion, change) sets `change` (size) to the derivative's product with a
+///     unit vector `motion` (size), by a difference of kStep.
 template <int kMostSize, class Respond>
 double largestEigenvalue(int size, const Respond& respond) {
   using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostSize,

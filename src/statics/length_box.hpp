@@ -6,7 +6,7 @@
 
 namespace helix_arm::statics {
 
-/// The lengths [m] that the actuators take within the limits of their inputs, one interval per
+/// Range of the actuators' lengths [m] within the limits of their inputs, one interval per
 /// actuator. Keeps a reference to the arm.
 class LengthBox {
  public:
@@ -18,7 +18,7 @@ class LengthBox {
   const Eigen::VectorXd& upper() const { return upper_; }
 
   /// Inputs (n) that give lengths (n) [m] inside the box.
-  /// @param input  guesses of the inputs; replaced by them.
+  /// @param input  initial guesses, replaced by the result.
   void readInputs(const Eigen::VectorXd& lengths, Eigen::VectorXd& input) const noexcept;
 
  private:

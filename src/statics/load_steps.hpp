@@ -6,16 +6,17 @@
 
 namespace helix_arm::statics {
 
-/// The nodes that balance the largest share of the load that was reached.
+/// The equilibrium at the largest fraction of the load that was reached.
 struct Reached {
   std::vector<Node> nodes;
   double share = 0.0;
   double residual = 0.0;  ///< as Balance::residual
-  int iterations = 0;     ///< of Newton's method, all load steps together
+  int iterations = 0;     ///< Newton iterations, summed over all load steps
 };
 
-/// Loads an arm in steps, as long as Newton's method stays on the branch that grows from the
-/// unloaded shape. Where the branch ends, whichever shape damped steps find under the whole load.
+/// Applies the load in steps, as long as Newton's method stays on the branch that grows from the
+/// unloaded shape. Where the branch ends, the result is whichever shape damped steps find under the
+/// full load.
 Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options);
 
 }  // namespace helix_arm::statics

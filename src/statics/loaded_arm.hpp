@@ -12,12 +12,13 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "relaxation.hpp"
 
-/// Definitions of LoadedArmOf. Each group is instantiated in a file of its own, as that takes long.
+/// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
+/// slow.
 namespace helix_arm::statics {
 
-inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and to one radian
+inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and one radian
 
-/// Calls f with the number of nodes of an order as a constant.
+/// Calls f with the number of nodes for an order as a compile-time constant.
 template <class F>
 inline auto withNodes(int order, const F& f) {
   switch (order) {
@@ -79,7 +80,7 @@ Solver LoadedArmOf<Group>::solved(const Load& load, const Twists& unloaded,
   Solver solver(*this, load, unloaded);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);
-  // What is near a shape that holds is as good as it.
+  // A solution close to a checked one needs no check of its own.
   if (near != nullptr) return solver;
   if (may_buckle_) solver.refuseUnstable();
   if (solver.doubtful(statedTipError(order_))) check(load, unloaded, solver);
@@ -153,7 +154,7 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
 
 template <class Group>
 typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists& unloaded) const {
-  // A moment and a force that turn the softest section by about one radian.
+  // Units of moment and force: they turn the softest section by about one radian.
   double softest = 0.0;
   for (const auto& C : compliance_) {
     softest = std::max(softest,
@@ -161,7 +162,7 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists
   }
   const double moment = 1.0 / softest, force = moment / size_, pull = load_.gravity.norm();
   const double mass = pull > 0 ? force / pull : 1.0;
-  // In the order of the columns, each with its unit.
+  // Load entries in the order of the columns, each with its unit.
   Load load = load_;
   std::vector<std::pair<double*, double>> entries;
   for (double& of_section : load.mass) entries.emplace_back(&of_section, mass);

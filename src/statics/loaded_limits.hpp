@@ -4,13 +4,13 @@
 
 namespace helix_arm::statics {
 
-/// The most parts of an arm between joints and points that pull.
+/// Maximum number of elements: parts of an arm between section ends and point loads.
 inline constexpr int kMaxElements = model::kMaxSections + kMaxInnerPoints;
-/// The most unknowns of the loaded tier in a group of so many dimensions.
+/// Maximum number of unknowns of the loaded tier in a group with kDof dimensions.
 template <int kDof>
 inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
 
-/// Gauss points of the solution that others are compared with.
+/// Number of Gauss points of the reference solution for checks.
 inline constexpr int kFineNodes = 16;
 template <int kDof>
 inline constexpr int kMaxFineRates = kDof* kFineNodes* kMaxElements;

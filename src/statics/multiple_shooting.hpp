@@ -17,16 +17,16 @@ struct Node {
   Eigen::Vector3d m;  ///< [N m]
 };
 
-/// What Newton's method makes of the nodes that it is given.
+/// Result of Newton's method.
 struct Balance {
   bool found = false;
-  std::vector<Node> nodes;  ///< that balance, where they were found
+  std::vector<Node> nodes;  ///< the solution, if found
   /// Last Newton step, relative to the arm's size and one radian.
   double residual = std::numeric_limits<double>::infinity();
 };
 
-/// Balance of a loaded rod by shooting from the starts of all its segments at once, whose frames
-/// and moments are the unknowns of Newton's method.
+/// Equilibrium of a loaded rod by multiple shooting: the frames and moments at the starts of all
+/// segments are the unknowns of Newton's method.
 ///
 /// Keeps references to the rod and to the unloaded twists (6 x sections).
 class MultipleShooting {
@@ -37,22 +37,22 @@ class MultipleShooting {
   /// The nodes of the arm without load.
   std::vector<Node> unloadedNodes() const;
 
-  /// Newton's method from given nodes, under a share of the load.
-  /// @param damped  shortens steps until they gain; without it, steps that leave their branch end
-  ///        the search.
-  /// @param iterations  taken so far; counted on, up to ExactOptions::max_iterations.
+  /// Newton's method from given nodes, under a fraction of the load.
+  /// @param damped  shorten steps until they reduce the error; otherwise, steps that leave their
+  ///     branch end the search.
+  /// @param iterations  incremented, up to ExactOptions::max_iterations.
   Balance balance(std::vector<Node> nodes, double share, bool damped, int& iterations) const;
 
-  /// Newton step at given nodes, as Balance::residual.
+  /// Size of the Newton step at given nodes, as Balance::residual.
   double residualOf(std::vector<Node> nodes, double share) const;
 
  private:
-  // The arm shot from given nodes, with all that Newton's method asks for.
+  // The arm integrated from given nodes, with the data for Newton's method.
   struct Shot {
     std::vector<Node> nodes;
-    std::vector<lie::Matrix6> Phi;     // derivative of each segment's end by its start
-    std::vector<lie::Vector6> defect;  // what the segment's end misses the next node by; of the
-                                       // last one the moment that is left over
+    std::vector<lie::Matrix6> Phi;     // derivative of each segment's end with respect to its start
+    std::vector<lie::Vector6> defect;  // difference between the segment's end and the next node;
+                                       // for the last segment, the unbalanced moment
     double norm = std::numeric_limits<double>::infinity();
   };
   struct Step;

@@ -19,42 +19,44 @@
 namespace helix_arm::statics {
 
 inline constexpr int kMaxIterations = 100;
-inline constexpr double kAtRest = 1e-11;  // last change, relative to the arm's size and one radian
-// The step of the least order is trusted where the next one would be shorter by this factor, and no
-// longer than this, relative to the arm's size and one radian.
+// Largest change at convergence, relative to the arm's size and one radian.
+inline constexpr double kAtRest = 1e-11;
+// The step of the lowest order is accepted if the next step would be shorter by this factor and at
+// most this long, relative to the arm's size and one radian.
 inline constexpr double kContracting = 0.5;
 inline constexpr double kTrustedStep = 0.02;
-// Turn of a section against its shape without load, beyond which its coordinates fold back [rad].
+// Rotation of a section relative to its unloaded shape beyond which its coordinates are ambiguous
+// [rad].
 inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
-inline constexpr double kNoWork = 1e-9;  // of a wrench on a null space, relative to the load's
+inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
 
-// What a shape is taken to be off by without another solution may be this part of what its order
-// states; beyond it the shape is compared with a finer one.
+// Fraction of the order's stated error that the error estimate may reach. Beyond it, the shape is
+// compared with a finer solution.
 inline constexpr double kDoubt = 0.25;
-// Of the rates in the highest mode, relative to the arm's size and one radian.
+// Limit of the rates in the highest mode, relative to the arm's size and one radian.
 inline constexpr double kLargestTail = 0.065;
-// Turns of an element that the points of an order do not resolve at all [rad]: so much for each,
-// and less exact where only one step is taken.
+// Turn of an element that is not resolved at all [rad]: per Gauss point, and as a whole for the
+// less accurate single step.
 inline constexpr double kTurnOfNode = 3.0;
 inline constexpr double kTurnOfOneStep = 20.0;
-// What the finer solution resolves [rad], and how close to it a shape must be, by what is stated.
+// Largest turn that the finer solution resolves [rad], and the permitted difference from it as a
+// fraction of the stated error.
 inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;
 
-/// One solution of the loaded tier, at so many Gauss points an element. Everything lives on the
-/// stack.
+/// One solution of the loaded tier, with kNodes Gauss points per element. All data is on the stack.
 template <class Group>
 template <int kNodes>
 class LoadedArmOf<Group>::Relaxation {
  public:
   static constexpr int kDof = Group::kDof;
-  static constexpr int kRates = kDof * kNodes;  // of an element
+  static constexpr int kRates = kDof * kNodes;  // per element
   using Tangent = typename Group::Tangent;
   using Point = typename Group::Point;
   using Points = Eigen::Matrix<double, Group::kSpace, kNodes>;
-  // One memory for all orders, a larger one for what they are compared with.
+  // One capacity for all orders; a larger one for the reference solution.
   static constexpr int kMostRates = std::max(kMaxRates<kDof>, kRates* kMaxElements);
   using Rates =
       Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
@@ -75,9 +77,9 @@ class LoadedArmOf<Group>::Relaxation {
     rates_.setZero(kDof, kNodes * count_);
   }
 
-  // Begins where another solution ended.
+  // Starts at another solution.
   void startFrom(const Relaxation& other) { rates_ = other.rates_; }
-  // Begins at these rates: those of an element by t in [0, 1].
+  // Starts at given rates, as a function of element and t in [0, 1].
   template <class RateAt>
   void startAt(const RateAt& rateAt) {
     for (int node = 0; node < rates_.cols(); ++node) {
@@ -88,7 +90,7 @@ class LoadedArmOf<Group>::Relaxation {
     return rates_.template middleCols<kNodes>(e * kNodes) * rule_.at(t);
   }
 
-  // Out of line: it is called from all over, and long.
+  // Out of line, since it is long and has many callers.
   [[gnu::noinline]] void run(bool one_step) {
     if (one_step) {
       takeOneStep();
@@ -99,8 +101,8 @@ class LoadedArmOf<Group>::Relaxation {
     if (!tip_.translation.allFinite()) status_ = SolveStatus::kNotConverged;
   }
 
-  // A shape that balances but would not stay is not converged: a change of strain must make the
-  // load ask for less change than that.
+  // Marks an unstable equilibrium as not converged. For stability, a change of strain must change
+  // the load's strain by less than itself.
   void refuseUnstable() {
     if (status_ != SolveStatus::kConverged) return;
     const double largest = amplification();
@@ -108,9 +110,10 @@ class LoadedArmOf<Group>::Relaxation {
     amplification_ = std::clamp(largest, 0.0, kLargestAmplification);
   }
 
-  // Whether the tip may be off by more than is stated. What the modes left out would add is taken
-  // from the highest one, times the part of it that the tip sees: turns of the arm that its Gauss
-  // points do not resolve. Found by comparison with finer solutions, in loads of all kinds.
+  // Whether the tip error may exceed the stated one. The contribution of the omitted modes is
+  // estimated from the highest mode, times the fraction of it that affects the tip, which depends
+  // on how well the Gauss points resolve the turns of the arm. The limits are from comparisons with
+  // finer solutions under loads of all kinds.
   bool doubtful(double stated) const {
     if (status_ != SolveStatus::kConverged) return false;
     double tail = 0.0;
@@ -126,7 +129,7 @@ class LoadedArmOf<Group>::Relaxation {
     return !(tail <= kLargestTail && off <= kDoubt * stated);
   }
 
-  // Takes a finer solution for the truth.
+  // Compares with a finer solution, which is taken as the true one.
   void compareWith(const TipOf<Group>& finer, double stated) {
     const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
     const bool resolved = turn() <= kFinestTurn;
@@ -158,7 +161,7 @@ class LoadedArmOf<Group>::Relaxation {
     return {pieces, kLoadedPieces};
   }
 
-  // The curve at evenly spaced s, base and tip included.
+  // The curve at evenly spaced s, including base and tip.
   std::vector<model::CurvePoint<lie::SE3>> curve(int sections, int count) const {
     std::vector<model::CurvePoint<lie::SE3>> out;
     out.reserve(count);
@@ -172,12 +175,12 @@ class LoadedArmOf<Group>::Relaxation {
   }
 
  private:
-  // Walks along the arm, from its base to its tip.
+  // Poses in sequence along the arm, from base to tip.
   struct Place {
     const Relaxation& shape;
     int e = 0;
 
-    // Pose at s of section k, no less far than the one before.
+    // Pose at s of section k, at or beyond the previous one.
     lie::SE3 at(int k, double s) {
       const auto& elements = shape.arm_.elements_;
       while (e + 1 < shape.count_ &&
@@ -191,7 +194,7 @@ class LoadedArmOf<Group>::Relaxation {
 
   static int elementCount(const LoadedArmOf& arm) { return static_cast<int>(arm.elements_.size()); }
 
-  // Rates that balance the load on the shape that rates_ make; start_ and tip_ are of that shape.
+  // Rates that balance the load on the shape of rates_; sets start_ and tip_ for that shape.
   [[gnu::noinline]] void evaluate(Rates& out) {
     out.resize(kDof, rates_.cols());
     Group X;
@@ -212,7 +215,7 @@ class LoadedArmOf<Group>::Relaxation {
     }
     tip_ = X;
 
-    Tangent W = Tangent::Zero();  // of all that pulls beyond, about the base's origin
+    Tangent W = Tangent::Zero();  // of all loads beyond, about the base's origin
     for (int e = count_ - 1; e >= 0; --e) {
       const Element& element = arm_.elements_[e];
       const Group& end = e + 1 < count_ ? start_[e + 1] : tip_;
@@ -252,8 +255,8 @@ class LoadedArmOf<Group>::Relaxation {
     status_ = farthest_ < kFarthestTurn ? status : SolveStatus::kNotConverged;
   }
 
-  // From the shape without load, then once more on the shape that gives; what further steps would
-  // do is told from the first two (Aitken: each is the one before, times the same factor).
+  // One step from the unloaded shape and a second one from the result. The remaining steps are
+  // extrapolated from these two (Aitken: each step is the previous one times a constant factor).
   void takeOneStep() {
     Rates next;
     evaluate(next);
@@ -278,14 +281,14 @@ class LoadedArmOf<Group>::Relaxation {
     rates_ += factor / (1.0 - factor) * (next - first);
     place();
     const double shorter = first_square > 0 ? residual_ / std::sqrt(first_square) : 0.0;
-    // Of turns alone, too: a load along the arm shortens it by more than it bends it, and is then
-    // the same in every step.
+    // Considers rotations separately, too: a load along the arm shortens it by more than it bends
+    // it, and the shortening is the same in every step.
     factor_ = std::max(shorter, first_turn > 0 ? std::sqrt(step_turn / first_turn) : 0.0);
     const bool contracts = shorter <= kContracting && shorter * residual_ <= kTrustedStep;
     finish(contracts ? SolveStatus::kConverged : SolveStatus::kNotConverged);
   }
 
-  // The largest turn of an element, its load's share from above [rad].
+  // Upper bound of the largest turn of an element, including that due to the load [rad].
   double turn() const {
     double largest = 0.0;
     for (int e = 0; e < count_; ++e) {
@@ -294,14 +297,14 @@ class LoadedArmOf<Group>::Relaxation {
     return largest + farthest_;
   }
 
-  // What the steps that the least order leaves out would add, each shorter by the same factor; 0 of
-  // the orders that take them all.
+  // Contribution of the steps that the lowest order omits, each shorter by the same factor; 0 for
+  // the other orders, which take all steps.
   double remainder() const {
     const double factor = std::min(std::max(factor_, amplification_), kLargestAmplification);
     return kNodes == kLeastOrder + 1 ? residual_ * factor / (1.0 - factor) : 0.0;
   }
 
-  // Starts of the elements and tip of the shape that rates_ make.
+  // Sets the starts of the elements and the tip for the shape of rates_.
   void place() {
     Group X;
     for (int e = 0; e < count_; ++e) {
@@ -333,7 +336,7 @@ class LoadedArmOf<Group>::Relaxation {
 
   static Eigen::Map<Eigen::VectorXd> flat(Rates& rates) { return {rates.data(), rates.size()}; }
 
-  // By how much the load answers a change of strain with more of it: the largest eigenvalue of the
+  // Factor by which the load's response amplifies a change of strain: the largest eigenvalue of the
   // iteration's derivative, in a Krylov space (Arnoldi).
   [[gnu::noinline]] double amplification() {
     Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
@@ -367,22 +370,22 @@ class LoadedArmOf<Group>::Relaxation {
   int count_;
   Tangent scale_;
   Rates rates_;
-  // Of the shape without load, in each element.
+  // Unloaded shape of each element.
   Tangent twist_[kMaxElements];
   decltype(Group::rotation) rotation_[kNodes * kMaxElements];
   Point translation_[kNodes * kMaxElements];
-  // Of the shape last evaluated.
+  // Last evaluated shape.
   std::array<Group, kMaxElements> start_;
   decltype(Group::rotation) at_rotation_[kNodes * kMaxElements];
   Point at_[kNodes * kMaxElements];
   Tangent z_[kNodes * kMaxElements];
   Tangent wrench_[kNodes * kMaxElements];  // seen from the node
-  double pull_ = 0.0;                      // of the whole load [N m]
+  double pull_ = 0.0;                      // magnitude of the whole load [N m]
   Group tip_;
   SolveStatus status_ = SolveStatus::kNotConverged;
   double residual_ = 0.0, farthest_ = 0.0;
-  double factor_ = 0.0;         // of one step by the one before
-  double amplification_ = 0.0;  // 0 where the load is too small for it to count
+  double factor_ = 0.0;         // ratio of consecutive steps
+  double amplification_ = 0.0;  // 0 if the load is too small to matter
   int iterations_ = 0;
 };
 

@@ -8,8 +8,8 @@
 
 namespace helix_arm::statics {
 
-/// A loaded arm as a rod, cut into segments where points pull, at the sections' ends, and where
-/// errors of a start would grow too much along it.
+/// A loaded arm as a rod. It is divided into segments at point loads, at the ends of sections, and
+/// where errors of the start would grow too much along a segment.
 class Rod {
  public:
   /// @param load  valid for the arm. @param tolerance  relative to the arm's size and one radian.
@@ -20,17 +20,18 @@ class Rod {
   const std::vector<Segment>& segments() const { return segments_; }
   int segmentCount() const { return static_cast<int>(segments_.size()); }
 
-  /// What integrates segment j; refers to this rod.
-  /// @param unloaded  twists (6 x sections) without load. @param share  of the load.
+  /// The integrator of segment j; keeps a reference to this rod.
+  /// @param unloaded  twists (6 x sections) without load. @param share  fraction of the load.
   template <int kColumns>
   Flow<kColumns> flow(int j, const model::Twists& unloaded, double share) const;
 
-  /// Of all that pulls [N], [N m].
+  /// Magnitude of the whole load [N], [N m].
   double forceScale() const { return force_scale_; }
   double momentScale() const { return moment_scale_; }
   /// Moment that bends the arm by about one radian [N m].
   double momentUnit() const { return moment_unit_; }
-  /// False where a moment keeps its direction: it has no energy that tells whether a shape holds.
+  /// False if a moment keeps its direction: it then has no potential energy that decides about
+  /// stability.
   bool conservative() const { return conservative_; }
 
  private:
@@ -47,7 +48,7 @@ class Rod {
 template <int kColumns>
 Flow<kColumns> Rod::flow(int j, const model::Twists& unloaded, double share) const {
   const Segment& segment = segments_[j];
-  // A tenth of the tolerance for each step: there are some ten of them.
+  // A tenth of the tolerance per step, for about ten steps.
   return {laws_[segment.section], segment,         unloaded.col(segment.section), share, size_,
           moment_unit_,           0.1 * tolerance_};
 }

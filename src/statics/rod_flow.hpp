@@ -11,34 +11,34 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/equilibrium.hpp"
 
-/// How frame and moment of a loaded rod change along it: g = g* + C [n; m] in the body frame, X' =
-/// X g, m' = m x w + n x v.
+/// Differential equations of frame and moment along a loaded rod: g = g* + C [n; m] in the body
+/// frame, X' = X g, m' = m x w + n x v.
 namespace helix_arm::statics {
 
-/// What pulls at one place; force and moment in the base frame.
+/// A point load; force and moment in the base frame.
 struct Pull {
   Eigen::Vector3d offset, force, moment;
 };
 
-/// Where the arm is shot at from one place to the next. Its end loads are felt before it.
+/// Part of the arm between two shooting nodes. The point loads at its end act on it.
 struct Segment {
   int section = 0;
   double begin = 0.0, end = 1.0;  // s along the section
-  Eigen::Vector3d force;          // that pulls at the end, all beyond it included [N]
+  Eigen::Vector3d force;          // at the end, including all loads beyond [N]
   Eigen::Vector3d weight;         // per unit s [N]
   std::vector<Pull> pulls;        // at the end
-  double growth = 0.0;            // of errors, e-fold
+  double growth = 0.0;            // exponent of the error growth along the segment
 
   Eigen::Vector3d forceAt(double s) const { return force + (end - s) * weight; }
 };
 
 struct SectionLaw {
-  lie::Matrix6 C;  // twist over the section by body wrench
+  lie::Matrix6 C;  // twist over the section per body wrench
   model::Equilibrium<lie::SE3>::Basis null_space;
 };
 
-/// The state that flows along s: the quaternion (x y z w) and the body moment, and then either the
-/// position and the integral of the angular strain, or so many columns of the flow's derivative.
+/// The integrated state: the quaternion (x y z w) and the body moment; then either the position and
+/// the integral of the angular strain, or kColumns columns of the flow's derivative.
 template <int kColumns>
 struct Flow {
   static constexpr int kSize = 7 + (kColumns == 0 ? 6 : 6 * kColumns);
@@ -47,7 +47,7 @@ struct Flow {
   const SectionLaw& law;
   const Segment& segment;
   lie::Vector6 unloaded;
-  double share;        // of the load
+  double share;        // fraction of the load
   double size;         // of the arm [m]
   double moment_unit;  // [N m]
   double tolerance;
@@ -97,8 +97,8 @@ struct Flow {
     return dy;
   }
 
-  // Square of an error of the state, relative to the arm's size and one radian. The derivative
-  // need not be better than the state.
+  // Squared error of the state, relative to the arm's size and one radian. The derivative is
+  // excluded, since it need not be more accurate than the state.
   double squaredError(const State& e) const {
     double sum = 4.0 * e.template head<4>().squaredNorm() +
                  e.template segment<3>(4).squaredNorm() / (moment_unit * moment_unit);
@@ -106,14 +106,14 @@ struct Flow {
     return sum;
   }
 
-  // Moves y from s to end. False where the steps vanish or the numbers overflow.
+  // Integrates y from s to end. False if the steps vanish or the numbers overflow.
   bool advance(double s, double end, State& y, double& h) const {
     std::array<State, dormand_prince::kStages> k;
-    // Ten times what balanced shapes take.
+    // Ten times the steps that shapes in equilibrium need.
     const double most_steps =
         200 + 20 * (segment.growth + unloaded.tail<3>().norm() * (segment.end - segment.begin));
     for (int steps = 0; s < end; ++steps) {
-      // Of places that are next to each other nothing is left to divide.
+      // If the end is almost reached, the rest is one step.
       const bool last = s + h * (1.0 + 1e-10) >= end || end - s <= 1e-14;
       if (steps > most_steps || !(last || s + h > s)) return false;
       const double step = last ? end - s : h;
@@ -141,7 +141,7 @@ struct Flow {
         y += step * next;
         y.template head<4>().normalize();
         s = last ? end : s + step;
-        // A step cut short by the end says nothing against a longer one.
+        // A step that was shortened to reach the end does not reduce the step size.
         h = last ? std::max(h, step * factor) : step * factor;
       } else {
         h = step * std::min(factor, 0.9);

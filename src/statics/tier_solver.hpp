@@ -19,7 +19,8 @@ class TierSolver {
   TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
              const std::optional<Load>& load, const TierSetting& setting);
 
-  /// Shape at free lengths (n) [m], or at inputs (n). Inputs throw as Arm::lengths() does.
+  /// Shape at free lengths (n) [m] or at inputs (n). The functions of inputs throw as
+  /// Arm::lengths() does.
   Solution solve(const Eigen::VectorXd& lengths) const;
   Solution solveInputs(const model::InputRef& q) const;
   /// The same without the shape.
@@ -29,14 +30,14 @@ class TierSolver {
   TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
 
  private:
-  // Of what gives the twists without load of either arm.
+  // Solve from a function that returns the unloaded twists of either arm.
   template <class Unloaded>
   Solution solveFrom(const Unloaded& unloaded) const;
   template <class Unloaded>
   Tip tipFrom(const Unloaded& unloaded) const;
 
   const model::Arm& arm_;
-  const model::PlanarArm* plane_;  // where the arm is solved in its plane
+  const model::PlanarArm* plane_;  // set if the arm is solved in its plane
   std::optional<LoadedArm> loaded_;
   std::optional<PlanarLoadedArm> planar_loaded_;
   std::optional<ExactArm> exact_;

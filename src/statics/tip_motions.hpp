@@ -4,13 +4,13 @@
 
 namespace helix_arm::statics {
 
-/// Body motion of the tip by the free length of each actuator, where nothing loads the arm:
+/// Body motion of the tip with respect to the free length of each actuator, without load. Calls
 /// take(i, motion) for every actuator i, motion (dof) [m/m; rad/m].
 /// @param twists  (dof x sections).
 template <class Group, class Take>
 void forTipMotions(const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists,
                    const Take& take) {
-  // When section k's twist changes: Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
+  // A change of section k's twist moves the tip by Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
   Group after;
   for (int k = arm.sectionCount() - 1; k >= 0; --k) {
     const typename Group::Matrix body =

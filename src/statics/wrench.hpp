@@ -6,10 +6,10 @@
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
 
-/// Forces on arms in space and in their plane. A wrench is [force; moment about the origin].
+/// Wrenches in space and in the plane. A wrench is [force; moment about the origin].
 namespace helix_arm::statics {
 
-/// Moments: three of space, one of the plane.
+/// Moment: three components in space, one in the plane.
 template <class Group>
 using Moment = Eigen::Matrix<double, Group::kRotations, 1>;
 
@@ -21,18 +21,18 @@ inline Moment<lie::SE2> momentOf(const Eigen::Vector2d& p, const Eigen::Vector2d
   return Moment<lie::SE2>(p.x() * force.y() - p.y() * force.x());
 }
 
-/// What of a vector of space lies in the group's space.
+/// Components of a spatial vector within the group's space.
 template <class Group>
 typename Group::Point within(const Eigen::Vector3d& v) {
   return v.head<Group::kSpace>();
 }
-/// What of a moment of space turns within the group's space.
+/// Components of a spatial moment that rotate within the group's space.
 template <class Group>
 Moment<Group> turningWithin(const Eigen::Vector3d& moment) {
   return moment.tail<Group::kRotations>();
 }
 
-/// Ad_X xi, without the matrix.
+/// Ad_X xi, without forming the matrix.
 inline lie::Vector6 moved(const lie::SE3& X, const lie::Vector6& xi) {
   lie::Vector6 out;
   out.tail<3>() = X.rotation * xi.tail<3>();
@@ -47,7 +47,7 @@ inline lie::SE2::Tangent moved(const lie::SE2& X, const lie::SE2::Tangent& xi) {
   return out;
 }
 
-/// Ad_X^T W, without the matrix: a wrench as the frame X sees it.
+/// Ad_X^T W, without forming the matrix: the wrench seen from frame X.
 template <class Group>
 typename Group::Tangent seenFrom(const Group& X, const typename Group::Tangent& W) {
   constexpr int kSpace = Group::kSpace, kRotations = Group::kRotations;

@@ -6,7 +6,7 @@
 
 namespace helix_arm::basics {
 
-/// The middle value, or the mean of both.
+/// Median of the values; for an even number, the mean of the two middle values.
 /// @param values  at least one; none NaN.
 inline double medianOf(std::vector<double> values) {
   std::sort(values.begin(), values.end());

@@ -7,10 +7,10 @@
 
 namespace helix_arm::basics {
 
-/// Median time of one call [s], over several timings of as many calls as last long enough to be
-/// timed; of a call that takes ten times that long, the time of one.
-/// @param timings  at least 1.
-/// @param least    time that each lasts at least, > 0 [s].
+/// Median time of one call [s] over several timings. Each timing repeats the call often enough to
+/// last `least`. If a single call lasts ten times that, its time is returned.
+/// @param timings  number of timings, at least 1.
+/// @param least    minimum duration of each timing, > 0 [s].
 template <class Call>
 double medianTime(const Call& call, int timings = 9, double least = 2e-4) {
   using Clock = std::chrono::steady_clock;

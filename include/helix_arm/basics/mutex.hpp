@@ -9,7 +9,7 @@
 
 namespace helix_arm::basics {
 
-/// A std::mutex that the thread-safety analysis knows. What it guards is declared with
+/// A std::mutex for the thread-safety analysis. Declare the data that it guards with
 /// HELIX_ARM_GUARDED_BY.
 class HELIX_ARM_CAPABILITY("mutex") Mutex {
  public:
@@ -21,7 +21,7 @@ class HELIX_ARM_CAPABILITY("mutex") Mutex {
   std::mutex mutex_;
 };
 
-/// Locks a mutex until the end of the scope, with pauses where it is asked for them; a
+/// Locks a mutex until the end of the scope, and can be unlocked and locked again in between: a
 /// std::unique_lock that begins locked.
 class HELIX_ARM_SCOPED_CAPABILITY MutexLock {
  public:
@@ -42,8 +42,8 @@ class HELIX_ARM_SCOPED_CAPABILITY MutexLock {
 
 /// A std::condition_variable for a MutexLock.
 ///
-/// Each wait needs a lock that is held, which the analysis does not check, and returns with it
-/// held. The lambda that tells whether the wait is over declares the lock that it needs:
+/// Each wait requires a locked MutexLock, which the analysis does not check, and returns with it
+/// locked. The predicate declares the lock that it needs:
 ///
 ///     condition_.wait(lock, [this]() HELIX_ARM_REQUIRES(mutex_) { return done_; });
 class Condition {
@@ -55,7 +55,7 @@ class Condition {
   void wait(MutexLock& lock, Done done) {
     condition_.wait(lock.lock_, std::move(done));
   }
-  /// @return what done() says at the end.
+  /// @return the last result of done().
   template <class Rep, class Period, class Done>
   bool waitFor(MutexLock& lock, const std::chrono::duration<Rep, Period>& longest, Done done) {
     return condition_.wait_for(lock.lock_, longest, std::move(done));

@@ -5,7 +5,7 @@
 
 namespace helix_arm::basics {
 
-/// @throws std::invalid_argument of the message's parts, one after the other, unless it holds.
+/// @throws std::invalid_argument with the concatenated message parts unless `holds`.
 template <class... Parts>
 void require(bool holds, const Parts&... message) {
   if (holds) return;
@@ -14,7 +14,7 @@ void require(bool holds, const Parts&... message) {
   throw std::invalid_argument(text.str());
 }
 
-/// @throws std::invalid_argument "<culprit>: <what> is <value>; expected <rule>" unless it holds.
+/// @throws std::invalid_argument "<culprit>: <what> is <value>; expected <rule>" unless `holds`.
 template <class Value, class Rule>
 void requireValue(bool holds, const char* culprit, const char* what, const Value& value,
                   const Rule& rule) {

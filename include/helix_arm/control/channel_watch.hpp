@@ -9,13 +9,13 @@ namespace helix_arm::control {
 struct ChannelRules;
 struct SafetyRules;
 
-/// Tells what lasts from what ends by itself: it is wrong on every look for a while.
+/// Detects a condition that lasts: it is wrong at every observation for a given time.
 class Persistence {
  public:
-  /// @param time  how long it may last [s].
+  /// @param time  duration of an uninterrupted fault that counts as lasting [s].
   void look(double now, bool wrong, double time);
   void forget() { *this = {}; }
-  /// Whether it had lasted that long at the last look.
+  /// Whether the condition lasted that long at the last observation.
   bool lasts() const { return lasts_; }
 
  private:
@@ -23,49 +23,50 @@ class Persistence {
   bool lasts_ = false;
 };
 
-/// Tells a fault from spikes, also one that flickers: what is right makes up, at half the pace, for
-/// what was wrong. What is wrong in less than a third of the time is spikes; and time in which
-/// nobody looked, between two looks that disagree, hardly counts.
+/// Distinguishes a fault from spikes, including a fault that flickers: time in which the condition
+/// is right compensates for time in which it was wrong, at half the rate. A condition that is wrong
+/// for less than a third of the time therefore counts as spikes. The time between two observations
+/// that disagree hardly counts.
 class SpikeFilter {
  public:
-  /// @param time  how long it may be wrong [s].
+  /// @param time  accumulated time that counts as a fault [s].
   void look(double now, bool wrong, double time);
   void forget() { *this = {}; }
-  /// Whether it is wrong, and had been for that long, at the last look.
+  /// Whether the condition was wrong at the last observation and had been for that long.
   bool lasts() const { return lasts_; }
 
  private:
-  double since_ = 0, at_ = 0;  // wrong, less what was made up for; the last look
+  // Start of the wrong time, moved later by the compensation; time of the last observation.
+  double since_ = 0, at_ = 0;
   bool wrong_ = false, lasts_ = false;
 };
 
-/// Watches what one channel of a regulator reads, against its set point and the rules that hold for
-/// it. All times are of one steady clock [s], all pressures gauge [Pa]. Nothing allocates or
-/// throws.
+/// Monitors the readings of one channel of a regulator against its set point and its rules. All
+/// times are on one steady clock [s], all pressures are gauge [Pa]. Nothing allocates or throws.
 class ChannelWatch {
  public:
-  /// A vented channel begins to regulate.
+  /// Begins to monitor a vented channel that starts to regulate.
   void begin(double now);
-  /// From now on its set point is this one.
+  /// Sets the set point from now on.
   void follow(double now, double set_point, const SafetyRules& rules);
-  /// A finite reading, and when it was asked, not after now.
+  /// Adds a finite reading. `asked` is the time when it was requested, not after `now`.
   void measured(double now, double asked, double reading, const ChannelRules& channel,
                 const SafetyRules& rules);
 
-  double reading() const { return reading_; }                  ///< the newest; NaN: none
-  double silence(double now) const { return now - read_at_; }  ///< since it [s]
-  /// How far its newest reading is from a first-order lag of the set point.
+  double reading() const { return reading_; }                  ///< the newest; NaN if none
+  double silence(double now) const { return now - read_at_; }  ///< age of the newest reading [s]
+  /// Absolute difference of the newest reading from a first-order lag of the set point.
   double deviation() const;
-  /// How much nearer to the atmosphere than the set point it reads.
+  /// Difference by which the newest reading is nearer to the atmosphere than the set point.
   double drop() const;
-  /// Whether its newest readings show no pressure, noise left aside, and are no older than allowed.
+  /// Whether the newest readings show no pressure (spikes ignored) and are no older than allowed.
   bool empty(double now, const SafetyRules& rules) const;
 
-  /// What lasted, as its newest reading had it.
+  /// Conditions that lasted, as of the newest reading.
   bool overLimit() const { return over_limit_.lasts(); }
   bool notFollowing() const { return not_following_.lasts(); }
   bool leaks() const { return leak_.lasts(); }
-  bool standing() const { return standing_.lasts(); }  ///< pressure
+  bool standing() const { return standing_.lasts(); }  ///< pressure is present
 
  private:
   void pass(double now, const SafetyRules& rules);
@@ -74,19 +75,21 @@ class ChannelWatch {
   double read_at_ = -std::numeric_limits<double>::infinity();
   double empty_at_ = -std::numeric_limits<double>::infinity();  // the newest that shows no pressure
   double set_point_ = 0;
-  double stands_at_ = 0;  // the set point, but for its trembling
-  double reference_ = 0;  // what a healthy channel would read
-  double reference_at_ = -std::numeric_limits<double>::infinity();  // then
-  bool arrived_ = false;  // at the set point, since it stands
+  double stands_at_ = 0;  // the set point without its small fluctuations
+  double reference_ = 0;  // reading expected of a healthy channel
+  double reference_at_ = -std::numeric_limits<double>::infinity();  // time of reference_
+  bool arrived_ = false;  // has reached the set point since it last changed
   SpikeFilter over_limit_, leak_;
   Persistence not_following_, standing_;
 };
 
-/// What is commanded of a channel with these limits, or on its way to them from the atmosphere.
+/// The limits, extended to the atmosphere: the range of set points at these limits or on the way to
+/// them from the atmosphere.
 model::Range onTheWay(const model::Range& limits);
 
-/// Pressures beyond which a reading is over the limits: the range of a channel and the atmosphere,
-/// widened by the margin. Nothing lies below a channel that is never evacuated.
+/// Bounds beyond which a reading counts as over the limits: the channel's range including the
+/// atmosphere, widened by the margin. There is no lower bound for a channel that is never
+/// evacuated.
 double highestReading(const ChannelRules& channel, const SafetyRules& rules);
 double lowestReading(const ChannelRules& channel, const SafetyRules& rules);
 

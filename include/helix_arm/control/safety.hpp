@@ -13,49 +13,49 @@
 
 namespace helix_arm::control {
 
-/// Where the pressure path stands.
+/// State of the pressure path.
 enum class SafetyState : std::uint8_t {
-  kDisabled,  ///< vents; nobody has enabled it yet
+  kDisabled,  ///< vents; not enabled yet
   kEnabled,   ///< follows targets
-  kFault,     ///< does what each channel does in a fault, until no pressure stands
-  kVented,    ///< after a fault: vents, and no pressure stands
+  kFault,     ///< performs each channel's fault action until no pressure remains
+  kVented,    ///< after a fault: vents, and no pressure remains
 };
 
-/// What took the arm out of kEnabled, or out of kDisabled and kVented where pressure stood.
+/// Why the arm left kEnabled, or why it left kDisabled or kVented although pressure was present.
 enum class SafetyCause : std::uint8_t {
   kNone,
-  kVentRequested,  ///< somebody asked for it
+  kVentRequested,  ///< a user requested it
   kEmergencyStop,
   kStaleTarget,    ///< no target for SafetyRules::target_timeout
   kStaleReading,   ///< no reading of a channel for SafetyRules::reading_timeout
-  kRegulatorLost,  ///< its link is down
-  kOverLimit,      ///< a pressure above limit and margin for longer than a spike
+  kRegulatorLost,  ///< the regulator's link is down
+  kOverLimit,      ///< a pressure exceeds limit plus margin for longer than a spike
   kLowSupply,
-  kNotFollowing,  ///< a pressure does not come to its set point within the time that it has
-  kLeak,          ///< a pressure falls while its set point stands: a burst muscle, a loose tube
-  kNotVenting,    ///< pressure stands where all was vented
-  kGuardLost,     ///< nobody would vent the arm if its process were killed
+  kNotFollowing,  ///< a pressure does not reach its set point within the permitted time
+  kLeak,          ///< a pressure falls at a constant set point: a burst muscle, a loose tube
+  kNotVenting,    ///< pressure remains although all channels vent
+  kGuardLost,     ///< no guard would vent the arm if its process were killed
 };
 inline constexpr int kSafetyCauseCount = 12;
 
-/// Who would vent the arm where the process that moves it were killed.
+/// The guard that vents the arm if the process that moves it is killed.
 enum class Guard : std::uint8_t {
-  kNotNeeded,    ///< nobody: no hardware, or not this process's
-  kStarting,     ///< somebody who has not answered yet
-  kStands,       ///< somebody who answers
-  kStandsStill,  ///< somebody who answers no longer
-  kEnded,        ///< nobody any more
+  kNotNeeded,    ///< no guard is needed: no hardware, or the hardware of another process
+  kStarting,     ///< the guard has not answered yet
+  kStands,       ///< the guard answers
+  kStandsStill,  ///< the guard no longer answers
+  kEnded,        ///< the guard has ended
 };
-/// Whether nobody answers, nor will.
+/// Whether the guard no longer answers and will not answer again.
 constexpr bool isGone(Guard guard) { return guard >= Guard::kStandsStill; }
 
-/// What a channel does in a fault that is not its own danger.
+/// What a channel does in a fault that does not require every channel to vent at once.
 enum class FaultAction : std::uint8_t {
   kVent,
   kHold,   ///< keeps its set point for SafetyRules::hold_time, then vents
   kClose,  ///< closes its valves for SafetyRules::hold_time, then vents
 };
-/// All of them. A new action belongs here, too.
+/// All actions. Add a new action here, too.
 inline constexpr FaultAction kFaultActions[] = {FaultAction::kVent, FaultAction::kHold,
                                                 FaultAction::kClose};
 
@@ -68,126 +68,135 @@ const char* nameOf(FaultAction action);
 
 /// The rules of one channel.
 struct ChannelRules {
-  std::string name;                                       ///< the actuator's
-  model::Range limits;                                    ///< of what is commanded, gauge [Pa]
-  double slew = std::numeric_limits<double>::infinity();  ///< of what is commanded, > 0 [Pa/s]
+  std::string name;                                       ///< name of the actuator
+  model::Range limits;                                    ///< of the commanded pressure, gauge [Pa]
+  double slew = std::numeric_limits<double>::infinity();  ///< maximum rate of the commanded
+                                                          ///< pressure, > 0 [Pa/s]
   FaultAction action = FaultAction::kVent;
 };
 
-/// The rules of the whole pressure path. Timers of several readings or turns: a spike, or a channel
-/// that is slow, is no fault.
+/// The rules of the whole pressure path. The timers span several readings or turns, so a spike or a
+/// slow channel is not a fault.
 struct SafetyRules {
-  /// Longest silence of the commander, > 0; infinite: any [s].
+  /// Longest silence of the commander, > 0; infinite disables the check [s].
   double target_timeout = 1.0;
   double reading_timeout = 0.5;  ///< longest silence of the regulator, > 0 [s]
-  double trip_margin = 3e4;      ///< above the limits before a reading counts as over, >= 0 [Pa]
-  double spike_time = 0.1;       ///< how long what is wrong may last before it is a fault, >= 0 [s]
-  std::optional<double> min_supply;  ///< least supply pressure, gauge [Pa]; absent: not watched
-  /// How far a reading may be from what a first-order lag of `time_constant` makes of the set
-  /// point, > 0 [Pa], and for how long, > 0 [s].
+  double trip_margin = 3e4;      ///< excess over the limits that a reading may have, >= 0 [Pa]
+  double spike_time = 0.1;       ///< time that a fault must last to count, >= 0 [s]
+  /// Lowest permitted supply pressure, gauge [Pa]; absent: not monitored.
+  std::optional<double> min_supply;
+  /// Maximum difference between a reading and a first-order lag of the set point with
+  /// `time_constant`, > 0 [Pa], and the time for which it may be exceeded, > 0 [s].
   double follow_tolerance = 4e4;
   double follow_time = 1.0;
   double time_constant = 0.2;  ///< of a healthy channel, > 0 [s]
-  /// How far a reading may fall below a set point that stands and that it had reached, > 0 [Pa].
+  /// Maximum drop of a reading below a constant set point that it had reached, > 0 [Pa].
   double leak_drop = 2.5e4;
-  double hold_time = 10.0;  ///< of FaultAction::kHold and kClose, >= 0 [s]
-  double vented_below =
-      1.5e4;               ///< a reading within this of the atmosphere is no pressure, > 0 [Pa]
-  double vent_time = 3.0;  ///< a channel that vents is to be empty by then, > 0 [s]
+  double hold_time = 10.0;  ///< duration of FaultAction::kHold and kClose, >= 0 [s]
+  /// Readings within this of the atmosphere count as no pressure, > 0 [Pa]
+  double vented_below = 1.5e4;
+  double vent_time = 3.0;  ///< time within which a venting channel must be empty, > 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
 
-/// The first rule that is looser in `next` than in these: what would let more pressure stand, or
-/// longer. Names it with both values; empty: none is. The channels are the same ones.
+/// The first rule of `next` that is looser than the current one, that is, that would permit more
+/// pressure, or pressure for longer. The text contains both values; it is empty if no rule is
+/// looser. Both lists have the same channels.
 std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRules& rules,
                      const std::vector<ChannelRules>& next_channels, const SafetyRules& next);
 
-/// How the pressure path came to where it stands.
+/// State of the pressure path and its history.
 struct SafetyReport {
   SafetyState state = SafetyState::kDisabled;
-  SafetyCause cause =
-      SafetyCause::kNone;  ///< of the newest fault; the first one where several came
-  int channel = -1;        ///< of the cause, where it is one channel's
-  double value = 0;        ///< what was seen of the cause [Pa] or [s]
-  double limit = 0;        ///< and what its rule allows
-  double since = 0;        ///< when it came to this state [s]
-  bool stopped = false;    ///< the emergency stop is engaged
-  /// Since it was enabled nothing has come but what passes by itself: silence of the commander or
-  /// of the regulator, a lost link. Nobody has stopped it or asked for a vent.
+  /// Cause of the newest fault; if several came together, of the first one.
+  SafetyCause cause = SafetyCause::kNone;
+  int channel = -1;      ///< channel that caused it; -1 if it was not a single channel
+  double value = 0;      ///< observed value of the cause [Pa] or [s]
+  double limit = 0;      ///< limit of the rule for that value
+  double since = 0;      ///< time when this state began [s]
+  bool stopped = false;  ///< whether the emergency stop is engaged
+  /// Whether all events since it was enabled end by themselves: silence of the commander or of the
+  /// regulator, or a lost link. False after a stop or a requested vent.
   bool passing = true;
-  bool vent_overdue = false;  ///< pressure still stands after vent_time
-  std::uint64_t changes = 0;  ///< of anything above but `value`, and of the link, so far
+  bool vent_overdue = false;  ///< pressure remains after vent_time
+  /// Number of changes of the link and of the fields above except `value`.
+  std::uint64_t changes = 0;
 };
 
-/// Stands between whoever commands and the regulator: decides, turn by turn, what each channel
+/// Safety layer between commanders and the regulator. It decides in every turn what each channel
 /// does.
 ///
-/// Whatever happens, a channel that regulates has a set point within its limits, or on its way to
-/// them from the atmosphere, which moves no faster than its slew; and after a fault every channel
-/// vents, at once or, where its action is hold or close, after hold_time. The emergency stop, a
-/// requested vent, and what is itself a danger (over limit, leak, not venting) vent every channel
-/// at once.
+/// A regulating channel always has a set point within its limits, or on the way to them from the
+/// atmosphere, that moves no faster than its slew rate. After a fault every channel vents:
+/// immediately or, if its action is hold or close, after hold_time. The emergency stop, a requested
+/// vent, and conditions that are themselves dangerous (over limit, leak, not venting) vent every
+/// channel immediately.
 ///
-/// All times are of one steady clock [s] and must not go back: an earlier one counts as the last.
-/// Nothing after the constructor allocates, locks or throws, but for reason(), refusal(), enable()
-/// and adopt().
+/// All times are on one steady clock [s] and must not decrease; an earlier time counts as the last
+/// one. Nothing after the constructor allocates, locks or throws, except reason(), refusal(),
+/// enable() and adopt().
 class SafetyCore {
  public:
-  /// Vents, disabled.
+  /// The initial state is kDisabled: all channels vent.
   /// @throws std::invalid_argument naming the channel or rule that breaks the contract.
   SafetyCore(std::vector<ChannelRules> channels, const SafetyRules& rules);
 
-  /// Why it cannot be enabled now; empty when it can: from kDisabled and kVented, with the
-  /// emergency stop released, a guard that stands, fresh readings that show no pressure, a
-  /// regulator that answers and its supply.
+  /// Why it cannot be enabled now; empty if it can. It can be enabled from kDisabled and kVented.
+  /// The emergency stop must be released, the guard (if needed) must answer, fresh readings must
+  /// show no pressure, the regulator must answer, and the supply must suffice.
   std::string refusal(double now) const;
-  /// Enables, with set points that go from the atmosphere to the limits that are nearest to it, or
-  /// says why not. The watchdog of targets begins with the first one.
+  /// Enables the arm, with set points that move from the atmosphere to the nearest limits, or
+  /// returns the reason for refusal. The target watchdog starts with the first target.
   /// @return as refusal().
   std::string enable(double now);
-  /// Whether a target alone may enable it, where the user allows that at all: before it was enabled
-  /// for the first time, and after what has passed by itself (SafetyReport::passing).
+  /// Whether a target alone may enable the arm, if the user permits that at all: before it was
+  /// enabled for the first time, and after events that end by themselves (SafetyReport::passing).
   bool mayEnableItself() const;
-  /// Vents all; ends in kVented. While disabled or vented it only bars mayEnableItself().
+  /// Vents all channels; ends in kVented. While disabled or vented, it only makes mayEnableItself()
+  /// false.
   void vent(double now);
-  /// Engaged: vents all, latched. Released: nothing moves, but it can be enabled again.
+  /// Engaged: vents all channels, latched. Released: nothing moves, but the arm can be enabled
+  /// again.
   void emergencyStop(double now, bool engaged);
 
-  /// What to go to from now on: (channels) gauge [Pa]; clamped to the limits, an entry that is not
-  /// finite leaves its channel as it is. Without effect, and false, unless enabled.
+  /// Sets the target pressures: (channels) gauge [Pa]. Values are clamped to the limits; an entry
+  /// that is not finite leaves its channel unchanged. Returns false, without effect, unless
+  /// enabled.
   bool target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure);
-  /// What the regulator reads: (channels) gauge [Pa], an entry that is not finite is none; and the
-  /// supply's pressure, NaN where it is not measured.
-  /// @param age  since it was asked, >= 0 [s]: so much of the silence that is allowed is over.
+  /// Adds the regulator's readings: (channels) gauge [Pa], where an entry that is not finite is no
+  /// reading; and the supply pressure, NaN if it is not measured.
+  /// @param age  time since the reading was requested, >= 0 [s]; it counts towards the permitted
+  ///     silence.
   void measured(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure,
                 double supply = std::numeric_limits<double>::quiet_NaN(), double age = 0);
-  /// Whether the regulator's link is up; it counts as up until told otherwise.
+  /// Sets whether the regulator's link is up; initially it counts as up.
   void linked(double now, bool up);
   bool linked() const { return link_up_; }
-  /// Who guards; nobody needs to until told otherwise. Where somebody needs to it is enabled only
-  /// while he stands, and vents all when he no longer does.
+  /// Sets the state of the guard, initially kNotNeeded. If a guard is needed, the arm can be
+  /// enabled only while it answers, and vents all channels when it no longer does.
   void guarded(double now, Guard guard);
 
-  /// Lets time pass up to now, and says what to do until the next turn.
+  /// Advances the time to `now` and returns the orders until the next turn.
   const ValveOrders& advance(double now);
 
-  /// Other rules for the same channels from now on; state, orders and timers go on.
-  /// @throws std::invalid_argument as the constructor, and where the channels are others or one
-  /// regulates at, or on its way to, what its new limits do not allow; the old rules stay.
+  /// Replaces the rules of the same channels; state, orders and timers continue.
+  /// @throws std::invalid_argument as the constructor, and if the channels differ or a channel
+  ///     regulates at, or on the way to, a pressure that its new limits do not permit. The old
+  ///     rules are then kept.
   void adopt(std::vector<ChannelRules> channels, const SafetyRules& rules);
 
   const ValveOrders& orders() const { return orders_; }  ///< of the last turn
   const SafetyReport& report() const { return report_; }
   SafetyState state() const { return report_.state; }
-  /// (channels) where the set points go [Pa].
+  /// (channels) target of each set point [Pa].
   const Eigen::VectorXd& goal() const { return goal_; }
   /// Newest finite readings (channels), NaN before the first [Pa].
   const Eigen::VectorXd& reading() const { return reading_; }
   const std::vector<ChannelRules>& channels() const { return channels_; }
   const SafetyRules& rules() const { return rules_; }
-  /// One line: the state, its culprit with value and rule, and what to do about it.
+  /// One line: the state, its cause with value and rule, and the remedy.
   std::string reason() const;
 
  private:
@@ -223,7 +232,8 @@ class SafetyCore {
   SpikeFilter low_supply_;
   double supply_ = std::numeric_limits<double>::quiet_NaN();
   double supply_at_ = -std::numeric_limits<double>::infinity();
-  double target_at_ = std::numeric_limits<double>::infinity();  // since enabled; infinite: none
+  double target_at_ = std::numeric_limits<double>::infinity();  // time of the last one since it was
+                                                                // enabled; infinite if none
   double now_ = 0;
   double turn_at_ = 0;
   bool started_ = false;

@@ -5,21 +5,21 @@
 
 namespace helix_arm::control {
 
-/// What one channel of a pressure regulator is to do.
+/// Order for one channel of a pressure regulator.
 enum class Valve : unsigned char {
-  kVent,      ///< let the pressure out, to the atmosphere
-  kRegulate,  ///< keep the set point
+  kVent,      ///< release the pressure to the atmosphere
+  kRegulate,  ///< control the pressure to the set point
   kClose,     ///< neither feed nor vent
 };
 
-/// What all channels are to do, in the order of the arm's actuators. Vented unless told otherwise.
+/// Orders for all channels, in the order of the arm's actuators. Initially all channels vent.
 struct ValveOrders {
   explicit ValveOrders(int channels)
       : valve(static_cast<std::size_t>(channels), Valve::kVent),
         set_point(Eigen::VectorXd::Zero(channels)) {}
 
   std::vector<Valve> valve;   ///< (channels)
-  Eigen::VectorXd set_point;  ///< (channels) gauge [Pa]; 0 where it vents
+  Eigen::VectorXd set_point;  ///< (channels) gauge [Pa]; 0 for channels that vent
 };
 
 }  // namespace helix_arm::control

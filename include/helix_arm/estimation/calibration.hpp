@@ -15,93 +15,95 @@
 
 namespace helix_arm::estimation {
 
-/// Length-scaled curvature |(w_y, w_z)| of an arm of one section.
+/// Length-scaled curvature |(w_y, w_z)| of an arm with one section.
 struct CurvatureReading {
   double curvature;  ///< >= 0 [rad]
 };
 
-/// Twists that another fit found, under load the mean ones of the sections.
+/// Twists from another fit; under load, the mean twists of the sections.
 struct TwistReading {
   model::Twists twists;        ///< (6 x sections), v [m], w [rad]
-  Eigen::MatrixXd covariance;  ///< (6 sections)^2, positive definite
+  Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections), positive definite
 };
 
-/// What was measured while the pressures stood still. All readings of a data set are of one kind.
+/// What was measured while the pressures were constant. All readings of a data set have the same
+/// kind.
 using Reading = std::variant<CurvatureReading, TwistReading, std::vector<PoseObservation>,
                              std::vector<CornerObservation>>;
 
 struct Capture {
-  int number;                ///< as its data set counts them
+  int number;                ///< number in its data set
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
   Reading reading;
 };
 
-/// One arm as its scene has it, and what was measured of it.
+/// One arm as described by its scene, and its measurements.
 struct ArmCaptures {
-  std::string name;  ///< in messages
+  std::string name;  ///< name in messages
   model::Arm arm;
-  bool planar = false;  ///< it bends in its x-y plane alone
-  TagLayout layout;     ///< where readings are of tags
-  lie::SE3 X_CB;        ///< nominal base seen from the camera, where readings are corners
+  bool planar = false;  ///< the arm bends only in its x-y plane
+  TagLayout layout;     ///< for readings of tags
+  lie::SE3 X_CB;        ///< nominal base seen from the camera, for readings of corners
   double focal = 0;     ///< of that camera, > 0 [px]
   std::vector<Capture> captures;
-  /// What loads it, and the tier that finds its shapes: one of a scene's choice, the same for all
-  /// parameters. A tier that knows of no load leaves the load out.
+  /// The load, and the tier that computes the shapes: a tier chosen for the scene, the same for all
+  /// parameter values. A tier without loads ignores the load.
   std::optional<statics::Load> load = std::nullopt;
   statics::TierSetting tier = {};
 
-  /// Whether a load bends its shapes.
+  /// Whether the tier accounts for a load on the arm.
   bool isLoaded() const;
 };
 
-/// Factors on the free lengths of the actuators: what contraction curves most often have wrong.
+/// Factors on the free lengths of the actuators, the most common error of contraction curves.
 enum class LengthScaling {
   kNone,
-  kCommon,  ///< one for all
-  kEach,    ///< one an actuator
+  kCommon,  ///< one for all actuators
+  kEach,    ///< one per actuator
 };
 
-/// Standard deviations of where a tag sits about where the scene puts it.
+/// Standard deviations of a tag's placement about the scene's value.
 struct TagPrior {
-  double translation = 0.002;  ///< along the arm, and across it on either axis [m]
+  double translation = 0.002;  ///< along the arm, and across it on each axis [m]
   double rotation = 0.052;     ///< about each axis [rad]
 };
 
-/// What is fitted, and what is known of it before.
+/// Which parameters are fitted, and the prior knowledge of them.
 struct CalibrationOptions {
   bool K_kappa = true;
   bool K_gamma = true;
   bool K_tau = false;
-  bool K_eps = false;  ///< one for all sections; only a load tells of it
+  bool K_eps = false;  ///< one for all sections; requires a load
   LengthScaling length_scale = LengthScaling::kNone;
-  bool base = false;   ///< the base as camera or instrument sees it
-  bool tags = false;   ///< placement of every tag but the one nearest to the base, which fixes the
-                       ///< frame that all is seen from
-  bool bleed = false;  ///< that white bleeds into black, of corners
-  /// Fit the twists of every capture as well, instead of taking the model's: placements that do not
-  /// trust the model. Not together with stiffness and length scales, which shapes then say nothing
-  /// of.
+  bool base = false;   ///< pose of the base seen from the camera or instrument
+  bool tags = false;   ///< placement of every tag except the one nearest to the base, which defines
+                       ///< the reference frame
+  bool bleed = false;  ///< width of white bleeding into black; requires corners
+  /// Fit the twists of every capture instead of using the model's shapes, for placements that do
+  /// not depend on the model. Cannot be combined with stiffness and length scales, which free
+  /// shapes do not determine.
   bool free_shapes = false;
 
-  double curvature_noise =
-      0.02;                   ///< expected standard deviations; the residuals correct them [rad]
-  double corner_noise = 0.3;  ///< [px]
-  /// No corner is better than this, whatever the residuals say: part of what blur, bleeding and
-  /// perspective do to it is taken up by the placements. >= 0 [px]
+  // Expected standard deviations; the residuals correct them.
+  double curvature_noise = 0.02;  ///< [rad]
+  double corner_noise = 0.3;      ///< of a corner's coordinate [px]
+  /// Lower bound of the corner noise, whatever the residuals indicate: the placements absorb part
+  /// of the errors from blur, bleeding and perspective. >= 0 [px]
   double corner_floor = 0.2;
-  double position_noise = 0.010;     ///< of a tag pose, each axis [m]
-  double rotation_noise = 0.0;       ///< [rad]; 0 leaves rotations out
-  double robust_scale = 3.5;         ///< as TwistFitOptions has it, for tags and curvatures
-  double stiffness_prior = 1.1;      ///< of the logs about the scene's: known to a factor of three
+  double position_noise = 0.010;  ///< of a tag's position, per axis [m]
+  double rotation_noise = 0.0;    ///< of a tag's rotation [rad]; 0 ignores rotations
+  double robust_scale = 3.5;      ///< as in TwistFitOptions, for tags and curvatures
+  /// Standard deviation of the logs about the scene's values: a factor of three.
+  double stiffness_prior = 1.1;
   double length_scale_prior = 0.05;  ///< standard deviation of the scales about 1
   BasePrior base_prior{0.1, 0.5};
   TagPrior tag_prior;
   double bleed_prior = 0.0005;  ///< [m]
-  ModelPrior model_prior;       ///< of free shapes
+  ModelPrior model_prior;       ///< prior of free shapes
 
-  bool held_out = true;      ///< refit without each pressure, and each arm, in turn
-  int next_pressures = 3;    ///< how many to suggest
-  int max_iterations = 100;  ///< of each least squares
+  bool held_out = true;      ///< refit without each pressure, and without each arm, in turn
+  int next_pressures = 3;    ///< number of pressures to suggest
+  int max_iterations = 100;  ///< per least squares
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -109,107 +111,112 @@ struct CalibrationOptions {
 
 enum class CalibrationStatus {
   kCalibrated,
-  kNoCaptures,       ///< or none with enough tags
-  kOnePressure,      ///< nothing tells parameters apart where the pressure is always the same
+  kNoCaptures,       ///< no captures, or none with enough tags
+  kOnePressure,      ///< with a single pressure, parameters cannot be told apart
   kBadData,          ///< NaN, wrong sizes, pressures outside the limits
-  kNothingToFit,     ///< nothing was asked for, or not with readings like these
-  kNotIdentifiable,  ///< the captures say nothing of any of the parameters asked for
-  kUnexplained,      ///< more than half of the readings do not fit, whatever the parameters
+  kNothingToFit,     ///< no parameter was requested, or none that readings of this kind determine
+  kNotIdentifiable,  ///< the captures determine none of the requested parameters
+  kUnexplained,      ///< more than half of the readings do not fit any parameter values
   kNotConverged,
 };
 /// "calibrated", "no_captures", ...
 const char* nameOf(CalibrationStatus status);
 
-/// No stiffness or length scale whose relative standard error is larger is called identifiable.
+/// Largest relative standard error of an identifiable stiffness or length scale.
 constexpr double kLargestRelativeError = 0.5;
 
-/// One calibrated number.
+/// One calibrated parameter.
 struct Parameter {
   std::string name;  ///< K_kappa, length_scale, base_x, tag_7_s, ...
   std::string unit;  ///< m^2, m, rad, or empty
-  double initial;    ///< before
-  double value;      ///< fitted; of a stiffness that is not identifiable, the initial one
-  /// The larger of what the noise gives, with what their priors leave unknown of tags, bleeding and
-  /// ratios of stiffness that are not fitted, and of what leaving out one pressure at a time does.
-  /// Base, length scales and K_eps that are not fitted count as exact. Where not identifiable, how
-  /// little is known.
+  double initial;    ///< value before the fit
+  double value;      ///< fitted value; for a stiffness that is not identifiable, the initial value
+  /// The larger of two estimates: the error due to noise, including the prior uncertainty of tags,
+  /// bleeding and stiffness ratios that are not fitted; and the variation when one pressure at a
+  /// time is omitted. Base, length scales and K_eps count as exact unless fitted. If the parameter
+  /// is not identifiable, its remaining uncertainty.
   double standard_error;
-  /// What the noise gives is at most half of the prior's deviation. Of a stiffness or a length
-  /// scale the whole standard error is, and at most kLargestRelativeError of the value.
+  /// True if the error due to noise is at most half of the prior's standard deviation. For a
+  /// stiffness or a length scale, this holds for the whole standard error, which must also be at
+  /// most kLargestRelativeError of the value.
   bool identifiable;
 };
 
-/// How one capture agrees with the calibrated arm.
+/// Agreement of one capture with the calibrated arm.
 struct CaptureResidual {
-  int arm;                        ///< index of its data set
-  int number;                     ///< of the capture
-  double rms;                     ///< of the readings that fit [rad, px or m]
-  std::vector<int> outlier_tags;  ///< ids of those that do not, ascending
-  bool outlier;                   ///< more than half of it does not fit
-  /// Information that the captures at its pressure add about stiffness and scales, or, where none
-  /// are fitted, about all [nats]. Absent where shapes are free.
+  int arm;                        ///< index of the data set
+  int number;                     ///< number of the capture
+  double rms;                     ///< over the readings that fit [rad, px or m]
+  std::vector<int> outlier_tags;  ///< ids of the tags that do not fit, ascending
+  bool outlier;                   ///< whether more than half of the capture does not fit
+  /// Information that the captures at its pressure add about stiffness and length scales or, if
+  /// none are fitted, about all parameters [nats]. Absent with free shapes.
   std::optional<double> gain;
 };
 
-/// How well what was left out is predicted.
+/// Prediction error of held-out data.
 struct HeldOut {
-  /// A pressure, or an arm, that was left out.
+  /// A pressure or an arm that was held out.
   struct Group {
     std::string label;
     double error;
   };
-  /// Over all groups: RMS of curvatures [rad]; median of tips and tags, so that wrong detections do
-  /// not decide, in distance [m] or RMS of its corners [px].
+  /// Error over all groups: RMS of curvatures [rad], or the median over tips or tags, so that wrong
+  /// detections have no influence: distance [m] or RMS of the corners [px].
   double error;
-  double in_sample;  ///< the same of the fit to all captures
+  double in_sample;  ///< the same error of the fit to all captures
   std::vector<Group> groups;
 };
 
-/// Parameters of an arm and its rig, and how far to trust them.
+/// Parameters of an arm and its rig, with their uncertainties.
 struct Calibration {
   CalibrationStatus status = CalibrationStatus::kNoCaptures;
-  std::string reason;  ///< culprit and remedy; empty where calibrated
+  std::string reason;  ///< cause and remedy; empty if calibrated
   std::vector<Parameter> parameters;
-  Eigen::MatrixXd correlation;  ///< (parameters)^2; rows of parameters that are not fitted are 0
+  /// (parameters x parameters); rows of parameters that are not fitted are 0.
+  Eigen::MatrixXd correlation;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
-  std::optional<double> K_eps;                ///< of every section, where it was fitted [N]
-  Eigen::VectorXd length_scale;  ///< (actuators of the first arm) factors on its free lengths; 1
-  lie::SE3 X_B0B;                ///< base seen from where it was thought to be
-  TagLayout layout;              ///< with the placements found
-  double bleed = 0;              ///< [m]
-  /// (captures of all arms) as fits without their pressure predict them, mean twists; empty without
-  /// held-out fits.
+  std::optional<double> K_eps;                ///< of every section, if fitted [N]
+  /// (actuators of the first arm) factors on its free lengths; 1 if not fitted.
+  Eigen::VectorXd length_scale;
+  lie::SE3 X_B0B;    ///< fitted base seen from the nominal base
+  TagLayout layout;  ///< with the fitted placements
+  double bleed = 0;  ///< [m]
+  /// (captures of all arms) mean twists, predicted by the fits without their pressure; empty
+  /// without held-out fits.
   std::vector<model::Twists> held_out_shapes;
-  std::vector<model::Twists> shapes;  ///< (captures of all arms), of the model or fitted, mean
-  std::vector<model::Shape> curves;   ///< the same with what the load bends, as a fit needs them
+  /// (captures of all arms) mean twists, from the model or fitted.
+  std::vector<model::Twists> shapes;
+  std::vector<model::Shape> curves;  ///< the same shapes including their bending by the load, for
+                                     ///< use as a model in TwistFitter
 
-  std::string error_unit;  ///< of rms and held-out errors: rad, px or m
+  std::string error_unit;  ///< unit of rms and held-out errors: rad, px or m
   double rms = 0;          ///< over the readings that fit
   std::vector<CaptureResidual> captures;
   std::optional<HeldOut> by_pressure, by_arm;
-  /// (actuators) of the first arm [Pa]: what would say most next, best first.
+  /// (actuators) of the first arm [Pa]: the most informative next pressures, best first.
   std::vector<Eigen::VectorXd> next_pressures;
   std::vector<std::string> warnings;
 };
 
-/// Maximum likelihood of stiffness, length scales, base and placements, in one robust least squares
-/// over all captures.
+/// Maximum-likelihood estimate of stiffness, length scales, base and placements, in one robust
+/// least-squares fit of all captures.
 ///
-/// Several arms share stiffness and length scales; base, tags and bleed are fitted for one arm
-/// only.
-/// @throws std::invalid_argument where the options break their rules; what data can cause is in the
-/// status.
+/// Several arms share stiffness and length scales. Base, tags and bleed can only be fitted for a
+/// single arm.
+/// @throws std::invalid_argument if the options break their rules. Faults of the data are reported
+///     in the status.
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options);
 
-/// K_kappa by the paper's definition: least mean error of the tip, over captures of twists; of
-/// curvatures, from which no tip follows, least mean error of the curvature.
+/// K_kappa by the paper's definition: minimum mean tip error over captures of twists. Curvatures
+/// determine no tip; for them, the minimum mean error of the curvature.
 struct LeastTipError {
   double K_kappa;  ///< [m^2]
-  double error;    ///< mean, with it [m or rad]
+  double error;    ///< mean error at K_kappa [m or rad]
 };
-/// Nothing where calibrate() would refuse the captures, and where the error has no valley within a
-/// factor of 100 of the scene's K_kappa.
+/// Empty if calibrate() would refuse the captures, or if the error has no minimum within a factor
+/// of 100 of the scene's K_kappa.
 std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& arms);
 
 }  // namespace helix_arm::estimation

@@ -31,7 +31,7 @@ enum class FitGroup { kNone, kStiffness, kPlacement };
 /// What a request without words asks for.
 constexpr FitGroup kDefaultFitGroup = FitGroup::kStiffness;
 
-/// What the data must be of to determine a parameter.
+/// Data that is required to determine a parameter.
 enum class FitNeed {
   kArm,          ///< any capture of an arm
   kLoad,         ///< captures of an arm under load
@@ -40,60 +40,61 @@ enum class FitNeed {
   kCorners,      ///< captures of tag corners; the parameter belongs to one rig
 };
 
-/// Blocks of the least squares that hold the numbers of parameters.
+/// Blocks of the least-squares problem, which contain the numbers of the parameters.
 enum class ParameterBlock {
   kStiffness,    ///< logs of all fitted entries of the stiffness
   kLengthScale,  ///< logs of all length scales
   kBase,
   kBleed,
-  kTag,    ///< of one tag
-  kShape,  ///< twists of one capture; no parameter of a request
+  kTag,    ///< placement of one tag
+  kShape,  ///< twists of one capture; not a parameter of a request
 };
 
-/// The entries of a stiffness that can be fitted; kEps is the one that the others are ratios to.
+/// Entries of a stiffness that can be fitted. The others are ratios to kEps.
 enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
 
-/// What is known of a number before the fit.
+/// Prior knowledge of a number.
 struct FitPrior {
-  const char* what;                                        ///< in messages
+  const char* what;                                        ///< name in messages
   double (*deviation)(const CalibrationOptions& options);  ///< standard deviation, > 0
 };
 
-/// One number of a parameter.
+/// One number of a fit parameter.
 struct FitNumber {
-  const char* suffix;  ///< of its name
-  const char* unit;    ///< empty without one
-  FitPrior prior;      ///< in this unit; of stiffness and length scales, of the log
+  const char* suffix;  ///< suffix of its name
+  const char* unit;    ///< empty if unitless
+  FitPrior prior;      ///< in this unit; for stiffness and length scales, of the logarithm
 };
 
-/// A row of the table.
+/// One row of the table.
 struct FitParameterInfo {
   FitParameter parameter;
-  const char* word;  ///< in requests
-  const char* name;  ///< of its numbers in results, before their suffixes
+  const char* word;  ///< word in requests
+  const char* name;  ///< name of its numbers in results, without their suffixes
   FitGroup group;
   FitNeed need;
-  /// None for contraction, which has a fit of its own.
+  /// Absent for contraction, which has a separate fit.
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
-  std::vector<FitNumber> numbers = {};  ///< of one actuator, tag or rig
-  // The option that it sets: a flag, or the kind of length scaling; contraction sets none.
+  std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
+  // Option that it sets: a flag, or the kind of length scaling. Contraction sets none.
   bool CalibrationOptions::*flag = nullptr;
   LengthScaling scaling = LengthScaling::kNone;
   /// Fitted with tag corners whether requested or not: ignoring it causes an error of many standard
   /// errors.
   bool implied = false;
-  /// What is unknown of it adds to the errors of the other parameters where it is not fitted. The
-  /// others count as exact.
+  /// If not fitted, its prior uncertainty adds to the errors of the other parameters. Parameters
+  /// without this flag count as exact.
   bool uncertain_if_held = false;
 
-  /// Stiffness or length scale: the shape of the arm depends on it, and its log is fitted.
+  /// Whether it is a stiffness or length scale, which determines the shape of the arm and is fitted
+  /// as a logarithm.
   bool aboutShape() const;
-  /// Its data shows the rig: base, tags and bleed.
+  /// Whether it describes the rig: base, tags and bleed.
   bool aboutRig() const;
 };
 
-/// The table: row i is that of the parameter with the value i.
+/// The table; row i describes the parameter with value i.
 const std::vector<FitParameterInfo>& fitParameters();
 const FitParameterInfo& infoOf(FitParameter parameter);
 
@@ -106,13 +107,13 @@ const char* wordOf(FitGroup group);
 
 /// The parameters that the words of a request name.
 ///
-/// @param words  of fitWords(); none: kDefaultFitGroup.
-/// @param corners  whether the captures are of tag corners. Without them a group leaves out its
-/// members that need them.
+/// @param words  elements of fitWords(); none: kDefaultFitGroup.
+/// @param corners  whether the captures are of tag corners. Otherwise, a group omits its members
+///     that need them.
 /// @throws std::invalid_argument naming the first unknown word in alphabetical order.
 std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bool corners);
 
-/// Sets the options to fit these parameters, and no others.
+/// Sets the options to fit exactly these parameters.
 void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options);
 bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options);
 

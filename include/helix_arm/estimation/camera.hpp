@@ -6,13 +6,13 @@
 
 namespace helix_arm::estimation {
 
-/// A pinhole camera with the lens distortion of OpenCV and of sensor_msgs/CameraInfo (plumb_bob and
+/// A pinhole camera with the lens distortion of OpenCV and sensor_msgs/CameraInfo (plumb_bob and
 /// rational_polynomial).
 ///
-/// Frame C: z forward, x right and y down in the picture. Pixels: (0, 0) is the centre of the
-/// top-left pixel, as in OpenCV.
+/// Frame C: z forward, x right and y down in the image. Pixel (0, 0) is the centre of the top-left
+/// pixel, as in OpenCV.
 struct Camera {
-  /// No wider or higher pictures are searched for tags [px].
+  /// Largest width and height of images that are searched for tags [px].
   static constexpr int kMaxSide = 32767;
 
   int width = 0, height = 0;              ///< [px]
@@ -26,18 +26,18 @@ struct Camera {
 
   bool distorts() const;
 
-  /// Mean focal length, by which directions become pixels [px].
+  /// Mean focal length, which converts directions to pixels [px].
   double focal() const { return 0.5 * (fx + fy); }
 
-  /// Pixel of a point seen from C [m]; nothing where it lies behind the camera, or so far off its
-  /// axis that the distortion folds back.
+  /// Pixel of a point seen from C [m]; empty if the point is behind the camera, or so far off its
+  /// axis that the distortion is not invertible.
   std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_C) const;
 
-  /// Pixel of a direction (x/z, y/z), without the check of project().
+  /// Pixel of a direction (x/z, y/z), without the checks of project().
   Eigen::Vector2d pixelOf(const Eigen::Vector2d& direction) const;
 
-  /// The direction (x/z, y/z) that is seen at a pixel; nothing where the distortion cannot be
-  /// undone there. pixelOf() of it is the pixel to 1e-9 px.
+  /// The direction (x/z, y/z) that is seen at a pixel; empty if the distortion cannot be inverted
+  /// there. pixelOf() maps it back to the pixel within 1e-9 px.
   std::optional<Eigen::Vector2d> directionOf(const Eigen::Vector2d& pixel) const;
 
   bool contains(const Eigen::Vector2d& pixel) const {

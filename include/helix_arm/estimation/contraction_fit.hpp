@@ -10,7 +10,7 @@
 
 namespace helix_arm::estimation {
 
-/// One reading of a muscle that carries nothing.
+/// One length reading of an unloaded muscle.
 struct LengthSample {
   double pressure;  ///< gauge [Pa]
   double length;    ///< [m]
@@ -21,9 +21,9 @@ enum class CurveKind {
   kTable,    ///< monotone piecewise cubic (PCHIP) from the smallest to the largest pressure
 };
 
-/// Which samples count. A sample is on the rising branch when the pressure rose to it or rises from
-/// it, on the falling branch when it fell or falls: where it turned, on both. Moves within 1 % of
-/// the largest pressure are none.
+/// Which samples are used. A sample is on the rising branch if the pressure rose to it or rises
+/// from it, and on the falling branch if it fell or falls; a turning point is on both. Changes
+/// within 1 % of the largest pressure are ignored.
 enum class Branch { kBoth, kRising, kFalling };
 
 struct ContractionFitOptions {
@@ -33,42 +33,44 @@ struct ContractionFitOptions {
 
 enum class ContractionFitStatus {
   kFitted,
-  kTooFewPressures,  ///< fewer that differ than a curve of its kind needs, 6 or 2, on the branch
-  kNotFinite,        ///< a sample is not finite, or its length not > 0
-  kOutOfRange,  ///< a pressure or a fitted length below 0, or, for a quintic, no pressure within
-                ///< 5 % of the largest from 0: nothing says where the curve begins
-  kNoTrend,     ///< lengths neither rise nor fall with pressure: a line through them slopes by
-                ///< less than 2 of its standard errors
+  kTooFewPressures,  ///< fewer distinct pressures on the branch than the curve needs: 6 for
+                     ///< kQuintic, 2 for kTable
+  kNotFinite,        ///< a sample is not finite, or its length is not > 0
+  kOutOfRange,       ///< a pressure or a fitted length is below 0 or, for a quintic, no pressure is
+                     ///< within 5 % of the largest from 0, so the start of the curve is unknown
+  kNoTrend,  ///< lengths neither rise nor fall with pressure: the slope of a line through them is
+             ///< less than 2 of its standard errors
 };
 
-/// Free length against pressure, fitted.
+/// Fitted free length as a function of pressure.
 struct ContractionFit {
   ContractionFitStatus status = ContractionFitStatus::kTooFewPressures;
-  std::string reason;  ///< culprit and remedy; empty where fitted
+  std::string reason;  ///< cause and remedy; empty if fitted
   CurveKind kind = CurveKind::kQuintic;
-  /// Strictly monotone on its range; absent where the fit failed.
+  /// Strictly monotone on its range; absent if the fit failed.
   std::optional<model::Contraction> curve;
-  // As a scene file has it.
+  // In the form of a scene file.
   std::array<double, 6> coefficients = {};  ///< of a quintic, over p / p_ref [m]
-  double reference_pressure = 0;            ///< p_ref, also the end of its range [Pa]
+  double reference_pressure = 0;            ///< p_ref, also the upper end of the range [Pa]
   std::vector<double> pressures, lengths;   ///< of a table [Pa], [m]
 
   double rms = 0;            ///< of the residuals [m]
-  Eigen::VectorXd residual;  ///< (samples) curve - sample [m]; 0 for those of the other branch
-  /// The best curve of this kind turns back on its range, or has less than a thousandth of the mean
-  /// slope somewhere: this one is the best of those that have it everywhere.
+  Eigen::VectorXd residual;  ///< (samples) curve - sample [m]; 0 for samples of the other branch
+  /// True if the best unconstrained curve is not monotone on its range, or has less than a
+  /// thousandth of the mean slope somewhere. This curve is then the best of those that have at
+  /// least that slope everywhere.
   bool constrained = false;
-  /// How much longer the muscle is on the rising branch than on the falling one [m]: the difference
-  /// of the medians of their distances from the curve, without the samples where the pressure
-  /// turned. Absent where only one branch was measured.
+  /// Difference in length of the muscle between the rising and the falling branch [m]: the
+  /// difference of the medians of their deviations from the curve, without turning points. Absent
+  /// if only one branch was measured.
   std::optional<double> hysteresis;
 };
 
 /// Least squares under the constraint that the curve is strictly monotone on its range. It falls or
-/// rises as a line through the samples does: muscles shorten, bellows lengthen.
+/// rises like a line through the samples: muscles shorten, bellows lengthen.
 ///
-/// @param samples  in the order they were taken; any number at one pressure. Pressures within
-///                 1e-6 of the largest are one.
+/// @param samples  in measured order, with any number at one pressure. Pressures within 1e-6 of the
+///     largest count as equal.
 ContractionFit fitContraction(const std::vector<LengthSample>& samples,
                               const ContractionFitOptions& options = {});
 

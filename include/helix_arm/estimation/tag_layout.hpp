@@ -8,54 +8,54 @@
 
 namespace helix_arm::estimation {
 
-/// The most tags an arm may carry.
+/// Maximum number of tags on an arm.
 inline constexpr int kMaxTags = 64;
 
-/// Four points in the plane of a tag or of a picture, one a column: left below, right below, right
-/// above, left above as one reads the tag. It is the order of libapriltag.
+/// Four points in the plane of a tag or an image, one per column: bottom left, bottom right, top
+/// right, top left of the upright tag. This is the order of libapriltag.
 using Corners = Eigen::Matrix<double, 2, 4>;
 
-/// Where one tag sits on the arm.
+/// Placement of one tag on the arm.
 ///
-/// Tag frame T: origin in the middle, x to the right, y up, z out of the face, towards who reads
-/// it.
+/// Tag frame T: origin in the centre, x to the right, y up, z out of the face, towards the viewer.
 struct TagPlacement {
-  int id;         ///< in its family
-  int section;    ///< counted from 0 at the base
-  double s;       ///< along that section, in [0, 1]
+  int id;         ///< id in its tag family
+  int section;    ///< section index, counted from 0 at the base
+  double s;       ///< position along that section, in [0, 1]
   lie::SE3 X_ST;  ///< seen from the base curve's frame S at s [m]
 };
 
-/// All tags of an arm; of one size, measured over the outer edge of the black border.
+/// All tags of an arm. They have one size, measured over the outer edge of the black border.
 struct TagLayout {
   double size = 0;  ///< [m]
   std::vector<TagPlacement> tags;
 
-  /// Index of the tag with this id, -1 when there is none.
+  /// Index of the tag with this id, or -1.
   int find(int id) const;
-  /// Index of the tag nearest to the base: of the first section, of those the least s, of those the
-  /// least id; -1 when there is none. Where tags move on their arm, it is the one that does not.
+  /// Index of the tag nearest to the base, or -1 without tags: in the first section that has tags,
+  /// with the smallest s, then the smallest id. A calibration of placements keeps this tag fixed.
   int baseTag() const;
   /// Outer corners of the black border in T [m].
-  /// @param bleed  that white bleeds into black at each edge: the border looks so much smaller [m].
+  /// @param bleed  width of white bleeding into black at each edge, by which the border appears
+  ///     smaller [m].
   Corners corners(double bleed = 0.0) const;
-  /// @throws std::invalid_argument naming the tag that breaks a rule: at most kMaxTags, ids differ
-  /// and are >= 0, sections below `sections`, s in [0, 1], all finite, size > 0.
+  /// @throws std::invalid_argument naming the tag that breaks a rule: at most kMaxTags, unique ids
+  ///     >= 0, sections below `sections`, s in [0, 1], all values finite, size > 0.
   void validate(int sections) const;
 };
 
-/// A tag glued elsewhere than its placement says.
+/// The placement of a tag after a displacement.
 ///
-/// @param moved        [d; r]: d [m] along the resting arm and along y and z of S; r [rad] the
-///                     rotation vector that turns the tag about its own centre, seen from T.
-/// @param rest_length  of its section [m]: d_x changes s by d_x / rest_length. What leads beyond an
-///                     end of the section is carried by that end, along its x.
+/// @param moved        [d; r]: d [m] along the arm at rest and along y and z of S; r [rad] the
+///     rotation vector of the tag about its own centre, seen from T.
+/// @param rest_length  of its section [m]: d_x changes s by d_x / rest_length. A displacement
+///     beyond an end of the section is added along x of that end.
 TagPlacement movedBy(const TagPlacement& tag, const lie::Vector6& moved, double rest_length);
 
-/// Where a tag sits on a shape whose sections are several pieces each.
+/// Position of a tag on a shape with several pieces per section.
 struct PiecePlace {
-  int piece;  ///< counted from 0 at the base, over all sections
-  double s;   ///< along that piece, in [0, 1]
+  int piece;  ///< piece index over all sections, counted from 0 at the base
+  double s;   ///< position along that piece, in [0, 1]
 };
 PiecePlace placeOnPieces(const TagPlacement& tag, int pieces_per_section);
 

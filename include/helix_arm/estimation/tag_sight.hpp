@@ -19,19 +19,19 @@ struct ArmView {
   void validate() const;
 };
 
-/// A tag as a camera sees it.
+/// A tag in the image of a camera.
 struct TagSight {
   int tag;          ///< index in the layout
   Corners corners;  ///< [px]
 };
 
-/// Directions (x/z, y/z) of a tag's corners [px]; nothing where the lens folds the picture.
+/// Directions (x/z, y/z) of a tag's corners [px]; empty if the distortion cannot be inverted there.
 std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners);
 
-/// The tags of an arm of this shape that turn their faces to the camera and lie wholly in its
-/// picture; whether something hides them is not looked at.
+/// The tags that face the camera and lie entirely in its image, for an arm of this shape. Occlusion
+/// is not considered.
 ///
-/// @param least_cosine  of the angle between a tag's normal and its line of sight.
+/// @param least_cosine  minimum cosine of the angle between a tag's normal and its line of sight.
 std::vector<TagSight> visibleTags(const ArmView& view, const model::Shape& shape,
                                   double least_cosine = 0.2);
 /// The same, writing to `out`.

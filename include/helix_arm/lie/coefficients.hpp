@@ -2,12 +2,12 @@
 
 #include <cmath>
 
-/// The scalar functions of the rotation angle that exp, log and their Jacobians are made of.
+/// Scalar functions of the rotation angle theta that appear in exp, log and their Jacobians.
 ///
 /// All of them are even and analytic, so they are written in x = theta^2 and are finite at zero. Up
-/// to theta = 4.5 rad, where arms live, they are series of the half angle without a root, a
-/// quotient or a branch; beyond, sine and cosine of the reduced half angle. Neither depends on the
-/// C library, so every machine gives the same digits up to fused products.
+/// to theta = 4.5 rad, the usual range of arms, they are series of the half angle without roots,
+/// quotients or branches; beyond, they use sine and cosine of the reduced half angle. Neither
+/// depends on the C library, so every machine gives the same digits up to fused products.
 namespace helix_arm::lie {
 
 /// Coefficients of exp; theta = |w| [rad].
@@ -18,14 +18,14 @@ struct ExpCoefficients {
   double cosine;  ///< cos(theta)
 };
 
-/// Coefficients of the Jacobians of exp: those of exp and the next two of the same family.
+/// Coefficients of the Jacobians of exp: those of exp and two more of the same family.
 struct JacobianCoefficients {
   double a, b, c;
   double d;  ///< (1/2 - b) / theta^2 = (theta^2/2 + cos(theta) - 1) / theta^4
   double e;  ///< (1/6 - c) / theta^2 = (theta^3/6 - theta + sin(theta)) / theta^5
 };
 
-/// theta^2 up to which the series serve [rad^2].
+/// Upper limit of theta^2 for the series [rad^2].
 inline constexpr double kSeriesLimit = 20.0;
 /// theta^2 above which the argument reduction loses its last bits [rad^2].
 inline constexpr double kReductionLimit = 1e10;
@@ -36,7 +36,7 @@ namespace detail {
 constexpr double factorial(int n) { return n < 2 ? 1.0 : n * factorial(n - 1); }
 
 /// sum_j (-y)^j / (2j + n)! over kBegin <= j < kBegin + kCount, divided by y^kBegin. Pairs first
-/// (Estrin): half the waiting of Horner's rule. powers: y, y^2, y^4, y^8.
+/// (Estrin): half the latency of Horner's rule. powers: y, y^2, y^4, y^8.
 template <int kFirst, int kBegin, int kCount>
 inline double factorialSeries(const double* powers) {
   if constexpr (kCount == 1) {
@@ -58,7 +58,7 @@ inline double factorialSeries(double y) {
   return factorialSeries<kFirst, 0, kTerms>(powers);
 }
 
-/// square - root * root to the last bit (Dekker), for |root| < 1e150.
+/// square - root * root, accurate to the last bit (Dekker), for |root| < 1e150.
 inline double squareRemainder(double square, double root) {
   constexpr double kSplit = 134217729.0;  // 2^27 + 1: halves the digits
   const double t = kSplit * root;
@@ -66,9 +66,9 @@ inline double squareRemainder(double square, double root) {
   return ((square - high * high) - 2.0 * high * low) - low * low;
 }
 
-/// Sine and cosine of the half angle h and the series they are made of, s_n = sum_j (-y)^j / (2j +
-/// n)! with y = h^2. For x <= kSeriesLimit. s_2 and s_3 come from s_4 and s_5, whose rounding
-/// weighs less.
+/// Sine and cosine of the half angle h and their series s_n = sum_j (-y)^j / (2j + n)! with y =
+/// h^2. For x <= kSeriesLimit. s_2 and s_3 are computed from s_4 and s_5, whose rounding errors
+/// have less weight.
 struct HalfAngleSeries {
   double y;             ///< h^2
   double s4, s5;        ///< (1/2 - s2) / h^2, (1/6 - s3) / h^2
@@ -90,8 +90,8 @@ struct HalfAngleSeries {
   double e() const { return 0.0625 * (s4 + s5 + s2 * s3); }
 };
 
-/// theta^2 up to which 1 - b theta^2 is the better cosine, and 2 cos^2(theta/2) - 1 beyond: either
-/// magnifies its rounding where the other does not.
+/// theta^2 up to which the cosine is computed as 1 - b theta^2, and beyond which as 2
+/// cos^2(theta/2) - 1. Each form magnifies rounding errors where the other does not.
 inline constexpr double kVersineLimit = 2.5;
 
 inline ExpCoefficients expCoefficientsBySeries(double x) {
@@ -100,13 +100,13 @@ inline ExpCoefficients expCoefficientsBySeries(double x) {
   return {f.a(), b, f.c(), x < kVersineLimit ? 1.0 - b * x : 2.0 * f.cosine * f.cosine - 1.0};
 }
 
-/// For x from about 1 up to kReductionLimit; finite and of no meaning below.
-/// @param x_low  what the rounding of x lost: at large angles it shows.
+/// For x from about 1 up to kReductionLimit; finite but meaningless below.
+/// @param x_low  rounding error of x, which matters at large angles.
 inline ExpCoefficients expCoefficientsByReduction(double x, double x_low) {
   // h = r + k pi/2, |r| <= pi/4, with pi/2 in three parts (Cody and Waite): k times the first two
   // is exact.
-  constexpr double kRound =
-      6755399441055744.0;  // 1.5 * 2^52: adding and subtracting it rounds to an integer
+  // 1.5 * 2^52: adding and subtracting it rounds to an integer.
+  constexpr double kRound = 6755399441055744.0;
   constexpr double kTwoOverPi = 0.63661977236758138;
   constexpr double kHalfPi1 = 1.57079632673412561417;
   constexpr double kHalfPi2 = 6.07710050630396597660e-11;

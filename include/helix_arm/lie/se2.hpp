@@ -25,23 +25,24 @@ struct SE2 {
   SE2 inverse() const;
 
   static SE2 exp(const Tangent& xi);
-  /// The twist with |w| <= pi.
+  /// The twist with |w| <= pi whose exp is this pose.
   Tangent log() const;
   Matrix adjoint() const;
   static Matrix leftJacobian(const Tangent& xi);
   static Matrix rightJacobian(const Tangent& xi) { return leftJacobian(-xi); }
   static Matrix leftJacobianInverse(const Tangent& xi);
   static Matrix rightJacobianInverse(const Tangent& xi) { return leftJacobianInverse(-xi); }
-  /// Jr(xi)^-1 eta, without the matrix.
+  /// Jr(xi)^-1 eta, without forming the matrix.
   static Tangent solveRightJacobian(const Tangent& xi, const Tangent& eta);
 };
 
-/// The plane z = 0 of space and the way back. project() drops what leaves the plane.
+/// Conversions between the plane and the plane z = 0 of space. project() drops the components out
+/// of the plane.
 SE3 embed(const SE2& X);
 Vector6 embed(const SE2::Tangent& xi);
 SE2::Tangent project(const Vector6& xi);
 
-/// A pose or twist of either group as one of space.
+/// A pose or twist of either group as a spatial one.
 inline const SE3& inSpace(const SE3& X) { return X; }
 inline SE3 inSpace(const SE2& X) { return embed(X); }
 inline const Vector6& inSpace(const Vector6& twist) { return twist; }

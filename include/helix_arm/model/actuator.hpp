@@ -20,24 +20,24 @@ struct Stiffness {
   typename Group::Tangent diagonal() const;
 };
 
-/// What drives an actuator, hence the unit of its input q.
+/// How an actuator is driven, which sets the unit of its input q.
 enum class Drive {
   kPressure,  ///< a muscle or bellows; q is its gauge pressure [Pa]
   kTendon,    ///< a tendon; q is the angle of its spool [rad]
 };
 
-/// How the input of a kind of drive is written. Inputs are in SI units everywhere inside.
+/// Units and spellings of the input of a drive. Inputs are in SI units everywhere in the library.
 struct DriveUnit {
   bool pressure;          ///< whether the input is a pressure
-  const char* quantity;   ///< of columns, as in "pressure_1_pa"
+  const char* quantity;   ///< in column names, as in "pressure_1_pa"
   const char* si;         ///< SI unit: "Pa"
-  const char* si_suffix;  ///< of columns in SI: "pa"
-  const char* shown;      ///< unit that people write and read: "kPa"
-  const char* suffix;     ///< of YAML keys and of columns in that unit: "kpa"
-  double scale;           ///< SI units in one of those
+  const char* si_suffix;  ///< in names of columns in SI units: "pa"
+  const char* shown;      ///< unit of messages and files for users: "kPa"
+  const char* suffix;     ///< in YAML keys and in names of columns in that unit: "kpa"
+  double scale;           ///< SI units per displayed unit
 };
 
-/// The unit of each kind of drive. A new kind gets a case here.
+/// The unit of each drive. Add a case for a new drive here.
 constexpr DriveUnit unitOf(Drive drive) {
   switch (drive) {
     case Drive::kPressure:

@@ -8,22 +8,22 @@
 
 namespace helix_arm::model {
 
-/// The most sections an arm may have.
+/// Maximum number of sections of an arm.
 inline constexpr int kMaxSections = 16;
 
-/// Inputs of all actuators, section by section from the base: gauge pressures [Pa] (spool angles
-/// [rad] for tendons).
+/// Inputs of all actuators, section by section from the base: gauge pressures [Pa], or spool angles
+/// [rad] for tendons.
 using InputRef = Eigen::Ref<const Eigen::VectorXd>;
 
-/// The twists of an arm's sections, (dof x sections), column k the section k from the base; v [m],
-/// w [rad].
+/// Twists of an arm's sections, (dof x sections). Column k is section k, counted from the base; v
+/// [m], w [rad].
 template <class Group>
 using TwistsOf =
     Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof, kMaxSections>;
 using Twists = TwistsOf<lie::SE3>;
 using PlanarTwists = TwistsOf<lie::SE2>;
 
-/// A bundle of actuators between separators: one constant twist.
+/// A bundle of actuators between two separators, with one constant twist.
 template <class Group>
 struct SectionOf {
   std::vector<ActuatorOf<Group>> actuators;
@@ -31,20 +31,19 @@ struct SectionOf {
 
 /// Sections in series, without load: X_tip = prod_k exp(g_k), each g_k = (A+ D)_k l_k (eq. 17).
 ///
-/// Immutable; the maps are solved once, when the arm is made. Frames: everything is seen from the
-/// arm's base, x along the tangent there.
+/// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
+/// base, with x along the tangent there.
 template <class Group>
 class ArmOf {
  public:
   using Twists = TwistsOf<Group>;
 
   /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 ..
-  /// kMaxSections sections,
-  ///         1 .. kMaxActuators actuators each, limits inside the contraction's range, stiffness
-  ///         finite and >= 0.
+  ///     kMaxSections sections, 1 .. kMaxActuators actuators each, limits inside the contraction's
+  ///     range, stiffness finite and >= 0.
   explicit ArmOf(std::vector<SectionOf<Group>> sections);
 
-  /// The same arm with this stiffness of every actuator.
+  /// The same arm with this stiffness for every actuator.
   ArmOf withStiffness(const Stiffness& stiffness) const;
 
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
@@ -54,35 +53,35 @@ class ArmOf {
   int firstActuator(int k) const { return first_[k]; }
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
 
-  /// Section k's twist when every actuator has its rest length.
+  /// Twist of section k when every actuator has its rest length.
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
 
-  /// Length of section k's base curve when every actuator has its rest length [m].
+  /// Length of the base curve of section k when every actuator has its rest length [m].
   double restLength(int k) const { return rest_twists_[k].template head<Group::kSpace>().norm(); }
 
-  /// The same of the whole arm [m].
+  /// Length of the base curve of the whole arm in that state [m].
   double restLength() const;
 
-  /// Mean of the actuators' rest lengths in section k [m]: the length l that relates strain, as a
+  /// Mean rest length of the actuators of section k [m]: the length l that converts strain, as a
   /// fraction, to the twist over a section.
   double freeLength(int k) const;
 
-  /// The same arm with every stiffness times these factors, entry by entry.
+  /// The same arm with the stiffness of every actuator multiplied by these factors, entry by entry.
   ArmOf scaledStiffness(const Stiffness& factors) const;
 
-  /// Inputs (n) at a fraction (n) of each actuator's limits: 0 the lower ones, 1 the upper. Inside
-  /// the limits for fractions in [0, 1]; of another size, throws as lengths() does.
+  /// Inputs (n) at a fraction (n) of each actuator's limits: 0 is the lower limit, 1 the upper.
+  /// Inside the limits for fractions in [0, 1]. Throws as lengths() does on a wrong size.
   Eigen::VectorXd inputAt(const Eigen::VectorXd& fraction) const;
-  /// The same at one fraction of all.
+  /// The same with one fraction for all actuators.
   Eigen::VectorXd inputAt(double fraction) const;
 
-  /// The inputs (n) with those outside their limits at the nearest one; NaN stays.
+  /// The inputs (n), each clamped to its limits; NaN is kept.
   /// @throws std::invalid_argument on a wrong size.
   Eigen::VectorXd clamped(Eigen::VectorXd q) const;
 
   /// Free lengths (n) [m] of the actuators at inputs q (n).
-  /// @throws std::invalid_argument on a wrong size, std::out_of_range naming the actuator outside
-  /// its limits.
+  /// @throws std::invalid_argument on a wrong size, std::out_of_range naming an actuator outside
+  ///     its limits.
   Eigen::VectorXd lengths(const InputRef& q) const;
 
   /// Twists (dof x sections) at inputs q (n). Does not allocate. Throws as lengths() does.
@@ -112,9 +111,9 @@ using Section = SectionOf<lie::SE3>;
 using PlanarArm = ArmOf<lie::SE2>;
 using PlanarSection = SectionOf<lie::SE2>;
 
-/// The same arm in space.
+/// The same arm, embedded in space.
 Arm embed(const PlanarArm& arm);
-/// The same twists in space.
+/// The same twists, embedded in space.
 Twists embed(const PlanarTwists& twists);
 
 }  // namespace helix_arm::model

@@ -13,18 +13,16 @@ struct Range {
   bool contains(double x) const { return x >= lower && x <= upper; }
 };
 
-/// Free length l(q) of an unloaded actuator [m] against its input q: the gauge pressure of a muscle
-/// [Pa], the spool angle of a tendon [rad]. Strictly monotone on its range, and defined nowhere
-/// else: never extrapolated.
+/// Free length l(q) of an unloaded actuator [m] as a function of its input q: the gauge pressure of
+/// a muscle [Pa] or the spool angle of a tendon [rad]. Strictly monotone on its range and never
+/// extrapolated beyond it.
 ///
-/// Stored as polynomials between knots, whatever it was made from, so there is one way to evaluate
-/// it.
+/// Every kind of curve is stored as polynomials between knots, so evaluation is the same for all.
 class Contraction {
  public:
-  /// The polynomial from one knot to the next, for the change of length since the lower end of the
-  /// range.
+  /// The polynomial between two knots: the change of length since the lower end of the range.
   struct Piece {
-    double start;          ///< of the piece, in units of the input
+    double start;          ///< lower end of the piece, in units of the input
     double inverse_scale;  ///< u = (q - start) * inverse_scale
     std::array<double, 6> coefficients;
   };
@@ -32,16 +30,15 @@ class Contraction {
   /// l = sum_k c_k (p / p_ref)^k on [0, p_max].
   ///
   /// @param coefficients        c_0 .. c_5 [m].
-  /// @param reference_pressure  p_ref > 0 [Pa]; the fit's largest pressure keeps it well
-  /// conditioned.
-  /// @param max_pressure        p_max > 0 [Pa]: where the measurements end.
-  /// @throws std::invalid_argument when an argument breaks its rule or the polynomial turns back on
-  /// its range,
-  ///         naming the pressure where it does.
+  /// @param reference_pressure  p_ref > 0 [Pa]; the largest fitted pressure keeps it well
+  ///     conditioned.
+  /// @param max_pressure        p_max > 0 [Pa], the end of the measurements.
+  /// @throws std::invalid_argument when an argument breaks its rule, or when the polynomial is not
+  ///     monotone on its range, naming the pressure where it turns.
   static Contraction quintic(const std::array<double, 6>& coefficients, double reference_pressure,
                              double max_pressure);
 
-  /// Monotone piecewise cubic (PCHIP, Fritsch and Carlson 1980) through the given points.
+  /// Monotone piecewise cubic (PCHIP, Fritsch and Carlson 1980) through given points.
   ///
   /// @param pressure  (n >= 2) ascending [Pa].
   /// @param length    (n) strictly monotone, > 0 [m].
@@ -56,39 +53,39 @@ class Contraction {
   /// @throws std::invalid_argument naming the argument that breaks its rule.
   static Contraction tendon(double length, double radius, double max_angle);
 
-  /// The same curve with all lengths times a factor.
-  /// @param factor  > 0. @throws std::invalid_argument where it is not.
+  /// The same curve with all lengths multiplied by a factor.
+  /// @param factor  > 0. @throws std::invalid_argument otherwise.
   Contraction scaledBy(double factor) const;
 
-  /// The polynomials the curve is stored as, in the order of their inputs.
+  /// The polynomials of the curve, in order of increasing input.
   const std::vector<Piece>& pieces() const { return pieces_; }
-  /// Where the curve is defined, in units of the input.
+  /// Range on which the curve is defined, in units of the input.
   const Range& inputRange() const { return input_range_; }
-  /// The lengths it takes [m].
+  /// Range of the curve's lengths [m].
   const Range& lengthRange() const { return length_range_; }
 
   /// l(q) [m]. @throws std::out_of_range outside inputRange().
   double length(double q) const;
   /// dl/dq [m/Pa or m/rad]. @throws std::out_of_range outside inputRange().
   double slope(double q) const;
-  /// The q with l(q) = length, to the last bits. @throws std::out_of_range outside lengthRange().
+  /// The input q with l(q) = length, to the last bits. @throws std::out_of_range outside
+  /// lengthRange().
   double inverse(double length) const;
 
-  /// l(q) for a q known to be inside: no check, no exception.
+  /// l(q) for a q that is known to be inside: no check, no exception.
   double lengthInside(double q) const noexcept { return rest_length_ + changeInside(q); }
-  /// l(q) - restLength(), to its own last bits.
+  /// l(q) - restLength(), accurate to the last bits of the difference.
   double changeInside(double q) const noexcept {
     const Piece& piece = pieceAt(q);
     const double u = (q - piece.start) * piece.inverse_scale;
     const auto& c = piece.coefficients;
-    const double u2 = u * u;  // pairs first (Estrin): half the waiting of Horner's rule
+    const double u2 = u * u;  // pairs first (Estrin): half the latency of Horner's rule
     return (c[0] + c[1] * u) + u2 * ((c[2] + c[3] * u) + u2 * (c[4] + c[5] * u));
   }
   /// Length at the lower end of the range [m].
   double restLength() const { return rest_length_; }
   double slopeInside(double q) const noexcept;
-  /// The inverse for a length known to be inside, from a first guess: a good one saves most of the
-  /// time.
+  /// inverse() for a length that is known to be inside. A good first guess saves most of the time.
   double inverseInside(double length, double guess) const noexcept;
 
  private:
@@ -104,7 +101,7 @@ class Contraction {
   std::vector<Piece> pieces_;
   Range input_range_;
   Range length_range_;
-  bool rising_ = false;  ///< dl/dq > 0: a bellows
+  bool rising_ = false;  ///< dl/dq > 0, as for a bellows
 };
 
 }  // namespace helix_arm::model

@@ -7,10 +7,10 @@
 
 namespace helix_arm::model {
 
-/// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s),
-/// and the same piece by piece where a section has several.
+/// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s).
+/// Sections of several pieces are evaluated likewise, piece by piece.
 ///
-/// Each s is evaluated directly, so a fine sampling does not drift.
+/// Each s is evaluated directly, so errors do not accumulate with fine sampling.
 /// @param shape  or planar twists (dof x sections); v [m], w [rad].
 /// @param s      in [0, sections]: section k covers [k, k + 1].
 /// @throws std::invalid_argument when s is outside.
@@ -18,15 +18,14 @@ lie::SE3 poseAt(const Shape& shape, double s);
 inline lie::SE3 poseAt(const Twists& twists, double s) { return poseAt(Shape(twists), s); }
 lie::SE2 poseAt(const PlanarTwists& twists, double s);
 
-/// A point of the sampled curve.
+/// A point of a sampled curve.
 template <class Group>
 struct CurvePoint {
   double s;  ///< in [0, sections]
   Group X;   ///< seen from the base
 };
 
-/// The curve at `count` >= 2 evenly spaced s, base and tip included; each point as poseAt() gives
-/// it.
+/// Poses as of poseAt() at `count` >= 2 evenly spaced s, including base and tip.
 /// @throws std::invalid_argument when count < 2.
 std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count);
 inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count) {
@@ -34,13 +33,13 @@ inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int c
 }
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
 
-/// Pose of the tip, X_1 .. X_n.
+/// Pose of the tip, X_1 .. X_n, seen from the base.
 lie::SE3 tipPose(const Shape& shape);
 inline lie::SE3 tipPose(const Twists& twists) { return tipPose(Shape(twists)); }
 lie::SE2 tipPose(const PlanarTwists& twists);
 
-/// The helix that a section's curve is. A straight section has no turns and an infinite radius; an
-/// arc has no pitch.
+/// The helix of a section's curve. A straight section has zero turns and an infinite radius; an arc
+/// has zero pitch.
 struct Helix {
   double radius;  ///< distance of the curve from its axis, |w x v| / |w|^2 [m]
   double pitch;   ///< advance along the axis per turn, signed with the handedness, 2 pi (w.v) /

@@ -12,17 +12,17 @@
 
 namespace helix_arm::statics {
 
-/// One arm behind one interface, whatever the tier: inputs to shape.
+/// The shape of one arm at given inputs, with the same interface for every tier.
 ///
-/// Immutable; solving keeps nothing, so that threads may share it.
+/// Immutable. Solving stores no state, so threads may share a model.
 class ArmModel {
  public:
-  /// Chooses the tier. @throws as chooseTier() and Load::validate() do.
+  /// Chooses the tier automatically. @throws as chooseTier() and Load::validate() do.
   ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar = std::nullopt,
            std::optional<Load> load = std::nullopt, const TierRequest& request = {});
-  /// By a setting that is known, as of the same arm a little changed: nothing is compared, and the
-  /// choice says no more than that. @throws as chooseTier() does where it needs a load or a plane
-  /// that the arm has not.
+  /// Uses a known tier setting, for example that of a slightly different arm. No tiers are
+  /// compared, and choice() contains only this setting. @throws as chooseTier() does if the setting
+  /// needs a load or a plane that the arm does not have.
   ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::optional<Load> load,
            const TierSetting& setting);
   ArmModel(const ArmModel& other);
@@ -35,27 +35,28 @@ class ArmModel {
   const std::optional<Load>& load() const;
   const TierChoice& choice() const;
 
-  /// The same arm, load and tier with this stiffness of every actuator.
+  /// The same arm, load and tier, with this stiffness for every actuator.
   ArmModel withStiffness(const model::Stiffness& stiffness) const;
-  /// The same arm and load by another tier. @throws as chooseTier() does.
+  /// The same arm and load with another tier. @throws as chooseTier() does.
   ArmModel withTier(const TierRequest& request) const;
 
   /// Shape at inputs q (n). Throws as Arm::lengths() does.
   Solution solve(const model::InputRef& q) const;
-  /// Shape at given free lengths (n) [m]; not checked.
+  /// Shape at given free lengths (n) [m], which are not checked.
   Solution solveLengths(const Eigen::VectorXd& lengths) const;
-  /// The curve at inputs q (n), `count` >= 2 evenly spaced s, base and tip included: as good as the
-  /// tip at every s, where solve()'s shape is a helix from one end of a piece to the next. Where no
-  /// shape holds the load, the curve of what solve() gives.
+  /// Points of the base curve at inputs q (n), at `count` >= 2 evenly spaced s including base and
+  /// tip. Every point is as accurate as the tip, whereas the shape of solve() is a helix between
+  /// the ends of each piece. If no shape balances the load, the curve follows the shape of solve().
   /// @throws as Arm::lengths() does, and std::invalid_argument when count < 2.
   std::vector<model::CurvePoint<lie::SE3>> curve(const model::InputRef& q, int count) const;
-  /// Pose of the tip at inputs q (n), without the shape. Throws as Arm::lengths() does; does not
-  /// allocate but in the exact tier.
+  /// Pose of the tip at inputs q (n), without the shape. Throws as Arm::lengths() does. Does not
+  /// allocate, except in the exact tier.
   Tip tip(const model::InputRef& q) const;
-  /// The same at given free lengths (n) [m]; not checked.
+  /// The same at given free lengths (n) [m], which are not checked.
   Tip tipOfLengths(const Eigen::VectorXd& lengths) const;
-  /// Tip and its Jacobian at given free lengths (n) [m]; not checked. Times the contraction's
-  /// slope, a column is the change by that actuator's input. Good to 1e-6 under load.
+  /// Tip and its Jacobian with respect to the free lengths, at given free lengths (n) [m], which
+  /// are not checked. Multiply a column by the slope of that actuator's contraction curve to get
+  /// the derivative with respect to its input. Accurate to 1e-6 under load.
   TipResponse tipResponse(const Eigen::VectorXd& lengths) const;
 
  private:
@@ -65,11 +66,11 @@ class ArmModel {
   std::unique_ptr<Solvers> solvers_;
 };
 
-/// Where a search for the arm's true shape begins: the model's shape, or where its load found no
-/// balance, the shape without load, which is a better guess than what the last iteration left.
+/// Initial guess for a search for the true shape of the arm: the model's shape or, if the load was
+/// not balanced, the shape without load, which is a better guess than the last iterate.
 ///
-/// @param solution  the model's, at inputs q.
-/// @param q         (n) inputs. Throws as Arm::lengths() does.
+/// @param solution  solution of `model` at inputs q.
+/// @param q  (n) inputs. Throws as Arm::lengths() does.
 model::Shape startingShape(const ArmModel& model, const Solution& solution,
                            const model::InputRef& q);
 

@@ -6,23 +6,24 @@
 namespace helix_arm::statics {
 
 enum class SolveStatus {
-  kConverged,     ///< of the loaded tier: the tip is within statedTipError() of its order
-  kNotConverged,  ///< the last iterate is given; it does not balance the load, does not hold, or is
-                  ///< off by more than statedTipError() of its order
-  kUnsupported,   ///< the load pulls along a motion that no actuator resists: no shape holds it
+  kConverged,     ///< loaded tier: the tip error is within statedTipError() of its order
+  kNotConverged,  ///< the last iterate is returned; it does not balance the load, is unstable, or
+                  ///< errs by more than statedTipError() of its order
+  kUnsupported,   ///< the load acts along a motion that no actuator resists, so there is no
+                  ///< equilibrium
 };
 /// "converged", "not_converged" or "unsupported".
 const char* nameOf(SolveStatus status);
 
-/// Shape of an arm as one of the tiers finds it.
+/// Shape of an arm as computed by one of the tiers.
 struct Solution {
   model::Shape shape;
   lie::SE3 tip;  ///< seen from the base
   SolveStatus status = SolveStatus::kConverged;
-  /// What the last iteration still moved, relative to the arm's size; where an order is refused for
-  /// its error, that error.
+  /// Size of the last iteration's step, relative to the arm's size. If an order is rejected for its
+  /// error, that error.
   double residual = 0.0;
-  int iterations = 0;  ///< 0 where the answer is in closed form
+  int iterations = 0;  ///< 0 for closed-form solutions
 
   bool converged() const { return status == SolveStatus::kConverged; }
 };
@@ -39,11 +40,11 @@ struct TipOf {
 };
 using Tip = TipOf<lie::SE3>;
 
-/// Tip of an arm, and how it moves.
+/// Tip of an arm and its Jacobian.
 struct TipResponse {
   lie::SE3 tip;  ///< seen from the base
   SolveStatus status = SolveStatus::kConverged;
-  /// (6 x n) its body twist by the free length of each actuator [m/m; rad/m].
+  /// (6 x n) body twist of the tip per unit free length of each actuator [m/m; rad/m].
   Eigen::Matrix<double, 6, Eigen::Dynamic> by_lengths;
 };
 

@@ -8,18 +8,19 @@
 
 namespace helix_arm::statics {
 
-/// How far the tip moves [m] for an error of 1 kPa in every pressure, of 1 mm in every free length
-/// and of 1 % in every entry of the stiffness: names of the three, in the order of their columns.
+/// Tip displacement [m] for an error of 1 kPa in every pressure, of 1 mm in every free length and
+/// of 1 % in every entry of the stiffness: the names of these three, in the order of the columns.
 inline constexpr int kSensitivities = 3;
 inline constexpr const char* kSensitivityNames[kSensitivities] = {"per_kpa_m", "per_mm_m",
                                                                   "per_percent_K_m"};
 
-/// Sampled inputs with the tips that they lead to; a row a point.
+/// Sampled inputs and the resulting tips, one point per row.
 struct WorkspacePoints {
   Eigen::MatrixXd inputs;        ///< (points x n) [Pa or rad]
   Eigen::MatrixX3d tips;         ///< (points x 3) base frame [m]
-  Eigen::MatrixX3d sensitivity;  ///< (points x kSensitivities) [m]; no rows where not asked for
-  /// Inputs that are left out: the load finds no balance there or, with sensitivity, so near.
+  Eigen::MatrixX3d sensitivity;  ///< (points x kSensitivities) [m]; no rows unless requested
+  /// Number of inputs omitted because the load has no equilibrium there or, with sensitivity, at a
+  /// neighbouring input.
   int unbalanced = 0;
 
   int count() const { return static_cast<int>(tips.rows()); }
@@ -30,23 +31,23 @@ struct WorkspaceOptions {
   bool sensitivity = false;
 };
 
-/// Where the tip of an arm can go: tips at inputs drawn evenly within the limits.
+/// Reachable tips of an arm: tips at inputs drawn uniformly within the limits.
 ///
-/// Point i of a seed is the same whatever is sampled before it or beside it. Immutable, so that
-/// threads may share it.
+/// Point i of a seed does not depend on which other points are sampled. Immutable, so threads may
+/// share it.
 ///
-/// Sensitivity: the errors of the actuators are independent, so that their motions add up as root
-/// of the sum of squares. By pressure and by length with the tier's own derivatives. By stiffness
-/// the motion itself when one of K_gamma, K_tau, K_kappa and, under load, K_eps is 1 % more, of
-/// every actuator at once.
+/// Sensitivity: the errors of the actuators are assumed independent, so their displacements add as
+/// the root of the sum of squares. The pressure and length columns use the tier's own derivatives.
+/// The stiffness column is the root of the sum of squares of the displacements when one of K_gamma,
+/// K_tau, K_kappa and, under load, K_eps is 1 % larger for every actuator at once.
 class Workspace {
  public:
-  /// @throws std::invalid_argument where sensitivity is asked for and some input is no pressure.
+  /// @throws std::invalid_argument if sensitivity is requested and some input is not a pressure.
   explicit Workspace(const ArmModel& model, const WorkspaceOptions& options = {});
 
   const ArmModel& model() const { return model_; }
-  /// Points that are worth one turn of a thread, yet take a small part of a second: as the tier is
-  /// fast.
+  /// Number of points for one unit of work of a thread: worth the overhead, yet a small fraction of
+  /// a second at the speed of the tier.
   int pieceSize() const;
 
   /// Points first .. first + count - 1 of the seed; count >= 0.
@@ -59,8 +60,8 @@ class Workspace {
 
   ArmModel model_;
   WorkspaceOptions options_;
-  bool batch_;                     // nothing loads the arm, as its tier sees it
-  std::vector<ArmModel> stiffer_;  // one entry of K 1 % more each
+  bool batch_;                     // the tier solves the arm without load
+  std::vector<ArmModel> stiffer_;  // each with one entry of K 1 % larger
 };
 
 }  // namespace helix_arm::statics
