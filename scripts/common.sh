@@ -1,21 +1,21 @@
 # shellcheck shell=bash disable=SC2154
-# What scripts/build, scripts/demo and scripts/test share; sourced by them, with `root` set to the top of the sources.
+# Functions shared by the scripts of this folder, which source this file with `root` set to the top of the sources.
 
 build_dir="$root/build"
 devel_dir="$root/devel"
-build_options=()  # of CMake, beside those that every build has
-testing=OFF         # ON: with what tests need, installed and configured
+build_options=()  # additional options of CMake
+testing=OFF         # ON: install the packages for tests, and configure the tests
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
 
-# Another python3 that comes first on PATH, or in a virtual environment, lacks the modules of ROS.
+# A different python3, earlier on PATH or in a virtual environment, does not have the Python modules of ROS.
 use_system_python() {
   export PATH=/usr/bin:/bin:/usr/sbin:/sbin
   unset PYTHONPATH PYTHONHOME VIRTUAL_ENV
 }
 
-# ROS, ccache and rviz keep files at home; without one they keep them in the build.
+# ROS, ccache and rviz write files to the home folder. If there is none, they write to the build folder.
 use_some_home() {
   if [[ -z ${HOME:-} || ! -w ${HOME:-} ]]; then
     export HOME="$build_dir/home" ROS_HOME="$build_dir/ros_home"
@@ -23,8 +23,8 @@ use_some_home() {
   fi
 }
 
-# Containers may not know their own host name; the barest of them do not even know localhost, without which roslaunch
-# refuses to run.
+# In containers the host name may not resolve, and in minimal ones not even localhost, without which roslaunch does not
+# run.
 use_localhost() {
   if ! getent hosts localhost >/dev/null && may_be_root; then
     say "localhost does not resolve: adding it to /etc/hosts"
@@ -41,7 +41,7 @@ source_ros() {
   set -u
 }
 
-# Debian 12 carries ROS itself; Ubuntu 20.04 has it from packages.ros.org.
+# Debian 12 includes ROS; Ubuntu 20.04 gets it from packages.ros.org.
 ros_release() {
   local codename
   codename="$(. /etc/os-release && printf '%s' "${VERSION_CODENAME:-}")"
@@ -78,18 +78,18 @@ install_missing() {
   local -a missing
   mapfile -t missing < <(missing_packages)
   ((${#missing[@]})) || return 0
-  command -v apt-get >/dev/null || fail "no apt-get here; missing: ${missing[*]}"
-  may_be_root || fail "neither root nor sudo; have installed by root: apt-get install ${missing[*]}"
+  command -v apt-get >/dev/null || fail "apt-get is not available; install these packages: ${missing[*]}"
+  may_be_root || fail "needs root or sudo to install packages; run as root: apt-get install ${missing[*]}"
   say "installing ${#missing[@]} packages: ${missing[*]}"
   local -a apt=(env DEBIAN_FRONTEND=noninteractive apt-get -y
     -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
-  # Package lists may be fresh enough even where they cannot be renewed: the install decides.
-  as_root "${apt[@]}" update >&2 || say "apt-get update failed; going on with the lists at hand"
+  # The existing package lists may suffice if they cannot be updated: the install decides.
+  as_root "${apt[@]}" update >&2 || say "apt-get update failed; continuing with the existing package lists"
   as_root "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||
-    fail "apt-get could not install them; on Ubuntu 20.04, is packages.ros.org among its sources?"
+    fail "apt-get could not install the packages; on Ubuntu 20.04, check that packages.ros.org is among the apt sources"
 }
 
-# A compiler of these sources takes up to 1.2 GB.
+# Each compiler process takes up to 1.2 GB.
 jobs() {
   local cores memory_kb
   cores="$(nproc)"
@@ -98,8 +98,8 @@ jobs() {
   printf '%d' $((fitting < 1 ? 1 : fitting < cores ? fitting : cores))
 }
 
-# in_clean_environment COMMAND...: with the variables listed here and no other, so that the result does not depend on what
-# the caller's shell carries.
+# in_clean_environment COMMAND...: runs it with the variables listed here and no others, so that the result does not depend
+# on the caller's environment.
 in_clean_environment() {
   local -a variables=(PATH=/usr/bin:/bin:/usr/sbin:/sbin)
   local name
@@ -109,17 +109,17 @@ in_clean_environment() {
   env -i "${variables[@]}" "$@"
 }
 
-# The value of an entry of CMake's cache, empty when there is none.
+# Value of an entry of CMake's cache; empty if there is none.
 cached() { sed -n "s/^$1:[A-Z]*=//p" "$build_dir/CMakeCache.txt" 2>/dev/null || true; }
 
 # build TARGET...
 build() {
   [[ $(ros_release) != noetic ]] || source_ros /opt/ros/noetic/setup.bash
-  # A build that was copied with its sources still points to where it came from.
+  # A build folder that was copied together with its sources still refers to the original location.
   local built_for
   built_for="$(cached CMAKE_HOME_DIRECTORY)"
   if [[ -n $built_for && $built_for != "$root" ]]; then
-    say "$build_dir was made for $built_for: starting anew"
+    say "$build_dir was made for $built_for: rebuilding from scratch"
     rm -rf "$build_dir" "$devel_dir"
     use_some_home
   fi
@@ -127,7 +127,7 @@ build() {
   [[ -n $(cached CMAKE_GENERATOR) ]] || generator=(-G Ninja)
   if command -v ccache >/dev/null; then
     launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
-    export CCACHE_BASEDIR="$root" CCACHE_NOHASHDIR=1  # two checkouts share what they compile
+    export CCACHE_BASEDIR="$root" CCACHE_NOHASHDIR=1  # checkouts share their cached objects
   fi
   cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release \
     -DCATKIN_ENABLE_TESTING="$testing" "${launcher[@]}" "${build_options[@]}" >&2
@@ -136,7 +136,7 @@ build() {
 
 # prepare [tests]
 prepare() {
-  # What a build has had it keeps: going back and forth would configure anew each time.
+  # Once tests are configured, they stay configured: alternating would reconfigure each time.
   [[ ${1:-} != tests && $(cached CATKIN_ENABLE_TESTING) != ON ]] || testing=ON
   use_system_python
   mkdir -p "$build_dir"

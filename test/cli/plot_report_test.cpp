@@ -192,7 +192,7 @@ TEST_F(PlotReport, MapsStandInARowAQuantity) {
   expectRefused(wrong, "maps[1].extent is [0.4, 0.1, 0, 1]; expected left < right, bottom < top");
   wrong = maps;
   wrong["maps"][2]["cells"][3].push_back(1);
-  expectRefused(wrong, "maps[2].cells are no rows of one length");
+  expectRefused(wrong, "maps[2].cells is malformed; expected rows of equal length");
   wrong = maps;
   wrong["maps"][0].erase("unit");
   expectRefused(wrong, "maps[0] has no unit");
@@ -204,14 +204,14 @@ TEST_F(PlotReport, AMissingReportIsNamed) {
   EXPECT_EQ(run(folder_.path(), target_), 2);
   EXPECT_NE(errors().find("cannot be read: Is a directory"), std::string::npos) << errors();
   EXPECT_EQ(run("/dev/zero", target_), 2);
-  EXPECT_NE(errors().find("/dev/zero is no regular file"), std::string::npos) << errors();
+  EXPECT_NE(errors().find("/dev/zero is not a regular file"), std::string::npos) << errors();
 }
 
 TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {
   EXPECT_EQ(draw(std::string("{\"arms\": [")), 2);
-  EXPECT_NE(errors().find("report.json is no JSON: "), std::string::npos) << errors();
-  expectRefused(json::array({1}), "holds no object");
-  expectRefused(json::object(), "has nothing to draw; expected rows, maps, arms, contractions");
+  EXPECT_NE(errors().find("report.json is not valid JSON: "), std::string::npos) << errors();
+  expectRefused(json::array({1}), "is not a JSON object");
+  expectRefused(json::object(), "has nothing to plot; expected rows, maps, arms, contractions");
   json wrong = report();
   wrong["arms"][1]["captures"][2]["rms"] = "small";
   expectRefused(wrong, R"(arms[1].captures[2].rms is "small"; expected a finite number)");
@@ -220,7 +220,7 @@ TEST_F(PlotReport, AMalformedReportIsNamedWithItsCulprit) {
   expectRefused(wrong, R"(arms[0].captures[0].kind is "guess"; expected curvature or tag_poses)");
   wrong = report();
   wrong["arms"][0]["captures"][0]["pressure_pa"] = {1.0};
-  expectRefused(wrong, "arms[0].captures have [1, 2] pressures; expected as many in each");
+  expectRefused(wrong, "arms[0].captures have [1, 2] pressures; expected the same number in each");
   wrong = report();
   wrong["arms"][0]["captures"] = json::object();
   expectRefused(wrong, "arms[0].captures is {}; expected an array");
