@@ -26,14 +26,6 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-# Files, or folders with a slash at the end, that may still use the standard library's mutexes. Expected to become empty.
-NOT_ANNOTATED_YET = (
-    "include/helix_arm/ros_bridge/calibration/",
-    "include/helix_arm/ros_bridge/vision/",
-    "src/ros_bridge/calibration/",
-    "src/ros_bridge/vision/",
-)
-
 # Where the standard library's and pthread's mutexes are wrapped.
 WRAPPERS = ("include/helix_arm/basics/mutex.hpp", "include/helix_arm/regulator/priority_mutex.hpp")
 VOCABULARY = ("include/helix_arm/basics/thread_annotations.hpp",) + WRAPPERS
@@ -79,21 +71,15 @@ def line_of(text, position):
 
 def declaration_faults(sources):
     """Mutexes that guard nothing, and those that are not wrapped."""
-    faults, used = [], set()
+    faults = []
     for name, text in sources.text.items():
         for found in MUTEX.finditer(text) if name not in VOCABULARY else ():
             if not re.search(r"HELIX_ARM_GUARDED_BY\(%s\)" % found.group(1), text):
                 faults.append("%s:%d: %s guards nothing; declare its members with HELIX_ARM_GUARDED_BY(%s)"
                               % (name, line_of(text, found.start()), found.group(1), found.group(1)))
         for found in DIRECT.finditer(text) if name not in WRAPPERS else ():
-            excuses = {entry for entry in NOT_ANNOTATED_YET
-                       if name == entry or entry.endswith("/") and name.startswith(entry)}
-            used |= excuses
-            if not excuses:
-                faults.append("%s:%d: %s is unknown to the analysis; use basics::Mutex, MutexLock and Condition"
-                              % (name, line_of(text, found.start()), found.group()))
-    faults += ["test/thread_safety_test.py: %s needs no exception; remove it from NOT_ANNOTATED_YET" % entry
-               for entry in NOT_ANNOTATED_YET if entry not in used]
+            faults.append("%s:%d: %s is unknown to the analysis; use basics::Mutex, MutexLock and Condition"
+                          % (name, line_of(text, found.start()), found.group()))
     return faults
 
 

@@ -79,7 +79,7 @@ procedures::CalibrationOutcome Calibrator::calibrate(const procedures::Calibrati
     return outcome;
   }
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     last_ = outcome.scene_text;
   }
   if (out.empty()) return outcome;
@@ -94,12 +94,12 @@ procedures::CalibrationOutcome Calibrator::calibrate(const procedures::Calibrati
 }
 
 std::optional<std::string> Calibrator::last() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return last_;
 }
 
 void Calibrator::forgetLast() {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   last_.reset();
 }
 

@@ -5,18 +5,18 @@
 namespace helix_arm::ros_bridge {
 
 JobSlot::Claim::Claim(JobSlot& slot, Job job) : slot_(slot) {
-  const std::lock_guard<std::mutex> lock(slot_.mutex_);
+  const basics::MutexLock lock(slot_.mutex_);
   slot_.requireIdle();
   slot_.job_ = job;
 }
 
 JobSlot::Claim::~Claim() {
-  const std::lock_guard<std::mutex> lock(slot_.mutex_);
+  const basics::MutexLock lock(slot_.mutex_);
   slot_.job_ = Job::kNone;
 }
 
 bool JobSlot::runs() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return job_ == Job::kRun;
 }
 

@@ -41,42 +41,45 @@ Recorder::Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::Set
       watch_timer_(repeat(node, "the watch", kWatchPeriod, &Recorder::onWatch, this)) {}
 
 void Recorder::onDetections(const TagDetectionsConstPtr& detections) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   watch_.seen(detections->header.stamp.toSec(), sightingsOf(*detections, scene_));
 }
 
-std::optional<Eigen::VectorXd> Recorder::reading(const PressureArray& message, const char* topic) {
-  const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
-  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) return *pressure;
-  if (foreign_pressures_.add()) {
-    ROS_WARN("%s is not of scene %s: %s (%lu times so far)", topic, scene_.name.c_str(),
-             std::get<control::Refusal>(checked).message.c_str(),
-             static_cast<unsigned long>(foreign_pressures_.total()));
+void Recorder::take(const PressureArray& message, const char* topic, Input input) {
+  std::string scene, fault;
+  unsigned long times = 0;
+  {
+    const basics::MutexLock lock(mutex_);
+    const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
+    if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+      (watch_.*input)(message.header.stamp.toSec(), *pressure);
+      return;
+    }
+    if (!foreign_pressures_.add()) return;
+    scene = scene_.name;
+    fault = std::get<control::Refusal>(checked).message;
+    times = static_cast<unsigned long>(foreign_pressures_.total());
   }
-  return std::nullopt;
+  // Without the lock: a terminal that blocks must not stall the run.
+  ROS_WARN("%s is not of scene %s: %s (%lu times so far)", topic, scene.c_str(), fault.c_str(),
+           times);
 }
 
 void Recorder::onMeasured(const PressureArrayConstPtr& measured) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (const auto pressure = reading(*measured, names::kPressureMeasured)) {
-    watch_.measured(measured->header.stamp.toSec(), *pressure);
-  }
+  take(*measured, names::kPressureMeasured, &procedures::SettleWatch::measured);
 }
 
 void Recorder::onCommand(const PressureArrayConstPtr& command) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (const auto pressure = reading(*command, names::kPressureCommand)) {
-    watch_.command(command->header.stamp.toSec(), *pressure);
-  }
+  take(*command, names::kPressureCommand, &procedures::SettleWatch::command);
 }
 
 void Recorder::onVision(const VisionStatusConstPtr& status) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   vision_ = *status;
 }
 
 void Recorder::onWatch(const ros::SteadyTimerEvent&) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   clock_.now();
 }
 
@@ -91,13 +94,13 @@ procedures::Settling Recorder::settlingAt(double now) const {
 }
 
 Recorder::Observation Recorder::observe() {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   const double now = clock_.now();
   return {now, clock_.stands(), settlingAt(now)};
 }
 
 procedures::Sample Recorder::record() {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   const procedures::Settling state = settlingAt(clock_.now());
   basics::require(state.settled(), "not recorded: ", state.reason);
   const std::vector<procedures::Sample> pictures = watch_.samples();
@@ -110,34 +113,34 @@ procedures::Sample Recorder::record() {
 }
 
 void Recorder::add(procedures::Sample sample) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   samples_.push_back(std::move(sample));
 }
 
 std::size_t Recorder::count() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return samples_.size();
 }
 
 std::size_t Recorder::clear() {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   const std::size_t out = samples_.size();
   samples_.clear();
   return out;
 }
 
 io::Scene Recorder::scene() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return scene_;
 }
 
 Recording Recorder::recording() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return {scene_, samples_};
 }
 
 void Recorder::adopt(io::Scene next) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   next = requirePneumatic(std::move(next));
   requireSameRig(scene_, next);
   scene_ = std::move(next);

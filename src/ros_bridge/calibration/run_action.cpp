@@ -57,17 +57,23 @@ void RunAction::onStatus(const TargetStatusConstPtr& status) {
   if (status->commander != ros::this_node::getName() || status->outcome != TargetStatus::DROPPED) {
     return;
   }
-  const std::lock_guard<std::mutex> lock(mutex_);
-  if (!motion_) return;
   const std::string message = basics::quoted(status->message, kLongestMessage);
-  if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
-    motion_->run.yield(message);
-  } else if (status->fault == control::nameOf(control::Fault::kStale)) {
-    // The next target may be in time. If none is, the arm vents, and that ends the run.
-    ROS_WARN_THROTTLE(1, "%s", message.c_str());
-  } else {
-    motion_->run.end(procedures::RunEnd::kAborted, "pressure_command refused a target: " + message);
+  {
+    const basics::MutexLock lock(mutex_);
+    if (!motion_) return;
+    if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
+      motion_->run.yield(message);
+      return;
+    }
+    if (status->fault != control::nameOf(control::Fault::kStale)) {
+      motion_->run.end(procedures::RunEnd::kAborted,
+                       "pressure_command refused a target: " + message);
+      return;
+    }
   }
+  // The next target may be in time. If none is, the arm vents, and that ends the run.
+  // Without the lock: a terminal that blocks must not stall the run.
+  ROS_WARN_THROTTLE(1, "%s", message.c_str());
 }
 
 void RunAction::onGoal(const RunCalibrationGoal& goal) {
@@ -96,7 +102,7 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
     refused.success = false;
     server_->setAborted(refused, why);
   }
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   motion_.reset();
 }
 
@@ -120,7 +126,7 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   basics::require(!state.stale(), state.reason);
   basics::require(state.set_point.has_value(),
                   "pressure_command has not come yet; is its node up?");
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   motion_.emplace(Motion{scene.arm,
                          {std::get<Eigen::MatrixXd>(plan), scene.arm.clamped(*state.set_point),
                           scene.arm.inputAt(0), rules}});
@@ -150,7 +156,7 @@ std::optional<RunAction::Ending> RunAction::play() {
 
 RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   using procedures::RunEnd;
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   procedures::CalibrationRun& run = motion_->run;
   const auto [now, time_stands, state] = recorder_.observe();
   if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "it was cancelled");

@@ -53,13 +53,15 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
   try {
     const std::string path = allowed(request.scene);
     io::Scene scene = io::loadScene(path);
-    const File next{path, scene.sha256};
+    File next{path, scene.sha256};
     const std::string name = scene.name;
-    adopt_(std::move(scene));
-    const basics::MutexLock lock(mutex_);
-    file_ = next;
+    {
+      const basics::MutexLock lock(mutex_);
+      adopt_(std::move(scene));
+      file_ = std::move(next);
+    }
     response.success = true;
-    response.message = "scene " + name + " of " + next.path;
+    response.message = "scene " + name + " of " + path;
     ROS_INFO("reload: %s", response.message.c_str());
   } catch (const std::exception& fault) {
     response.success = false;

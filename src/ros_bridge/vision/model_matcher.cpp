@@ -38,32 +38,31 @@ ModelMatcher::ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status
 
 void ModelMatcher::add(const ros::Time& stamp, const model::Shape& shape) {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     models_.add(stamp, shape);
   }
-  changed_.notify_all();
+  changed_.notifyAll();
 }
 
 void ModelMatcher::stop() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     stop_ = true;
   }
-  changed_.notify_all();
+  changed_.notifyAll();
 }
 
 void ModelMatcher::restart(const io::Scene& scene) { start_ = restingShape(scene); }
 
 ModelMatcher::LookUp ModelMatcher::lookUp(const ros::Time& stamp) {
-  std::unique_lock<std::mutex> lock(mutex_);
+  basics::MutexLock lock(mutex_);
   const std::optional<double> ahead = models_.lag(stamp);
   models_.forgetFuture(stamp);
   const bool waits = models_.mayGetNearer(stamp);
   const auto due = std::chrono::steady_clock::now() + patience_;
-  while (!stop_ && models_.mayGetNearer(stamp)) {
-    if (changed_.wait_until(lock, due) == std::cv_status::timeout) break;
-  }
-  const bool in_time = stop_ || !models_.mayGetNearer(stamp);
+  const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
+    return stop_ || !models_.mayGetNearer(stamp);
+  });
   if (!in_time) {
     patience_ = std::max(kLeastPatience, patience_ / 2);
   } else if (waits) {

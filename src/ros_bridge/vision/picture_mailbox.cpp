@@ -7,17 +7,17 @@ namespace helix_arm::ros_bridge {
 bool PictureMailbox::put(Picture picture) {
   bool replaces = false;
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     replaces = next_.has_value();
     next_ = std::move(picture);
   }
-  changed_.notify_all();
+  changed_.notifyAll();
   return replaces;
 }
 
 std::optional<Picture> PictureMailbox::take() {
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!stop_ && !next_) changed_.wait(lock);
+  basics::MutexLock lock(mutex_);
+  changed_.wait(lock, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_ || next_; });
   if (stop_) return std::nullopt;
   busy_ = true;
   return std::exchange(next_, std::nullopt);
@@ -25,34 +25,33 @@ std::optional<Picture> PictureMailbox::take() {
 
 void PictureMailbox::done() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     busy_ = false;
   }
-  changed_.notify_all();
+  changed_.notifyAll();
 }
 
 bool PictureMailbox::waitUntilIdle() {
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!stop_ && (next_ || busy_)) changed_.wait(lock);
+  basics::MutexLock lock(mutex_);
+  changed_.wait(lock, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_ || (!next_ && !busy_); });
   return !stop_;
 }
 
 bool PictureMailbox::sleepUntil(std::chrono::steady_clock::time_point due) {
-  std::unique_lock<std::mutex> lock(mutex_);
-  while (!stop_ && std::chrono::steady_clock::now() < due) changed_.wait_until(lock, due);
-  return !stop_;
+  basics::MutexLock lock(mutex_);
+  return !changed_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
 }
 
 void PictureMailbox::stop() {
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     stop_ = true;
   }
-  changed_.notify_all();
+  changed_.notifyAll();
 }
 
 bool PictureMailbox::stopped() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return stop_;
 }
 

@@ -16,12 +16,12 @@ PictureMeasurer::PictureMeasurer(SceneLocalizer first, double stale_after,
     : stale_after_(stale_after), source_(source), models_(models), current_(std::move(first)) {}
 
 void PictureMeasurer::adopt(SceneLocalizer next) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   next_ = std::move(next);
 }
 
 void PictureMeasurer::adoptNext() {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   if (next_) current_ = std::move(*next_);
   next_.reset();
 }

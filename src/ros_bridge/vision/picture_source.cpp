@@ -80,7 +80,7 @@ void PictureSource::stop() { mailbox_.stop(); }
 void PictureSource::join() { capturer_.join(); }
 
 std::optional<Taken<estimation::Camera>> PictureSource::cameraInfo() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   return camera_info_;
 }
 
@@ -117,7 +117,7 @@ void PictureSource::onCompressed(const sensor_msgs::CompressedImageConstPtr& ima
 void PictureSource::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
   const Taken<estimation::Camera> camera = fromMsg(*info);
   {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const basics::MutexLock lock(mutex_);
     camera_info_ = camera;
   }
   // Only counted here: the state follows from the pictures.
@@ -153,7 +153,7 @@ void PictureSource::capture() {
     }
     if (calibration_ != nullptr) {
       const auto camera = fromMsg(calibration_->getCameraInfo());
-      const std::lock_guard<std::mutex> lock(mutex_);
+      const basics::MutexLock lock(mutex_);
       camera_info_ = camera;
     }
     // The source uses its memory again for the next picture.

@@ -54,14 +54,21 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
   watch_timer_ = repeat(node_, "the watch of the pictures", kWatchPeriod, &Node::onWatch, this);
   second_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onSecond, this);
   const auto on_failure = [this] { onFailure(); };
-  worker_.start([this] { work(); }, on_failure);
-  source_.start(on_failure);
+  try {
+    worker_.start([this] { work(); }, on_failure);
+    source_.start(on_failure);
+  } catch (...) {
+    end();  // the destructor is not called, and those of the members wait for their threads
+    throw;
+  }
   ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
            static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
            options_.source.c_str());
 }
 
-VisionNode::~VisionNode() {
+VisionNode::~VisionNode() { end(); }
+
+void VisionNode::end() {
   stop();
   source_.join();
   worker_.join();
@@ -83,8 +90,8 @@ void VisionNode::onFailure() {
     return;
   }
   stop();
-  status_.enter(VisionStatus::CAMERA_FAULT,
-                "vision has failed and stopped: load its nodelet again");
+  // For good: the other thread may still be at a picture.
+  status_.fail("vision has failed and stopped: load its nodelet again");
   ROS_FATAL("%s has failed and stopped; its manager goes on. Load the nodelet again",
             name_.c_str());
 }

@@ -11,8 +11,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using Lock = std::lock_guard<std::mutex>;
-
 std::uint8_t stateOf(vision::SightState state) {
   switch (state) {
     case vision::SightState::kMeasured:
@@ -45,36 +43,36 @@ VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const Vision
 }
 
 void VisionStatusPublisher::arrived() {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   last_arrival_ = ros::SteadyTime::now();
   source_fault_ = false;
   ledger_.picture();
 }
 
 void VisionStatusPublisher::skipped() {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   ledger_.skipped();
 }
 
 void VisionStatusPublisher::count(const PictureRefusal& refusal) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   ledger_.refused(refusal);
 }
 
 void VisionStatusPublisher::refuse(const PictureRefusal& refusal) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   if (refusal.fault == PictureFault::kSource) source_fault_ = true;
   if (refusal.fault != PictureFault::kBadCameraInfo) ledger_.refused(refusal);
   enterLocked(VisionStatus::CAMERA_FAULT, refusal.message);
 }
 
 void VisionStatusPublisher::modelLag(std::optional<double> lag) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   ledger_.modelLag(lag);
 }
 
 void VisionStatusPublisher::saw(const Measurement& measurement, const SightReport& report) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   ledger_.saw(measurement.sight, report.tags);
   ledger_.calibrated(measurement.calibration);
   enterLocked(stateOf(measurement.sight.state),
@@ -83,17 +81,23 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const SightRepor
 
 void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
                                         const std::string& tip_text) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   if (ledger_.measured()) marker_publisher_.publish(markers_.draw(measurement, tip_text));
 }
 
 void VisionStatusPublisher::enter(std::uint8_t state, const std::string& message) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   enterLocked(state, message);
 }
 
+void VisionStatusPublisher::fail(const std::string& message) {
+  const basics::MutexLock lock(mutex_);
+  enterLocked(VisionStatus::CAMERA_FAULT, message);
+  failed_ = true;
+}
+
 void VisionStatusPublisher::watch() {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
   if (!watching_ || silence < stale_after_ || ledger_.state() == VisionStatus::ENDED) return;
   if (ledger_.status().pictures == 0 || source_fault_) return;
@@ -102,12 +106,12 @@ void VisionStatusPublisher::watch() {
 }
 
 void VisionStatusPublisher::stopWatching() {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   watching_ = false;
 }
 
 void VisionStatusPublisher::report(const std::string& scene) {
-  const Lock lock(mutex_);
+  const basics::MutexLock lock(mutex_);
   const ros::SteadyTime now = ros::SteadyTime::now();
   diagnostic_msgs::DiagnosticArray msg;
   msg.header.stamp = ros::Time::now();
@@ -122,6 +126,7 @@ void VisionStatusPublisher::report(const std::string& scene) {
 }
 
 void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
+  if (failed_) return;
   const bool was_measured = ledger_.measured();
   const bool changed = ledger_.enter(state, message);
   if (changed) publishStatusLocked();

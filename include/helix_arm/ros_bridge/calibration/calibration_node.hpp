@@ -66,7 +66,7 @@ struct CalibrationNodeOptions {
 /// Where ROS time stands still the run ends, and ramps down by a steady clock.
 ///
 /// Messages, services and ~reload are handled in the spinning thread, run_calibration in a thread
-/// of its own. Locks in their order: JobSlot or RunAction, then Recorder or Calibrator.
+/// of its own. Locks in their order: ReloadServer, JobSlot or RunAction, Recorder or Calibrator.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter.
 class CalibrationNode {

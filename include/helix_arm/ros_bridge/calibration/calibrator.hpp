@@ -1,11 +1,11 @@
 #pragma once
 
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
@@ -55,18 +55,19 @@ class Calibrator {
   procedures::CalibrationOutcome calibrate(const procedures::CalibrationRequest& request,
                                            const procedures::CalibrationData& data,
                                            const std::string& out,
-                                           const std::function<bool()>& cancelled);
+                                           const std::function<bool()>& cancelled)
+      HELIX_ARM_EXCLUDES(mutex_);
 
   /// Text of the last scene that was calibrated; absent where there is none.
-  std::optional<std::string> last() const;
-  void forgetLast();
+  std::optional<std::string> last() const HELIX_ARM_EXCLUDES(mutex_);
+  void forgetLast() HELIX_ARM_EXCLUDES(mutex_);
 
  private:
   const FileAccess data_access_, out_access_;
   const procedures::SettleRules rules_;
   const SceneFile scene_file_;
-  mutable std::mutex mutex_;
-  std::optional<std::string> last_;  ///< guarded by mutex_
+  mutable basics::Mutex mutex_;
+  std::optional<std::string> last_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <mutex>
+#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -8,7 +8,7 @@ namespace helix_arm::ros_bridge {
 /// service. While a job holds the slot, no other starts, and neither samples nor scene are changed
 /// from outside. From any thread.
 ///
-/// Its mutex is locked before those of Recorder and Calibrator.
+/// Its mutex is locked after that of ReloadServer, and before those of Recorder and Calibrator.
 class JobSlot {
  public:
   enum class Job {
@@ -30,23 +30,23 @@ class JobSlot {
     JobSlot& slot_;
   };
 
-  bool runs() const;  ///< run_calibration is under way
+  bool runs() const HELIX_ARM_EXCLUDES(mutex_);  ///< run_calibration is under way
 
   /// Runs a short body; no job starts meanwhile.
   /// @return what the body returns.
   /// @throws std::invalid_argument naming the job that is under way, and what the body throws.
   template <class Body>
-  auto whileIdle(const Body& body) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+  auto whileIdle(const Body& body) HELIX_ARM_EXCLUDES(mutex_) {
+    const basics::MutexLock lock(mutex_);
     requireIdle();
     return body();
   }
 
  private:
-  void requireIdle() const;  ///< with mutex_ locked
+  void requireIdle() const HELIX_ARM_REQUIRES(mutex_);
 
-  mutable std::mutex mutex_;
-  Job job_ = Job::kNone;  ///< guarded by mutex_
+  mutable basics::Mutex mutex_;
+  Job job_ HELIX_ARM_GUARDED_BY(mutex_) = Job::kNone;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <cstddef>
-#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -12,6 +11,7 @@
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/sample.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
@@ -43,46 +43,47 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  Observation observe();
+  Observation observe() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Adds the median of the pictures of the window.
   /// @return what was added.
   /// @throws std::invalid_argument where the arm does not stand still or is not measured, and where
   /// the last sample is of these pictures.
-  procedures::Sample record();
-  void add(procedures::Sample sample);
-  std::size_t count() const;  ///< of the samples
+  procedures::Sample record() HELIX_ARM_EXCLUDES(mutex_);
+  void add(procedures::Sample sample) HELIX_ARM_EXCLUDES(mutex_);
+  std::size_t count() const HELIX_ARM_EXCLUDES(mutex_);  ///< of the samples
   /// Forgets the samples.
   /// @return how many there were.
-  std::size_t clear();
+  std::size_t clear() HELIX_ARM_EXCLUDES(mutex_);
 
-  io::Scene scene() const;
-  Recording recording() const;
+  io::Scene scene() const HELIX_ARM_EXCLUDES(mutex_);
+  Recording recording() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Replaces the scene; the samples stay.
   /// @throws std::invalid_argument where it is not pneumatic or of another rig; nothing changes.
-  void adopt(io::Scene next);
+  void adopt(io::Scene next) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
   // Callbacks of the spinning thread.
-  void onDetections(const TagDetectionsConstPtr& detections);
-  void onMeasured(const PressureArrayConstPtr& measured);
-  void onCommand(const PressureArrayConstPtr& command);
-  void onVision(const VisionStatusConstPtr& status);
-  void onWatch(const ros::SteadyTimerEvent& event);
+  void onDetections(const TagDetectionsConstPtr& detections) HELIX_ARM_EXCLUDES(mutex_);
+  void onMeasured(const PressureArrayConstPtr& measured) HELIX_ARM_EXCLUDES(mutex_);
+  void onCommand(const PressureArrayConstPtr& command) HELIX_ARM_EXCLUDES(mutex_);
+  void onVision(const VisionStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_);
+  void onWatch(const ros::SteadyTimerEvent& event) HELIX_ARM_EXCLUDES(mutex_);
 
-  // With mutex_ locked.
-  procedures::Settling settlingAt(double now) const;
-  /// The pressures of a message [Pa]; absent, with a warning, where they are not of the scene.
-  std::optional<Eigen::VectorXd> reading(const PressureArray& message, const char* topic);
+  using Input = void (procedures::SettleWatch::*)(double time, const Eigen::VectorXd& pressure);
+  /// Hands a message's pressures to the watch; warns where they are not of the scene.
+  void take(const PressureArray& message, const char* topic, Input input)
+      HELIX_ARM_EXCLUDES(mutex_);
+  procedures::Settling settlingAt(double now) const HELIX_ARM_REQUIRES(mutex_);
 
-  mutable std::mutex mutex_;
-  io::Scene scene_;                          ///< guarded by mutex_
-  MovingClock clock_;                        ///< guarded by mutex_
-  procedures::SettleWatch watch_;            ///< guarded by mutex_
-  std::optional<VisionStatus> vision_;       ///< the last one; guarded by mutex_
-  FaultCount foreign_pressures_;             ///< guarded by mutex_
-  std::vector<procedures::Sample> samples_;  ///< guarded by mutex_
+  mutable basics::Mutex mutex_;
+  io::Scene scene_ HELIX_ARM_GUARDED_BY(mutex_);
+  MovingClock clock_ HELIX_ARM_GUARDED_BY(mutex_);
+  procedures::SettleWatch watch_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::optional<VisionStatus> vision_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
+  FaultCount foreign_pressures_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::vector<procedures::Sample> samples_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Subscriber detections_subscriber_, measured_subscriber_, command_subscriber_;
   ros::Subscriber vision_subscriber_;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +10,7 @@
 
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/TargetStatus.h"
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/procedures/calibration_run.hpp"
 #include "helix_arm/procedures/sample.hpp"
@@ -59,16 +59,16 @@ class RunAction {
   };
 
   /// In the spinning thread.
-  void onStatus(const TargetStatusConstPtr& status);
+  void onStatus(const TargetStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_);
 
   // Thread of the action.
-  void onGoal(const RunCalibrationGoal& goal);
+  void onGoal(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_);
   /// @throws std::exception with the reason where the run cannot begin.
-  void begin(const RunCalibrationGoal& goal);
+  void begin(const RunCalibrationGoal& goal) HELIX_ARM_EXCLUDES(mutex_);
   /// Moves the arm until the run has ended; absent where ROS was shut down before.
-  std::optional<Ending> play();
+  std::optional<Ending> play() HELIX_ARM_EXCLUDES(mutex_);
   /// @param captures  Of this step so far; goes on.
-  Turn turn(std::vector<procedures::Sample>& captures);
+  Turn turn(std::vector<procedures::Sample>& captures) HELIX_ARM_EXCLUDES(mutex_);
   /// Calibrates where the run was completed, and sets the result.
   void conclude(const RunCalibrationGoal& goal, const Ending& ending);
 
@@ -78,10 +78,10 @@ class RunAction {
   Recorder& recorder_;
   Calibrator& calibrator_;
 
-  std::mutex mutex_;
-  /// From the begin of a run to its result; guarded by mutex_, which orders the targets, too: none
-  /// is published once another commander has the arm.
-  std::optional<Motion> motion_;
+  /// Orders the targets, too: none is published once another commander has the arm.
+  basics::Mutex mutex_;
+  /// From the begin of a run to its result.
+  std::optional<Motion> motion_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Publisher target_publisher_;
   ros::Subscriber status_subscriber_;

@@ -25,23 +25,26 @@ class ReloadServer {
   /// @param path          of the scene that the node has.
   /// @param scene_folder  below which scenes are taken, beside those that the package ships, and
   ///                      the node's own.
-  /// @param adopt         called from the callback queue.
+  /// @param adopt         called from the callback queue, while file() waits: it must not call
+  ///                      file(), nor lock what is locked around a call of file().
   ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
                Adopt adopt);
 
-  /// The file of the scene that the node has now, and what it held then. From any thread.
+  /// The file of the scene that the node has now, and what it held then. From any thread; waits
+  /// while a scene is adopted.
   struct File {
     std::string path, sha256;
   };
   File file() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
-  bool onReload(Reload::Request& request, Reload::Response& response);
+  bool onReload(Reload::Request& request, Reload::Response& response) HELIX_ARM_EXCLUDES(mutex_);
   /// The file that a request means.
   /// @throws std::invalid_argument where the node does not take it.
-  std::string allowed(const std::string& scene) const;
+  std::string allowed(const std::string& scene) const HELIX_ARM_EXCLUDES(mutex_);
 
   const std::string first_path_, scene_folder_;
+  /// Locked while a scene is adopted, too: whoever sees the new scene gets the new file.
   mutable basics::Mutex mutex_;
   File file_ HELIX_ARM_GUARDED_BY(mutex_);
   Adopt adopt_;

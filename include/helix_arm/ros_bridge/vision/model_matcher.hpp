@@ -1,12 +1,11 @@
 #pragma once
 
 #include <chrono>
-#include <condition_variable>
-#include <mutex>
 #include <optional>
 
 #include <ros/time.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -23,15 +22,15 @@ class ModelMatcher {
   ModelMatcher(const io::Scene& scene, VisionStatusPublisher& status);
 
   /// From any thread.
-  void add(const ros::Time& stamp, const model::Shape& shape);
+  void add(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_);
   /// From any thread: match() waits no more.
-  void stop();
+  void stop() HELIX_ARM_EXCLUDES(mutex_);
 
   // For the thread of the measurements only.
 
   /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
   /// limited time while one that is yet to come may be nearer.
-  std::optional<ModelHistory::Entry> match(const ros::Time& stamp);
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_);
   /// Shape from which the search starts: the last model matched.
   const model::Shape& start() const { return start_; }
   /// The search starts from the scene's resting arm again.
@@ -44,7 +43,7 @@ class ModelMatcher {
     std::optional<double> lag;  ///< of the latest model [s]
     bool in_time;               ///< no nearer one was to come when the wait ended
   };
-  LookUp lookUp(const ros::Time& stamp);
+  LookUp lookUp(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_);
   void warnOfLag(double lag);
 
   VisionStatusPublisher& status_;
@@ -54,10 +53,10 @@ class ModelMatcher {
   std::chrono::milliseconds patience_;
   FaultCount late_models_;
 
-  std::mutex mutex_;
-  std::condition_variable changed_;  ///< with mutex_: something guarded by it has changed
-  bool stop_ = false;                ///< guarded by mutex_
-  ModelHistory models_;              ///< guarded by mutex_
+  basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  ModelHistory models_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -1,8 +1,6 @@
 #pragma once
 
 #include <chrono>
-#include <condition_variable>
-#include <mutex>
 #include <optional>
 #include <variant>
 
@@ -10,6 +8,8 @@
 #include <ros/time.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
+
+#include "helix_arm/basics/mutex.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -25,29 +25,29 @@ struct Picture {
 class PictureMailbox {
  public:
   /// @return true when a picture waited, which this one has replaced.
-  bool put(Picture picture);
+  bool put(Picture picture) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Waits for a picture. From then on the taker is busy, until done().
   /// @return nothing once the mailbox is stopped.
-  std::optional<Picture> take();
-  void done();
+  std::optional<Picture> take() HELIX_ARM_EXCLUDES(mutex_);
+  void done() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Waits until no picture waits and the taker is not busy.
   /// @return false once the mailbox is stopped.
-  bool waitUntilIdle();
+  bool waitUntilIdle() HELIX_ARM_EXCLUDES(mutex_);
   /// @return false once the mailbox is stopped, at once.
-  bool sleepUntil(std::chrono::steady_clock::time_point due);
+  bool sleepUntil(std::chrono::steady_clock::time_point due) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Ends all waits, and those to come.
-  void stop();
-  bool stopped() const;
+  void stop() HELIX_ARM_EXCLUDES(mutex_);
+  bool stopped() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;  ///< with mutex_: something guarded by it has changed
-  bool stop_ = false;                ///< guarded by mutex_
-  bool busy_ = false;                ///< guarded by mutex_: the last picture taken is not done
-  std::optional<Picture> next_;      ///< guarded by mutex_
+  mutable basics::Mutex mutex_;
+  basics::Condition changed_;  ///< something guarded by mutex_ has changed
+  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool busy_ HELIX_ARM_GUARDED_BY(mutex_) = false;  ///< the last picture taken is not done
+  std::optional<Picture> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

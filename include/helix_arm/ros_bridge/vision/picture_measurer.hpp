@@ -1,13 +1,13 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 
 #include <opencv2/core.hpp>
 #include <ros/time.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
@@ -42,13 +42,13 @@ class PictureMeasurer {
 
   /// Measures the shape. For one thread.
   /// @return why the picture is not taken, or what was seen in it.
-  Taken<Measurement> measure(const Picture& picture);
+  Taken<Measurement> measure(const Picture& picture) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Another file of the same rig, used from the next picture on. From any thread.
-  void adopt(SceneLocalizer next);
+  void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
-  void adoptNext();
+  void adoptNext() HELIX_ARM_EXCLUDES(mutex_);
   /// The picture in gray, of the size of the camera that is used for it.
   Taken<cv::Mat> take(const Picture& picture);
   Taken<cv::Mat> decode(const Picture& picture);
@@ -69,8 +69,8 @@ class PictureMeasurer {
   ros::Time last_stamp_;
   FaultCount jumps_, adoptions_;
 
-  std::mutex mutex_;
-  std::optional<SceneLocalizer> next_;  ///< guarded by mutex_
+  basics::Mutex mutex_;
+  std::optional<SceneLocalizer> next_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <optional>
 
 #include <camera_info_manager/camera_info_manager.h>
@@ -12,6 +11,7 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -56,7 +56,7 @@ class PictureSource {
 
   /// The last camera_info, or the calibration of ~camera_info_url; nothing where none came, so that
   /// the scene's intrinsics hold. From any thread.
-  std::optional<Taken<estimation::Camera>> cameraInfo() const;
+  std::optional<Taken<estimation::Camera>> cameraInfo() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Number of nodes that publish pictures on a topic. From any thread.
   std::uint32_t publishers() const;
@@ -67,12 +67,12 @@ class PictureSource {
   // Callbacks.
   void onImage(const sensor_msgs::ImageConstPtr& image);
   void onCompressed(const sensor_msgs::CompressedImageConstPtr& image);
-  void onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info);
+  void onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) HELIX_ARM_EXCLUDES(mutex_);
   template <class Message>
   void onPicture(const boost::shared_ptr<const Message>& picture, const char* topic);
 
   // Thread of the webcam or file.
-  void capture();
+  void capture() HELIX_ARM_EXCLUDES(mutex_);
   bool pauseAfterFault(double retry_after);
 
   // From callbacks, or from the thread of the webcam or file.
@@ -90,8 +90,8 @@ class PictureSource {
   std::unique_ptr<vision::FrameSource> frames_;
   std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
 
-  mutable std::mutex mutex_;
-  std::optional<Taken<estimation::Camera>> camera_info_;  ///< guarded by mutex_: the last one
+  mutable basics::Mutex mutex_;
+  std::optional<Taken<estimation::Camera>> camera_info_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;

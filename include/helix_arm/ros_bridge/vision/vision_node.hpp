@@ -91,6 +91,8 @@ class VisionNode {
 
   /// From any thread: ends the threads, and all waits.
   void stop();
+  /// Stops, and waits for the threads to end.
+  void end();
 
   const Host host_;
   const VisionOptions options_;

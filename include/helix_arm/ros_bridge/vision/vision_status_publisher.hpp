@@ -1,13 +1,13 @@
 #pragma once
 
 #include <cstdint>
-#include <mutex>
 #include <optional>
 #include <string>
 
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
+#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
 #include "helix_arm/ros_bridge/vision/sights.hpp"
@@ -30,50 +30,56 @@ class VisionStatusPublisher {
                         const std::string& base_frame);
 
   /// A picture has come.
-  void arrived();
+  void arrived() HELIX_ARM_EXCLUDES(mutex_);
   /// A picture that waited was replaced by a newer one.
-  void skipped();
+  void skipped() HELIX_ARM_EXCLUDES(mutex_);
   /// Counts a refusal; the state stays.
-  void count(const PictureRefusal& refusal);
+  void count(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
   /// A picture is not taken: counts this, except a bad camera_info, which was counted when it came.
   /// The state is camera_fault from now on.
-  void refuse(const PictureRefusal& refusal);
+  void refuse(const PictureRefusal& refusal) HELIX_ARM_EXCLUDES(mutex_);
   /// How far the models' stamps are behind the last picture's [s]; nothing without models.
-  void modelLag(std::optional<double> lag);
+  void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_);
   /// A picture was measured: the state follows from what was seen in it.
-  void saw(const Measurement& measurement, const SightReport& report);
+  void saw(const Measurement& measurement, const SightReport& report) HELIX_ARM_EXCLUDES(mutex_);
   /// Shows a measured shape. Nothing is shown once another state was entered.
-  void drawMarkers(const Measurement& measurement, const std::string& tip_text);
+  void drawMarkers(const Measurement& measurement, const std::string& tip_text)
+      HELIX_ARM_EXCLUDES(mutex_);
   /// The state from now on: one of VisionStatus.
-  void enter(std::uint8_t state, const std::string& message);
+  void enter(std::uint8_t state, const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
+  /// Enters the state camera_fault for good: none is entered afterwards.
+  void fail(const std::string& message) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Enters the state stale if no picture has come for VisionOptions::stale_after, by a steady
   /// clock; to be called often. Not before the first picture, after the end of a file, while the
   /// source has a fault, or after stopWatching().
-  void watch();
-  void stopWatching();
+  void watch() HELIX_ARM_EXCLUDES(mutex_);
+  void stopWatching() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Publishes status and diagnostics; to be called once a second.
   /// @param scene  name of the scene.
-  void report(const std::string& scene);
+  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
-  // With mutex_ locked.
-  void enterLocked(std::uint8_t state, const std::string& message);
-  void publishStatusLocked();
+  /// Does nothing after fail().
+  void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
+  void publishStatusLocked() HELIX_ARM_REQUIRES(mutex_);
 
   const std::string node_name_;
   const double stale_after_;
   const VisionMarkers markers_;
 
   // Locked while publishing, too: the last message on a topic tells of the last state.
-  std::mutex mutex_;
-  VisionLedger ledger_;           ///< guarded by mutex_
-  bool watching_ = true;          ///< guarded by mutex_
-  bool source_fault_ = false;     ///< guarded by mutex_: of the webcam or file, last time
-  ros::SteadyTime last_arrival_;  ///< guarded by mutex_: of a picture
-  ros::SteadyTime last_report_;   ///< guarded by mutex_
-  ros::Publisher status_publisher_, marker_publisher_, diagnostics_publisher_;
+  basics::Mutex mutex_;
+  VisionLedger ledger_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
+  bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
+  ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
+  ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher status_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher marker_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
+  ros::Publisher diagnostics_publisher_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
 }  // namespace helix_arm::ros_bridge
