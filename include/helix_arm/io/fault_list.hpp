@@ -8,7 +8,7 @@
 
 namespace helix_arm::io {
 
-/// What is wrong with a document: all of it at once, one line a fault: `file:line key value rule`.
+/// What is wrong with a document: total area at once, one line a fault: `file:line key value rule`.
 /// However many faults a document has and however long its words are, the list stays small: the
 /// first kMostKept are kept, each of kMostBytes at most, and the others are counted.
 class FaultList {

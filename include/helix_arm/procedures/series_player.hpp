@@ -23,7 +23,7 @@ class SeriesPlayer {
   /// @throws std::invalid_argument when their number is not that of the actuators.
   void resume(const Eigen::VectorXd& from);
 
-  /// Lets dt >= 0 pass [s].
+  /// Advances time by dt >= 0 [s].
   void advance(double dt);
 
   /// (actuators) [Pa] at this time; after the end, the last row.

@@ -45,7 +45,7 @@ class SimulatedRegulator {
   /// points stay.
   void command(const Eigen::Ref<const Eigen::VectorXd>& set_point);
 
-  /// Lets dt >= 0 pass [s].
+  /// Advances time by dt >= 0 [s].
   /// @throws std::invalid_argument when dt is negative or not a number.
   void step(double dt);
 

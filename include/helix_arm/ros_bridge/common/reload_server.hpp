@@ -17,7 +17,7 @@ namespace helix_arm::ros_bridge {
 /// The file is loaded and checked before anything changes; whatever is wrong with it is the answer.
 class ReloadServer {
  public:
-  /// Takes the scene's place, all of it; or throws a std::exception with the reason and changes
+  /// Takes the scene's place, total area; or throws a std::exception with the reason and changes
   /// nothing.
   using Adopt = std::function<void(io::Scene)>;
 
