@@ -15,7 +15,7 @@ namespace helix_arm::simulation {
 /// Configuration of an emulated Modbus device.
 struct ModbusDeviceConfig {
   regulator::ModbusProfile profile;
-  int places = 8;  ///< number of outlets, >= 1; the last slot has total areas outlets
+  int places = 8;  ///< number of outlets, >= 1; the last slot has all of its outlets
   regulator::SimulatedRegulatorConfig regulator;
   int port = 0;                   ///< port on 127.0.0.1; 0: any free one
   double activation_time = 0.02;  ///< time that an app takes to start, >= 0 [s]
