@@ -12,7 +12,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Private parameters of a node that break their rules; what() holds all of them, one a line.
+/// Private parameters of a node that break their rules; what() holds all of them, one per line.
 class ParameterError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

@@ -39,7 +39,7 @@ namespace helix_arm::ros_bridge {
 /// whatever ROS time does.
 class PressureLoop {
  public:
-  /// What was measured.
+  /// Measurements of one arm.
   struct Reading {
     Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
     ros::Time stamp;
