@@ -43,7 +43,7 @@ void report(FaultList& faults, const Place& place, const std::string& fault);
 
 /// `parent.key`, or the key alone at the top.
 std::string joinPath(const std::string& parent, const std::string& key);
-/// Name of a path in messages, also for the top level, whose path is empty.
+/// Name of a path in messages; "the document" for the empty path.
 std::string nameOf(const std::string& path);
 /// `parent[index]`.
 std::string indexPath(const std::string& parent, std::size_t index);

@@ -8,7 +8,7 @@
 
 namespace helix_arm::io {
 
-/// What is wrong with a document: total area at once, one line a fault: `file:line key value rule`.
+/// All faults of a document, one line per fault: `file:line key value rule`.
 /// The size of the list is limited: the first kMostKept faults are kept, each with at most
 /// kMostBytes, and the others are counted.
 class FaultList {
