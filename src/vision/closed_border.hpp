@@ -13,8 +13,8 @@ inline constexpr int kMostCells = 8;
 /// The cells of one tag of a family with a closed border.
 struct TagPattern {
   int cells;  ///< along a side of the border's outer edge
-  std::uint64_t
-      white;  ///< white cells inside the border, row by row from the top, the first in bit 0
+  /// White cells inside the border, row by row from the top, the first in bit 0.
+  std::uint64_t white;
 };
 
 /// Whether all bits of the family's tags lie inside a black border on white. Only such tags can be

@@ -21,8 +21,8 @@ struct SceneCalibration {
   std::optional<Eigen::VectorXd> length_scale;
   std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera
   std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
-  std::optional<estimation::TagLayout>
-      tags;          ///< placements of the same tags; the tag size is ignored
+  /// Placements of the same tags; the tag size is ignored.
+  std::optional<estimation::TagLayout> tags;
   double bleed = 0;  ///< width by which tags look smaller at each edge [m]
   /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;

@@ -14,8 +14,8 @@ namespace helix_arm::io {
 class FaultList {
  public:
   static constexpr std::size_t kMostKept = 100;
-  static constexpr std::size_t kMostBytes =
-      1000;  ///< maximum size of a fault, without its file and line
+  /// Maximum size of a fault, without its file and line.
+  static constexpr std::size_t kMostBytes = 1000;
 
   explicit FaultList(std::string file) : file_(std::move(file)) {}
 

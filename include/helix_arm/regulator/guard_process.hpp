@@ -24,10 +24,10 @@ class GuardProcess {
   static constexpr char kDismissal = 'q';     ///< byte that dismisses the guard
   static constexpr char kBeat = '.';          ///< byte sent every kBeatPeriod until then
   static constexpr double kBeatPeriod = 0.1;  ///< [s]
-  static constexpr int kMissedBeats =
-      10;  ///< number of missed beats in a row that mean that the sender has stopped
-  static constexpr int kFirstBeats =
-      50;  ///< the same before the guard's first answer: it has to load a scene
+  /// Number of missed beats in a row that mean that the sender has stopped.
+  static constexpr int kMissedBeats = 10;
+  /// The same before the guard's first answer: it has to load a scene.
+  static constexpr int kFirstBeats = 50;
   static constexpr double kDismissTime = 2;  ///< time for the guard to end once dismissed [s]
 
   /// @param command            path of the program, and its arguments.

@@ -24,8 +24,8 @@ struct IoRules {
   double order_timeout = 0.5;     ///< time without orders after which it vents, > 0 [s]
   double first_back_off = 0.05;   ///< first delay before reconnecting, > 0 [s]; doubles each time
   double longest_back_off = 1.0;  ///< longest delay before reconnecting, >= first_back_off [s]
-  int most_bad_replies =
-      5;  ///< number of bad replies in a row after which the link counts as lost, >= 1
+  /// Number of bad replies in a row after which the link counts as lost, >= 1.
+  int most_bad_replies = 5;
   double vented_below = 1.5e4;  ///< at the end, a reading within this counts as vented, > 0 [Pa]
   double vent_time = 3.0;       ///< longest wait for that, >= 0 [s]
   int realtime_priority = 0;    ///< of its thread, as for scheduleRealtime(), if allowed

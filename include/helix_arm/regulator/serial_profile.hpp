@@ -37,8 +37,8 @@ struct SerialProfile {
   std::vector<std::string> vent;
   std::vector<std::string> close;   ///< closes a channel's valves; empty if the device cannot
   std::vector<std::string> resume;  ///< sent after the first set point that follows vent or close
-  std::string
-      vent_reply;        ///< answer to the lines of vent, close and resume; empty if there is none
+  /// Answer to the lines of vent, close and resume; empty if there is none.
+  std::string vent_reply;
   double timeout = 0.1;  ///< of one exchange, or between unsolicited lines [s]
   /// Time without a line after which the device vents all channels by itself [s]; infinite if it
   /// does not.

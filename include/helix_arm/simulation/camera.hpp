@@ -19,8 +19,8 @@ struct SimulatedCameraConfig {
   double exposure = 1.0;  ///< factor on every gray level before it saturates, > 0
   double bleed = 0.0;     ///< width by which white bleeds into black at each edge [m]
   int jpeg_quality = 90;  ///< 1 to 100
-  int clutter =
-      0;  ///< number of objects in the background, some with edges like those of tags, >= 0
+  /// Number of objects in the background, some with edges like those of tags, >= 0.
+  int clutter = 0;
   int occluders = 0;  ///< number of bars that move through the picture in front of the arm, >= 0
   std::uint32_t seed = 1;
 

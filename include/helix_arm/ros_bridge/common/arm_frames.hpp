@@ -13,8 +13,8 @@ namespace helix_arm::ros_bridge {
 struct FrameNames {
   std::string world;
   std::string base;  ///< of the arm, X_WB seen from the world
-  std::vector<std::string>
-      curve;  ///< along the base curve at evenly spaced s, base and tip included
+  /// Along the base curve at evenly spaced s, base and tip included.
+  std::vector<std::string> curve;
   std::string tip;
 
   /// @param prefix  prefix of all names except the world's, so that several arms can share one tf

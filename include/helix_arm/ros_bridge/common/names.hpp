@@ -25,9 +25,9 @@ inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kWorkspace[] = "workspace";
-inline constexpr char kTipHandle[] =
-    "tip_handle";                           ///< namespace of the interactive marker's topics
-inline constexpr char kClock[] = "/clock";  ///< of simulated time
+/// Namespace of the interactive marker's topics.
+inline constexpr char kTipHandle[] = "tip_handle";
+inline constexpr char kClock[] = "/clock";              ///< of simulated time
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
 
 // Services and actions, below the names of their nodes.

@@ -15,8 +15,8 @@ struct PressureCommandOptions {
   double rate = 100.0;      ///< ~rate: of the loop, 1 to 1000 [Hz]
   double tf_rate = 100.0;   ///< ~tf_rate: of the moving frames, at most the loop's [Hz]
   double draw_rate = 20.0;  ///< ~draw_rate: of the markers, 0.1 to 100 [Hz]
-  int frames =
-      5;  ///< ~frames: number of frames on the curve, model_0 .. model_(frames - 1), 2 to 1000
+  /// ~frames: number of frames on the curve, model_0 .. model_(frames - 1), 2 to 1000.
+  int frames = 5;
   std::string world_frame;   ///< ~world_frame: "world"
   std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and model_*
   bool handle = true;        ///< ~handle: show the interactive marker

@@ -38,7 +38,7 @@ namespace helix_arm::ros_bridge {
 /// ROS time does.
 class PressureLoop {
  public:
-  /// Measurements of one arm.
+  /// A reading.
   struct Reading {
     Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
     ros::Time stamp;

@@ -25,8 +25,8 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of monitor.
 struct MonitorOptions {
-  double seconds =
-      0.0;  ///< ~seconds: duration after the first model, to 86400; 0: until asked to end [s]
+  /// ~seconds: duration after the first model, to 86400; 0: until asked to end [s].
+  double seconds = 0.0;
   double min_travel = 0.0;  ///< ~min_travel_m: minimum travel of the tip, to 10 [m]
   double startup = 30.0;   ///< ~startup_s: longest wait for the first model, if ~seconds is set [s]
   double min_rate = 10.0;  ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
@@ -111,8 +111,8 @@ class MonitorNode {
   std::deque<double> tip_errors_;                  ///< of the latest model_error [m]
   bool diagnosed_ = false;
   std::uint64_t dropped_ = 0;  ///< since the node started
-  std::uint64_t refused_ =
-      0;  ///< of these, for a second commander, while it was not enabled, or late
+  /// Of these, for a second commander, while it was not enabled, or late.
+  std::uint64_t refused_ = 0;
   std::string last_fault_;
   std::string error_;  ///< message of the last status at level ERROR
 

@@ -102,8 +102,8 @@ class SimulatedRigNode {
   basics::Condition wake_;
   bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::optional<Moment> now_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
-  GuardedThread
-      photographer_;  ///< renders, since a picture takes longer than a loop of the regulator
+  /// Renders, since a picture takes longer than a loop of the regulator.
+  GuardedThread photographer_;
 };
 
 }  // namespace helix_arm::ros_bridge
