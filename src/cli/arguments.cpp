@@ -154,20 +154,21 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
 void addTierOptions(CLI::App& command, TierArguments& arguments) {
   command
       .add_option("--tier", arguments.tier,
-                  "what computes it: auto (the cheapest that serves), planar (SE(2), no load), "
-                  "linear (SE(3), no load), loaded, exact; default: the scene's")
+                  "how shapes are computed: auto (cheapest sufficient tier), planar (SE(2), no "
+                  "load), linear "
+                  "(SE(3), no load), loaded, exact; default: the scene's")
       ->check(CLI::IsMember(statics::tierWords()));
-  command.add_option("--order", arguments.order, "with --tier loaded: of its polynomials")
+  command.add_option("--order", arguments.order, "with --tier loaded: order of its polynomials")
       ->check(CLI::Range(statics::kLeastOrder, statics::kMostOrder));
   command
       .add_option("--accuracy", arguments.accuracy_percent,
-                  "choose the cheapest tier whose tip errs no more [% of the arm's length]")
+                  "choose the cheapest tier with at most this tip error [% of the arm's length]")
       ->type_name("PERCENT")
       ->check(within(kTipErrorPercent));
   command
-      .add_option("--budget", arguments.budget_us,
-                  "choose the most accurate tier that takes no longer on average over sampled "
-                  "inputs [us]")
+      .add_option(
+          "--budget", arguments.budget_us,
+          "choose the most accurate tier with at most this mean time over sampled inputs [us]")
       ->type_name("US")
       ->check(within(kTimeUs));
 }

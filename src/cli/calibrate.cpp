@@ -310,50 +310,51 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
 }  // namespace
 
 Subcommand addCalibrate(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("calibrate", "measurements to a scene that predicts better");
+  CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
   const auto options = std::make_shared<CalibrateOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
   command
       ->add_option(
           "DATA", options->data,
-          "data sets: # comments, a header that names units, rows. Of curvatures "
-          "(pressure_1_kpa .., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, "
-          "x_m .. qw), tag corners (.., tag, x1_px, y1_px .. y4_px) or free lengths "
-          "(pressure_kpa, length_m). Or rosbags with tag_detections, pressure_measured and "
-          "pressure_command: each time the arm stands still is a capture")
+          "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
+          ".., "
+          "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
+          "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px) or free lengths (pressure_kpa, "
+          "length_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
+          "time the arm is at rest is one capture")
       ->required();
   command->add_option("--fit", options->fit,
-                      "comma list of " + estimation::fitWordsText() + "; default " +
-                          estimation::wordOf(estimation::kDefaultFitGroup));
-  command->add_option("--out", options->out, "scene file to write, whole or not at all");
+                      "parameters to fit, comma list of " + estimation::fitWordsText() +
+                          "; default " + estimation::wordOf(estimation::kDefaultFitGroup));
+  command->add_option("--out", options->out, "scene file to write, completely or not at all");
   command
-      ->add_option("--also", options->also,
-                   "SCENE,DATA.csv of another arm with the same stiffness, to which --set does not "
-                   "apply; repeatable")
+      ->add_option(
+          "--also", options->also,
+          "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
+          "repeatable")
       ->allow_extra_args(false);
-  command->add_option("--contraction", options->request.contraction,
-                      "the scene's curve that free lengths replace; needed where it has several");
-  command->add_option("--curve", options->curve, "quintic or table")
+  command->add_option(
+      "--contraction", options->request.contraction,
+      "the scene's contraction curve that free lengths replace; needed if it has several");
+  command->add_option("--curve", options->curve, "kind of contraction curve: quintic or table")
       ->check(CLI::IsMember({"quintic", "table"}))
       ->capture_default_str();
-  command->add_option("--branch", options->branch, "of free lengths: both, rising or falling")
+  command
+      ->add_option("--branch", options->branch,
+                   "branch of the free lengths: both, rising or falling")
       ->check(CLI::IsMember({"both", "rising", "falling"}))
       ->capture_default_str();
   command->add_option(
       "--curvature-noise-rad", options->request.curvature_noise,
-      "expected standard deviation of a curvature, default 0.02; that of tags is the "
+      "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
       "scene's, vision.*");
   command->footer(
-      "json: parameters {name: {value, standard_error, identifiable, initial, unit}}, correlation, "
-      "rms, held_out_error\n"
-      "(each pressure predicted by a fit that never saw it) with error_unit, held_out "
-      "{by_pressure, "
-      "by_arm}, contractions,\n"
-      "arms [{name, captures}], next_pressures_pa (what would say most next), warnings, out, "
-      "reason "
+      "json: parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
+      "correlation, rms, held_out_error (each pressure predicted by a fit without it) with\n"
+      "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"
+      "next_pressures_pa (most informative pressures to measure next), warnings, out, reason\n"
       "(exit code 1).\n"
-      "scripts/plot_report draws it. csv: one row a parameter.");
+      "scripts/plot_report draws it. csv: one row per parameter.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

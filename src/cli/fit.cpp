@@ -185,29 +185,24 @@ Subcommand addFit(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   command->add_option("SCENE", options->scene, "scene file with tags")->required();
   command
-      ->add_option(
-          "TAG_POSES", options->data,
-          "data set: # comments, a header, a row a tag; columns capture, pressure_1_kpa "
-          ".. (gauge), tag, "
-          "x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's tags.frame (by default the "
-          "arm's base)")
+      ->add_option("TAG_POSES", options->data,
+                   "data set (# comments, a header, one row per tag) with the columns capture, "
+                   "pressure_1_kpa "
+                   ".. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
+                   "tags.frame (default: "
+                   "the arm's base)")
       ->required();
   command->footer(
-      "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless "
-      "converged, the search began\n"
-      "at the shape without load), twist, covariance, rms_m (of the tags that fit),\n"
-      "tip and base (fitted, from the base's nominal place), outlier_tags, unknown_tags, tags "
-      "[{id, residual_m, weight,\n"
-      "outlier}]}], median_rms_m over the captures whose tags all fit, flagged_captures (the "
-      "others), unknown_tags,\n"
-      "reason (where no capture's tags all fit: exit code 1). Where the tags determine no shape, "
-      "or "
-      "no shape fits most of\n"
-      "them, twist is null. csv: one row a capture.\n"
-      "covariance, of all twists [m, rad], is so large that its ellipsoid of 95 % (chi-square of "
-      "as "
-      "many degrees of freedom as\n"
-      "entries) holds the truth in 95 % of captures, however few tags tell their noise.\n"
+      "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless\n"
+      "converged, the search began at the shape without load), twist, covariance, rms_m (of the\n"
+      "tags that fit), tip and base (fitted, relative to the base's nominal pose),\n"
+      "outlier_tags, unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m\n"
+      "over the captures whose tags all fit, flagged_captures (the others), unknown_tags,\n"
+      "reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or\n"
+      "no shape fits most of them, twist is null. csv: one row per capture.\n"
+      "The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 % of\n"
+      "captures, even if few tags determine the noise (chi-square with as many degrees of\n"
+      "freedom as entries).\n"
       "Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }

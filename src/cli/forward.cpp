@@ -132,11 +132,11 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
                 {"order", setting.order > 0 ? json(setting.order) : json()},
-                {"reason", result.choice.reason},
+                {"tier_reason", result.choice.reason},
                 {"tip_error_percent", cli::toJson(result.tipErrorPercent())},
                 {"status", statics::nameOf(result.solution.status)},
                 {"failure", failure.empty() ? json() : json(failure)},
-                {"residual", result.solution.residual},
+                {"relative_residual", result.solution.residual},
                 {"iterations", result.solution.iterations},
                 {"twist", cli::toJson(result.twists)},
                 {"tip", cli::toJson(result.solution.tip)},
@@ -181,7 +181,7 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   appendPose("tip_", result.solution.tip, row);
   row.emplace_back("rank", std::to_string(result.rank()));
   row.emplace_back("condition", exact(result.condition()));
-  row.emplace_back("residual", exact(result.solution.residual));
+  row.emplace_back("relative_residual", exact(result.solution.residual));
   row.emplace_back("iterations", std::to_string(result.solution.iterations));
   row.emplace_back("tip_error_percent", exact(result.tipErrorPercent()));
   table.add(row);
@@ -237,36 +237,32 @@ Subcommand addForward(CLI::App& app) {
   const auto options = std::make_shared<ForwardOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
   command->add_option("--pressure-kpa", options->pressure_kpa,
-                      "gauge pressure of every actuator [kPa]: a,b,c");
-  command->add_option("--input", options->input,
-                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+                      "gauge pressures [kPa], one per actuator: a,b,c");
+  command->add_option(
+      "--input", options->input,
+      "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
   addTierOptions(*command, options->tier);
   command
-      ->add_option("--samples", options->samples,
-                   "also give the curve at N >= 2 evenly spaced s; s runs over "
-                   "[k, k + 1] along section k")
+      ->add_option(
+          "--samples", options->samples,
+          "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k")
       ->check(CLI::Range(2, kMostSamples));
   command->footer(
-      "json: tier, order (of the loaded tier, else null), reason (why this tier), "
-      "tip_error_percent (largest error of the\n"
-      "tier's tip, of the arm's length; null where it does not always converge), status "
-      "(converged, not_converged, unsupported), failure "
-      "(null where converged),\n"
-      "residual (what the last iteration moved, of the arm's size), iterations, twist (sections x "
-      "6; under load their\n"
-      "means), tip {position_m, quaternion_xyzw}, lengths_m (free lengths), rank (least of the "
-      "sections), full_rank,\n"
-      "condition (largest), sections [{name, rank, condition, null_space (twists that cost no "
-      "energy), curvature_rad,\n"
-      "helix {radius_m (null when straight), pitch_m, turns}}], pressure_pa, actuators; under load "
-      "pieces (a section)\n"
-      "and piece_twist (all pieces x 6; their ends lie on the curve, and between them they are "
-      "helices, off it by\n"
-      "2e-5 of the length and more); with --samples curve [{s, position_m, "
-      "quaternion_xyzw}]. csv: one row, or the\n"
-      "rows of the curve. --tier, --order, --accuracy and --budget take the place of all that the "
-      "scene says of them.\n"
-      "Exit code 1 where no shape balances the load.");
+      "json: tier, order (of the loaded tier, else null), reason (why this tier),\n"
+      "tip_error_percent (largest tip error of the tier, of the arm's length; null if it does\n"
+      "not always converge), status (converged, not_converged, unsupported), failure (null if\n"
+      "converged), residual (motion of the last iteration, relative to the arm's size),\n"
+      "iterations, twist (sections x 6; under load their means), tip {position_m,\n"
+      "quaternion_xyzw}, lengths_m (free lengths), rank (least of the sections), full_rank,\n"
+      "condition (largest), sections [{name, rank, condition, null_space (twists that cost no\n"
+      "energy), curvature_rad, helix {radius_m (null if straight), pitch_m, turns}}],\n"
+      "pressure_pa, actuators; under load pieces (per section) and piece_twist (all pieces x 6;\n"
+      "their ends lie on the curve, and between them they are helices, off the curve by 2e-5 of\n"
+      "the length and more); with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one\n"
+      "row, or the rows of the curve.\n"
+      "--tier, --order, --accuracy and --budget replace everything that the scene says about\n"
+      "the tier.\n"
+      "Exit code 1 if no shape balances the load.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

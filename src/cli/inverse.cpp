@@ -196,34 +196,35 @@ Subcommand addInverse(CLI::App& app) {
                       "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
   command->add_option(
       "--twist", arguments->twist,
-      "wanted twist [m, rad]: vx,vy,vz,wx,wy,wz, one after the other for several sections");
+      "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
   command
-      ->add_option("--prefer", arguments->prefer,
-                   "among the inputs that reach the target: min-pressure, min-change (from the "
-                   "start) or cocontract")
+      ->add_option(
+          "--prefer", arguments->prefer,
+          "which of the inputs that reach the target: min-pressure, min-change (from the start) or "
+          "cocontract")
       ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract"}))
       ->capture_default_str();
-  command->add_option("--start-kpa", arguments->start_kpa,
-                      "where to start from, gauge pressures [kPa]: a,b,c (default: at rest, all at "
-                      "their lower limits; with cocontract, at its fraction)");
-  command->add_option("--start", arguments->start,
-                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+  command->add_option(
+      "--start-kpa", arguments->start_kpa,
+      "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with cocontract "
+      "at its fraction");
+  command->add_option(
+      "--start", arguments->start,
+      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
   addTierOptions(*command, arguments->tier);
   CLI::Option* cocontraction =
       command
           ->add_option("--cocontraction", arguments->cocontraction,
-                       "with cocontract: the wanted fraction of each actuator's range")
+                       "with cocontract: wanted fraction of each actuator's range")
           ->check(CLI::Range(0.0, 1.0))
           ->capture_default_str();
   command->footer(
-      "json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status (reached, "
-      "unreachable,\n"
-      "not_converged), reason (null when reached), converged, residual (position error and, for "
-      "poses and twists,\n"
-      "0.1 m per rad of rotation [m]), position_error_m, active_limits [{actuator, limit}], "
-      "iterations, and the tip\n"
-      "and twist (mean of each section) reached.\n"
-      "An unreachable target gives the closest found and exit code 1.");
+      "json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status\n"
+      "(reached, unreachable, not_converged), reason (null if reached), converged, residual\n"
+      "(position error and, for poses and twists, 0.1 m per rad of rotation [m]),\n"
+      "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist\n"
+      "(mean of each section) reached.\n"
+      "An unreachable target gives the closest inputs found and exit code 1.");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;
             return run(*arguments, global);

@@ -38,7 +38,7 @@ struct LocatedFrame {
   std::string state;   // that of a sight, or "tags_only", "wrong_size" or "unreadable"
   std::string reason;  // why there is no twist; empty where there is one
   std::vector<TagDetection> tags;
-  std::vector<int> foreign_tags, repeated_tags, unusable_tags, outlier_tags;
+  std::vector<int> unknown_tags, repeated_tags, unusable_tags, outlier_tags;
   std::optional<estimation::TwistFit> fit;
   std::vector<Suspicion> suspicious;
   bool failed = false;  // there should have been tags, or a twist
@@ -134,7 +134,7 @@ class Locator {
     const vision::Sight& sight = localizer_->locate(gray, model_);
     located.state = nameOf(sight.state);
     located.tags = sight.detections;
-    located.foreign_tags = sight.foreign_ids;
+    located.unknown_tags = sight.unknown_ids;
     located.repeated_tags = sight.repeated_ids;
     located.unusable_tags = sight.unusable_ids;
     if (sight.state == SightState::kMeasured) {
@@ -146,7 +146,7 @@ class Locator {
       return;
     }
     located.reason = reasonOf(sight);
-    located.failed = sight.foreign_ids.size() < sight.detections.size();
+    located.failed = sight.unknown_ids.size() < sight.detections.size();
   }
 
   std::string reasonOf(const vision::Sight& sight) const {
@@ -225,7 +225,7 @@ json frameJson(const LocatedFrame& frame, const estimation::TwistFitOptions& opt
               {"state", frame.state},
               {"reason", frame.reason.empty() ? json() : json(frame.reason)},
               {"tags", tags},
-              {"foreign_tags", frame.foreign_tags},
+              {"unknown_tags", frame.unknown_tags},
               {"repeated_tags", frame.repeated_tags},
               {"unusable_tags", frame.unusable_tags},
               {"outlier_tags", frame.outlier_tags},
@@ -318,7 +318,7 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
       if (!ids.empty()) std::cout << "; " << what << ": tag " << joined(ids);
     };
     name("does not fit", frame.outlier_tags);
-    name("not in the scene", frame.foreign_tags);
+    name("not in the scene", frame.unknown_tags);
     name("seen more than once", frame.repeated_tags);
     name("where the lens folds the picture", frame.unusable_tags);
     for (const Suspicion& suspicion : frame.suspicious) {
@@ -352,38 +352,38 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
 }  // namespace
 
 Subcommand addLocalize(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("localize", "tags in pictures, then the twist of the arm");
+  CLI::App* command =
+      app.add_subcommand("localize", "find tags in pictures, and the twist of the arm from them");
   const auto options = std::make_shared<LocalizeOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
   command
       ->add_option("IMAGE|VIDEO", options->pictures,
                    "pictures, folders of pictures, or videos; the pictures of a video follow one "
-                   "another, all others stand alone")
+                   "another, all "
+                   "others are independent")
       ->required();
-  command->add_option("--pressure-kpa", options->pressure_kpa,
-                      "gauge pressure of every actuator [kPa] where the search for the shape "
-                      "begins: a,b,c; default: at rest");
-  command->add_option("--input", options->input,
-                      "instead, in SI units: pressures [Pa], spool angles [rad]");
+  command->add_option(
+      "--pressure-kpa", options->pressure_kpa,
+      "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; default: "
+      "at rest");
+  command->add_option(
+      "--input", options->input,
+      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
   command->footer(
-      "Pixels: (0, 0) is the centre of the top-left one. Corners: left below, right below, right "
-      "above, left above as\n"
-      "one reads the tag. Every tag of the scene's family is listed, of the scene or not.\n"
-      "json: scene, model_status (unless converged, the search began at the shape without load), "
-      "frames [{file, state (measured, no_tags, too_few_tags, no_fit, tags_only: no "
-      "camera or no tags in\n"
-      "the scene; wrong_size: not the camera's, and not searched; unreadable), reason, tags [{id, "
-      "corners_px, "
-      "hamming, margin}],\n"
-      "foreign_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6), covariance, "
-      "rms_px, tip,\n"
-      "tip_covariance (of its position), base and bleed_m (null unless fitted), suspicious "
-      "[{parameter, deviations, remedy}] (more than 3 "
-      "deviations off its prior)}].\n"
-      "csv: a row a tag.\n"
-      "Exit code 1 when a picture cannot be read, is not of the camera's size, holds no tags, or "
-      "holds tags of the scene\n"
-      "that give no twist.");
+      "Pixels: (0, 0) is the centre of the top-left one. Corners: bottom left, bottom right,\n"
+      "top right, top left as one reads the tag. Every tag of the scene's family is listed,\n"
+      "whether the scene has it or not.\n"
+      "json: scene, model_status (unless converged, the search began at the shape without\n"
+      "load), frames [{file, state, reason, tags [{id, corners_px, hamming, margin}],\n"
+      "unknown_tags, repeated_tags, unusable_tags, outlier_tags, twist (sections x 6),\n"
+      "covariance, rms_px, tip, tip_covariance (of its position), base and bleed_m (null unless\n"
+      "fitted), suspicious [{parameter, deviations, remedy}] (more than 3 standard deviations\n"
+      "from its prior)}].\n"
+      "state: measured, no_tags, too_few_tags, no_fit, tags_only (the scene has no camera or no\n"
+      "tags), wrong_size (not the camera's size; not searched) or unreadable.\n"
+      "csv: one row per tag.\n"
+      "Exit code 1 if a picture cannot be read, does not have the camera's size, holds no tags,\n"
+      "or holds tags of the scene that give no twist.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

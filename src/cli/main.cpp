@@ -11,17 +11,15 @@ using helix_arm::cli::GlobalOptions;
 using helix_arm::cli::Subcommand;
 
 const char* const kFooter =
-    "Units: pressures are gauge; kPa where an option says so, else SI. Poses and twists are seen "
-    "from\n"
-    "the arm's base, x along the arm. A twist is [vx,vy,vz,wx,wy,wz] in m and rad over a whole "
-    "section.\n"
+    "Units: pressures are gauge; kPa where an option says so, otherwise SI. Poses and twists\n"
+    "are seen from the arm's base, x along the arm. A twist is [vx,vy,vz,wx,wy,wz] in m and\n"
+    "rad over a whole section.\n"
     "json and csv stand alone on stdout, with all digits; messages go to stderr.\n"
-    "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the call or "
-    "a\n"
-    "document is wrong (the reason is on stderr).";
+    "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
+    "call or a document is wrong (the reason is on stderr).";
 
 int run(int argc, char** argv) {
-  CLI::App app("Kinematics of pneumatic arms, loaded or not: pressures to shape and back.",
+  CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
                "helix_arm");
   app.footer(kFooter);
   app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
@@ -32,7 +30,7 @@ int run(int argc, char** argv) {
   const std::map<std::string, Format> formats{
       {"text", Format::kText}, {"json", Format::kJson}, {"csv", Format::kCsv}};
   std::string format = "text";
-  app.add_option("--format", format, "how results are printed: text, json or csv")
+  app.add_option("--format", format, "output format: text, json or csv")
       ->check(CLI::IsMember({"text", "json", "csv"}))
       ->capture_default_str();
   app.add_option("--set", global.overrides,

@@ -260,8 +260,7 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
 }
 
 Subcommand addRegulator(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("regulator", "the scene's pressure regulator, brought up from a shell");
+  CLI::App* command = app.add_subcommand("regulator", "commission the scene's pressure regulator");
   const auto options = std::make_shared<RegulatorOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
   command->require_subcommand(1);
@@ -280,51 +279,49 @@ Subcommand addRegulator(CLI::App& app) {
         ->type_name("S")
         ->check(CLI::Range(0.01, kLongest));
   };
-  addSeconds(
-      add("probe", "connect (which vents) and read: who answers, and how often", probeRegulator),
-      "how long to read; default 1");
+  addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
+                 probeRegulator),
+             "time to read [s], default 1");
   CLI::App* set =
-      add("set", "go to pressures within limits and slew, stay, and vent", setRegulator);
+      add("set", "go to pressures within limits and slew, hold them, and vent", setRegulator);
   set->add_option("--pressure-kpa", options->pressure_kpa,
-                  "one for each actuator, gauge, joined by commas")
+                  "gauge pressures [kPa], one per actuator, separated by commas")
       ->required()
       ->type_name("A,B,..");
-  set->add_flag("--yes", options->yes, "air may move: the arm is clear of people");
-  addSeconds(set, "how long to stay once the set points have arrived; default 5");
+  set->add_flag("--yes", options->yes, "confirms that air may move and the arm is clear of people");
+  addSeconds(set, "time to hold the set points once they are reached [s], default 5");
   add("vent",
       "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
       "atmosphere",
       ventRegulator);
-  add("guard", "wait for the end of stdin, then vent; for the node that moves the arm",
+  add("guard", "wait for the end of stdin, then vent; started by the node that moves the arm",
       guardRegulator)
       ->add_option(
           "--realtime-priority", options->realtime_priority,
-          "run ahead of other programs (SCHED_FIFO) where the user's limits allow; default "
-          "0: as any other")
+          "run ahead of other programs (SCHED_FIFO) if the user's limits allow it; default 0: not")
       ->type_name("N")
       ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
-  addSeconds(
-      add("emulate", "stand in for the device, at its address on this machine", emulateRegulator),
-      "how long; default: until Ctrl-C");
+  addSeconds(add("emulate", "emulate the device at its address on this machine", emulateRegulator),
+             "time to run [s], default: until Ctrl-C");
   command->footer(
-      "set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware moves "
-      "only with --yes.\n"
-      "guard ignores signals. A byte q on its stdin dismisses it; where stdin ends without one it "
-      "vents, trying for 10 s.\n"
-      "After any other byte it expects one a second: whoever falls silent behind a socket is "
-      "killed first. Through a socket it sends back what it reads, to show that it stands by.\n"
-      "emulate takes names of faults on stdin, one a line. It tells set points, pressures and "
-      "valves every second. A serial device keeps its air when no line comes, unless its profile "
-      "has watchdog_s, as generic has.\n"
+      "set vents at its end, on Ctrl-C and on any fault of the scene's key safety. Hardware\n"
+      "moves only with --yes.\n"
+      "guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it\n"
+      "vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row\n"
+      "are missing, it kills the process at the other end of its socket, then vents. Through a\n"
+      "socket it sends back what it reads, to show that it stands by.\n"
+      "emulate takes names of faults on stdin, one per line. It prints set points, pressures\n"
+      "and valves every second. A serial device keeps its air if no line comes, unless its\n"
+      "profile has watchdog_s, as generic has.\n"
       "faults: " +
       simulation::deviceFaultNames() +
       "\n"
-      "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa, "
+      "json: probe: regulator, channels [{name, address, pressure_pa, readings}], supply_pa,\n"
       "seconds, reason;\n"
       "set: target_pa, pressure_pa (before it vented), state, reason; vent: vented, pressure_pa, "
       "reason.\n"
-      "Exit 0 done; 1 no link, no reading, a fault, or pressure that stands: the reason is in the "
-      "result and on stderr.");
+      "Exit code 0: done. 1: no link, no reading, a fault, or pressure that remains; the reason\n"
+      "is in the result and on stderr. 2: the call is wrong.");
   return {command, [options, actions](const GlobalOptions& global) {
             for (const Action& action : actions) {
               if (action.app->parsed()) return action.run(*options, global);

@@ -313,31 +313,28 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
 }  // namespace
 
 Subcommand addSimulate(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("simulate", "a data set and pictures with their truth");
+  CLI::App* command = app.add_subcommand(
+      "simulate", "write a simulated data set and pictures with their true shapes");
   const auto options = std::make_shared<SimulateOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
-  command->add_option("--out", options->out, "folder to write to; empty or absent")
+  command->add_option("--out", options->out, "folder to write to; must be empty or absent")
       ->required()
       ->type_name("DIR");
-  command->add_option("--count", options->count, "captures")
+  command->add_option("--count", options->count, "number of captures")
       ->check(CLI::Range(1, kMostCaptures))
       ->capture_default_str();
-  command->add_option("--seed", options->seed, "of the pressures and of all noise")
+  command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
       ->capture_default_str();
   command->footer(
-      "The arm is the scene's as its key simulation.arm deviates it, settled at random pressures, "
-      "under its key load as tier exact has it; "
-      "camera and tags are where\n"
-      "its key simulation.mounts puts them.\n"
-      "DIR gets scene.yaml (with what --set changed), truth.csv (twists and tip), tag_poses.csv "
-      "(all tags, with the noise of "
-      "vision.tag_position_noise_m,\n"
-      "where the scene has tags) and, where it has a camera as well, picture_0001.jpg .. and "
-      "tag_corners.csv (what the\n"
+      "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
+      "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"
+      "its key simulation.mounts.\n"
+      "DIR gets scene.yaml (with the changes of --set), truth.csv (twists and tip),\n"
+      "tag_poses.csv (all tags, with the noise of vision.tag_position_noise_m; if the scene has\n"
+      "tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the\n"
       "detector finds in them).\n"
-      "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and "
-      "tag_corners (null where there\n"
-      "is none).");
+      "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and\n"
+      "tag_corners (null if absent).");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

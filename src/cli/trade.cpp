@@ -41,7 +41,7 @@ Trade measure(const io::Scene& scene, const TradeOptions& options) {
   Trade trade{scene.name, modelRows(scene), {}};
   if (trade.rows.empty()) {
     trade.notes.push_back(
-        "at no sampled input a shape balances the scene's load, so that there is nothing to "
+        "no shape balances the scene's load at any sampled input, so there is nothing to "
         "measure; check load and K_eps_n: less load, or stiffer muscles");
     return trade;
   }
@@ -179,27 +179,28 @@ void markFrontier(std::vector<TradeRow>& rows) {
 
 Subcommand addTrade(CLI::App& app) {
   CLI::App* command =
-      app.add_subcommand("trade", "what speed costs in accuracy on this scene, measured here");
+      app.add_subcommand("trade", "measure accuracy against time on this scene and machine");
   const auto options = std::make_shared<TradeOptions>();
   command->add_option("SCENE", options->scene, "scene file")->required();
-  command->add_option("--out", options->out,
-                      "folder for trade.csv, trade.json and trade.png, made where it is absent; "
-                      "default trade_ and the scene's name");
-  command->add_flag("--no-files", options->no_files, "only print");
+  command->add_option(
+      "--out", options->out,
+      "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ and the "
+      "scene's name");
+  command->add_flag("--no-files", options->no_files, "only print, write no files");
   command
       ->add_option("--pictures", options->pictures,
-                   "pictures rendered to measure sight with; 0 leaves it out")
+                   "number of pictures rendered to measure sight and fit; 0 omits both")
       ->check(CLI::Range(0, kMostPictures))
       ->capture_default_str();
   command->footer(
-      "Parts: model (largest error of the tip against the exact tier, over sampled inputs), curve "
-      "and markers (largest\n"
-      "distance of what is drawn from what is meant), sight and fit (median error of the tip over "
-      "rendered pictures,\n"
-      "against the true arm of simulation). Times are medians, of this machine.\n"
-      "json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer), "
-      "on_frontier}], notes. csv: the rows. Exit code 1, no rows\n"
-      "and no files where no shape balances the load at any sampled input.");
+      "Parts: model (largest tip error against the exact tier, over sampled inputs), curve and\n"
+      "markers (largest distance between what is drawn and the exact curve), sight and fit\n"
+      "(median tip error over rendered pictures, against the true arm of the simulation). Times\n"
+      "are medians on this machine.\n"
+      "json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer),\n"
+      "on_frontier}], notes.\n"
+      "csv: the rows. Exit code 1, without rows or files, if no shape balances the load at any\n"
+      "sampled input.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -128,7 +128,7 @@ std::vector<TradeRow> drawingRows(const io::Scene& scene) {
     const double muscle_time = basics::medianTime([&] {
       drawMuscles(arm, model::sampleCurve(shapes.back(), sections * points + 1), points, lines);
     });
-    const std::string setting = std::to_string(points) + " points a section";
+    const std::string setting = std::to_string(points) + " points per section";
     rows.push_back({"curve", "base curve", setting, curve_time, curve_error / arm.restLength()});
     markers.push_back(
         {"markers", "muscles", setting, muscle_time, muscle_error / arm.restLength()});

@@ -157,52 +157,47 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
 
 Subcommand addWorkspace(CLI::App& app) {
   CLI::App* command =
-      app.add_subcommand("workspace", "where the tip can go, and how far errors move it there");
+      app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
   const auto arguments = std::make_shared<WorkspaceArguments>();
   command->add_option("SCENE", arguments->scene, "scene file")->required();
-  command->add_option("--out", arguments->out,
-                      "file for the points: .ply (binary, float32) or .csv (inputs as well); "
-                      "without it only the summary is given");
-  command->add_option("--png", arguments->png, "picture of maps of the points");
+  command->add_option(
+      "--out", arguments->out,
+      "file for the points: .ply (binary, float32) or .csv (with the inputs); default: summary "
+      "only");
+  command->add_option("--png", arguments->png, "picture file for maps of the points");
   command
       ->add_option("--count", arguments->count,
-                   "inputs to sample, evenly within their limits; default 10000000, or 200000 with "
+                   "number of inputs to sample, evenly within their limits; default 10000000, or "
+                   "200000 with "
                    "--sensitivity")
       ->check(checkCount);
-  command->add_flag("--sensitivity", arguments->sensitivity,
-                    "also how far the tip moves, at every point");
-  command->add_option("--seed", arguments->seed, "of the inputs")->capture_default_str();
+  command->add_flag(
+      "--sensitivity", arguments->sensitivity,
+      "also the tip displacement [m] per error of pressure, length and stiffness, at every point");
+  command->add_option("--seed", arguments->seed, "seed of the inputs")->capture_default_str();
   command
       ->add_option("--threads", arguments->threads,
-                   "that sample; 0: as many as there are cores. The points are the same")
+                   "number of sampling threads, 0: one per core; the points do not depend on it")
       ->check(CLI::Range(0, kMostThreads))
       ->capture_default_str();
   addTierOptions(*command, arguments->tier);
   command->footer(
-      "Bounds and reach are the largest that a search finds which climbs from the sampled points "
-      "and "
-      "from corners of the\n"
-      "limits (1024, under load 128, exact tier 8) to local maxima: each is a tip of the arm, and "
-      "none beyond it is known.\n"
-      "sampled_*: of the sampled points alone.\n"
-      "Sensitivity: how far the tip moves [m] for an error of 1 kPa in every pressure (per_kpa_m), "
-      "of 1 mm in every free\n"
-      "length (per_mm_m), of 1 % in every entry of the stiffness, under load also K_eps "
-      "(per_percent_K_m); the errors are\n"
-      "independent: roots of sums of squares. For arms without tendons.\n"
-      "json: scene, tier, order, seed, count (inputs), unbalanced (of them, left out: no shape "
-      "balances the load there or,\n"
-      "with --sensitivity, with 1 % more stiffness), failure (null where there are points), "
-      "seconds, "
-      "points_per_second,\n"
-      "bounds_m {min, max}, reach_m (largest distance from the base), sampled_bounds_m, "
-      "sampled_reach_m, out, png, sensitivity\n"
-      "(null, or for each {median,\n"
-      "max}; medians, and maps, of the first 2 million points). csv: one row of the same. Progress "
-      "is told on stderr.\n"
-      "A file takes its place when it is whole. Ctrl-C: nothing is written, exit code 130. Exit "
-      "code 1 where the load is\n"
-      "balanced at no input.");
+      "bounds_m and reach_m are the largest values of a search from the sampled points and from\n"
+      "corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a\n"
+      "tip position of the arm, and none beyond it is known. sampled_*: of the sampled points\n"
+      "alone.\n"
+      "Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),\n"
+      "of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under\n"
+      "load also K_eps (per_percent_K_m).\n"
+      "The errors are independent: roots of sums of squares. Not for arms with tendons.\n"
+      "json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no\n"
+      "shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure\n"
+      "(null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m\n"
+      "(largest distance from the base), sampled_bounds_m, sampled_reach_m, out, png,\n"
+      "sensitivity (null, or for each {median, max}; medians and maps are of the first 2\n"
+      "million points). csv: one row of the same. Progress is printed on stderr.\n"
+      "A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
+      "code 1 if no input balances the load.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

@@ -71,7 +71,7 @@ std::string CloudFile::csvHeader() const {
   out << "# tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
       << origin_.seed << "\n# x, y, z seen from the arm's base, x along the arm\n";
   if (origin_.sensitivity) {
-    out << "# how far the tip moves for an error of 1 kPa in every pressure, of 1 mm in every free "
+    out << "# tip displacement for an error of 1 kPa in every pressure, of 1 mm in every free "
            "length, of 1 % in the stiffness\n";
   }
   for (int i = 0; i < arm_.actuatorCount(); ++i) {

@@ -22,9 +22,9 @@ struct Plane {
 };
 constexpr Plane kPlanes[] = {{0, 2}, {1, 2}, {0, 1}};
 const char* const kAxes[] = {"x", "y", "z"};
-const char* const kTitles[] = {"Way of the tip for 1 kPa in every pressure",
-                               "Way of the tip for 1 mm in every free length",
-                               "Way of the tip for 1 % in the stiffness"};
+const char* const kTitles[] = {"Tip displacement per kPa of pressure error",
+                               "Tip displacement per mm of free length error",
+                               "Tip displacement per % of stiffness error"};
 
 double rounded(double value) {
   if (value == 0) return 0;
@@ -103,7 +103,7 @@ json mapsJson(const std::vector<CloudPoint>& points, bool sensitivity) {
     maps.push_back(named(grid.map([](const std::vector<int>& members) {
       return static_cast<double>(members.size());
     }),
-                         "points", "Where the tip goes: points a cell", "points"));
+                         "points", "Tip positions per cell", "points"));
     for (int k = 0; k < statics::kSensitivities && sensitivity; ++k) {
       const auto median = [&points, k](const std::vector<int>& members) {
         std::vector<double> values;

@@ -10,7 +10,7 @@ namespace helix_arm::cli {
 using nlohmann::json;
 
 std::string workspaceFailure(const WorkspaceSummary& summary) {
-  return summary.points() > 0 ? "" : "at no sampled input a shape balances the load";
+  return summary.points() > 0 ? "" : "no shape balances the load at any sampled input";
 }
 
 json toJson(const io::Scene& scene, const statics::TierSetting& setting,
@@ -83,7 +83,8 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
             << std::setprecision(3) << summary.seconds << " s, "
             << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
   if (summary.unbalanced > 0) {
-    std::cout << "left out, as no shape balances the load: " << summary.unbalanced << "\n";
+    std::cout << "inputs omitted because no shape balances the load: " << summary.unbalanced
+              << "\n";
   }
   if (summary.points() == 0) {
     std::cout << workspaceFailure(summary) << "\n";
@@ -92,12 +93,13 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
   const Eigen::AlignedBox3d bounds = summary.extremes.bounds();
   std::cout << "tips, seen from the arm's base: from " << bracketed(bounds.min()) << " to "
             << bracketed(bounds.max()) << " m\nreach " << std::fixed << std::setprecision(6)
-            << summary.extremes.reach() << " m, searched from the samples and the limits' corners; "
-            << "of the samples alone " << summary.sampled.reach() << " m\n";
-  const char* const errors[] = {"1 kPa in every pressure", "1 mm in every free length",
-                                "1 % in the stiffness"};
+            << summary.extremes.reach()
+            << " m, searched from the samples and the corners of the limits; "
+            << "samples alone " << summary.sampled.reach() << " m\n";
+  const char* const errors[] = {"kPa of pressure error", "mm of free length error",
+                                "% of stiffness error"};
   for (int k = 0; k < statics::kSensitivities && arguments.sensitivity; ++k) {
-    std::cout << "the tip moves for " << errors[k] << ": median " << std::setprecision(3)
+    std::cout << "tip displacement per " << errors[k] << ": median " << std::setprecision(3)
               << 1e3 * summary.median(k) << " mm, largest " << 1e3 * summary.worst[k] << " mm\n";
   }
   for (const std::string& file : {arguments.out, arguments.png}) {

@@ -11,17 +11,16 @@
 
 namespace helix_arm::io {
 
-/// What `arm` says.
+/// Content of `arm`.
 struct ArmParts {
   lie::SE3 X_WB;
   model::Arm arm;
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;
-  std::vector<double>
-      K_eps;  ///< of each section [N]; empty where one has none and no load needs it
+  std::vector<double> K_eps;  ///< per section [N]; empty if one has none and no load needs it
 };
 
-/// Reads `arm`; nothing where the faults leave no arm.
+/// Reads `arm`; nothing if faults leave no arm.
 std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& contractions,
                                 FaultList& faults);
 

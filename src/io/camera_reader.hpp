@@ -11,7 +11,7 @@ namespace helix_arm::io {
 /// z up).
 extern const Eigen::Matrix3d kOpticalInBody;
 
-/// Reads `camera`; nothing where the scene has none.
+/// Reads `camera`; nothing if the scene has none.
 std::optional<CameraConfig> readCamera(const MapReader& scene, const Value& document,
                                        FaultList& faults);
 

@@ -15,8 +15,8 @@ struct NamedContraction {
   model::Drive drive;
 };
 
-/// All curves by name. A name that is declared but broken maps to nothing: its fault is reported
-/// once, not at every use.
+/// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,
+/// not at every use.
 using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 
 /// Reads `contractions`.

@@ -9,26 +9,26 @@
 
 namespace helix_arm::io {
 
-/// Where something was written: a line of the file, or an override.
+/// Where a value comes from: a line of the file, or an override.
 struct Place {
   int line = 0;                             ///< counted from 1; 0 in an override
-  std::optional<std::string> override_key;  ///< of `--set`; absent where the file says it
+  std::optional<std::string> override_key;  ///< key of `--set`; absent if it is from the file
 };
 
-/// A value of a YAML document as a plain tree: it keeps the order, the places and the quotes.
+/// A value of a YAML document as a plain tree with its order, places and quotes.
 struct Value {
   enum class Kind { kEmpty, kText, kList, kMap };
   struct Entry;
 
   Kind kind = Kind::kEmpty;
   std::string text;            ///< kText
-  bool quoted = false;         ///< kText: never a number, whatever it looks like
+  bool quoted = false;         ///< kText: quoted, hence never a number
   std::vector<Entry> entries;  ///< kList and kMap
   Place place;
 
-  /// The value of a map's key, null when there is none.
+  /// The value of a map's key, null if there is none.
   const Value* find(const std::string& key) const;
-  /// How a message names it: its text (printable, 60 letters at most), "a list", "a map" or
+  /// Its description in messages: its text (printable, 60 letters at most), "a list", "a map" or
   /// "empty".
   std::string describe() const;
 };
@@ -43,30 +43,29 @@ void report(FaultList& faults, const Place& place, const std::string& fault);
 
 /// `parent.key`, or the key alone at the top.
 std::string joinPath(const std::string& parent, const std::string& key);
-/// How a message names a path: the top has none.
+/// Name of a path in messages; "the document" for the empty path.
 std::string nameOf(const std::string& path);
 /// `parent[index]`.
 std::string indexPath(const std::string& parent, std::size_t index);
 
-/// How a document of ours is told from any other that somebody names, whose words no message
-/// repeats.
+/// How our documents are recognised. Messages do not repeat the content of other documents.
 struct DocumentKind {
   std::vector<std::string> keys;     ///< at its top
-  std::vector<std::string> telling;  ///< those of them that no other document is likely to have
-  std::size_t needed = 0;            ///< of the telling ones; 0: any document will do
+  std::vector<std::string> telling;  ///< keys that other documents are unlikely to have
+  std::size_t needed = 0;            ///< number of these needed; 0: any document is accepted
 };
 
-/// Reads one YAML document. Syntax errors, repeated keys and keys that are no words go to the
-/// faults. A document of another kind is one fault, which holds nothing of it.
-/// @return nothing where there is no tree to go on with.
+/// Reads one YAML document. Syntax errors, repeated keys and keys that are not words are faults. A
+/// document of another kind is one fault, which does not repeat its content.
+/// @return nothing if there is no usable tree.
 std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,
                                    FaultList& faults);
 
-/// Puts an override into the tree, making the maps on its way that are not there yet; whether its
-/// keys mean anything is for the schema to say.
+/// Applies an override to the tree, creating missing maps. The schema checks later whether its keys
+/// are known.
 void applyOverride(Value& document, const Override& change, FaultList& faults);
 
-/// The YAML text of a tree; parsing it gives the tree again, but for its places.
+/// The YAML text of a tree; parsing it gives the same tree, except for its places.
 std::string writeDocument(const Value& document);
 
 }  // namespace helix_arm::io

@@ -8,9 +8,9 @@
 
 namespace helix_arm::io {
 
-/// Reads `load`, what it gives as the world sees it turned into the arm's base; nothing where the
-/// scene has none, or its faults leave none.
-/// @param arm  null where the faults leave no arm; the faults of `load` itself are still found.
+/// Reads `load`; values given in the world frame are rotated into the arm's base. Nothing if the
+/// scene has none, or faults leave none.
+/// @param arm  null if faults leave no arm; the faults of `load` itself are still found.
 std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
                                       const ArmParts* arm, FaultList& faults);
 

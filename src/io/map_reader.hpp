@@ -10,10 +10,10 @@
 
 namespace helix_arm::io {
 
-/// What a number must be: of the right sign, and then of a size that can be meant. A radius of 25.4
-/// m is one of 25.4 mm.
+/// Rule of a number: its sign, and a plausible range. A radius of 25.4 m was probably meant as 25.4
+/// mm.
 struct NumberRule {
-  const char* text;  ///< of the sign, as in "expected a finite value > 0"
+  const char* text;  ///< describes the sign, as in "expected a finite value > 0"
   bool (*holds)(double);
   double lowest = -std::numeric_limits<double>::infinity();
   double highest = std::numeric_limits<double>::infinity();
@@ -28,11 +28,11 @@ extern const NumberRule kPressure;          ///< gauge [kPa]
 extern const NumberRule kPositivePressure;  ///< gauge [kPa]
 extern const NumberRule kStiffness;         ///< >= 0
 
-/// A rule of sign with the sizes that can be meant.
+/// A rule of sign with a plausible range.
 NumberRule within(NumberRule rule, double lowest, double highest, const char* unit = "");
 
-/// Reads the keys of one map by the rules of the schema. What breaks one goes to the faults and
-/// gives nothing (or the default), and reading goes on.
+/// Reads the keys of one map by the rules of the schema. A value that breaks a rule is a fault and
+/// gives nothing (or the default); reading continues.
 class MapReader {
  public:
   /// Reports a value that is not a map, and each key that the schema does not know.
@@ -43,7 +43,7 @@ class MapReader {
 
   std::optional<double> number(const std::string& key, const NumberRule& rule) const;
   double number(const std::string& key, const NumberRule& rule, double fallback) const;
-  /// A number that may be missing; a broken one is a fault and counts as missing.
+  /// A number that may be missing; an invalid one is a fault and counts as missing.
   std::optional<double> optionalNumber(const std::string& key, const NumberRule& rule) const;
   std::optional<long long> integer(const std::string& key, long long lowest,
                                    long long highest) const;
@@ -51,26 +51,26 @@ class MapReader {
                     long long fallback) const;
   /// `true` or `false`.
   bool truth(const std::string& key, bool fallback) const;
-  /// A text that is not empty; `expected` tells what of.
+  /// A text that is not empty; `expected` describes it in the fault.
   std::optional<std::string> text(const std::string& key, const std::string& expected) const;
   /// A list of numbers; `size` of them unless that is 0.
   std::optional<std::vector<double>> numbers(const std::string& key, std::size_t size,
                                              const NumberRule& rule) const;
-  /// A word of letters, digits, `_` and `-`: fit for a tf frame and for a key.
+  /// A word of letters, digits, `_` and `-`: valid as a tf frame and as a key.
   std::optional<std::string> word(const std::string& key) const;
   /// One of a few words.
   std::optional<std::string> choice(const std::string& key,
                                     const std::vector<std::string>& choices) const;
   /// The entries of a list that must hold at least one.
   const std::vector<Value::Entry>* list(const std::string& key) const;
-  /// A value that must be there, of whatever kind.
+  /// A required value of any kind.
   const Value* required(const std::string& key, const std::string& expected) const;
-  /// The one of several keys that is given; a fault when none is, or more than one.
+  /// The one given key out of several; a fault if none or more than one is given.
   std::optional<std::string> exactlyOne(const std::vector<std::string>& keys) const;
 
-  /// Reports `key value; expected rule` where the key is written.
+  /// Reports `key value; expected rule` at the place of the key.
   void fault(const std::string& key, const std::string& rule) const;
-  /// Reports anything else about a key (or, where it is missing, about the map).
+  /// Reports any other fault of a key (or, if it is missing, of the map).
   void complain(const std::string& key, const std::string& fault) const;
 
  private:
@@ -79,7 +79,7 @@ class MapReader {
   FaultList& faults_;
 };
 
-/// The known word that a mistyped one resembles; empty when none does.
+/// The known word that resembles a mistyped one; empty if none does.
 std::string nearestWord(const std::string& word, const std::vector<std::string>& known);
 
 /// "a, b or c".

@@ -20,7 +20,7 @@ Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R);
 /// Three numbers as a vector.
 std::optional<Eigen::Vector3d> vector3(const std::optional<std::vector<double>>& numbers);
 
-/// `position_m` and `rpy_deg` of a map; what is left out, or broken, is zero.
+/// `position_m` and `rpy_deg` of a map; missing or invalid parts are zero.
 lie::SE3 readPose(const MapReader& keys, const NumberRule& coordinate);
 
 }  // namespace helix_arm::io

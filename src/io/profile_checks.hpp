@@ -9,17 +9,17 @@
 #include "helix_arm/io/fault_list.hpp"
 #include "map_reader.hpp"
 
-/// What the profiles of all kinds of regulators are checked by.
+/// Checks common to the profiles of all kinds of regulators.
 namespace helix_arm::io {
 
 inline const NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
 inline const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 
-/// A profile that has been read from a map, where nothing is wrong with it.
+/// A profile that was read from a map, if it is valid.
 ///
-/// @param path           of that map, for messages.
-/// @param faults_before  how many there were before it was read.
-/// @return nothing, and at least one fault, where a rule is broken.
+/// @param path           path of that map, for messages.
+/// @param faults_before  number of faults before it was read.
+/// @return nothing, and at least one fault, if a rule is broken.
 template <class Profile>
 std::optional<Profile> checked(const Profile& profile, const Value& map, const std::string& path,
                                std::size_t faults_before, FaultList& faults) {

@@ -12,17 +12,16 @@
 
 namespace helix_arm::io {
 
-/// Names of the profiles of regulators that are shipped, in alphabetical order.
+/// Names of the shipped regulator profiles, in alphabetical order.
 std::vector<std::string> shippedProfiles();
 
-/// The profile that a scene names by a path of its own, relative to the scene's folder; null where
-/// it names none so. Such a path (it has a '/' or ends in .yaml) is no more good once the scene is
-/// elsewhere.
+/// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
+/// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.
 Value* relativeProfile(Value& scene);
 
-/// The profile that the key `profile` of a kind of regulator names: shipped, or a path. What its
-/// file breaks are faults of that file and its lines.
-/// @return nothing, and at least one fault, where there is no such profile.
+/// The profile that the key `profile` of a kind of regulator names: shipped, or a path. Faults in
+/// it are reported with its own file and lines.
+/// @return nothing, and at least one fault, if there is no such profile.
 std::optional<regulator::SerialProfile> readSerialProfileFile(const MapReader& keys,
                                                               FaultList& faults);
 /// The same of "modbus_tcp".

@@ -7,11 +7,11 @@
 
 namespace helix_arm::io {
 
-/// Reads `calibration`; nothing where the scene has none.
+/// Reads `calibration`; nothing if the scene has none.
 std::optional<Provenance> readProvenance(const MapReader& scene, const Value& document,
                                          FaultList& faults);
 
-/// The value of `calibration` that reads back as this.
+/// The value of `calibration` for this provenance; reading it gives the same.
 Value writeProvenance(const Provenance& provenance);
 
 }  // namespace helix_arm::io

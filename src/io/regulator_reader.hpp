@@ -8,8 +8,9 @@
 
 namespace helix_arm::io {
 
-/// Reads `regulator` and the profile that it names; nothing where the scene has none, or a fault.
-/// @param arm  what is known of the scene's arm; null where it has faults.
+/// Reads `regulator` and the profile that it names; nothing if the scene has none, or it has a
+/// fault.
+/// @param arm  the scene's arm; null if it has faults.
 std::optional<regulator::Config> readRegulator(const MapReader& scene, const Value& document,
                                                const ArmParts* arm, FaultList& faults);
 

@@ -8,9 +8,9 @@
 
 namespace helix_arm::io {
 
-/// Reads `safety`; defaults where the scene says nothing.
-/// @param arm        null where it has faults: then there are no channels.
-/// @param regulator  absent where there is none, or where it has faults.
+/// Reads `safety`; defaults for what the scene omits.
+/// @param arm        null if it has faults: then there are no channels.
+/// @param regulator  absent if there is none, or if it has faults.
 SafetyConfig readSafety(const MapReader& scene, const Value& document, const ArmParts* arm,
                         const std::optional<regulator::Config>& regulator, FaultList& faults);
 

@@ -13,22 +13,22 @@
 
 namespace helix_arm::io {
 
-/// What tells a scene from any other document.
+/// How scenes are recognised.
 const DocumentKind& sceneKind();
 
-/// The text of a scene file. @throws DocumentError where it cannot be read.
+/// The text of a scene file. @throws DocumentError if it cannot be read.
 std::string readSceneText(const std::string& path, FaultList& faults);
 
-/// The tree of a scene's text as it is; nothing, and a fault that holds nothing of it, where it is
-/// of something else.
+/// The tree of a scene's text; nothing, and a fault that does not repeat its content, if it is not
+/// a scene.
 std::optional<Value> parseScene(const std::string& text, FaultList& faults);
 
-/// The same with overrides; those that do not apply are among the faults.
-/// @throws DocumentError where the text is not YAML or not a scene.
+/// The same with overrides; overrides that do not apply are faults.
+/// @throws DocumentError if the text is not YAML or not a scene.
 Value parseScene(const std::string& text, const std::vector<Override>& overrides,
                  FaultList& faults);
 
-/// What a scene says of its arm.
+/// The arm of a scene.
 struct SceneArmParts {
   std::optional<std::string> name;
   Contractions contractions;
@@ -36,7 +36,7 @@ struct SceneArmParts {
   std::optional<statics::ArmModel> model;
 };
 
-/// Reads the keys that loadArm() names. Each part is absent where there are faults that concern it.
+/// Reads the keys that loadArm() names. Each part is absent if faults concern it.
 SceneArmParts readSceneArm(const MapReader& scene, const Value& document, FaultList& faults);
 
 }  // namespace helix_arm::io

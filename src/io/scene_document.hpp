@@ -9,14 +9,14 @@
 
 namespace helix_arm::io {
 
-/// The tree of a scene file with its overrides, and the hash of the bytes that were read of it.
+/// The tree of a scene file with its overrides, and the hash of the bytes read.
 struct SceneDocument {
   Value document;
   std::string sha256;
 };
 
-/// Reads a scene file; overrides that do not apply are among the faults.
-/// @throws DocumentError where the file cannot be read, is not YAML or of something else.
+/// Reads a scene file; overrides that do not apply are faults.
+/// @throws DocumentError if the file cannot be read, is not YAML or not a scene.
 SceneDocument readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
                                 FaultList& faults);
 

@@ -12,7 +12,7 @@
 
 namespace helix_arm::io {
 
-/// A stiffness that actuators inherit: none given, given but broken (reported once), or a value.
+/// A stiffness that actuators inherit: none given, given but invalid (reported once), or a value.
 struct InheritedStiffness {
   bool given = false;
   std::optional<model::Stiffness> value;
@@ -20,11 +20,11 @@ struct InheritedStiffness {
   std::optional<double> K_eps;  ///< [N]
 };
 
-/// The map's own `stiffness`, or else what it inherits, K_eps for itself.
+/// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
 InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
                                  const InheritedStiffness& inherited, FaultList& faults);
 
-/// What all sections of an arm share.
+/// State shared by all sections of an arm.
 struct ArmContext {
   bool planar = false;
   InheritedStiffness stiffness;
@@ -38,12 +38,12 @@ struct ArmContext {
 struct SectionParts {
   model::Section section;
   SectionLook look;
-  bool K_eps_given = false;     ///< maybe broken, which is reported
+  bool K_eps_given = false;     ///< possibly invalid, which is reported
   std::optional<double> K_eps;  ///< [N]
 };
 
-/// Reads one entry of `arm.sections`. Where it has faults its parts are incomplete. The actuators
-/// of a planar arm have poses in the x-y plane.
+/// Reads one entry of `arm.sections`. If it has faults, its parts are incomplete. The actuators of
+/// a planar arm have poses in the x-y plane.
 SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm);
 
 }  // namespace helix_arm::io

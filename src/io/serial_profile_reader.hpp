@@ -11,9 +11,9 @@ namespace helix_arm::io {
 
 /// Reads the profile of a device on a serial line: the map below `ascii_serial`.
 ///
-/// @param path  of that map, for messages.
+/// @param path  path of that map, for messages.
 /// @param name  the profile's.
-/// @return nothing, and at least one fault, where a rule is broken.
+/// @return nothing, and at least one fault, if a rule is broken.
 std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                                           const std::string& path,
                                                           const std::string& name,

@@ -5,7 +5,7 @@
 
 namespace helix_arm::io {
 
-/// Reads `simulation`; defaults where the scene says nothing.
+/// Reads `simulation`; defaults for what the scene omits.
 SimulationConfig readSimulation(const MapReader& scene, const Value& document, FaultList& faults);
 
 }  // namespace helix_arm::io

@@ -8,7 +8,7 @@
 
 namespace helix_arm::io {
 
-/// What `tags` says.
+/// Content of `tags`.
 struct TagParts {
   std::string family;
   estimation::TagLayout layout;
@@ -16,8 +16,8 @@ struct TagParts {
   lie::SE3 X_BF;  ///< the frame F of tag poses in data sets, seen from the base
 };
 
-/// Reads `tags`; nothing where the scene has none.
-/// @param arm  null where its faults leave none: then what tags say of it is not checked.
+/// Reads `tags`; nothing if the scene has none.
+/// @param arm  null if faults leave none: then references of tags to it are not checked.
 std::optional<TagParts> readTags(const MapReader& scene, const Value& document, const ArmParts* arm,
                                  FaultList& faults);
 

@@ -11,7 +11,7 @@
 
 namespace helix_arm::io {
 
-/// A row of a table that has one for each tag of each capture.
+/// A row of a table with one row per tag of each capture.
 struct TagRow {
   const DataSet& data;
   int row;
@@ -19,16 +19,16 @@ struct TagRow {
 
   int line() const { return data.lines[row]; }
   double operator[](const std::string& column) const { return data.values(row, data.find(column)); }
-  /// A whole number >= 0; -1, and a fault, where it is none.
+  /// A whole number >= 0; otherwise -1 and a fault.
   int number(const std::string& column) const;
 };
 
-/// @param columns  that the table must have beside capture, pressures and tag.
-/// @throws DocumentError naming those that it has not.
+/// @param columns  required besides capture, pressures and tag.
+/// @throws DocumentError naming the missing ones.
 void requireTagColumns(const DataSet& data, const std::vector<std::string>& columns);
 
 /// The captures of a table in the order in which each appears first.
-/// @param readTag  makes a tag, which has an id and a line, of its id and row.
+/// @param readTag  makes a tag, which has an id and a line, from its id and row.
 /// @throws DocumentError with all faults.
 template <class Capture, class ReadTag>
 std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag readTag) {

@@ -11,8 +11,8 @@ namespace helix_arm::io {
 constexpr std::size_t kMostSceneBytes = 1U << 20U;   ///< of a scene or a profile
 constexpr std::size_t kMostTableBytes = 64U << 20U;  ///< of a data set
 
-/// The whole of a regular file of text; nothing, and a fault with the reason, where it cannot be
-/// read, is no text or has more than `most` bytes.
+/// The content of a regular text file; nothing, and a fault with the reason, if it cannot be read,
+/// is not text or has more than `most` bytes.
 std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
                                         FaultList& faults);
 

@@ -6,8 +6,8 @@
 
 namespace helix_arm::io {
 
-/// Reads `tier`, `order`, `accuracy` and `budget`, which say how shapes are computed.
-/// @param arm  null where the faults leave no arm, so that none says what it allows.
+/// Reads `tier`, `order`, `accuracy` and `budget`, which choose how shapes are computed.
+/// @param arm  null if faults leave no arm; then the request is not checked against it.
 statics::TierRequest readTierRequest(const MapReader& scene, const Value& document,
                                      const ArmParts* arm, FaultList& faults);
 

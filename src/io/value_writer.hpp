@@ -8,16 +8,16 @@
 
 namespace helix_arm::io {
 
-/// A value that is written as it stands: a number, true, a word.
+/// A value that is written unquoted: a number, true, a word.
 Value plainValue(const std::string& text);
 /// The shortest text that reads back as the same number.
 Value numberValue(double number);
 Value numbersValue(const Eigen::VectorXd& numbers);
 Value listValue(const std::vector<Value>& values);
 
-/// The value of a map's key, null when there is none, to be changed.
+/// The mutable value of a map's key, null if there is none.
 Value* findValue(Value& map, const std::string& key);
-/// Puts a value in the place of a key's, or at the end.
+/// Replaces the value of a key, or appends the key.
 void setValue(Value& map, const std::string& key, Value value);
 void eraseValue(Value& map, const std::string& key);
 
@@ -31,7 +31,7 @@ class MapWriter {
     set(key, numbersValue(numbers));
   }
   void word(const std::string& key, const std::string& word) { set(key, plainValue(word)); }
-  /// Whatever it looks like, it stays a text.
+  /// Quoted, so that it is read back as text.
   void text(const std::string& key, const std::string& text);
   void list(const std::string& key, const std::vector<Value>& values) {
     set(key, listValue(values));

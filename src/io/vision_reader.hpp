@@ -7,8 +7,8 @@
 
 namespace helix_arm::io {
 
-/// Reads `vision`; defaults where the scene says nothing.
-/// @param family  of the tags; empty where the scene has none.
+/// Reads `vision`; defaults for what the scene omits.
+/// @param family  family of the tags; empty if the scene has none.
 vision::LocalizerConfig readVision(const MapReader& scene, const Value& document,
                                    const std::string& family, FaultList& faults);
 

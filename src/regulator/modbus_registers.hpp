@@ -9,7 +9,7 @@
 
 namespace helix_arm::regulator {
 
-/// Registers as Modbus carries them: in runs.
+/// A set of registers in consecutive runs, as Modbus transfers them.
 class ModbusRegisters {
  public:
   struct Run {
@@ -17,7 +17,7 @@ class ModbusRegisters {
     std::vector<std::uint16_t> words;
   };
 
-  /// @param longest  of a run, >= 1.
+  /// @param longest  longest run, >= 1.
   ModbusRegisters(const std::set<int>& registers, int longest) {
     for (const int number : registers) {
       const bool fits =
@@ -27,7 +27,7 @@ class ModbusRegisters {
     }
   }
 
-  /// One of those that it was made with.
+  /// A register from the constructor's set.
   std::uint16_t& at(int number) {
     return const_cast<std::uint16_t&>(std::as_const(*this).at(number));
   }

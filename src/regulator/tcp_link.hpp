@@ -10,22 +10,23 @@
 
 namespace helix_arm::regulator {
 
-/// Opens TCP connections, each step of it within a time, to a device that one program of this
-/// machine drives at a time.
+/// Opens TCP connections with timeouts to a device that one program on this machine drives at a
+/// time.
 class TcpLink {
  public:
   /// @param host  name or address.
   TcpLink(std::string host, int port);
 
-  /// A connected socket, the caller's to close; small messages leave it at once. The device is this
-  /// program's until release().
+  /// Returns a connected socket, without delay of small messages, which the caller closes. The
+  /// device is locked until release().
   ///
-  /// @param timeout  for the name, and again for each of its addresses, at most three [s].
-  /// @throws LinkError naming host, port, cause and remedy, and who drives the device already.
+  /// @param timeout  for resolving the name, and again for each of at most three addresses [s].
+  /// @throws LinkError naming host, port, cause and remedy, and the program that already drives the
+  /// device.
   int open(double timeout);
-  /// Lets other programs drive the device.
+  /// Unlocks the device for other programs.
   void release() noexcept { lock_.release(); }
-  /// From now on open() connects whoever drives the device.
+  /// Makes open() connect even if another program drives the device.
   void ignoreOthers() noexcept { ignores_others_ = true; }
 
   /// "host:port".
@@ -44,7 +45,7 @@ class TcpLink {
   };
 
   std::vector<Address> resolve(double timeout);
-  /// @throws LinkError where another program drives the device at this address.
+  /// @throws LinkError if another program drives the device at this address.
   void claim(const Address& address);
 
   std::string host_;
@@ -52,7 +53,7 @@ class TcpLink {
   std::string place_;
   DeviceLock lock_;
   bool ignores_others_ = false;
-  /// Of a name server that takes its time; it is asked again once it has answered.
+  /// Pending answer of a slow name server; a new request is made only after it.
   std::shared_future<Resolved> pending_;
 };
 

@@ -6,8 +6,8 @@
 
 namespace helix_arm::simulation {
 
-/// A number in [lower, upper) from a generator; the same on every machine, which the distributions
-/// of the standard library do not promise.
+/// A number in [lower, upper) from a generator. It is the same on every machine, which the
+/// distributions of the standard library do not guarantee.
 template <class Generator>
 double uniform(Generator& generator, double lower, double upper) {
   const double span = static_cast<double>(Generator::max() - Generator::min()) + 1.0;
@@ -17,8 +17,8 @@ double uniform(Generator& generator, double lower, double upper) {
 /// Fills a polygon, its corners in pixels, with smooth edges.
 void fillPolygon(cv::Mat& picture, const cv::Point2d* corners, int count, double gray);
 
-/// What is behind the arm (CV_8UC1): soft light and `clutter` objects with edges like those of tags
-/// and arms, but no tag.
+/// The background (CV_8UC1): soft light and `clutter` objects with edges like those of tags and
+/// arms, without tags.
 cv::Mat paintBackdrop(int width, int height, int clutter, std::uint32_t seed);
 
 }  // namespace helix_arm::simulation

@@ -10,30 +10,30 @@
 
 namespace helix_arm::simulation {
 
-/// An emulated device behind its registers: their map, the apps of its slots, its pressures.
+/// State of an emulated device: its register map, the apps of its slots, its pressures.
 class ModbusImage {
  public:
   /// Not ready, vented.
   explicit ModbusImage(const ModbusDeviceConfig& config);
 
-  /// What modbus_reply() answers from and writes to.
+  /// The registers that modbus_reply() reads and writes.
   modbus_mapping_t* map() { return map_.get(); }
 
-  /// As after switching it on.
+  /// Restarts, as after power-on.
   void restart();
-  /// Without anybody on the other end: apps that run end, and wait for another word.
+  /// The last connection is gone: running apps end and wait for another command.
   void loseLink();
   void jam(int slot, bool jammed);
-  /// Whether such a request touches registers of the device alone.
+  /// Whether a request touches only registers that the device has.
   bool allows(int function, int first, int count) const;
-  /// Lets time pass up to now [s].
+  /// Advances the simulation to now [s].
   void catchUp(double now);
-  /// Brings the input registers up to date.
+  /// Updates the input registers.
   void measure(DeviceFault fault);
-  /// From now on read what is read now, under kStuckValue.
+  /// Freezes the readings, for kStuckValue.
   void stick();
   void fail(regulator::AirFault fault) { regulator_.fail(fault); }
-  /// Does what the output registers say.
+  /// Executes the output registers.
   void obey(double now);
 
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
@@ -60,7 +60,7 @@ class ModbusImage {
   const double activation_time_;
   std::vector<Slot> slots_;
   regulator::SimulatedRegulator regulator_;
-  Eigen::VectorXd follows_;  // what each place goes to [Pa]
+  Eigen::VectorXd follows_;  // pressure that each place follows [Pa]
   std::vector<std::uint16_t> stuck_;
   double time_;  // of the pressures [s]
   std::unique_ptr<modbus_mapping_t, void (*)(modbus_mapping_t*)> map_;

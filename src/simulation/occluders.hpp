@@ -7,17 +7,17 @@
 
 namespace helix_arm::simulation {
 
-/// Bars that wander through the picture, before everything else.
+/// Bars that move through the picture, in front of everything else.
 class Occluders {
  public:
   /// @param count  of bars, >= 0.
   Occluders(int count, std::mt19937& generator);
 
-  /// Draws the bars as they lie in the picture of this number.
+  /// Draws the bars at their positions in picture number picture_number.
   void draw(int picture_number, cv::Mat& picture) const;
 
  private:
-  // All in fractions of the picture and radians a picture.
+  // In fractions of the picture and radians per picture.
   struct Bar {
     double x_rate, x_phase, y_rate, y_phase, turn_rate, turn_phase, half_width, half_length, gray;
   };

@@ -5,10 +5,10 @@
 
 namespace helix_arm::simulation {
 
-/// The device's end of a pseudo terminal, which nobody has opened on the other end yet.
+/// The device's end of a pseudo terminal whose other end is not open yet.
 class PseudoTerminal {
  public:
-  /// @throws std::runtime_error where the system gives none.
+  /// @throws std::runtime_error if the system provides none.
   PseudoTerminal();
   ~PseudoTerminal();
   PseudoTerminal(const PseudoTerminal&) = delete;
@@ -16,9 +16,9 @@ class PseudoTerminal {
 
   int file() const { return file_; }                 ///< to wait for
   const std::string& path() const { return path_; }  ///< of the other end
-  /// What has come, perhaps nothing; absent while nobody is on the other end.
+  /// Received bytes, possibly none; absent while the other end is not open.
   std::optional<std::string> receive();
-  /// What does not fit is lost, as on a line that nobody reads.
+  /// Sends bytes; those that do not fit are lost, as on a line that nobody reads.
   void send(const std::string& bytes);
 
  private:
@@ -26,19 +26,19 @@ class PseudoTerminal {
   std::string path_;
 };
 
-/// A symlink that stands as long as the object.
+/// A symlink that exists as long as the object.
 class DeviceLink {
  public:
-  /// @param path  empty: none is made.
+  /// @param path  if empty, no link is made.
   explicit DeviceLink(std::string path) : path_(std::move(path)) {}
   ~DeviceLink();
   DeviceLink(const DeviceLink&) = delete;
   DeviceLink& operator=(const DeviceLink&) = delete;
 
   const std::string& path() const { return path_; }
-  /// Lets it point there, in one step.
-  /// @throws std::runtime_error where it cannot, or where something else has its place: what is no
-  /// symlink, or one to another pseudo terminal that exists.
+  /// Points the link to the target, atomically.
+  /// @throws std::runtime_error if it cannot, or if its path is taken: by anything but a symlink,
+  /// or by one to another existing pseudo terminal.
   void pointTo(const std::string& target);
 
  private:

@@ -13,28 +13,28 @@
 
 namespace helix_arm::simulation {
 
-/// What an emulated device understands and answers, and what its valves do, without line or clock.
+/// Protocol and valves of an emulated device, without line or clock.
 class SerialDialogue {
  public:
-  /// @throws std::invalid_argument naming what breaks its rule.
+  /// @throws std::invalid_argument naming the value and its rule.
   explicit SerialDialogue(const SerialDeviceConfig& config);
 
-  /// Lets time pass [s].
+  /// Advances time by dt [s].
   void step(double dt);
-  /// Does what a line says.
-  /// @return whether it was understood, whether it sets, and the answer to be sent, if any.
+  /// Executes a line.
+  /// @return whether it was understood, whether it has set points, and the answer to send, if any.
   struct Outcome {
     bool understood = false;
     bool sets = false;
     std::optional<std::string> answer;  // without a terminator
   };
   Outcome take(const std::string& line, DeviceFault fault);
-  /// What it says unasked, if it speaks.
+  /// The next unsolicited line, if it sends any.
   std::optional<std::string> unasked(DeviceFault fault);
-  /// What its readings are stuck at, from now on.
+  /// Freezes the readings, for kStuckValue.
   void rememberReadings() { stuck_ = simulated_.pressure(); }
   void fail(regulator::AirFault fault) { simulated_.fail(fault); }
-  /// As after its power came back.
+  /// Restarts, as after power-on.
   void restart();
 
   const Eigen::VectorXd& pressure() const { return simulated_.pressure(); }
@@ -49,14 +49,14 @@ class SerialDialogue {
 
   SerialDeviceConfig config_;
   regulator::SerialLines lines_;
-  bool vents_by_mode_;  // by a line that is no set point
+  bool vents_by_mode_;  // by a line that is not a set point
   regulator::SimulatedRegulator simulated_;
   Eigen::VectorXd set_point_;
   std::vector<control::Valve> valves_;
-  std::vector<bool> held_;  // (channels) until it is told to resume
+  std::vector<bool> held_;  // (channels) until a resume line
   Eigen::VectorXd stuck_;
   bool speaks_ = false;
-  double silence_ = 0;  // since a line came [s]
+  double silence_ = 0;  // time since the last line [s]
 };
 
 }  // namespace helix_arm::simulation

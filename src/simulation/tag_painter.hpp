@@ -11,17 +11,17 @@
 
 namespace helix_arm::simulation {
 
-/// Culprit of messages.
+/// Subject of error messages.
 inline constexpr char kSimulatedCamera[] = "simulated camera";
 
-inline constexpr double kFarOff = 2e4;  ///< no pixel is drawn beyond [px]
+inline constexpr double kFarOff = 2e4;  ///< limit of pixel coordinates that are drawn [px]
 
-/// Paints the tags of an arm as a camera with distortion sees them, every pixel by the exact area
-/// of the card that it shows.
+/// Paints the tags of an arm as a camera with distortion sees them. Each pixel is computed from the
+/// exact area of the card that it covers.
 class TagPainter {
  public:
   /// @param view   valid.
-  /// @param bleed  that white bleeds into black at each edge [m].
+  /// @param bleed  width by which white bleeds into black at each edge [m].
   /// @throws std::invalid_argument on a bleed of half a cell or more, or a tag that the family does
   /// not have.
   TagPainter(const estimation::ArmView& view, const vision::TagFamily& family, double bleed);
@@ -31,7 +31,7 @@ class TagPainter {
   void draw(int tag, const lie::SE3& X_CT, cv::Mat& picture);
 
  private:
-  // Where a corner of a pixel looks through a tag's plane.
+  // Intersection of the ray through a pixel's corner with a tag's plane.
   struct PlanePoint {
     bool valid = false;
     TagPattern::Point point{};
@@ -46,7 +46,7 @@ class TagPainter {
   double cells_;        // across a card
   cv::Mat directions_;  // (CV_32FC2) (x/z, y/z) seen at the corners of the pixels
   std::vector<TagPattern> patterns_;
-  // Of the tag in work.
+  // Of the current tag.
   std::vector<PlanePoint> above_, below_;
   std::vector<TagPattern::Areas> lines_above_, lines_below_;
 };

@@ -62,7 +62,7 @@ struct ArmLocalizer::Workspace {
     sight.by_edges = found.by_edges;
     sight.by_regions = found.by_regions;
     sight.whole_picture = found.whole_picture;
-    sight.foreign_ids.clear();
+    sight.unknown_ids.clear();
     sight.repeated_ids.clear();
     sight.unusable_ids.clear();
     seen.clear();
@@ -75,7 +75,7 @@ struct ArmLocalizer::Workspace {
       const bool repeated = (i + 1 < tags.size() && tags[i + 1].id == id) ||
                             (!found.whole_picture && contains(copied_ids, id));
       if (tag < 0) {
-        sight.foreign_ids.push_back(id);
+        sight.unknown_ids.push_back(id);
       } else if (repeated) {
         sight.repeated_ids.push_back(id);
       } else {

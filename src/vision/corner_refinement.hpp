@@ -7,13 +7,13 @@
 
 namespace helix_arm::vision {
 
-/// Moves the corners of a tag to where the lines through its edges cross. An edge runs where the
-/// gray level is half-way between those in the middle of the cells on its two sides; what lies
-/// beyond these cells does not matter.
+/// Moves the corners of a tag to the intersections of the lines through its edges. An edge lies
+/// where the gray level is half-way between the centres of the cells on its two sides; pixels
+/// beyond these cells have no influence.
 ///
-/// @param reach    how far off the corners may be [px].
+/// @param reach    maximum error of the given corners [px].
 /// @param corners  [px]
-/// @return the corners as they were where the edges lead farther away.
+/// @return the corners unchanged if the edges are farther away.
 estimation::Corners refineCorners(const cv::Mat& gray, const TagFamily& family, double reach,
                                   const estimation::Corners& corners);
 

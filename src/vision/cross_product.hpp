@@ -4,7 +4,7 @@
 
 namespace helix_arm::vision {
 
-/// z of the cross product of two vectors in the picture.
+/// z component of the cross product of two image vectors.
 inline double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
 }

@@ -11,8 +11,8 @@
 
 namespace helix_arm::vision {
 
-/// Samples of a picture (CV_8UC1), which must outlive this; beyond the picture the gray levels at
-/// its border. Places are in pixels, the middle of the first one (0, 0).
+/// Samples a picture (CV_8UC1), which must outlive this object. Outside the picture, the gray
+/// levels of its border apply. Coordinates are in pixels; (0, 0) is the centre of the first one.
 class GrayPicture {
  public:
   explicit GrayPicture(const cv::Mat& gray)
@@ -28,7 +28,7 @@ class GrayPicture {
 
   /// Gray level at p, bilinear.
   float at(const Eigen::Vector2d& p) const {
-    // In this order what is not a number becomes 0.
+    // In this order, NaN becomes 0.
     const float x = std::min(std::max(0.0F, static_cast<float>(p.x())), columns_ - 1.0F);
     const float y = std::min(std::max(0.0F, static_cast<float>(p.y())), rows_ - 1.0F);
     const int column = std::min(static_cast<int>(x), columns_ - 2);
@@ -41,10 +41,10 @@ class GrayPicture {
     return above + v * (below - above);
   }
 
-  /// The pixels nearest to n points in a row, a step apart.
+  /// The pixels nearest to n points on a line, one step apart.
   void ray(const Eigen::Vector2d& start, const Eigen::Vector2d& step, int n,
            std::int16_t* levels) const {
-    // 16 bits for what is behind the point.
+    // Fixed point with 16 fractional bits.
     const auto fixed = [](double value) { return static_cast<std::int64_t>(65536 * value); };
     std::int64_t x = fixed(start.x() + 0.5), y = fixed(start.y() + 0.5);
     const std::int64_t dx = fixed(step.x()), dy = fixed(step.y());

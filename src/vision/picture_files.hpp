@@ -10,10 +10,11 @@
 
 namespace helix_arm::vision {
 
-/// What a picture's size [px] alone says against it, to be known before it is decoded.
+/// Checks a picture's size [px] before it is decoded. @return the fault; nothing if the size is
+/// acceptable.
 std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
 
-/// Pictures of files, each by itself; see FrameSource::files().
+/// Independent pictures from files; see FrameSource::files().
 std::unique_ptr<FrameSource> pictureFiles(std::vector<std::filesystem::path> paths,
                                           std::optional<cv::Size> expected);
 

@@ -7,14 +7,14 @@
 
 namespace helix_arm::vision {
 
-/// The face of a tag in the picture, which must outlive this; u to the right and v downwards from
-/// its left upper corner, in cells.
+/// The face of a tag in a picture, which must outlive this object. Coordinates in cells: u to the
+/// right and v downwards from its top left corner.
 class TagFace {
  public:
   /// @param corners  [px] of the border's outer edge. @param cells  along it.
   TagFace(const GrayPicture& picture, const estimation::Corners& corners, int cells);
 
-  /// Sizes of a cell along u and v, on average [px].
+  /// Mean size of a cell along u and v [px].
   const Eigen::Vector2d& cell() const { return cell_; }
 
   /// Gray level at (u, v).
@@ -28,24 +28,24 @@ class TagFace {
   Eigen::Matrix2d axes_;
 };
 
-/// What the cells of a face show of a tag's bits.
+/// A tag's bits as read from a face.
 struct TagBits {
   bool closed = true;         ///< all of the border is black
-  int wrong = 0;              ///< bits that are not the tag's
-  double margin = 0;          ///< of black and white from the threshold [gray levels]
+  int wrong = 0;              ///< number of wrong bits
+  double margin = 0;          ///< distance of black and white from the threshold [gray levels]
   Eigen::Vector3d threshold;  ///< between black and white, over (u, v, 1)
 };
 TagBits readBits(const TagFace& face, const TagPattern& pattern);
 
-/// How far off the edges between the cells may put a corner.
+/// Maximum disagreement between a corner and the edges between the cells.
 struct EdgeTolerance {
   double px;
   double cells;       ///< paper bends and lenses distort
-  double deviations;  ///< standard ones, of the noise
-  double most_px;     ///< whatever the noise
+  double deviations;  ///< standard deviations of the noise
+  double most_px;     ///< upper bound for any noise
 };
 
-/// Whether the edges between the cells put the corners where they are.
+/// Whether the edges between the cells agree with the corners.
 bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern,
                      const Eigen::Vector3d& threshold, const EdgeTolerance& tolerance);
 

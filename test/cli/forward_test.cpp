@@ -79,7 +79,7 @@ TEST(Forward, AnArmThatNothingLoadsIsInClosedForm) {
   EXPECT_EQ(spatial["status"], "converged");
   EXPECT_TRUE(spatial["failure"].is_null());
   EXPECT_EQ(spatial["iterations"], 0);
-  EXPECT_EQ(spatial["residual"], 0.0);
+  EXPECT_EQ(spatial["relative_residual"], 0.0);
   EXPECT_EQ(spatial["tip_error_percent"], 0.0);
   EXPECT_FALSE(spatial.contains("pieces"));
   EXPECT_FALSE(spatial.contains("piece_twist"));

@@ -54,7 +54,7 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
     } else {
       EXPECT_TRUE(result["order"].is_null());
     }
-    EXPECT_EQ(result["reason"], model.choice().reason);
+    EXPECT_EQ(result["tier_reason"], model.choice().reason);
     EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().tip_error, 1e-12);
     EXPECT_EQ(result["status"], "converged");
     EXPECT_EQ(result["iterations"], expected.iterations);
@@ -179,7 +179,7 @@ TEST(ForwardLoaded, WhatDoesNotConvergeIsSaidAndExitsWithOne) {
   const nlohmann::json result = outcome.json();
   EXPECT_EQ(result["status"], "not_converged");
   EXPECT_NE(result["failure"].get<std::string>().find("less load"), std::string::npos);
-  EXPECT_GT(result["residual"].get<double>(), 1e-6);
+  EXPECT_GT(result["relative_residual"].get<double>(), 1e-6);
   EXPECT_TRUE(result["tip_error_percent"].is_null());
   std::vector<std::string> csv = heavy;
   csv.insert(csv.begin(),

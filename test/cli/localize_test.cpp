@@ -69,7 +69,7 @@ TEST_F(Localize, GivesEveryPictureItsTags) {
     EXPECT_EQ(frame["state"], "measured");
     EXPECT_EQ(frame["reason"], nullptr);
     EXPECT_GE(frame["tags"].size(), 4u);
-    EXPECT_EQ(frame["foreign_tags"], json::array());
+    EXPECT_EQ(frame["unknown_tags"], json::array());
     int last = -1;
     for (const json& tag : frame["tags"]) {
       EXPECT_GT(tag["id"], last);

@@ -98,13 +98,13 @@ TEST(Trade, MorePointsDrawTheCurveBetter) {
   double last = 1e9;
   for (const int points : {4, 8, 16, 24, 48, 96}) {
     const double error =
-        rowOf(rows, "muscles", std::to_string(points) + " points a section")["tip_error_percent"];
+        rowOf(rows, "muscles", std::to_string(points) + " points per section")["tip_error_percent"];
     EXPECT_LT(error, last);
     last = error;
   }
   // A chord leaves a curve by the square of its length.
-  const double coarse = rowOf(rows, "base curve", "8 points a section")["tip_error_percent"];
-  const double fine = rowOf(rows, "base curve", "16 points a section")["tip_error_percent"];
+  const double coarse = rowOf(rows, "base curve", "8 points per section")["tip_error_percent"];
+  const double fine = rowOf(rows, "base curve", "16 points per section")["tip_error_percent"];
   EXPECT_NEAR(coarse / fine, 4.0, 0.4);
 }
 

@@ -243,7 +243,7 @@ TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
   EXPECT_EQ(none.exit_code, 1);
   const nlohmann::json result = none.json();
   EXPECT_EQ(result["unbalanced"], 400);
-  EXPECT_EQ(result["failure"], "at no sampled input a shape balances the load");
+  EXPECT_EQ(result["failure"], "no shape balances the load at any sampled input");
   for (const char* key :
        {"bounds_m", "reach_m", "sampled_bounds_m", "sampled_reach_m", "out", "sensitivity"}) {
     EXPECT_TRUE(result[key].is_null()) << key;

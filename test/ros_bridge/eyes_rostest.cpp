@@ -215,7 +215,8 @@ TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
       (vectorOf(error->twist) - vectorOf(measured->twist) + Eigen::VectorXd(bent_.col(0))).norm(),
       1e-12);
   EXPECT_NEAR(error->tip_error, tipDistance(*measured, bent_), 1e-12);
-  EXPECT_NEAR(error->tip_error_percent, 100 * error->tip_error / bent_.col(0).head<3>().norm(), 1e-9);
+  EXPECT_NEAR(error->tip_error_percent, 100 * error->tip_error / bent_.col(0).head<3>().norm(),
+              1e-9);
   EXPECT_GT(error->tip_sigma, 0);
   EXPECT_GT(error->tag_rms, 0);
 }

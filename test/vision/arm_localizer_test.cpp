@@ -68,7 +68,7 @@ TEST_P(EachMode, AMovingArmIsMeasuredInEveryPicture) {
     ASSERT_EQ(sight.state, SightState::kMeasured) << "picture " << i;
     EXPECT_LT(tipError(sight, series.truth[i]), 0.0005);
     EXPECT_EQ(sight.fit.outliers(), 0);
-    EXPECT_TRUE(sight.foreign_ids.empty());
+    EXPECT_TRUE(sight.unknown_ids.empty());
     whole += sight.whole_picture ? 1 : 0;
   }
   if (GetParam() == TrackingMode::kFull) {
@@ -123,7 +123,7 @@ TEST_F(ArmLocalizerTest, TagsOfOthersAreNamedAndLeftAlone) {
   ArmLocalizer localizer(known, {});
   const Sight& sight = localizer.locate(picture(twists), twists);
   EXPECT_EQ(sight.state, SightState::kMeasured);
-  EXPECT_EQ(sight.foreign_ids, std::vector<int>{foreign});
+  EXPECT_EQ(sight.unknown_ids, std::vector<int>{foreign});
   EXPECT_LT(tipError(sight, twists), 0.0005);
 }
 

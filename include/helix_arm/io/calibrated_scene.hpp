@@ -13,38 +13,38 @@
 
 namespace helix_arm::io {
 
-/// What a calibration puts in place of what a scene says; what is absent stays.
+/// Changes of a scene by a calibration; absent members leave the scene as it is.
 struct SceneCalibration {
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
   std::optional<double> K_eps;                ///< of every section [N]
-  /// (actuators) factors on the lengths that it has now, or that its new curves give.
+  /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
-  std::optional<lie::SE3> X_CB;               ///< base seen from the camera: moves the camera
-  std::optional<lie::SE3> X_BF;               ///< frame of tag poses seen from the base
-  std::optional<estimation::TagLayout> tags;  ///< placements of the same tags; its size is not read
-  double bleed = 0;                           ///< tags look so much smaller at each edge [m]
-  /// Curves that replace those of the same names, fitted, and the length scales that these had.
+  std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera
+  std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
+  /// Placements of the same tags; the tag size is ignored.
+  std::optional<estimation::TagLayout> tags;
+  double bleed = 0;  ///< width by which tags look smaller at each edge [m]
+  /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   Provenance provenance;
 };
 
-/// The changes of a scene that follow from a calibration that succeeded. Contractions and
-/// provenance are left empty.
+/// The changes of a scene that follow from a successful calibration. Contractions and provenance
+/// are left empty.
 ///
-/// @param fitted  what was asked for; only these parameters are changed.
-/// @param corners  whether the captures were of tag corners. The base then moves the camera,
-/// otherwise the frame of tag poses. With corners the scene has a camera.
+/// @param fitted  the requested parameters; only these are changed.
+/// @param corners  whether the captures were of tag corners. If true, the base moves the camera,
+/// and the scene must have one; otherwise it moves the frame of tag poses.
 SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
                            const std::set<estimation::FitParameter>& fitted, bool corners);
 
-/// The text of a scene file with a calibration in it: loading it gives the calibrated scene, whose
-/// X_CB and placements agree to 1e-12. The comments of the file are not kept.
-/// @param sha256  of the file that the calibration is of; empty: of whatever it holds now.
-/// @throws DocumentError where the file cannot be read, is not the one that was calibrated or
-/// breaks its rules, before or after: also where an actuator's limits reach beyond a new curve.
-/// @throws std::invalid_argument on what the scene has no place for: a camera pose without a
-/// camera, tags that are not the scene's, another number of actuators, a contraction that it does
-/// not have.
+/// The text of a scene file with a calibration applied: loading it gives the calibrated scene,
+/// whose X_CB and placements agree to 1e-12. The comments of the file are not kept.
+/// @param sha256  hash of the calibrated file; empty to accept its current content.
+/// @throws DocumentError if the file cannot be read, is not the calibrated one, or breaks its rules
+/// before or after the change, including actuator limits beyond a new curve.
+/// @throws std::invalid_argument on changes that do not fit the scene: a camera pose without a
+/// camera, other tags, another number of actuators, an unknown contraction.
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
                                 const SceneCalibration& calibration,
                                 const std::string& sha256 = {});

@@ -11,22 +11,22 @@ struct DataSet {
   std::string path;
   std::vector<std::string> columns;
   Eigen::MatrixXd values;  ///< (rows x columns), in the units of the file; all finite
-  std::vector<int> lines;  ///< (rows) where each row stands in the file, counted from 1
-  std::string sha256;      ///< of the bytes that it was read from
+  std::vector<int> lines;  ///< (rows) line of each row in the file, counted from 1
+  std::string sha256;      ///< hash of the bytes that were read
 
-  /// Index of a column, -1 when absent.
+  /// Index of a column, -1 if absent.
   int find(const std::string& column) const;
 };
 
-/// Reads a regular file once; what is read is bounded before it costs memory: 64 MiB, 200,000 rows,
+/// Reads a regular file once. Its size is limited before memory is allocated: 64 MiB, 200,000 rows,
 /// 1000 columns, 4 million cells.
-/// @throws DocumentError with all faults: `file:line column rule`, and no cell of the file; also on
-/// a missing file, no header or no rows.
+/// @throws DocumentError with all faults: `file:line column rule`, without any cell of the file;
+/// also if the file is missing or has no header or no rows.
 DataSet loadDataSet(const std::string& path);
 
 /// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a
 /// missing column is 0.
-/// @throws DocumentError when there is none, or one beyond the last actuator.
+/// @throws DocumentError if there is no such column, or one beyond the last actuator.
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators);
 
 }  // namespace helix_arm::io

@@ -8,29 +8,30 @@
 
 namespace helix_arm::io {
 
-/// What is wrong with a document: all of it at once, one line a fault: `file:line key value rule`.
-/// However many faults a document has and however long its words are, the list stays small: the
-/// first kMostKept are kept, each of kMostBytes at most, and the others are counted.
+/// All faults of a document, one line per fault: `file:line key value rule`.
+/// The size of the list is limited: the first kMostKept faults are kept, each with at most
+/// kMostBytes, and the others are counted.
 class FaultList {
  public:
   static constexpr std::size_t kMostKept = 100;
-  static constexpr std::size_t kMostBytes = 1000;  ///< of a fault, without its file and line
+  /// Maximum size of a fault, without its file and line.
+  static constexpr std::size_t kMostBytes = 1000;
 
   explicit FaultList(std::string file) : file_(std::move(file)) {}
 
   /// An empty list of the same document.
   FaultList ofSameFile() const { return FaultList(file_); }
-  /// @param line  counted from 1; 0 where a fault has no line of its own.
+  /// @param line  counted from 1; 0 if the fault has no line.
   void add(int line, const std::string& fault);
   /// Adds the faults of another document, each with its own file.
   void append(const FaultList& other);
   bool empty() const { return count_ == 0; }
-  /// Of all faults, those that are not kept included.
+  /// Number of all faults, including those not kept.
   std::size_t count() const { return count_; }
-  /// Those that are kept.
+  /// The kept faults.
   const std::vector<std::string>& faults() const { return faults_; }
-  /// @throws DocumentError with every fault that is kept, and the number of the others, when there
-  /// are any.
+  /// @throws DocumentError with the kept faults and the number of the others, if there are any
+  /// faults.
   void throwIfAny() const;
 
  private:
@@ -39,7 +40,7 @@ class FaultList {
   std::size_t count_ = 0;
 };
 
-/// A document that breaks its rules; what() holds its faults, one a line.
+/// A document that breaks its rules; what() holds its faults, one per line.
 class DocumentError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

@@ -6,21 +6,22 @@
 
 namespace helix_arm::io {
 
-/// The finite number that a text spells, whatever the locale: "-1.5e-3", but not "1.5 kPa", "nan"
-/// or "0x10".
+/// Parses a finite number, independent of the locale: accepts "-1.5e-3", refuses "1.5 kPa", "nan"
+/// and "0x10".
 std::optional<double> parseNumber(const std::string& text);
 
 /// The shortest decimal that reads back as the same number.
 std::string formatNumber(double value);
 
-/// Numbers as a message lists them: "1, 2, 5", of many the first 20 and how many more there are.
+/// Numbers as a list for messages: "1, 2, 5"; of more than 20, the first 20 and the number of the
+/// others.
 std::string listOf(const std::vector<int>& numbers);
 
-/// The one place where kilopascals of files and command lines become pascals: equal kPa give equal
-/// Pa, so a pressure at its limit stays inside.
+/// Converts kilopascals of files and command lines to pascals. Used everywhere, so that equal kPa
+/// give equal Pa and a pressure at its limit stays inside.
 constexpr double pascals(double kpa) { return kpa * 1e3; }
 
-/// The kilopascals that pascals() turns into this pressure; where no number does, the nearest one.
+/// Inverse of pascals(); the nearest number if there is no exact one.
 double kilopascals(double pa);
 
 }  // namespace helix_arm::io

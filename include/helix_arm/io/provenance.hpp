@@ -6,34 +6,33 @@
 
 namespace helix_arm::io {
 
-/// Where a calibrated scene comes from and how far to trust it: the key `calibration` of a scene.
-/// Nothing of it enters the model.
+/// Origin and quality of a calibrated scene: its key `calibration`. It does not affect the model.
 struct Provenance {
-  /// What the calibration was made from.
+  /// One source of the calibration.
   struct Data {
-    std::string file;    ///< as it was named then
+    std::string file;    ///< path as given to the calibration
     std::string sha256;  ///< of its content, 64 hexadecimal digits
-    int captures;        ///< that it holds, >= 0
+    int captures;        ///< number of captures, >= 0
   };
-  /// One calibrated number, in the unit that its name goes with.
+  /// One calibrated number, in the unit of its name.
   struct Parameter {
-    std::string name;  ///< a word, unlike the others'
+    std::string name;  ///< unique word
     double value;
     double standard_error;  ///< >= 0
-    bool identifiable;      ///< the data said more of it than was known
+    bool identifiable;      ///< the data determined it better than the prior
     std::string unit;       ///< may be empty
   };
 
   std::string date;             ///< of the calibration, UTC: 2026-01-31T12:00:00Z
   std::string package_version;  ///< that made it
-  std::string from;             ///< path of the scene it began with
+  std::string from;             ///< path of the initial scene
   std::string from_sha256;      ///< of its content; may be empty
-  std::string overrides;        ///< of its keys: `key=value`, joined by blanks; may be empty
-  std::vector<Data> data;       ///< at least one; those of other arms as well
+  std::string overrides;  ///< overrides of its keys: `key=value`, separated by blanks; may be empty
+  std::vector<Data> data;  ///< at least one; includes those of other arms
   std::vector<Parameter> parameters;
-  double rms;                            ///< of the residuals that fit, >= 0
-  std::optional<double> held_out_error;  ///< of what was left out of the fit, >= 0
-  std::string error_unit;                ///< of both: rad, px or m
+  double rms;                            ///< RMS of the inlier residuals, >= 0
+  std::optional<double> held_out_error;  ///< error on held-out data, >= 0
+  std::string error_unit;                ///< unit of both: rad, px or m
 };
 
 }  // namespace helix_arm::io

@@ -27,10 +27,10 @@ namespace helix_arm::io {
 struct CameraConfig {
   estimation::Camera model;                    ///< its intrinsics
   lie::SE3 X_WC;                               ///< optical frame C (z forward) seen from the world
-  std::optional<vision::WebcamConfig> webcam;  ///< where it is one of this machine's
+  std::optional<vision::WebcamConfig> webcam;  ///< if it is connected to this machine
 };
 
-/// What the simulated rig does better, or worse, than its scene says.
+/// Deviations of the simulated rig from its scene.
 struct SimulationConfig {
   simulation::ArmDeviation arm;
   simulation::MountDeviation mounts;
@@ -44,39 +44,37 @@ struct SafetyConfig {
   std::vector<control::ChannelRules> channels;  ///< (actuators); empty for an arm with tendons
 };
 
-/// One scene file: all there is to know of an arm and its rig. What the file leaves out is absent
-/// here.
+/// The content of one scene file: an arm and its rig. What the file omits is absent here.
 struct Scene {
   std::string name;
   std::vector<std::string> contractions;  ///< names of its curves
   lie::SE3 X_WB;                          ///< arm base B seen from the world W
   model::Arm arm;                         ///< the arm in space; of a planar scene, its embedding
-  /// The arm in its plane, where the scene says `geometry: planar`.
+  /// The arm in its plane, if the scene says `geometry: planar`.
   std::optional<model::PlanarArm> planar;
-  /// The same arm with what loads it, behind the tier that the scene asks for or needs.
+  /// The same arm with its load, computed by the tier that the scene asks for or needs.
   statics::ArmModel model;
   std::vector<SectionLook> looks;  ///< (sections)
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;
-  estimation::TagPrior tag_prior;  ///< how well their placements are known
-  /// The frame F in which data sets give the poses of tags, seen from the base.
+  estimation::TagPrior tag_prior;  ///< uncertainty of their placements
+  /// Frame F of tag poses in data sets, seen from the base.
   lie::SE3 X_BF;
   std::optional<CameraConfig> camera;
-  /// How pictures are searched and fitted. The family of the tags is in it; defaults where the file
-  /// says nothing.
+  /// How pictures are searched and fitted, including the family of the tags. Values that the file
+  /// omits have their defaults.
   vision::LocalizerConfig vision;
   SimulationConfig simulation;
   SafetyConfig safety;
   std::optional<Provenance> calibration;  ///< where it was calibrated
-  /// SHA-256 of the bytes that were read of its file, overrides left out; empty where it is of
-  /// none.
+  /// SHA-256 of the bytes read from its file, without overrides; empty if it is not from a file.
   std::string sha256;
 
   /// The arm's base seen from the camera. Only with a camera.
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
   /// What the camera looks at. Only with a camera and tags.
   estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
-  /// What its simulated camera is made of: camera and tags where they truly are, the arm drawn as
+  /// Configuration of its simulated camera: camera and tags at their true poses, the arm drawn as
   /// thick as its widest section. Nothing without a camera or tags.
   std::optional<simulation::CameraSetup> cameraSetup() const;
 };
@@ -85,13 +83,13 @@ struct Scene {
 /// @throws DocumentError with all faults: `file:line key value rule`.
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides = {});
 
-/// The scene that a text describes, as calibratedSceneText() gives it.
-/// @param name  of the file in faults. @throws as loadScene() does.
+/// The scene that a text describes, for example from calibratedSceneText().
+/// @param name  file name used in faults. @throws as loadScene() does.
 Scene sceneOfText(const std::string& text, const std::string& name);
 
-/// A scene file that holds the overrides itself: loading it gives the same scene without them. The
-/// text as it is where there are none, else without its comments.
-/// @throws DocumentError where the file cannot be read, is not YAML or an override does not apply.
+/// The text of a scene file with the overrides applied: loading it gives the same scene without
+/// them. The text is unchanged if there are none; otherwise it loses its comments.
+/// @throws DocumentError if the file cannot be read, is not YAML or an override does not apply.
 std::string sceneText(const std::string& path, const std::vector<Override>& overrides = {});
 
 }  // namespace helix_arm::io

@@ -4,7 +4,7 @@
 
 namespace helix_arm::io {
 
-/// How one section is drawn; nothing of it enters the model.
+/// How one section is drawn; no effect on the model.
 struct SectionLook {
   std::string name;
   int separators = 8;              ///< discs along the section, >= 2

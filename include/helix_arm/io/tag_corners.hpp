@@ -9,16 +9,16 @@
 
 namespace helix_arm::io {
 
-/// Where a picture shows one tag.
+/// Corners of one tag in a picture.
 struct TagCorners {
   int id;                       ///< in its family
-  estimation::Corners corners;  ///< in the picture, distorted as it is [px]
-  int line = 0;                 ///< where it stands in a file
+  estimation::Corners corners;  ///< in the picture, with lens distortion [px]
+  int line = 0;                 ///< line in the file
 };
 
-/// All tags that were seen at one time.
+/// All tags seen at one time.
 struct TagCornerCapture {
-  int number;                ///< as the file counts them, >= 0
+  int number;                ///< number in the file, >= 0
   Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
   std::vector<TagCorners> tags;
 };
@@ -29,10 +29,10 @@ struct TagCornerCapture {
 /// number >= 0, a tag twice in one capture, pressures that change within a capture.
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators);
 
-/// The text of such a data set; loading it gives the same numbers, without captures that saw no
-/// tag.
+/// The text of such a data set; loading it gives the same numbers, without captures that have no
+/// tags.
 /// @param actuators  of the arm, >= 1.
-/// @param comment    lines of text that it begins with, empty for none.
+/// @param comment    initial comment lines, empty for none.
 /// @throws std::invalid_argument on a capture with another number of pressures.
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
                          const std::string& comment);

@@ -12,7 +12,7 @@
 /// The measurements that a calibration is made from.
 namespace helix_arm::procedures {
 
-/// What was measured.
+/// Measurements of one arm.
 struct CalibrationData {
   std::vector<estimation::Capture> captures;
   std::vector<estimation::LengthSample> lengths;
@@ -20,8 +20,8 @@ struct CalibrationData {
   std::vector<std::string> warnings;
 };
 
-/// Adds the captures of one file; where numbers are taken they are counted on, and a warning says
-/// so.
+/// Adds the captures of one file. If their numbers are already used, they are renumbered, with a
+/// warning.
 void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
                  CalibrationData& data);
 
@@ -29,8 +29,8 @@ void addCaptures(std::vector<estimation::Capture> captures, const std::string& f
 /// @throws DocumentError with every fault of a file.
 CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
 
-/// Data that is given twice would count twice: the message that names two sources with the same
-/// content, if there are any.
+/// The message that names two sources with the same content, if there are any; such data would
+/// count twice.
 std::optional<std::string> repeatedSource(const std::vector<io::Provenance::Data>& sources);
 
 }  // namespace helix_arm::procedures

@@ -8,12 +8,12 @@
 
 namespace helix_arm::procedures {
 
-/// How a calibration run goes through its pressures.
+/// Rules of a calibration run.
 struct RunRules {
   static constexpr int kMaxCaptures = 5;
 
   int captures = 3;      ///< pictures of the arm at rest at each pressure, 1 to kMaxCaptures
-  double ramp = 1e5;     ///< how fast a pressure may change, > 0 [Pa/s]
+  double ramp = 1e5;     ///< maximum rate of change of a pressure, > 0 [Pa/s]
   double patience = 30;  ///< longest wait for each capture, > 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -22,43 +22,43 @@ struct RunRules {
 
 enum class RunPhase {
   kRamping,    ///< to the pressures of the step
-  kSettling,   ///< until they and the shape stand still, and while captures are taken
+  kSettling,   ///< waiting until they and the shape are at rest, then taking captures
   kReturning,  ///< down to rest
   kEnded,
 };
 enum class RunEnd {
   kCompleted,  ///< all captures were taken
-  kPreempted,  ///< someone asked it to end
-  kAborted,    ///< something went wrong
+  kPreempted,  ///< it was asked to end
+  kAborted,    ///< a fault occurred
 };
 /// "ramping", "settling", "returning" or "ended".
 const char* nameOf(RunPhase phase);
 
-/// Steps an arm through a plan of pressures and says when it is to be looked at; whatever happens,
-/// it ramps the pressures down to rest before it ends. Time comes in as a number.
+/// Steps an arm through a plan of pressures and decides when to capture it. It ramps the pressures
+/// down to rest before it ends, except after yield(). Time is an argument.
 class CalibrationRun {
  public:
-  /// What is to be done now.
+  /// What to do now.
   struct Order {
     Eigen::VectorXd pressure;       ///< (actuators) to command [Pa]
-    std::optional<Sample> capture;  ///< to be kept
+    std::optional<Sample> capture;  ///< sample to keep
     bool step_done = false;         ///< it is the last one of its step
   };
 
   /// @param plan  (steps x actuators) [Pa], at least one step.
   /// @param from  (actuators) the command in force [Pa].
-  /// @param rest  (actuators) where it ends [Pa].
+  /// @param rest  (actuators) final pressures [Pa].
   /// @throws std::invalid_argument naming the value and its rule.
   CalibrationRun(Eigen::MatrixXd plan, Eigen::VectorXd from, Eigen::VectorXd rest,
                  const RunRules& rules);
 
-  /// @param now       a clock that only goes on, the one of the stamps [s].
-  /// @param settling  of the arm at `now`; stale measurements abort the run.
+  /// @param now       monotonic time, on the clock of the stamps [s].
+  /// @param settling  state of the arm at `now`; stale measurements abort the run.
   Order advance(double now, const Settling& settling);
 
-  /// Ramps down and ends; of several reasons the first one stays, but for completion.
+  /// Ramps down and ends. The first of several reasons is kept, except completion.
   void end(RunEnd verdict, const std::string& reason);
-  /// Ends without ramping: another one commands the arm.
+  /// Ends without ramping, because another commander has the arm.
   void yield(const std::string& reason);
 
   RunPhase phase() const { return phase_; }
@@ -66,7 +66,7 @@ class CalibrationRun {
   int step() const { return step_; }  ///< counted from 0
   int steps() const { return static_cast<int>(plan_.rows()); }
   int captures() const { return captures_; }  ///< of this step, so far
-  /// Meaningful once it returns or has ended.
+  /// Valid once it is returning or has ended.
   RunEnd verdict() const { return verdict_; }
   const std::string& reason() const { return reason_; }
 
@@ -84,7 +84,7 @@ class CalibrationRun {
   int captures_ = 0;
   std::optional<double> last_time_;
   double settling_since_ = 0;
-  std::optional<double> returned_at_;  ///< when the ramp down was over
+  std::optional<double> returned_at_;  ///< time when the ramp down was over
   double last_capture_ = 0;            ///< stamp of its picture
   RunEnd verdict_ = RunEnd::kCompleted;
   std::string reason_;

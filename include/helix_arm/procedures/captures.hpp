@@ -12,49 +12,49 @@
 
 namespace helix_arm::procedures {
 
-/// What a data set holds, as its columns tell.
+/// Kind of a data set, determined by its columns.
 enum class DataKind {
-  kCurvatures,  ///< pressure_1_kpa .., curvature_rad: a row a capture
+  kCurvatures,  ///< pressure_1_kpa .., curvature_rad: one row per capture
   kTagPoses,    ///< as loadTagPoses() reads them
   kTagCorners,  ///< as loadTagCorners() reads them
-  kLengths,     ///< pressure_kpa, length_m: of one muscle that carries nothing
+  kLengths,     ///< pressure_kpa, length_m: of one muscle without load
 };
 
-/// @throws DocumentError where the columns are of no kind, or of more than one.
+/// @throws DocumentError if the columns match no kind, or more than one.
 DataKind kindOf(const io::DataSet& data);
 
 /// Gauge pressures (rows x actuators) of a data set [Pa].
-/// @throws DocumentError with all faults: columns that fit no actuator, actuators that are no
-/// pressure's, every pressure outside the limits of its actuator.
+/// @throws DocumentError with all faults: columns without an actuator, actuators that are not
+/// driven by pressure, every pressure outside the limits of its actuator.
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm);
 
 /// The captures of one data set of an arm.
 struct LoadedCaptures {
   std::vector<estimation::Capture> captures;
-  /// How often each tag was seen that the scene does not have; those sights are left out.
+  /// Number of detections of each tag that the scene does not have; these are omitted.
   std::map<int, int> unknown_tags;
   /// Those tags, ascending.
   std::vector<int> unknownIds() const;
 };
 
-/// The curvatures, tag poses or tag corners of a data set as those of a scene's arm. Poses are seen
-/// from its base, corners are undistorted by its camera. Rows of curvatures are numbered from 1.
+/// Loads the curvatures, tag poses or tag corners of a data set of a scene's arm. Poses are seen
+/// from its base; corners are undistorted with its camera. Rows of curvatures are numbered from 1.
 /// @throws DocumentError with all faults: those of the file, pressures that are not of the arm's
 /// actuators or not within their limits, a curvature < 0 or of an arm of several sections, tags
 /// none of which the scene has, corners without a camera or where its distortion cannot be undone,
 /// free lengths.
 LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data);
 
-/// The same of corners that were seen just now.
-/// @param name  what messages call them.
+/// The same for corners from memory.
+/// @param name  their name in messages.
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
                             const std::string& name);
 
 /// The samples of a data set of free lengths, in its order.
-/// @throws DocumentError where it is of another kind.
+/// @throws DocumentError if it is of another kind.
 std::vector<estimation::LengthSample> loadLengths(const io::DataSet& data);
 
-/// A scene's arm and what was measured of it.
+/// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures);
 

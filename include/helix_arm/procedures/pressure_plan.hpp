@@ -8,15 +8,15 @@
 
 namespace helix_arm::procedures {
 
-/// The pressures (12 x actuators) [Pa] that the paper calibrates at: 0, 10, 15, 20 .. 60 psi of
-/// 60 psi, as shares of each actuator's own range. Level j is on actuator j mod n, the others are
-/// at their lower limits.
+/// The paper's calibration pressures (12 x actuators) [Pa]: 0, 10, 15, 20 .. 60 psi of 60 psi, as
+/// shares of each actuator's own range. Level j is on actuator j mod n, the others are at their
+/// lower limits.
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm);
 
-/// The plan (steps x actuators) [Pa] of a row-by-row list; empty: the default one.
+/// The plan (steps x actuators) [Pa] from a row-by-row list; the default plan if it is empty.
 ///
-/// A list that is no multiple of the actuators, or holds pressures outside the limits or no two
-/// that differ, is refused.
+/// A list is refused if its size is not a multiple of the number of actuators, a pressure is
+/// outside the limits, or no two pressures differ.
 control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows);
 
 }  // namespace helix_arm::procedures

@@ -5,25 +5,25 @@
 
 namespace helix_arm::procedures {
 
-/// What one picture says of one tag.
+/// Detection of one tag in one picture.
 struct TagSighting {
   int id;  ///< in its family
-  /// x, y of left below, right below, right above, left above as one reads the tag, as the camera
-  /// sees them: with the distortion of its lens [px].
+  /// x, y of bottom left, bottom right, top right, top left as one reads the tag, with lens
+  /// distortion [px].
   Eigen::Matrix<double, 2, 4> corners;
 };
 
-/// An arm that stands still: its pressures and the tags that are seen of it.
+/// The pressures and visible tags of an arm at rest.
 struct Sample {
-  double time;                    ///< of its last picture [s]
+  double time;                    ///< time of its last picture [s]
   Eigen::VectorXd pressure;       ///< (actuators) gauge [Pa]
-  std::vector<TagSighting> tags;  ///< none twice, ascending ids
+  std::vector<TagSighting> tags;  ///< unique ids in ascending order
 };
 
-/// One sample out of several at the same pressures: the median of each pressure and of each
-/// coordinate of each tag. Tags seen in fewer than half of them are left out.
+/// Combines several samples at the same pressures: the median of each pressure and of each
+/// coordinate of each tag. Tags seen in fewer than half of them are omitted.
 ///
-/// @throws std::invalid_argument when there is none, or their pressures are not of one number.
+/// @throws std::invalid_argument if there is no sample, or their numbers of pressures differ.
 Sample medianOf(const std::vector<Sample>& samples);
 
 }  // namespace helix_arm::procedures

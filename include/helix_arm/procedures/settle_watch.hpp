@@ -10,12 +10,13 @@
 
 namespace helix_arm::procedures {
 
-/// When an arm counts as standing still.
+/// Rules for an arm to count as at rest.
 struct SettleRules {
-  /// Mean of each pressure about its set point, over each half of the window, > 0 [Pa].
+  /// Maximum deviation of each pressure's mean from its set point, over each half of the window, >
+  /// 0 [Pa].
   double pressure_tolerance = 3e3;
-  /// How far a tag may be from where the last picture has it, all the window long (RMS over its
-  /// corners), > 0 [px].
+  /// Maximum distance of a tag from its position in the last picture during the window (RMS over
+  /// its corners), > 0 [px].
   double corner_tolerance = 1.0;
   double window = 1.0;   ///< how long, > 0 [s]
   double max_age = 1.0;  ///< pressures or pictures older than this are stale, > 0 [s]
@@ -26,54 +27,54 @@ struct SettleRules {
 
 enum class SettleState {
   kSettled,
-  kStale,     ///< pressures or pictures have not come, or not for long
+  kStale,     ///< pressures or pictures are missing or too old
   kPressure,  ///< the pressures are not at their set point yet
-  kMoving,    ///< the tags are
-  kNoTags,    ///< none is in sight
+  kMoving,    ///< the tags are moving
+  kNoTags,    ///< no tag is visible
 };
 
-/// Whether an arm stands still, and what it is like where it does.
+/// Whether an arm is at rest, and its sample if so.
 struct Settling {
   SettleState state = SettleState::kStale;
-  std::string reason;  ///< culprit, value and rule; empty where settled
-  /// (actuators) in force since the window began [Pa]; absent where none was told.
+  std::string reason;  ///< cause, value and rule; empty if settled
+  /// (actuators) in force since the window began [Pa]; absent if unknown.
   std::optional<Eigen::VectorXd> set_point;
-  /// Where settled: the last picture and the mean of the pressures that were measured in the
-  /// window.
+  /// If settled: the last picture and the mean of the pressures measured in the window.
   std::optional<Sample> last;
 
   bool settled() const { return state == SettleState::kSettled; }
   bool stale() const { return state == SettleState::kStale; }
 };
 
-/// Watches whether pressures are where they are to be and the shape stands still.
+/// Decides whether the pressures are at their set points and the shape is at rest.
 ///
-/// All times are the stamps of what is measured [s]. A stamp before the last one of its kind, or
-/// farther from it than max_age, is a break: nothing of that kind from before it counts. Without
-/// set points, of a recording that lacks them, pressures must stay near their own mean instead. Of
-/// stamps that creep no more is kept than two minutes bring at 1000 readings and 60 pictures a
-/// second.
+/// All times are the stamps of the measurements [s]. A stamp before the last one of its kind, or
+/// farther from it than max_age, discards the earlier measurements of that kind. Without set points
+/// (in a recording that lacks them), pressures must stay near their own mean instead. The history
+/// is limited to two minutes of 1000 readings and 60 pictures per second, in case stamps hardly
+/// advance.
 class SettleWatch {
  public:
   /// @param names  of the actuators, for the reasons; at least one.
-  /// @throws std::invalid_argument naming what breaks a rule.
+  /// @throws std::invalid_argument naming the value and its rule.
   SettleWatch(std::vector<std::string> names, const SettleRules& rules);
 
   const SettleRules& rules() const { return rules_; }
 
-  /// The pressures to come: (actuators) [Pa]. Each throws std::invalid_argument on a wrong size.
+  /// New set points: (actuators) [Pa]. Throws std::invalid_argument on a wrong size, as measured()
+  /// does.
   void command(double time, const Eigen::VectorXd& set_point);
-  /// The pressures that were measured: (actuators) [Pa].
+  /// Measured pressures: (actuators) [Pa].
   void measured(double time, const Eigen::VectorXd& pressure);
-  /// The arm's tags of one picture, ascending ids, none twice.
+  /// The arm's tags in one picture, unique ids in ascending order.
   void seen(double time, std::vector<TagSighting> tags);
 
   /// The command in force, absent before the first.
   const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
 
-  /// How things stand at `now` [s].
+  /// The state at `now` [s].
   Settling at(double now) const;
-  /// One sample a picture of the window. Only where at() is settled.
+  /// One sample per picture of the window. Call only if at() is settled.
   std::vector<Sample> samples() const;
 
  private:
@@ -97,9 +98,9 @@ class SettleWatch {
   std::vector<std::string> names_;
   SettleRules rules_;
   std::optional<Eigen::VectorXd> set_point_;
-  double set_since_ = 0;          ///< when it was set to what it is
-  double set_last_ = 0;           ///< when it was last told
-  std::deque<Reading> readings_;  ///< both by ascending time, of a window and one before it
+  double set_since_ = 0;          ///< when its value last changed
+  double set_last_ = 0;           ///< when it was last received
+  std::deque<Reading> readings_;  ///< both by ascending time, covering two windows
   std::deque<Sight> sights_;
 };
 

@@ -12,29 +12,29 @@
 
 namespace helix_arm::regulator {
 
-/// A regulator on a serial line that speaks in lines of text, as its profile says.
+/// Driver of a regulator on a serial line that uses lines of text, as its profile says.
 ///
-/// One command is outstanding at a time, and what came before it was sent is no answer to it. Where
-/// one channel does not answer, the others are still written, vented and read; the first error is
-/// thrown afterwards. A device that says nothing is a LinkError, one that says something else a
-/// BadReply. Set points are rounded down to the device's decimals.
+/// One command is outstanding at a time; input received before it was sent is not taken as its
+/// answer. If one channel does not answer, the others are still written, vented and read; the first
+/// error is thrown afterwards. No answer is a LinkError, a wrong answer a BadReply. Set points are
+/// rounded down to the device's decimals.
 ///
-/// write(), vent() and read() block for at most the profile's timeout each line that they exchange;
-/// connect() for three more.
+/// write(), vent() and read() block for at most the profile's timeout per exchanged line; connect()
+/// for three timeouts more.
 class AsciiSerialDriver : public Driver {
  public:
-  /// @throws std::invalid_argument when the profile breaks its rules, or the addresses are not one
-  /// a channel, each once, where its lines have {address}.
+  /// @throws std::invalid_argument if the profile breaks its rules, or if its lines have {address}
+  /// and the addresses are not one per channel, all different.
   AsciiSerialDriver(const SerialConfig& config, int channels);
 
-  /// Also vents, and reads once: a device that cannot be read is not ready.
+  /// Also vents and reads once: a device that cannot be read is not ready.
   void connect() override;
-  /// A channel that is to close, on a device that cannot, vents. Of a device with one line for all
-  /// channels, those that vent are set to no pressure while others regulate.
+  /// A channel that is to close vents if the device cannot close. On a device with one line for all
+  /// channels, those that vent are set to zero pressure while others regulate.
   void write(const control::ValveOrders& orders) override;
-  /// Does not ask a channel whose answer to the last write() was a reading. Where readings come
-  /// unasked it does not wait: those that came since the last call, NaN when none did. What could
-  /// be read is there also when it throws.
+  /// Does not ask a channel whose answer to the last write() was a reading. Unsolicited readings
+  /// are not waited for: it returns those received since the last call, NaN if there are none. The
+  /// readings that succeeded are set even if it throws.
   void read(Pressures& pressures) override;
   void vent() override;
   double watchdog() const noexcept override { return profile_.watchdog; }
@@ -45,9 +45,9 @@ class AsciiSerialDriver : public Driver {
   struct Channel {
     std::string address;
     State state = State::kUnknown;
-    std::optional<double> sent;    // set point [device units]; absent where it does not regulate
-    std::vector<double> readings;  // that read() has not handed out yet [Pa]
-    SerialPort::Clock::time_point heard;  // when the last of them came
+    std::optional<double> sent;           // set point [device units]; absent unless it regulates
+    std::vector<double> readings;         // not yet returned by read() [Pa]
+    SerialPort::Clock::time_point heard;  // time of the last reading
   };
 
   void ready();
@@ -75,11 +75,11 @@ class AsciiSerialDriver : public Driver {
   SerialLines lines_;
   std::string device_;
   int count_;                      // channels
-  std::vector<Channel> channels_;  // one that stands for all, where one line does
-  std::optional<double> supply_;   // not handed out yet [Pa]
+  std::vector<Channel> channels_;  // a single one if one line serves all channels
+  std::optional<double> supply_;   // not yet returned by read() [Pa]
   SerialPort port_;
   SerialPort::Clock::time_point last_line_;  // sent
-  bool lapsed_ = false;                      // the device's watchdog may have, since it vented
+  bool lapsed_ = false;  // the device's watchdog may have expired since it vented
 };
 
 }  // namespace helix_arm::regulator

@@ -5,11 +5,11 @@
 
 namespace helix_arm::regulator {
 
-/// Keeps the other programs of this machine off a device while one of them drives it.
+/// Prevents other programs on this machine from using a device while one drives it.
 ///
-/// It is a socket with an abstract name (Linux): no file is left behind, programs of all users meet
-/// in it, and the kernel lets go of it when its holder dies, however it dies. Programs in another
-/// network namespace, as in a container of its own, and on other machines do not see it.
+/// It is a socket with an abstract name (Linux). It leaves no file behind, applies to programs of
+/// all users, and is released by the kernel when its holder dies, for any reason. Programs in
+/// another network namespace (such as another container) and on other machines do not see it.
 class DeviceLock {
  public:
   DeviceLock() = default;
@@ -17,9 +17,9 @@ class DeviceLock {
   DeviceLock(const DeviceLock&) = delete;
   DeviceLock& operator=(const DeviceLock&) = delete;
 
-  /// Takes the device of this name, at most 80 characters of which count; one that is held is let
-  /// go of first, unless it is the same.
-  /// @return nothing once it is held, or where the system has no such sockets; else who holds it:
+  /// Locks the device with this name, of which the first 80 characters count. A device that is
+  /// already held is released first, unless it is the same.
+  /// @return nothing if it is held now, or if the system has no such sockets; otherwise its holder:
   /// "process 4711 (pressure_command)".
   std::optional<std::string> take(const std::string& device);
   void release() noexcept;

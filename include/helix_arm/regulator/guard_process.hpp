@@ -12,36 +12,38 @@
 
 namespace helix_arm::regulator {
 
-/// A process that outlives this one, to vent the arm where this one is killed or stands still.
+/// A process that outlives this one and vents the arm if this one is killed or stopped.
 ///
-/// It is started in a session of its own, so that no signal to this process's group reaches it, and
-/// its standard input ends with this process, however that ends. Until then it hears a beat from a
-/// thread of its own: a process that is stopped (SIGSTOP, Ctrl-Z, a debugger) falls silent. It
-/// answers a beat with a byte on its standard input, which is a socket: one that is stopped itself
-/// falls silent too. Once the arm is vented for certain the guard is dismissed.
+/// It runs in its own session, so that signals to this process's group do not reach it. Its
+/// standard input closes when this process ends, for any reason. Until then a thread of this
+/// process sends it beats; a process that is stopped (SIGSTOP, Ctrl-Z, a debugger) sends none. The
+/// guard answers each beat with a byte on its standard input, which is a socket, so a stopped guard
+/// is noticed too. Once the arm is known to be vented, the guard is dismissed.
 class GuardProcess {
  public:
-  static constexpr char kDismissal = 'q';     ///< what the guard reads when it is to go
-  static constexpr char kBeat = '.';          ///< and, until then, all the time
+  static constexpr char kDismissal = 'q';     ///< byte that dismisses the guard
+  static constexpr char kBeat = '.';          ///< byte sent every kBeatPeriod until then
   static constexpr double kBeatPeriod = 0.1;  ///< [s]
-  static constexpr int kMissedBeats = 10;     ///< in a row: who does not send them stands still
-  static constexpr int kFirstBeats = 50;      ///< until its first answer: it loads a scene
-  static constexpr double kDismissTime = 2;   ///< to go once dismissed [s]
+  /// Number of missed beats in a row that mean that the sender has stopped.
+  static constexpr int kMissedBeats = 10;
+  /// The same before the guard's first answer: it has to load a scene.
+  static constexpr int kFirstBeats = 50;
+  static constexpr double kDismissTime = 2;  ///< time for the guard to end once dismissed [s]
 
-  /// @param command            program by its path, and its arguments.
-  /// @param realtime_priority  of the thread of beats, as scheduleRealtime() where that is allowed.
-  /// @throws std::runtime_error naming the program when it cannot be started.
+  /// @param command            path of the program, and its arguments.
+  /// @param realtime_priority  priority of the beat thread, as for scheduleRealtime(), if allowed.
+  /// @throws std::runtime_error naming the program if it cannot be started.
   explicit GuardProcess(const std::vector<std::string>& command, int realtime_priority = 0);
-  /// Leaves it to its task, unless it was dismissed.
+  /// Closes the guard's standard input; the guard then vents, unless it was dismissed.
   ~GuardProcess();
   GuardProcess(const GuardProcess&) = delete;
   GuardProcess& operator=(const GuardProcess&) = delete;
 
-  /// Whether it stands by: it has answered, answers still, and has neither ended nor been
-  /// dismissed. An end is known at once. Of any thread; neither waits nor allocates.
+  /// Whether it is on guard: it has answered, still answers, and has neither ended nor been
+  /// dismissed. Its end is noticed immediately. Thread-safe; neither waits nor allocates.
   control::Guard state() const;
-  /// Tells it to go, and waits for its end, kDismissTime at most: one that is stopped finds the
-  /// dismissal when it wakes up.
+  /// Dismisses it and waits for its end, at most kDismissTime. A stopped guard reads the dismissal
+  /// when it resumes.
   void dismiss();
 
  private:
@@ -57,7 +59,7 @@ class GuardProcess {
   basics::Condition ends_;
   bool ended_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::atomic<bool> answered_{false}, dismissed_{false};
-  std::atomic<int> patience_{kFirstBeats};  ///< periods to wait for an answer
+  std::atomic<int> patience_{kFirstBeats};  ///< number of periods to wait for an answer
   std::thread beats_;
 };
 

@@ -7,7 +7,7 @@
 
 namespace helix_arm::regulator {
 
-/// What stands in a line in place of a template's fields. All numbers are in the device's unit.
+/// Values of a template's fields. All numbers are in the device's unit.
 struct LineFields {
   std::vector<double> pressures;    ///< of {pressure}, or all of {pressures}
   std::optional<double> set_point;  ///< of {set_point}
@@ -17,42 +17,43 @@ struct LineFields {
 /// How the fields of a line are written.
 struct LineStyle {
   std::string separator = ";";  ///< between the numbers of {pressures}
-  std::string unit_word;        ///< what {unit} stands for
-  int decimals = 2;             ///< of every number, 0 to 6
+  std::string unit_word;        ///< text of {unit}
+  int decimals = 2;             ///< decimals of every number, 0 to 6
 };
 
 /// Longest line that is read or written [bytes].
 inline constexpr std::size_t kLongestLine = 512;
 
-/// A line of text with fields in it, made ready once: writes such lines and reads them.
+/// A template of a text line with fields, parsed once: writes and reads such lines.
 ///
 /// Fields: `{address}`; `{pressure}`, or `{pressures}` with the separator between; `{set_point}`,
-/// `{supply}`; `{unit}`; `{*}`, a word that is not looked at; and at the end `{words}`, any number
-/// of words of letters, or `{...}`, whatever comes. The rest is literal, but blanks (spaces, tabs)
-/// in the template stand for one or more of them.
+/// `{supply}`; `{unit}`; `{*}`, a word that is ignored; and at the end `{words}`, any number of
+/// words of letters, or `{...}`, anything. The rest is literal, except that blanks (spaces, tabs)
+/// in the template match one or more blanks.
 ///
-/// Numbers are decimal, as "+014.70", "-3" or "1e2", of at most 15 digits, whatever the locale.
-/// Reading depends on nothing but the template and the bytes.
+/// Numbers are decimal, such as "+014.70", "-3" or "1e2", with at most 15 digits, in any locale.
+/// The result of reading depends only on the template and the bytes.
 class LineFormat {
  public:
-  /// @throws std::invalid_argument saying what is wrong with the text.
+  /// @throws std::invalid_argument describing the fault in the text.
   explicit LineFormat(const std::string& text, LineStyle style = {});
 
   const std::string& text() const { return text_; }
-  /// Whether it has a field, as in has("{address}").
+  /// Whether it has a field, for example has("{address}").
   bool has(std::string_view field) const;
 
   /// The line with its fields filled in, without a terminator. A number that is not finite becomes
   /// "nan", `{*}` a 0, `{words}` and `{...}` nothing.
-  /// @throws std::invalid_argument where a field has no value, or one of 1e9 or more.
+  /// @throws std::invalid_argument if a field has no value, or one of 1e9 or more.
   std::string line(const std::string& address, const LineFields& fields) const;
 
-  /// The fields of a line, its terminator and blanks at its ends left out; nothing when it is no
-  /// such line.
-  /// @param pressures  how many {pressures} must hold.
+  /// The fields of a line, ignoring its terminator and blanks at its ends; nothing if the line does
+  /// not match.
+  /// @param pressures  number of values that {pressures} must hold.
   std::optional<LineFields> match(std::string_view line, const std::string& address,
                                   std::size_t pressures) const;
-  /// The same. @throws BadReply quoting the line, the template and where they part.
+  /// Like match(). @throws BadReply quoting the line, the template and the position of the
+  /// mismatch.
   LineFields parse(std::string_view line, const std::string& address, std::size_t pressures) const;
 
  private:
@@ -71,7 +72,7 @@ class LineFormat {
   };
   struct Part {
     Kind kind;
-    std::string text;  ///< as it stands in the template
+    std::string text;  ///< as in the template
   };
   struct Mismatch {
     std::size_t at = 0;

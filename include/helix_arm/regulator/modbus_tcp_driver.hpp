@@ -7,38 +7,38 @@
 
 namespace helix_arm::regulator {
 
-/// A regulator that is read and written by Modbus TCP, as its profile has it.
+/// Driver of a regulator on Modbus TCP, as its profile says.
 ///
-/// Set points are rounded down to whole counts, and never below 0 nor above the highest count; so
-/// what is asked for is not exceeded. Slots of places that are not used are not written; of a slot
-/// that is, all outlets are, with 0 where they have no channel.
+/// Set points are rounded down to whole counts, within 0 and the highest count, so the requested
+/// pressure is never exceeded. Slots without a used place are not written. In the other slots all
+/// outlets are written, with 0 for outlets without a channel.
 ///
 /// In a device with apps, connect() acknowledges the faults of its slots and starts their apps at
-/// set point 0. A slot closes where all its channels are to close; where some are, those vent.
+/// set point 0. A slot closes if all its channels are to close; if only some are, those vent.
 ///
-/// After any LinkError all but vent() is refused until connect(). A reply that is late, cut short
-/// or garbled to its end counts as a lost link; one that is complete but makes no sense as
+/// After any LinkError, everything except vent() is refused until connect(). A reply that is late,
+/// cut short or garbled to its end counts as a lost link; a complete but invalid reply is a
 /// BadReply.
 class ModbusTcpDriver : public Driver {
  public:
-  /// @throws std::invalid_argument when the profile breaks its rules, or slots are none, negative,
+  /// @throws std::invalid_argument if the profile breaks its rules, or slots are missing, negative,
   /// repeated, or beyond the last register.
   explicit ModbusTcpDriver(const ModbusConfig& config);
   ~ModbusTcpDriver() override;
 
-  /// Takes at most the profile's timeout to find and to reach the device (of a name with several
-  /// addresses, for each), and twice its activation time.
+  /// Takes at most the profile's timeout to resolve and again to reach the device (per address, if
+  /// the name has several), and twice its activation time.
   void connect() override;
   void ignoreOthers() noexcept override;
-  /// @throws std::invalid_argument where the orders are not one a channel, or not finite.
+  /// @throws std::invalid_argument if the orders are not one per channel, or not finite.
   void write(const control::ValveOrders& orders) override;
-  /// A register that reads kNoReading gives NaN; one below vacuum is a BadReply. A slot that was
-  /// told to regulate and does not, although it had its activation time, is a LinkError: connecting
-  /// again acknowledges what it suffers from.
+  /// A register that reads kNoReading gives NaN; a reading below vacuum is a BadReply. A slot that
+  /// does not regulate within its activation time after the command is a LinkError: reconnecting
+  /// acknowledges its faults.
   void read(Pressures& pressures) override;
-  /// Of a device that does not answer every register is written all the same.
+  /// Writes every register even if the device does not answer.
   void vent() override;
-  /// Whether slots may be at work: without a link their apps end, valves closed.
+  /// Whether slots may be running apps: without a link these end, with the valves closed.
   bool keepsAirOnClose() const noexcept override;
   void close() noexcept override;
 

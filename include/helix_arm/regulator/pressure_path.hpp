@@ -13,43 +13,45 @@
 
 namespace helix_arm::regulator {
 
-/// Of the I/O below a core with these rules: what is no pressure, and how long it may take to vent;
-/// the rest is as by default.
+/// I/O rules for a core with these safety rules: the pressure that counts as vented and the time
+/// allowed to vent. The rest has its defaults.
 IoRules ioRulesFor(const control::SafetyRules& rules);
 
-/// From targets to the regulator's line, with the safety core between: the same for node, command
-/// and tests. Of one thread, or behind one lock.
+/// Connects targets to the regulator through the safety core; node, command and tests use the same
+/// one. For one thread, or behind one lock.
 class PressurePath {
  public:
-  /// @param io           null where somebody else regulates: hand its readings to the core and the
+  /// @param io           null if another node regulates: pass its readings to the core and the
   ///                     orders to it.
-  /// @param longest_gap  between turns: after a longer one whoever regulates may have vented by
-  ///                     itself, and the link counts as lost, > 0 [s].
+  /// @param longest_gap  longest time between turns, > 0 [s]. After a longer one the regulator may
+  ///                     have vented by itself, and the link counts as lost.
   /// @throws std::invalid_argument naming the value and its rule.
   PressurePath(control::SafetyCore core, std::unique_ptr<RegulatorIo> io, double longest_gap = 0.4);
 
-  /// Who guards from now on, asked on every turn and before it is enabled; null: nobody needs to.
+  /// Sets the guard, whose state is checked on every turn and before enabling; null: none is
+  /// needed.
   void guardedBy(std::shared_ptr<const GuardProcess> guard) { guard_ = std::move(guard); }
 
-  /// One turn at `now`, of steadyNow() [s]: takes readings in, lets the core decide, hands its
-  /// orders on. To be called often, and neither waits nor allocates.
+  /// One turn at `now`, as steadyNow() [s]: takes readings, lets the core decide, passes on its
+  /// orders. Call it often. Neither waits nor allocates.
   const control::ValveOrders& turn(double now);
-  /// The same with a new target: (channels) gauge [Pa]. False, and without effect, unless enabled.
+  /// Like turn(), with a new target: (channels) gauge [Pa]. Returns false, without effect, unless
+  /// enabled.
   bool target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure);
 
-  /// The newest reading, when it came with the last turn; else null.
+  /// The newest reading if it came with the last turn, otherwise null.
   const Reading* news() const { return fresh_ ? &reading_ : nullptr; }
 
-  /// As SafetyCore::reason(), with the line's last error where the line is the matter. Allocates.
+  /// As SafetyCore::reason(), with the line's last error if the line is the cause. Allocates.
   std::string reason() const;
-  /// As SafetyCore::enable(), with the line's last error where nothing is read. Allocates.
+  /// As SafetyCore::enable(), with the line's last error if there are no readings. Allocates.
   std::string enable(double now);
 
   control::SafetyCore& core() { return core_; }
   const control::SafetyCore& core() const { return core_; }
-  /// Null where somebody else regulates.
+  /// Null if another node regulates.
   const RegulatorIo* io() const { return io_.get(); }
-  /// As RegulatorIo::end(); false where somebody else regulates.
+  /// As RegulatorIo::end(); false if another node regulates.
   bool end() { return io_ && io_->end(); }
 
  private:

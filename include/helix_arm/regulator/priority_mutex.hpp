@@ -6,8 +6,8 @@
 
 namespace helix_arm::regulator {
 
-/// A mutex whose holder runs at the priority of the highest thread that waits for it: one of
-/// ordinary priority that holds it is not kept from letting go by a busy machine.
+/// A mutex with priority inheritance: its holder runs at the priority of the highest waiting
+/// thread, so that a busy machine does not keep a holder of ordinary priority from releasing it.
 class HELIX_ARM_CAPABILITY("mutex") PriorityMutex {
  public:
   PriorityMutex() {

@@ -2,26 +2,25 @@
 
 #include <string>
 
-/// What the threads between targets and valves ask of the machine: to run when they are due,
-/// whatever else wants to. Where the user's limits refuse it everything works as before, later on a
-/// machine that is busy.
+/// Real-time scheduling and memory locking for the threads between targets and valves. If the
+/// user's limits refuse it, everything still works, with delays on a busy machine.
 namespace helix_arm::regulator {
 
-/// Of the threads, below the kernel's own for interrupts (50).
+/// Default priority of these threads, below that of the kernel's interrupt threads (50).
 inline constexpr int kRealtimePriority = 40;
 inline constexpr int kHighestRealtimePriority = 99;
 
-/// Schedules the calling thread SCHED_FIFO; what it starts is scheduled as ever.
-/// @param priority  0: leaves it as it is; up to kHighestRealtimePriority.
-/// @return why not, with the remedy; empty: it is done, or was not wanted.
+/// Schedules the calling thread as SCHED_FIFO; threads that it starts keep ordinary scheduling.
+/// @param priority  0 for no change, up to kHighestRealtimePriority.
+/// @return the reason for failure and the remedy; empty on success and for priority 0.
 std::string scheduleRealtime(int priority);
 
-/// Whether scheduleRealtime() works here, tried on a thread of its own.
+/// Tests whether scheduleRealtime() works here, on a separate thread.
 /// @return as scheduleRealtime().
 std::string tryRealtime(int priority);
 
-/// Keeps this process's memory from being swapped out, from now on.
-/// @return why not, with the remedy; empty: it is done.
+/// Prevents this process's memory from being swapped out from now on.
+/// @return the reason for failure and the remedy; empty on success.
 std::string lockMemory();
 
 }  // namespace helix_arm::regulator

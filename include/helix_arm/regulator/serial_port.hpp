@@ -6,10 +6,10 @@
 
 namespace helix_arm::regulator {
 
-/// A serial line that is waited for at most until a deadline.
+/// A serial line with deadlines.
 ///
-/// Every call but close() and isOpen() throws LinkError naming the device, the cause and the
-/// remedy, once the device is gone.
+/// Once the device is gone, every call except close() and isOpen() throws LinkError naming the
+/// device, the cause and the remedy.
 class SerialPort {
  public:
   using Clock = std::chrono::steady_clock;
@@ -19,23 +19,23 @@ class SerialPort {
   SerialPort(const SerialPort&) = delete;
   SerialPort& operator=(const SerialPort&) = delete;
 
-  /// Opens it raw, 8N1, for nobody else (TIOCEXCL, and flock() for root, whom that does not stop,
-  /// and on pseudo terminals); an open one is closed first.
+  /// Opens it raw, 8N1, exclusively (TIOCEXCL, and flock() for root, whom TIOCEXCL does not stop,
+  /// and for pseudo terminals). An open line is closed first.
   /// @throws LinkError naming the device, the cause and the remedy.
   void open(const std::string& device, int baud);
   void close() noexcept;
   bool isOpen() const { return file_ >= 0; }
 
-  /// Drops what has come in so far.
+  /// Drops the input received so far.
   /// @return whether there was any.
   bool discardInput();
-  /// @throws LinkError also where the line does not take it in time.
+  /// @throws LinkError also if the line does not accept it in time.
   void send(const std::string& bytes, Clock::time_point deadline);
-  /// The next line, without its terminator; nothing when the deadline passes, what has come of it
-  /// is kept.
-  /// @throws BadReply where it grows longer than kLongestLine; that much is dropped.
+  /// The next line, without its terminator; nothing if the deadline passes first. An incomplete
+  /// line is kept.
+  /// @throws BadReply if the line exceeds kLongestLine; that much is dropped.
   std::optional<std::string> receiveLine(const std::string& terminator, Clock::time_point deadline);
-  /// What has come of a line that has not ended yet.
+  /// The incomplete line received so far.
   const std::string& unfinished() const { return input_; }
 
  private:

@@ -5,8 +5,7 @@
 
 namespace helix_arm::regulator {
 
-/// A simulated regulator behind the interface of the real ones: its time is that of the steady
-/// clock, and its line never fails.
+/// Driver of a simulated regulator. It follows the steady clock and its link never fails.
 class SimulatedDriver : public Driver {
  public:
   /// @throws std::invalid_argument as SimulatedRegulator.
@@ -24,7 +23,7 @@ class SimulatedDriver : public Driver {
   SimulatedRegulator regulator_;
   std::vector<control::Valve> valve_;
   Eigen::VectorXd set_point_;
-  double time_;  ///< up to which it was simulated, of the steady clock [s]
+  double time_;  ///< time up to which it was simulated, steady clock [s]
 };
 
 }  // namespace helix_arm::regulator

@@ -6,16 +6,16 @@
 
 namespace helix_arm::regulator {
 
-/// What is wrong behind a simulated regulator.
+/// Pneumatic fault behind a simulated regulator.
 enum class AirFault : std::uint8_t {
   kNone,
-  kBurst,      ///< the first muscle has burst: its air is lost as fast as it comes
-  kStuckOpen,  ///< the first inlet stays open: the channel goes to the supply's pressure
-  kStuckShut,  ///< the first valve stays shut: the channel keeps what it has
-  kLowSupply,  ///< the supply falls to a tenth; what is above it stays
+  kBurst,      ///< the first muscle has burst and holds no pressure
+  kStuckOpen,  ///< the first inlet stays open: the channel goes to the supply pressure
+  kStuckShut,  ///< the first valve stays shut: the channel keeps its pressure
+  kLowSupply,  ///< the supply falls to a tenth; pressures above it stay
 };
 
-/// What a simulated regulator is like.
+/// Configuration of a simulated regulator.
 struct SimulatedRegulatorConfig {
   double time_constant = 0.1;    ///< first-order lag of every channel, > 0 [s]
   double supply_pressure = 5e5;  ///< gauge, > 0; no channel rises above it [Pa]
@@ -26,12 +26,12 @@ struct SimulatedRegulatorConfig {
   void validate() const;
 };
 
-/// Pressure channels that follow their set points as real ones do: late, not above the supply, and
-/// seen through noise.
+/// Pressure channels that follow their set points with a lag, not above the supply, measured with
+/// noise.
 ///
-/// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the size of the steps does
-/// not matter. It has no clock; its time is the sum of the steps. The same seed and calls give the
-/// same measurements.
+/// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the result does not depend
+/// on the step size. It has no clock; its time is the sum of the steps. The same seed and calls
+/// give the same measurements.
 class SimulatedRegulator {
  public:
   /// Starts vented: set points and pressures are 0.
@@ -40,19 +40,19 @@ class SimulatedRegulator {
   /// @throws std::invalid_argument naming the value and its rule.
   SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config);
 
-  /// Sets what the channels follow from now on: (channels) gauge, finite; below 0 counts as 0 [Pa].
+  /// Sets the set points: (channels) gauge, finite; below 0 counts as 0 [Pa].
   /// @throws std::invalid_argument on a wrong size or a value that is not finite; the old set
   /// points stay.
   void command(const Eigen::Ref<const Eigen::VectorXd>& set_point);
 
-  /// Lets dt >= 0 pass [s].
-  /// @throws std::invalid_argument when dt is negative or not a number.
+  /// Advances time by dt >= 0 [s].
+  /// @throws std::invalid_argument if dt is negative or NaN.
   void step(double dt);
 
-  /// From now on this is wrong; kNone: it is mended.
+  /// Sets the fault; kNone removes it.
   void fail(AirFault fault) { fault_ = fault; }
 
-  /// Of the supply, gauge [Pa].
+  /// Supply pressure, gauge [Pa].
   double supply() const;
   /// True pressures (channels), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return pressure_; }

@@ -12,28 +12,29 @@
 
 namespace helix_arm::simulation {
 
-/// What spoils the pictures of a simulated camera.
+/// Imperfections of a simulated camera.
 struct SimulatedCameraConfig {
   double blur = 0.7;      ///< standard deviation of the lens and sensor, >= 0 [px]
   double noise = 2.0;     ///< standard deviation, >= 0 [gray levels]
   double exposure = 1.0;  ///< factor on every gray level before it saturates, > 0
-  double bleed = 0.0;     ///< that white bleeds into black at each edge [m]
+  double bleed = 0.0;     ///< width by which white bleeds into black at each edge [m]
   int jpeg_quality = 90;  ///< 1 to 100
-  int clutter = 0;    ///< objects in the background, among them ones with edges like tags', >= 0
-  int occluders = 0;  ///< bars that wander through the picture, before the arm, >= 0
+  /// Number of objects in the background, some with edges like those of tags, >= 0.
+  int clutter = 0;
+  int occluders = 0;  ///< number of bars that move through the picture in front of the arm, >= 0
   std::uint32_t seed = 1;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
 
-/// How thick the drawn arm is.
+/// Thickness of the drawn arm.
 struct ArmBody {
   double radius = 0.03;  ///< [m]
 };
 
-/// Renders the tags of an arm, on its body, as a webcam sees them: lens distortion, blur, noise,
-/// exposure, clutter and occluders.
+/// Renders the tags and the body of an arm as a webcam sees them: with lens distortion, blur,
+/// noise, exposure, clutter and occluders.
 ///
 /// The same seed and calls give the same pictures.
 class SimulatedCamera {

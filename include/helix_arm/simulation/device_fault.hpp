@@ -7,18 +7,18 @@
 
 namespace helix_arm::simulation {
 
-/// What an emulated pressure regulator, or the arm behind it, does wrong, on demand.
+/// Faults that an emulated pressure regulator, or the arm behind it, can be given.
 enum class DeviceFault {
   kNone,
-  kSilence,     ///< takes nothing in and answers nothing
+  kSilence,     ///< accepts nothing and answers nothing
   kGarbage,     ///< answers with random bytes
-  kHalfLine,    ///< answers end before they are complete
-  kWrongUnit,   ///< answers in another unit than its profile says
+  kHalfLine,    ///< answers are cut short
+  kWrongUnit,   ///< answers in a unit other than its profile's
   kSlow,        ///< answers later than the profile's timeout
-  kRestart,     ///< drops the link once, comes back vented, then is well again
-  kNanText,     ///< answers "nan", or the register of a sensor that is broken
-  kStuckValue,  ///< answers what it read when the fault began; the pressures go on
-  kBurst,       ///< and the next ones: as regulator::AirFault
+  kRestart,     ///< drops the link once and comes back vented, without fault
+  kNanText,     ///< answers "nan", or the register value of a broken sensor
+  kStuckValue,  ///< answers the readings of the start of the fault; the true pressures change
+  kBurst,       ///< this and the following: as regulator::AirFault
   kStuckOpen,
   kStuckShut,
   kLowSupply,
@@ -28,11 +28,11 @@ inline constexpr int kDeviceFaultCount = 13;
 /// "none", "silence", "garbage", "half_line", "wrong_unit", "slow", "restart", "nan_text",
 /// "stuck_value", "burst", "stuck_open", "stuck_shut" or "low_supply".
 const char* nameOf(DeviceFault fault);
-/// All of them, joined by commas.
+/// All names, separated by commas.
 std::string deviceFaultNames();
-/// The fault of a name; nothing where there is none.
+/// The fault with this name; nothing if there is none.
 std::optional<DeviceFault> parseDeviceFault(const std::string& name);
-/// What of it is wrong with the air; kNone where the device alone is to blame.
+/// The pneumatic fault behind it; kNone if only the device is faulty.
 regulator::AirFault airFaultOf(DeviceFault fault);
 
 }  // namespace helix_arm::simulation

@@ -12,34 +12,33 @@
 
 namespace helix_arm::simulation {
 
-/// What an emulated Modbus device is like.
+/// Configuration of an emulated Modbus device.
 struct ModbusDeviceConfig {
   regulator::ModbusProfile profile;
-  int places = 8;  ///< outlets, >= 1; the last slot has all of its own
+  int places = 8;  ///< number of outlets, >= 1; the last slot has all of its outlets
   regulator::SimulatedRegulatorConfig regulator;
-  int port = 0;                   ///< of 127.0.0.1; 0: a free one
-  double activation_time = 0.02;  ///< that an app takes to start, >= 0 [s]
+  int port = 0;                   ///< port on 127.0.0.1; 0: any free one
+  double activation_time = 0.02;  ///< time that an app takes to start, >= 0 [s]
 };
 
-/// A pressure regulator that speaks Modbus TCP, emulated: a server on 127.0.0.1 in a thread of its
-/// own, with simulated pressures behind it that go on with the steady clock. Serves several
-/// connections. All members may be called from any thread.
+/// Emulates a pressure regulator with Modbus TCP: a server on 127.0.0.1 in its own thread, with
+/// simulated pressures that follow the steady clock. Serves several connections. All members are
+/// thread-safe.
 ///
-/// It comes up vented; a device with apps comes up not ready, regulates once that is acknowledged
-/// and told, and keeps its air where no app runs. Without a connection left, whichever side closed
-/// the last one, its outputs are reset, which ends its apps; one without apps goes on as it was
-/// told. Registers beside its own are refused, as are writes to its inputs. A pressure beyond a
-/// register's range reads as its end.
+/// It starts vented. A device with apps starts not ready, regulates once it is acknowledged and
+/// commanded to, and keeps its air while no app runs. When the last connection is closed, by either
+/// side, its outputs are reset, which ends its apps; a device without apps continues as commanded.
+/// Access to registers that it does not have is refused, and so are writes to its inputs. A
+/// pressure beyond a register's range reads as the limit of the range.
 ///
-/// Faults: kHalfLine leaves out the second half of every reply; kGarbage has random bytes in the
-/// place of it; kWrongUnit reads a tenth (kPa for millibar); kNanText reads
-/// regulator::kNoReading; kSlow answers after one and a half times the profile's timeout; kRestart
-/// closes all sockets for a moment. After kSilence all connections are closed, and what they held
-/// is lost.
+/// Faults: kHalfLine omits the second half of every reply; kGarbage replaces it by random bytes;
+/// kWrongUnit reads a tenth (kPa for millibar); kNanText reads regulator::kNoReading; kSlow answers
+/// after one and a half times the profile's timeout; kRestart closes all sockets for a moment.
+/// After kSilence, all connections are closed and their data is lost.
 class ModbusDevice {
  public:
-  /// @throws std::invalid_argument on a broken rule; std::runtime_error naming the port where it
-  /// cannot be listened at.
+  /// @throws std::invalid_argument on a broken rule; std::runtime_error naming the port if it
+  /// cannot listen there.
   explicit ModbusDevice(const ModbusDeviceConfig& config);
   ~ModbusDevice();
   ModbusDevice(const ModbusDevice&) = delete;
@@ -50,15 +49,15 @@ class ModbusDevice {
   /// kRestart becomes kNone by itself.
   void setFault(DeviceFault fault);
   DeviceFault fault() const;
-  /// Gives a slot a fault of its own that cannot be acknowledged: its app ends, and does not start.
+  /// Gives a slot a fault that cannot be acknowledged: its app ends and does not start.
   void jam(int slot, bool jammed);
 
-  Eigen::VectorXd pressure() const;            ///< true ones (places), gauge [Pa]
-  Eigen::VectorXd setPoint() const;            ///< as written (places), gauge [Pa]
-  std::vector<control::Valve> valves() const;  ///< what each place does
-  std::uint64_t writes() const;                ///< requests to write that were taken
-  double lastWrite() const;  ///< when, of regulator::steadyNow(); -infinity: never [s]
-  int connections() const;   ///< open ones
+  Eigen::VectorXd pressure() const;            ///< true pressures (places), gauge [Pa]
+  Eigen::VectorXd setPoint() const;            ///< set points as written (places), gauge [Pa]
+  std::vector<control::Valve> valves() const;  ///< (places)
+  std::uint64_t writes() const;                ///< number of accepted write requests
+  double lastWrite() const;  ///< time of the last write, as steadyNow(); -infinity: never [s]
+  int connections() const;   ///< number of open connections
 
  private:
   class Server;

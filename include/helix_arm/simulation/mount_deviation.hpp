@@ -7,8 +7,8 @@
 
 namespace helix_arm::simulation {
 
-/// How far camera and tags of the true rig sit from where its scene puts them: standard deviations
-/// of normal noise, each axis alike.
+/// Placement errors of camera and tags of the true rig against its scene: standard deviations of
+/// normal noise, equal for all axes.
 struct MountDeviation {
   double camera_translation = 0.0;  ///< >= 0 [m]
   double camera_rotation = 0.0;     ///< >= 0 [rad]
@@ -20,17 +20,17 @@ struct MountDeviation {
   void validate() const;
 };
 
-/// Tags as they are truly glued: each moved as estimation::movedBy() has it, by its own noise. All
-/// but the one nearest to the base, which defines where that is.
+/// The true placements of the tags: each is moved by its own noise, as estimation::movedBy() does,
+/// except the tag nearest to the base, which defines the base's position.
 ///
-/// The same seed gives the same rig: the noise of a tag depends on its place in the list and grows
-/// with the deviations.
+/// The same seed gives the same rig: the noise of a tag depends on its index and scales with the
+/// deviations.
 /// @throws std::invalid_argument naming the value and its rule.
 estimation::TagLayout deviate(const estimation::TagLayout& layout, const model::Arm& arm,
                               const MountDeviation& deviation);
 
-/// The same tags, seen by the camera where it truly stands: X_CB exp(xi) is the base seen from it,
-/// xi = [v; w] noise of the camera's deviations.
+/// The same tags seen by the camera at its true pose: X_CB exp(xi) is the base seen from it, where
+/// xi = [v; w] is noise with the camera's deviations.
 /// @throws std::invalid_argument naming the value and its rule.
 estimation::ArmView deviate(const estimation::ArmView& view, const model::Arm& arm,
                             const MountDeviation& deviation);

@@ -11,12 +11,12 @@
 
 namespace helix_arm::vision {
 
-/// What a picture gave.
+/// Result of searching one picture.
 enum class SightState {
   kMeasured,    ///< the shape is measured
-  kNoTags,      ///< no tag of the arm is in sight
-  kTooFewTags,  ///< the tags in sight do not determine the shape
-  kNoFit,       ///< no shape of the arm fits the tags in sight
+  kNoTags,      ///< no tag of the arm is visible
+  kTooFewTags,  ///< the visible tags do not determine the shape
+  kNoFit,       ///< no shape of the arm fits the visible tags
 };
 /// "measured", "no_tags", "too_few_tags" or "no_fit".
 const char* nameOf(SightState state);
@@ -25,26 +25,26 @@ struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;
   estimation::TwistFitOptions fit;
-  int min_tags = 2;  ///< fewer tags of the arm in sight make no measurement, >= 2
+  int min_tags = 2;  ///< fewest visible tags of the arm for a measurement, >= 2
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
 
-/// The tags of one picture and the shape they tell of.
+/// The tags of one picture and the shape fitted to them.
 struct Sight {
   SightState state = SightState::kNoTags;
-  std::vector<TagDetection> detections;  ///< all of them, sorted by id
-  std::vector<int> foreign_ids;          ///< not tags of this arm
-  std::vector<int> repeated_ids;         ///< seen more than once: none of them is used
-  std::vector<int> unusable_ids;         ///< where the lens folds the picture: not used either
+  std::vector<TagDetection> detections;  ///< all detections, sorted by id
+  std::vector<int> unknown_ids;          ///< tags that this arm does not have
+  std::vector<int> repeated_ids;         ///< detected more than once; none of them is used
+  std::vector<int> unusable_ids;  ///< outside the valid range of the lens distortion; not used
   int by_edges = 0, by_regions = 0;
   bool whole_picture = false;
-  estimation::TwistFit fit;  ///< of meaning where the state is kMeasured
+  estimation::TwistFit fit;  ///< valid only if the state is kMeasured
 };
 
-/// From picture to shape: tracks the tags from where the last shape, or the model's, puts them,
-/// and fits the shape to their corners. Not for two threads at once.
+/// Measures the shape in pictures: tracks the tags from the positions that the last shape, or the
+/// model's, predicts, and fits the shape to their corners. Not thread-safe.
 class ArmLocalizer {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
@@ -54,8 +54,8 @@ class ArmLocalizer {
   ArmLocalizer& operator=(ArmLocalizer&&) noexcept;
 
   /// @param gray   (CV_8UC1) of the camera's size.
-  /// @param model  shape that the arm should about have; its change since the last picture helps to
-  /// tell where the tags went.
+  /// @param model  approximate shape of the arm; its change since the last picture helps to predict
+  /// the tags.
   /// @throws std::invalid_argument on a picture of another size or type.
   const Sight& locate(const cv::Mat& gray, const model::Shape& model);
 

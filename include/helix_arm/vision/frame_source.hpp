@@ -17,79 +17,79 @@ struct WebcamConfig {
   int width = 1280, height = 720;  ///< [px]
   std::string fourcc = "MJPG";     ///< MJPG, YUYV, UYVY or GREY
   double fps = 30.0;               ///< > 0 [Hz]
-  /// Locked, so that the focal length stays as calibrated; in the driver's units, >= 0.
+  /// Fixed focus, so that the focal length stays as calibrated; in the driver's units, >= 0.
   int focus = 0;
-  int exposure = 157;            ///< locked; in the driver's units (often 100 us), >= 0
-  double reconnect_after = 1.0;  ///< between tries to open it again, >= 0 [s]
+  int exposure = 157;            ///< fixed; in the driver's units (often 100 us), >= 0
+  double reconnect_after = 1.0;  ///< time between attempts to reopen, >= 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
 
-/// What came of asking for the next frame.
+/// Result of a request for the next frame.
 enum class FrameStatus {
   kFrame,  ///< a picture
-  kFault,  ///< none this time: Frame::fault says why; the next call tries again, or goes on
-  kEnd,    ///< a file or folder is through
+  kFault,  ///< no picture: Frame::fault says why; the next call retries or continues
+  kEnd,    ///< end of the file or folder
 };
 
 struct Frame {
-  cv::Mat gray;       ///< (CV_8UC1) empty with a fault; its memory is used again
+  cv::Mat gray;       ///< (CV_8UC1) empty with a fault; its memory is reused
   std::string name;   ///< file, or `file#number`, or the device
   std::string fault;  ///< culprit and remedy
-  /// With a fault: the picture's size, where that is not the expected one.
+  /// With a fault: the picture's size if it is not the expected one.
   std::optional<cv::Size> wrong_size;
-  double retry_after = 0;    ///< with a fault: before this nothing will have changed [s]
+  double retry_after = 0;    ///< with a fault: retrying earlier is of no use [s]
   std::uint64_t number = 0;  ///< counted from 0, faults included
 };
 
-/// A camera that may be unplugged, as a source of frames uses it.
+/// A camera that may be unplugged, as FrameSource uses it.
 class VideoDevice {
  public:
-  /// What came of reading.
+  /// Result of reading.
   enum class Read {
     kPicture,
-    kBroken,  ///< this picture is of no use; the next may be
-    kGone,    ///< no more pictures until it is opened again
+    kBroken,  ///< this picture is unusable; the next one may be good
+    kGone,    ///< no more pictures until the device is reopened
   };
 
   virtual ~VideoDevice() = default;
-  /// @return nothing when it is open, else why it is not and what to do.
+  /// @return the reason for failure and the remedy; empty on success.
   virtual std::optional<std::string> open() = 0;
   /// Waits for the next picture.
-  /// @param gray   (CV_8UC1) where this gives a picture.
-  /// @param fault  where it does not: why, and what to do.
+  /// @param gray   (CV_8UC1) set if the result is kPicture.
+  /// @param fault  otherwise set to the reason and the remedy.
   virtual Read read(cv::Mat& gray, std::string& fault) = 0;
   virtual void close() = 0;
 };
 
 /// Gray pictures, one after the other, from a webcam, a video file, a picture or a folder of
-/// pictures (in the order of their names). Not for two threads at once.
+/// pictures (in the order of their names). Not thread-safe.
 class FrameSource {
  public:
   virtual ~FrameSource() = default;
 
-  /// The next picture. A webcam's is waited for (OpenCV gives up after 10 s); nothing else is: who
-  /// calls this in a loop waits for Frame::retry_after in its own way, so that it can be woken.
+  /// The next picture. Waits only for a webcam's picture (OpenCV gives up after 10 s). A caller
+  /// that loops must itself wait for Frame::retry_after, so that it can be woken.
   virtual FrameStatus next(Frame& frame) = 0;
-  /// True where one frame follows the other in time; false where each stands alone.
+  /// True if the frames follow one another in time; false if they are independent.
   virtual bool continuous() const = 0;
 
-  /// Unplugged cameras are opened again as soon as they are back; a camera that does not take the
-  /// size, the format or the locks is a fault as well. None of them throws.
+  /// Unplugged cameras are reopened as soon as they are back. A camera that does not accept the
+  /// size, the format, the focus or the exposure is a fault too. No fault throws.
   /// @throws std::invalid_argument naming the value and its rule.
   static std::unique_ptr<FrameSource> webcam(const WebcamConfig& config);
-  /// The same with any device.
-  /// @param reconnect_after  between tries to open it again [s].
-  /// @param now              a clock that never jumps [s].
+  /// Like webcam(), with any device.
+  /// @param reconnect_after  time between attempts to reopen [s].
+  /// @param now              monotonic clock [s].
   static std::unique_ptr<FrameSource> camera(std::unique_ptr<VideoDevice> device,
                                              const std::string& name, double reconnect_after,
                                              std::function<double()> now);
-  /// A broken picture or video is a fault that names it; so is, by its header and before it is
-  /// decoded, one of more pixels than JpegDecoder::kMaxPixels, or of another size than expected.
-  /// @param expected  [px]; none: any.
-  /// @throws std::invalid_argument when there is no such file or folder, or nothing in it that
-  /// could be a picture.
+  /// A broken picture or video is a fault that names it. A picture with more pixels than
+  /// JpegDecoder::kMaxPixels, or of another size than expected, is a fault too: its header is
+  /// checked before it is decoded.
+  /// @param expected  size of the pictures [px]; absent: any.
+  /// @throws std::invalid_argument if the file or folder does not exist, or contains no picture.
   static std::unique_ptr<FrameSource> files(const std::string& path,
                                             std::optional<cv::Size> expected = {});
 

@@ -11,26 +11,26 @@
 
 namespace helix_arm::vision {
 
-/// Decodes JPEG and MJPEG frames straight to gray; the colours are never computed. Nothing of one
-/// picture enters the next.
+/// Decodes JPEG and MJPEG frames directly to gray; colours are not computed. No state is kept
+/// between pictures.
 class JpegDecoder {
  public:
-  /// Most pixels a picture may have; a header that claims more, or more than its bytes can hold, is
+  /// Maximum number of pixels. A header that claims more, or more than its bytes can hold, is
   /// refused before anything is allocated.
   static constexpr int kMaxPixels = 64'000'000;
-  /// Most scans of a progressive picture: each goes through all of its pixels. Encoders make 10.
+  /// Maximum number of scans of a progressive picture: each passes over all pixels. Encoders
+  /// produce 10.
   static constexpr int kMaxScans = 32;
 
-  /// The size [px] that the header claims, by the header alone; empty where there is no sound one.
+  /// The size [px] that the header claims; empty if the header is invalid.
   static cv::Size claimedSize(const std::uint8_t* data, std::size_t size);
 
-  /// Takes gray and YCbCr, baseline and progressive, with or without Huffman tables (MJPEG leaves
-  /// out the usual ones), with any padding after the last pixel. All else that breaks the standard
-  /// is refused, as truncated pictures are: pixels would be guessed.
+  /// Accepts gray and YCbCr, baseline and progressive, with or without Huffman tables (MJPEG omits
+  /// the standard ones), with any padding after the last pixel. Everything else that violates the
+  /// standard is refused, and so are truncated pictures: their pixels would be guessed.
   ///
-  /// @param gray  (CV_8UC1) the picture, in the same memory as before where it fits; empty where
-  /// this fails.
-  /// @return nothing when it succeeded, else what is wrong with the data.
+  /// @param gray  (CV_8UC1) the picture; its memory is reused if the size fits; empty on failure.
+  /// @return what is wrong with the data; empty on success.
   std::optional<std::string> decode(const std::uint8_t* data, std::size_t size, cv::Mat& gray);
 };
 
@@ -38,14 +38,15 @@ class JpegDecoder {
 class JpegEncoder {
  public:
   /// @param quality  1 to 100.
-  /// @throws std::invalid_argument on another.
+  /// @throws std::invalid_argument on any other quality.
   explicit JpegEncoder(int quality);
   ~JpegEncoder();
   JpegEncoder(JpegEncoder&&) noexcept;
   JpegEncoder& operator=(JpegEncoder&&) noexcept;
 
   /// @param gray  (CV_8UC1), not empty.
-  /// @throws std::invalid_argument on another picture, std::runtime_error on one that is too large.
+  /// @throws std::invalid_argument on any other picture, std::runtime_error on one that is too
+  /// large.
   std::vector<std::uint8_t> encode(const cv::Mat& gray);
 
  private:

@@ -13,14 +13,13 @@ namespace helix_arm::vision {
 
 struct DetectorConfig {
   std::string family = "36h11";
-  /// Quads are looked for in a picture so many times smaller: 1, 1.5 or a whole number up to
-  /// 32.
+  /// Factor by which the picture is shrunk for the quad search: 1, 1.5 or a whole number up to 32.
   double quad_decimate = 2.0;
-  double quad_sigma = 0.0;   ///< of the blur before that (below 0: sharpens), -10 to 10 [px]
+  double quad_sigma = 0.0;   ///< blur before the quad search (below 0: sharpen), -10 to 10 [px]
   int threads = 1;           ///< 1 to 64
-  bool refine_edges = true;  ///< put the corners where the edges of the full picture cross
-  /// Wrong bits that are put up with: 0 to 3, fewer than half of those in which tags of the family
-  /// differ, and no more than 2 GB of memory hold.
+  bool refine_edges = true;  ///< refine the corners at the edges of the full picture
+  /// Maximum number of wrong bits: 0 to 3, fewer than half of the family's distance, and no more
+  /// than 2 GB of memory allow.
   int max_hamming = 2;
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -30,13 +29,12 @@ struct DetectorConfig {
 /// One tag found in a picture.
 struct TagDetection {
   int id;
-  int hamming;                  ///< bits that were wrong
-  double margin;                ///< how clearly black and white differ, in gray levels
+  int hamming;                  ///< number of wrong bits
+  double margin;                ///< contrast between black and white [gray levels]
   estimation::Corners corners;  ///< [px], (0, 0) the centre of the top-left pixel
 };
 
-/// Finds all tags of a family in a picture, with libapriltag; prints nothing. Not for two threads
-/// at once.
+/// Finds all tags of a family in a picture, with libapriltag. Prints nothing. Not thread-safe.
 class TagDetector {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
@@ -48,13 +46,13 @@ class TagDetector {
   const DetectorConfig& config() const;
   const TagFamily& family() const;
 
-  /// @param gray  (CV_8UC1), at most estimation::Camera::kMaxSide wide and high; an empty one holds
-  /// no tags.
-  /// @return sorted by id; the same id twice where the picture holds it twice.
-  /// @throws std::invalid_argument on another type of picture, or a larger one.
+  /// @param gray  (CV_8UC1), at most estimation::Camera::kMaxSide wide and high; an empty picture
+  /// has no tags.
+  /// @return sorted by id; an id is repeated if the picture contains it twice.
+  /// @throws std::invalid_argument on any other type of picture, or a larger one.
   std::vector<TagDetection> detect(const cv::Mat& gray);
-  /// The same within a region of the picture, and up to 4 quad_decimate px to its left and above
-  /// it; corners in pixels of the whole.
+  /// Like detect(), in a region of the picture and up to 4 quad_decimate px to its left and above
+  /// it. Corners are in pixels of the whole picture.
   std::vector<TagDetection> detect(const cv::Mat& gray, const cv::Rect& region);
 
  private:

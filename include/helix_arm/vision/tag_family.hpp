@@ -15,7 +15,7 @@ namespace helix_arm::vision {
 /// Circle49h12, Custom48h12, Standard41h12 or Standard52h13.
 class TagFamily {
  public:
-  /// @throws std::invalid_argument naming the families there are.
+  /// @throws std::invalid_argument naming the known families.
   explicit TagFamily(const std::string& name);
 
   static std::vector<std::string> names();
@@ -23,21 +23,22 @@ class TagFamily {
   const std::string& name() const { return name_; }
   int count() const;     ///< ids are 0 .. count - 1
   int bitCount() const;  ///< of one tag
-  int distance() const;  ///< bits in which any two tags differ at least
+  int distance() const;  ///< minimum number of bits in which two tags differ
 
-  /// One pixel (0 or 255) a cell, all around the border included, as one reads the tag.
+  /// One pixel (0 or 255) per cell, including the border and what surrounds it, as one reads the
+  /// tag.
   /// @throws std::out_of_range on an unknown id.
   cv::Mat cells(int id) const;
-  /// The square whose corners a detector finds is the outer edge of the black border, or, of the
-  /// families that have bits outside it (Circle, Custom, Standard), the inner edge of the black
-  /// ring. Cells from the edge of that picture to that square, on each side.
+  /// Number of cells between the edge of cells() and the square whose corners a detector finds, on
+  /// each side. That square is the outer edge of the black border; in families with bits outside it
+  /// (Circle, Custom, Standard), the inner edge of the black ring.
   int quietCells() const;
-  /// Cells along a side of that square.
+  /// Number of cells along a side of the detected square.
   int borderCells() const;
-  /// True where that square is white inside, and black around it.
+  /// True if the detected square is white inside and black around it.
   bool isReversed() const;
 
-  /// For one detector, which writes to it; lives as long as any copy of this.
+  /// For one detector, which writes to it. Valid as long as any copy of this object.
   apriltag_family* get() const { return family_.get(); }
 
  private:

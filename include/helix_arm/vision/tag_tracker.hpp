@@ -9,13 +9,13 @@
 
 namespace helix_arm::vision {
 
-/// How a picture is searched where it is known about where the tags must be. Each falls back to the
-/// ones before it, within the same picture.
+/// How a picture is searched when the approximate positions of the tags are moving known. Each mode
+/// falls back to those above it, within the same picture.
 enum class TrackingMode {
   kFull,     ///< the whole picture, always
-  kRegions,  ///< the surroundings of each expected tag, as far as half its size
-  /// The edges of each expected tag, and its bits. It may be off by a quarter of its shorter side,
-  /// but no more than 12 px. Families with bits outside their border are looked for in regions.
+  kRegions,  ///< a region around each expected tag, wider by half its size
+  /// The edges and bits of each expected tag. It may be off by a quarter of its shorter side and at
+  /// most 12 px. Families with bits outside their border are searched by regions instead.
   kEdges,
 };
 
@@ -23,25 +23,25 @@ enum class TrackingMode {
 struct ExpectedTag {
   int id;
   estimation::Corners corners;  ///< [px]
-  /// It was seen in the last picture: not to find it again is reason to search the whole one.
+  /// True if it was seen in the last picture; if it is then not found, the whole picture is
+  /// searched.
   bool seen_before;
 };
 
 struct TrackResult {
-  /// Sorted by id; the same id twice where the picture holds it twice and its whole was searched.
+  /// Sorted by id. An id is repeated if the picture contains it twice and was searched as a whole.
   std::vector<TagDetection> tags;
-  int by_edges = 0, by_regions = 0;  ///< how many of them the edges and regions gave
-  bool whole_picture = false;        ///< it was searched: all other tags are from there
+  int by_edges = 0, by_regions = 0;  ///< number of tags found by edges and by regions
+  bool whole_picture = false;        ///< the whole picture was searched; it gave all other tags
 };
 
-/// Finds tags again from one picture to the next. Not for two threads at once.
+/// Finds tags again from one picture to the next. Not thread-safe.
 ///
-/// An expected tag is tracked only with corners that are true: it is left out where what lies along
-/// its sides, or hides part of it, displaces them. A tag that is not expected is seen only where
-/// the whole picture is searched: when nothing is expected, when nothing is found, when a tag of
-/// the last picture is lost, every 30 pictures while other expected tags are missing, and every 90
-/// otherwise. Of the missing ones, each picture looks for all by their edges but for one only, in
-/// turn, in its region, so that hidden tags stay cheap.
+/// A tag is omitted if something along its sides, or hiding part of it, displaces its corners.
+/// Unexpected tags are found only when the whole picture is searched: when no tag is expected, when
+/// none is found, when a tag of the last picture is lost, every 30 pictures while other expected
+/// tags are missing, and every 90 otherwise. Missing tags are all searched by their edges in every
+/// picture, but only one of them, in turn, by its region. This keeps hidden tags cheap.
 class TagTracker {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
@@ -52,13 +52,13 @@ class TagTracker {
 
   const TagFamily& family() const;
 
-  /// @param gray      (CV_8UC1); an empty one holds no tags.
-  /// @param expected  empty: the whole picture is searched. Corners may have any values, and tags
+  /// @param gray      (CV_8UC1); an empty picture has no tags.
+  /// @param expected  if empty, the whole picture is searched. Corners may have any values. Tags
   /// that the family does not have are never found.
   /// @return valid until the next call.
-  /// @throws std::invalid_argument on another type of picture.
+  /// @throws std::invalid_argument on any other type of picture.
   const TrackResult& track(const cv::Mat& gray, const std::vector<ExpectedTag>& expected);
-  /// The whole picture, and all that the detector finds there.
+  /// Searches the whole picture.
   const TrackResult& search(const cv::Mat& gray);
 
  private:

@@ -34,7 +34,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
   out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
   out.frame_prefix = reader.frame("frame_prefix", "");
-  out.command_timeout = reader.number("command_timeout", out.command_timeout, {0.01, 60.0});
+  out.command_timeout = reader.number("command_timeout_s", out.command_timeout, {0.01, 60.0});
   out.time_factor = reader.number("time_factor", out.time_factor, {0.0, kTimeFactors.upper});
   reader.finish();
   if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
@@ -109,7 +109,7 @@ void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
   silent_ = true;
   regulator_.command(Eigen::VectorXd::Zero(command_.size()));
   ROS_WARN(
-      "no pressure_command for %g s (~command_timeout): the regulator vents by itself; is "
+      "no pressure_command for %g s (~command_timeout_s): the regulator vents by itself; is "
       "pressure_command up?",
       options_.command_timeout);
 }

@@ -18,9 +18,9 @@ bool has(const std::vector<int>& ids, int id) {
 std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
 
 // The ids that no fit can use, when there are any.
-std::string strangers(const vision::Sight& sight) {
+std::string unknownTags(const vision::Sight& sight) {
   std::string out;
-  if (!sight.foreign_ids.empty()) out += "; not of the scene: " + listOf(sight.foreign_ids);
+  if (!sight.unknown_ids.empty()) out += "; not of the scene: " + listOf(sight.unknown_ids);
   if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
   if (!sight.unusable_ids.empty()) {
     out += "; where the camera's distortion folds the picture: " + listOf(sight.unusable_ids);
@@ -43,7 +43,7 @@ const estimation::TagResidual* residualOf(const vision::Sight& sight,
 int tagsOfArm(const vision::Sight& sight) {
   const auto& tags = sight.detections;
   return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
-    return !has(sight.foreign_ids, tag.id) && !has(sight.repeated_ids, tag.id);
+    return !has(sight.unknown_ids, tag.id) && !has(sight.repeated_ids, tag.id);
   }));
 }
 
@@ -113,27 +113,27 @@ std::string summarise(const vision::Sight& sight, int tags) {
 std::string describe(const vision::Sight& sight, int tags, const vision::LocalizerConfig& config) {
   switch (sight.state) {
     case vision::SightState::kMeasured:
-      return summarise(sight, tags) + strangers(sight);
+      return summarise(sight, tags) + unknownTags(sight);
     case vision::SightState::kNoTags:
       return "no tag of the arm is in sight: look after the view, the light, and the scene's "
              "tags.family" +
-             strangers(sight);
+             unknownTags(sight);
     case vision::SightState::kTooFewTags:
       return countText(tags) + " in sight do not determine the shape; at least " +
              std::to_string(config.min_tags) +
-             " are wanted, on all sections: look after occlusion and light" + strangers(sight);
+             " are wanted, on all sections: look after occlusion and light" + unknownTags(sight);
     case vision::SightState::kNoFit:
       break;
   }
   return "no shape of the arm fits the " + countText(tags) +
          " in sight: look after their size and places in the scene, and the camera's calibration" +
-         strangers(sight);
+         unknownTags(sight);
 }
 
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
   if (error == nullptr) return "tip +- " + fixed(1e3 * tipSigma(fit)) + " mm";
-  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" + fixed(error->tip_error_percent) +
-         " %)";
+  return "model off by " + fixed(1e3 * error->tip_error) + " mm (" +
+         fixed(error->tip_error_percent) + " %)";
 }
 
 }  // namespace

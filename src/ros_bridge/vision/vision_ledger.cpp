@@ -54,9 +54,9 @@ void VisionLedger::refused(const PictureRefusal& refusal) {
 }
 
 void VisionLedger::saw(const vision::Sight& sight, int tags) {
-  status_.unknown_ids.assign(sight.foreign_ids.begin(), sight.foreign_ids.end());
+  status_.unknown_ids.assign(sight.unknown_ids.begin(), sight.unknown_ids.end());
   status_.repeated_ids.assign(sight.repeated_ids.begin(), sight.repeated_ids.end());
-  status_.unknown_tags += sight.foreign_ids.size();
+  status_.unknown_tags += sight.unknown_ids.size();
   status_.repeated_tags += sight.repeated_ids.size();
   status_.tags = static_cast<std::uint32_t>(tags);
   if (sight.state == vision::SightState::kMeasured) ++status_.measured;

@@ -13,11 +13,11 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Reads a ROS message from bytes, and takes no memory for more elements than these bytes can hold.
+/// Reads a ROS message from bytes, without allocating more elements than these bytes can hold.
 ///
-/// roscpp's own stream makes room for whatever length an array claims before it looks for the
-/// elements: 32 bytes that claim 2^29 numbers cost 4 GB and 10 s. This one compares the claim with
-/// the bytes left first. Every fault throws ros::serialization::StreamOverrunException.
+/// roscpp's own stream allocates whatever length an array claims before reading its elements: 32
+/// bytes that claim 2^29 numbers cost 4 GB and 10 s. This one compares the claim with the bytes
+/// left first. Every fault throws ros::serialization::StreamOverrunException.
 class CheckedStream {
  public:
   static constexpr ros::serialization::StreamType stream_type =
@@ -36,7 +36,7 @@ class CheckedStream {
   void next(std::vector<T, Allocator>& values) {
     std::uint32_t count = 0;
     next(count);
-    // The shortest element: empty strings and arrays are as long as their counts.
+    // The shortest element: empty strings and arrays consist of their counts.
     const std::uint64_t shortest = std::max(1U, ros::serialization::serializationLength(T()));
     if (count * shortest > left_) ros::serialization::throwStreamOverrun();
     values.resize(count);

@@ -11,23 +11,22 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Gives a process its simulated time from /clock, unless ROS could not count with it.
+/// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
 ///
-/// roscpp takes whatever time comes. Sums and differences of times throw where they leave 32 bits,
-/// also in threads of roscpp and actionlib where nobody can catch that: one message would end the
-/// process. Times from 2^31 s on, and such with 10^9 ns or more, are dropped, counted and warned
-/// of. Without /use_sim_time there is nothing to do.
+/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also in
+/// threads of roscpp and actionlib where the exception cannot be caught: one message would end the
+/// process. Times of 2^31 s and more, or with 10^9 ns or more, are dropped, counted and warned of.
+/// No effect without /use_sim_time.
 class ClockGate {
  public:
-  /// ros::init(), with simulated time kept from roscpp itself: it neither reads /use_sim_time nor
-  /// listens to /clock.
+  /// Calls ros::init() such that roscpp neither reads /use_sim_time nor subscribes to /clock.
   static void init(int argc, char** argv, const std::string& name);
 
-  /// Whether ROS can count with a time: it is below 2^31 s, with less than 10^9 ns.
+  /// Whether ROS can compute with a time: it is below 2^31 s, with less than 10^9 ns.
   static bool isSound(const ros::Time& time);
 
-  /// Takes the time from now on, in a thread of its own, where /use_sim_time says so. ROS must be
-  /// up, and nobody have asked for the time yet.
+  /// Starts setting the time, in its own thread, if /use_sim_time is set. ROS must be up, and the
+  /// time must not have been read yet.
   ClockGate();
   ~ClockGate() { spinner_.stop(); }
   ClockGate(const ClockGate&) = delete;

@@ -15,8 +15,7 @@
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/statics/tier.hpp"
 
-/// Between messages and values. Numbers that come in are checked here; nothing beyond trusts a
-/// message.
+/// Conversions between messages and values. All incoming numbers are checked here.
 namespace helix_arm::ros_bridge {
 
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
@@ -24,15 +23,15 @@ geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X);
 
-/// The poses of messages that our own nodes sent: neither checked nor normalised.
+/// Pose of a message from our own nodes: neither checked nor normalised.
 lie::SE3 fromMsg(const geometry_msgs::Pose& pose);
 
 /// Shape of an arm whose base is `header.frame_id`.
 ///
-/// @param covariance  (6 sections)^2 of the mean twists, [m, rad]; empty where none is known.
+/// @param covariance  (6 sections)^2 of the mean twists, [m, rad]; empty if unknown.
 ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
                     const model::Shape& shape, const Eigen::MatrixXd& covariance = {});
-/// The same of a model's shape, with the tier that found it and why that one.
+/// The same for a model's shape, with its tier and the reason for that tier.
 ArmShape toShapeMsg(const std_msgs::Header& header, const statics::TierChoice& choice,
                     const model::Shape& shape);
 
@@ -44,24 +43,24 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
 control::Checked<Eigen::VectorXd> fromMsg(const PressureArray& target, const model::Arm& arm,
                                           const model::InputRef& command);
 
-/// The twists (6 x sections) of a target; its frame_id is not looked at, since twists are the
-/// sections' own.
+/// The twists (6 x sections) of a target; its frame_id is ignored, since twists are relative to
+/// their sections.
 control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections);
 
-/// The shape that a message tells of, whose curve must have some length. Without `pieces` each
-/// section is one; with several their sum must be `twist`.
+/// The shape of a message, whose curve must not have length 0. Without `pieces`, each section is
+/// one piece; with several, their sum must be `twist`.
 ///
-/// @param base_frame  the only frame_id, besides an empty one, that is taken.
+/// @param base_frame  the only accepted frame_id, besides an empty one.
 control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
                                        const std::string& base_frame);
 
-/// What a tip target asks for, base frame.
+/// The goal of a tip target, base frame.
 struct TipGoal {
-  bool with_rotation;  ///< false: the orientation of X_BT means nothing
+  bool with_rotation;  ///< false: the orientation of X_BT is ignored
   lie::SE3 X_BT;       ///< wanted tip T seen from the arm's base B [m]
 };
 
-/// @param base_frame  the only frame_id, besides an empty one, that is taken.
+/// @param base_frame  the only accepted frame_id, besides an empty one.
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame);
 
 }  // namespace helix_arm::ros_bridge

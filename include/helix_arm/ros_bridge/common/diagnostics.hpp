@@ -6,7 +6,7 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/time.h>
 
-/// What the nodes' diagnostics and warnings have in common.
+/// Diagnostics and warnings common to all nodes.
 namespace helix_arm::ros_bridge {
 
 /// Name of a status: `<node>: <what>`, the node without its leading slash (REP-107).
@@ -16,13 +16,13 @@ std::string statusName(const std::string& node, const std::string& what);
 void addValue(diagnostic_msgs::DiagnosticStatus& status, const std::string& key,
               const std::string& value);
 
-/// A number as text, with so many decimals.
+/// A number as text with this number of decimals.
 std::string fixed(double value, int decimals = 1);
 
-/// Counts faults of one kind, and tells when to warn of them: at the first, and then once a period.
+/// Counts faults of one kind and decides when to warn: at the first, then once per period.
 class FaultCount {
  public:
-  /// True when it is time for a warning.
+  /// Counts a fault. @return true if a warning is due.
   bool add();
   std::uint64_t total() const { return total_; }
 

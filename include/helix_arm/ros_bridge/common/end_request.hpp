@@ -2,19 +2,19 @@
 
 namespace helix_arm::ros_bridge {
 
-/// How a node is asked to end: by Ctrl-C, SIGTERM, rosnode kill, or from within. It only asks, and
-/// ROS stays up: what the node has to do first, as venting an arm, needs no ROS master then, which
-/// may hang. spinUntilEnd() sees to the rest.
+/// Request to end a node: by Ctrl-C, SIGTERM, rosnode kill, or from within. It does not shut ROS
+/// down: the node can first do its work, such as venting an arm, without the ROS master, which may
+/// hang. spinUntilEnd() handles the request.
 class EndRequest {
  public:
-  /// Takes over from roscpp, whose node has been started.
+  /// Replaces roscpp's handlers; its node must have been started.
   EndRequest();
 
-  /// Asks, from any thread.
+  /// Makes the request, from any thread.
   static void make();
-  /// True once somebody has asked.
+  /// True once the request was made.
   static bool made();
-  /// True once nobody waits for what the node is about: it was asked twice, or from within.
+  /// True if the node should not finish its work first: it was asked twice, or from within.
   static bool isUrgent();
 };
 

@@ -7,11 +7,11 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Ends the process where its node was asked to end and cannot: a ROS master that hangs holds up
-/// every call to it, the unregistering at the end included.
+/// Ends the process if its node was asked to end and cannot: a hanging ROS master blocks every call
+/// to it, including unregistering at the end.
 ///
-/// It ends with kFailed, without destructors: where the node drives hardware and has not vented,
-/// its guard does.
+/// It ends with kFailed, without destructors. If the node drives hardware and has not vented, its
+/// guard vents.
 class EndWatch {
  public:
   EndWatch();
@@ -19,12 +19,12 @@ class EndWatch {
   EndWatch(const EndWatch&) = delete;
   EndWatch& operator=(const EndWatch&) = delete;
 
-  /// The node's main thread goes on; once the node was asked to end it is to say so every
-  /// kPatience.
+  /// Reports that the node's main thread is running; required every kPatience once the node was
+  /// asked to end.
   void turn() { ++turns_; }
-  /// What comes next takes the time that it takes, and needs no master: from true to false.
+  /// While true, the watch is suspended, for work that takes time and needs no master.
   void waits(bool so) { waits_ = so; }
-  /// There is no master to unregister from: what is left is given a second.
+  /// There is no master to unregister from: reduces the patience to 1 s.
   void hurry() { patience_ = 1; }
 
   static constexpr double kPatience = 5;  ///< [s]

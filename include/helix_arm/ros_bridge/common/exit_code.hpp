@@ -2,10 +2,10 @@
 
 namespace helix_arm::ros_bridge {
 
-/// What a node's process ends with.
+/// Exit code of a node.
 enum ExitCode {
-  kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or its work is done
-  kFailed = 1,            ///< the ROS master was lost, or the node's own verdict
+  kDone = 0,              ///< asked to end (Ctrl-C, rosnode kill), or work done
+  kFailed = 1,            ///< the ROS master was lost, or the node failed
   kBadConfiguration = 2,  ///< a parameter or a file breaks its rules; every fault was printed
 };
 

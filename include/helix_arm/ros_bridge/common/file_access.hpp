@@ -6,15 +6,15 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros where it
-/// is not set.
+/// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if it is
+/// not set.
 std::string defaultFolder();
 
-/// How the comment of a data set of recorded samples begins.
+/// Start of the comment in a data set of recorded samples.
 inline constexpr char kRecordedTitle[] = "recorded of scene ";
 
-/// Which files the services of a node read and write: those below some folders, since whoever
-/// reaches the node may name any path. What a link points to counts, not where the link is.
+/// Restricts the files that a node's services read and write to some folders, since any client may
+/// name any path. The target of a link counts, not the link's location.
 class FileAccess {
  public:
   /// A folder, and the parameter that names it, such as "~out_folder".
@@ -24,17 +24,17 @@ class FileAccess {
 
   explicit FileAccess(std::vector<Folder> folders) : folders_(std::move(folders)) {}
 
-  /// @param what     the file is called in messages: "data".
+  /// @param what     name of the file in messages, such as "data".
   /// @param given    an absolute path.
-  /// @param endings  that it may have: ".csv".
+  /// @param endings  allowed endings, such as ".csv".
   /// @return its path without links.
-  /// @throws std::invalid_argument where it is no regular file with such an ending below the
-  /// folders. Of a path elsewhere the message does not tell whether anything is there.
+  /// @throws std::invalid_argument if it is no regular file with such an ending below the folders.
+  /// The message does not reveal whether a path elsewhere exists.
   std::string toRead(const std::string& what, const std::string& given,
                      const std::vector<std::string>& endings) const;
 
-  /// The same for a file that is to be written: it may be there only where this package wrote it,
-  /// as a calibrated scene (.yaml) or recorded samples (.csv), and its folder must be writable.
+  /// The same for a file to write. Its folder must be writable. An existing file is accepted only
+  /// if this package wrote it, as a calibrated scene (.yaml) or recorded samples (.csv).
   std::string toWrite(const std::string& what, const std::string& given,
                       const std::vector<std::string>& endings) const;
 

@@ -16,24 +16,24 @@
 #include "helix_arm/ros_bridge/common/checked_stream.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 
-/// Where the callbacks of all nodes are made: no message, whatever it holds, ends a node.
+/// Guarded callbacks for all nodes: no message can end a node.
 ///
-/// What a callback throws, and what cannot be deserialised, is dropped, counted and warned of with
-/// its culprit: at the first time, and then once every five seconds. An array is given no more
-/// memory than its message has bytes for (CheckedStream).
+/// Exceptions of callbacks, and messages that cannot be deserialised, are dropped, counted and
+/// warned of with their sender: at the first one, then once every five seconds. Arrays get no more
+/// memory than their messages have bytes for (CheckedStream).
 namespace helix_arm::ros_bridge {
 
-/// Catches what one source of work throws. From any thread.
+/// Catches the exceptions of one source of work. Thread-safe.
 class FaultGuard {
  public:
   using Log = std::function<void(const std::string& line)>;
 
   /// @param source  named in the warnings, such as "a message on /tip_target".
-  /// @param log     takes the warnings; rosconsole where there is none.
+  /// @param log     receives the warnings; default: rosconsole.
   explicit FaultGuard(std::string source, Log log = {});
 
-  /// @param culprit  who sent it; empty: nobody did.
-  /// @return whether the body returned without throwing; else why is what it threw.
+  /// @param culprit  the sender; empty if there is none.
+  /// @return whether the body returned without throwing; otherwise *why is set to what it threw.
   template <class Body>
   bool run(const std::string& culprit, const Body& body, std::string* why = nullptr) noexcept {
     try {
@@ -55,7 +55,7 @@ class FaultGuard {
   FaultCount faults_ HELIX_ARM_GUARDED_BY(mutex_);
 };
 
-/// How roscpp hands over the messages of one topic.
+/// Passes the messages of one topic from roscpp to a callback.
 template <class Message>
 class GuardedSubscription : public ros::SubscriptionCallbackHelper {
  public:
@@ -91,8 +91,8 @@ class GuardedSubscription : public ros::SubscriptionCallbackHelper {
   const Callback callback_;
 };
 
-/// How roscpp hands over the calls of one service. A call that throws is answered with what it
-/// threw.
+/// Passes the calls of one service from roscpp to a callback. If it throws, the caller receives the
+/// message of the exception.
 template <class Request, class Response>
 class GuardedService : public ros::ServiceCallbackHelper {
  public:
@@ -120,7 +120,8 @@ class GuardedService : public ros::ServiceCallbackHelper {
         &why);
     params.response = sound ? ros::serialization::serializeServiceResponse(ok, response)
                             : ros::serialization::serializeServiceResponse(false, why);
-    // roscpp sends this response only where it is told true; it says itself that the call failed.
+    // roscpp sends this response only if this returns true; the response itself says that the call
+    // failed.
     return !sound || ok;
   }
 
@@ -129,7 +130,7 @@ class GuardedService : public ros::ServiceCallbackHelper {
   const Callback callback_;
 };
 
-/// Subscribes, without delay on the wire; listen() calls it.
+/// Subscribes with TCP_NODELAY; called by listen().
 template <class Message>
 ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic,
                                  std::uint32_t queue,
@@ -143,8 +144,8 @@ ros::Subscriber subscribeGuarded(ros::NodeHandle& node, const std::string& topic
   return node.subscribe(options);
 }
 
-/// Subscribes, without delay on the wire; the callback takes the message, or the event that tells
-/// its sender as well.
+/// Subscribes with TCP_NODELAY. The callback takes the message, or the event, which also has its
+/// sender.
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
                        void (Node::*callback)(const ros::MessageEvent<const Message>&), Node* owner,
@@ -188,14 +189,14 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
   return node.advertiseService(options);
 }
 
-/// Calls again and again, by a steady clock.
-/// @param what    it does, for the warnings: "drawing".
+/// Calls back periodically, on a steady clock.
+/// @param what    activity named in the warnings, such as "drawing".
 /// @param period  [s]
 template <class Node>
 ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
                         void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner,
                         FaultGuard::Log log = {}) {
-  // Caught in here: roscpp forgets a timer whose callback throws.
+  // Caught here: roscpp removes a timer whose callback throws.
   const auto guard = std::make_shared<FaultGuard>("a turn of " + what, std::move(log));
   return node.createSteadyTimer(ros::WallDuration(period),
                                 [guard, owner, callback](const ros::SteadyTimerEvent& event) {

@@ -8,19 +8,18 @@
 
 namespace helix_arm::ros_bridge {
 
-/// A thread whose exceptions do not kill the process unheard: they are printed, and somebody is
-/// told.
+/// A thread whose exceptions do not end the process silently: they are printed and reported.
 class GuardedThread {
  public:
-  /// Joins a body that must have been told to end.
+  /// Joins; the body must have been told to end.
   ~GuardedThread() { join(); }
 
-  /// @param on_failure  called by the thread, last of all, when the body threw.
+  /// @param on_failure  called by the thread as its last action if the body threw.
   void start(
       std::function<void()> body, std::function<void()> on_failure = [] { EndRequest::make(); });
   void join();
 
-  /// What the node should end with for the body's sake.
+  /// Exit code of the node as far as the body is concerned.
   int verdict() const { return verdict_; }
 
  private:

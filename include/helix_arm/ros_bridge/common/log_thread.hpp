@@ -12,19 +12,18 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Writes lines to ROS's log in a thread of its own: a terminal that takes no more of them holds up
-/// nobody else.
+/// Writes lines to ROS's log in its own thread, so that a blocked terminal delays no other thread.
 class LogThread {
  public:
   using Level = ros::console::Level;
 
   LogThread();
-  /// Once what waits is written.
+  /// Returns once the waiting lines are written.
   ~LogThread();
   LogThread(const LogThread&) = delete;
   LogThread& operator=(const LogThread&) = delete;
 
-  /// To be written, of any thread; where too many wait it is lost, and the log says so.
+  /// Queues a line. Thread-safe. If too many are waiting the line is lost, and the log says so.
   void write(Level level, std::string line) HELIX_ARM_EXCLUDES(mutex_);
 
  private:

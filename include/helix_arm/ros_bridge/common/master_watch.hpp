@@ -8,24 +8,25 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Asks the node to end when its ROS master is gone, hangs, or was restarted and no longer knows
-/// the node: roscpp notices none of these.
+/// Asks the node to end if its ROS master is gone, hangs, or was restarted and does not know the
+/// node; roscpp notices none of these.
 ///
-/// Asks from a thread of its own, and waits for no answer longer than kPatience: a master that
-/// hangs stalls nothing.
+/// Queries the master from its own thread and waits at most kPatience for an answer, so that a
+/// hanging master blocks nothing.
 class MasterWatch {
  public:
   static constexpr double kPatience = 2;  ///< for an answer [s]
 
-  /// @param period  between two questions.
-  /// @param misses  questions in a row without an answer that mean the master is gone, >= 1.
+  /// @param period  time between two queries.
+  /// @param misses  number of unanswered queries in a row after which the master counts as gone, >=
+  /// 1.
   explicit MasterWatch(std::chrono::milliseconds period = std::chrono::seconds(1), int misses = 3);
-  /// Waits kPatience at most.
+  /// Waits at most kPatience.
   ~MasterWatch();
   MasterWatch(const MasterWatch&) = delete;
   MasterWatch& operator=(const MasterWatch&) = delete;
 
-  /// True once the master was found gone and the node was asked to end.
+  /// True once the master is gone and the node was asked to end.
   bool lost() const { return lost_; }
 
  private:

@@ -10,10 +10,10 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Exact, and for any two stamps: the difference of ros::Time throws where messages are far apart.
+/// Exact difference of any two stamps [s]; that of ros::Time throws if they are far apart.
 double secondsBetween(const ros::Time& from, const ros::Time& to);
 
-/// The model's shapes of the last seconds, so that a picture meets the one of its own time.
+/// The model's shapes of the last seconds, to find the one at the time of a picture.
 class ModelHistory {
  public:
   struct Entry {
@@ -21,30 +21,30 @@ class ModelHistory {
     model::Shape shape;
   };
 
-  /// Longest time between a picture and a model that has to do with it [s].
+  /// Maximum time between a picture and its model [s].
   static constexpr double kReach = 0.25;
-  /// How long shapes are kept, by their stamps [s].
+  /// Time for which shapes are kept, by their stamps [s].
   static constexpr double kMemory = 2.0;
-  /// As many at most: kMemory of models at 1000 Hz.
+  /// Maximum number of shapes: kMemory of models at 1000 Hz.
   static constexpr std::size_t kMost = 2000;
 
-  /// A stamp before the last one is a jump back in time: what was kept is forgotten. One equal to
-  /// the last, as of a clock that stands still, takes its place.
+  /// A stamp before the last one is a jump back in time: all earlier entries are forgotten. A stamp
+  /// equal to the last one (stopped clock) replaces its entry.
   void add(const ros::Time& stamp, const model::Shape& shape);
 
-  /// Forgets what lies farther ahead of `now` than kReach: it is from before a jump back in time.
+  /// Forgets entries more than kReach ahead of `now`: they are from before a jump back in time.
   void forgetFuture(const ros::Time& now);
 
-  /// How far the latest model is behind the stamp, negative when ahead [s]; nothing without one.
+  /// Time of the latest model behind the stamp, negative if ahead [s]; nothing without a model.
   std::optional<double> lag(const ros::Time& stamp) const;
 
   std::size_t size() const { return entries_.size(); }
 
-  /// The nearest within kReach; of two as near, the earlier.
+  /// The nearest entry within kReach; the earlier of two equally near ones.
   std::optional<Entry> nearest(const ros::Time& stamp) const;
 
-  /// True when a model that is yet to come may be nearer than those that came: models do come, and
-  /// none of them is as late as the stamp.
+  /// True if a future model may be nearer than the present ones: models are arriving, and none is
+  /// as late as the stamp.
   bool mayGetNearer(const ros::Time& stamp) const;
 
  private:

@@ -4,22 +4,22 @@
 
 namespace helix_arm::ros_bridge {
 
-/// ROS time for as long as it goes on; where it stands still, as when the node that simulates it
-/// has ended, a steady clock takes over, so that what came before grows old all the same.
+/// ROS time while it advances. If it stops, for example because the node that simulates it has
+/// ended, a steady clock continues it, so that earlier data still ages.
 ///
-/// To be asked more often than kPatience.
+/// Call now() more often than every kPatience.
 class MovingClock {
  public:
-  static constexpr double kPatience = 2.0;  ///< that ROS time may stand still [s]
+  static constexpr double kPatience = 2.0;  ///< longest stop of ROS time [s]
 
   /// [s]
   double now();
-  /// Whether ROS time stood still when now() was last called.
+  /// Whether ROS time had stopped at the last call of now().
   bool stands() const { return stands_; }
 
  private:
   ros::Time last_;
-  ros::SteadyTime since_;  ///< when ROS time became what it is
+  ros::SteadyTime since_;  ///< when ROS time last changed
   bool stands_ = false;
 };
 

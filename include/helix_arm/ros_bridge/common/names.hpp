@@ -1,6 +1,6 @@
 #pragma once
 
-/// Every name that the nodes share: topics (relative, so that a namespace moves them), frames and
+/// All names shared by the nodes: topics (relative, so that a namespace applies), frames and
 /// diagnostics.
 namespace helix_arm::ros_bridge::names {
 
@@ -25,9 +25,9 @@ inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kWorkspace[] = "workspace";
-inline constexpr char kTipHandle[] =
-    "tip_handle";                           ///< namespace of the interactive marker's topics
-inline constexpr char kClock[] = "/clock";  ///< of simulated time
+/// Namespace of the interactive marker's topics.
+inline constexpr char kTipHandle[] = "tip_handle";
+inline constexpr char kClock[] = "/clock";              ///< of simulated time
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
 
 // Services and actions, below the names of their nodes.
@@ -51,10 +51,10 @@ inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
 inline constexpr char kWorkspaceCloudNode[] = "workspace_cloud";
 
-// Who commands when the interactive marker is dragged, whichever rviz drags it.
+// Name of the commander when the interactive marker is dragged in any rviz.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";
 
-// Frames; those of the arm carry the prefix of the node's parameters.
+// Frames; those of the arm have the prefix from the node's parameters.
 inline constexpr char kWorldFrame[] = "world";
 inline constexpr char kBaseFrame[] = "arm_base";
 // Of one shape, followed by 0 .. n from the base to the tip, and by kTipFrame.

@@ -12,27 +12,26 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Private parameters of a node that break their rules; what() holds all of them, one a line.
+/// Private parameters of a node that break their rules; what() holds all of them, one per line.
 class ParameterError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
 /// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
-/// nothing where the text is neither.
+/// nothing if the text is neither.
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
                                     const std::string& extension);
 
-/// Reads a node's private parameters and collects what is wrong with them: `~name value rule`.
+/// Reads a node's private parameters and collects their faults: `~name value rule`.
 class ParameterReader {
  public:
   explicit ParameterReader(const ros::NodeHandle& private_node) : node_(private_node) {}
 
-  /// Each returns the fallback when the parameter is absent, and when it is wrong after noting the
+  /// Each returns the fallback if the parameter is absent or invalid; the latter is noted as a
   /// fault.
   std::string text(const std::string& name, const std::string& fallback);
-  /// Name of a tf frame or the beginning of one: no leading slash, empty only where the fallback
-  /// is.
+  /// Name of a tf frame or a prefix of one: no leading slash, empty only if the fallback is.
   std::string frame(const std::string& name, const std::string& fallback);
   /// One of these words.
   std::string choice(const std::string& name, const std::string& fallback,
@@ -45,15 +44,15 @@ class ParameterReader {
   /// extension.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
-  /// The same; empty when the parameter is absent.
+  /// The same; empty if the parameter is absent.
   std::string optionalFile(const std::string& name, const std::string& folder,
                            const std::string& extension);
 
-  /// Absolute path of a folder; the fallback when the parameter is absent or empty.
+  /// Absolute path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback);
 
   /// Warns of parameters that were set but never read, most often misspelt ones.
-  /// @throws ParameterError with every fault noted so far, when there are any.
+  /// @throws ParameterError with every fault noted so far, if there are any.
   void finish();
 
  private:

@@ -2,11 +2,11 @@
 
 #include "helix_arm/io/scene.hpp"
 
-/// What every node that has to do with the arm's pressures asks of a scene.
+/// Requirements on scenes of nodes that use the arm's pressures.
 namespace helix_arm::ros_bridge {
 
-/// The scene, when all of its actuators are driven by pressure.
-/// @throws std::invalid_argument naming those that are not.
+/// The scene, if all of its actuators are driven by pressure.
+/// @throws std::invalid_argument naming the others.
 io::Scene requirePneumatic(io::Scene scene);
 
 }  // namespace helix_arm::ros_bridge

@@ -11,27 +11,27 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Answers a node's `~reload`: gives it another file of the same rig while it runs, as after a
+/// Serves a node's `~reload`: loads another file of the same rig at run time, for example after a
 /// calibration.
 ///
-/// The file is loaded and checked before anything changes; whatever is wrong with it is the answer.
+/// The file is loaded and checked before anything changes; its faults are the answer.
 class ReloadServer {
  public:
-  /// Takes the scene's place, all of it; or throws a std::exception with the reason and changes
+  /// Replaces the node's scene completely; or throws a std::exception with the reason and changes
   /// nothing.
   using Adopt = std::function<void(io::Scene)>;
 
   /// @param private_node  of the node.
-  /// @param path          of the scene that the node has.
-  /// @param scene_folder  below which scenes are taken, beside those that the package ships, and
-  ///                      the node's own.
-  /// @param adopt         called from the callback queue, while file() waits: it must not call
-  ///                      file(), nor lock what is locked around a call of file().
+  /// @param path          path of the node's present scene.
+  /// @param scene_folder  folder from which scenes are accepted, besides those that the package
+  ///                      ships and the node's own.
+  /// @param adopt         called from the callback queue while file() waits: it must not call
+  ///                      file(), nor lock a mutex that is locked around a call of file().
   ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
                Adopt adopt);
 
-  /// The file of the scene that the node has now, and what it held then. From any thread; waits
-  /// while a scene is adopted.
+  /// The file of the node's present scene, and the hash of its content when it was loaded.
+  /// Thread-safe; waits while a scene is adopted.
   struct File {
     std::string path, sha256;
   };
@@ -40,19 +40,19 @@ class ReloadServer {
  private:
   bool onReload(Reload::Request& request, Reload::Response& response) HELIX_ARM_EXCLUDES(mutex_);
   /// The file that a request means.
-  /// @throws std::invalid_argument where the node does not take it.
+  /// @throws std::invalid_argument if the node does not accept it.
   std::string allowed(const std::string& scene) const HELIX_ARM_EXCLUDES(mutex_);
 
   const std::string first_path_, scene_folder_;
-  /// Locked while a scene is adopted, too: whoever sees the new scene gets the new file.
+  /// Also locked while a scene is adopted, so that whoever sees the new scene gets the new file.
   mutable basics::Mutex mutex_;
   File file_ HELIX_ARM_GUARDED_BY(mutex_);
   Adopt adopt_;
   ros::ServiceServer server_;
 };
 
-/// @throws std::invalid_argument naming what keeps one scene from being of the same rig as the one
-/// at hand: other sections, other actuators, or another geometry.
+/// @throws std::invalid_argument naming the difference if the scenes are not of the same rig: other
+/// sections, other actuators, or another geometry.
 void requireSameRig(const io::Scene& at_hand, const io::Scene& next);
 
 }  // namespace helix_arm::ros_bridge

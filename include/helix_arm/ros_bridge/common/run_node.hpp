@@ -15,38 +15,39 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Thrown by the set-up of a node that has no work here, and rightly so: it ends with kDone.
+/// Thrown by the set-up of a node that legitimately has nothing to do: it ends with kDone.
 class NothingToDo : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Runs `body`, turns what it throws into printed faults and an exit code.
+/// Runs `body` and converts its exceptions to printed faults and an exit code.
 ///
-/// ROS must be up, since it does the printing.
+/// ROS must be up, since it prints the faults.
 int guarded(const std::function<int()>& body);
 
-/// Handles callbacks until the node is to end.
+/// Handles callbacks until the node must end.
 ///
-/// @param may_end  whether a first request to end is followed at once.
+/// @param may_end  whether a first request to end takes effect immediately.
 void spinUntilEnd(EndWatch& end_watch, const std::function<bool()>& may_end);
 
-/// Whether a node is about nothing that it should finish before it ends; by default none is.
+/// Whether a node has no work to finish before it ends; default: true.
 template <class Node>
 bool mayEnd(const Node&) {
   return true;
 }
 
-/// The main of a node: makes it, spins until it is to end, returns its exit code.
+/// The main function of a node: creates it, spins until it must end, returns its exit code.
 ///
-/// A Node does its set-up in the default constructor, which may throw; finish() gives the verdict
-/// on its run, and may take its time as long as it asks nothing of the ROS master. It is called
-/// before ROS is shut down: a master that hangs delays the end by EndWatch::kPatience, and turns it
-/// into kFailed, but delays nothing that finish() does. What a callback throws ends the node in the
-/// same order, with kFailed.
+/// A Node does its set-up in the default constructor, which may throw; finish() returns its exit
+/// code, and may take time if it does not use the ROS master. It is called before ROS is shut down:
+/// a hanging master delays the end by EndWatch::kPatience and turns the exit code into kFailed, but
+/// does not delay finish(). An exception of a callback ends the node in the same order, with
+/// kFailed.
 template <class Node>
 int runNode(int argc, char** argv, const char* name) {
-  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // lines show at once in pipes and files, too
+  std::setvbuf(stdout, nullptr, _IOLBF,
+               BUFSIZ);  // lines appear immediately in pipes and files, too
   ClockGate::init(argc, argv, name);
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
@@ -60,7 +61,7 @@ int runNode(int argc, char** argv, const char* name) {
       spinUntilEnd(end_watch, [&node] { return mayEnd(node); });
       return kDone;
     });
-    EndRequest::make();  // whatever ended it: what is left is watched
+    EndRequest::make();  // whatever ended it, the rest is watched
     end_watch.waits(true);
     const int verdict = node.finish();
     end_watch.waits(false);

@@ -13,12 +13,12 @@ namespace helix_arm::ros_bridge {
 
 /// Draws an arm for rviz, seen from its base frame, in stable namespaces and ids.
 ///
-/// - muscles: one tube an actuator, coloured by its pressure: blue at the lower limit, then green,
+/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, then green,
 ///   yellow, and red at the upper limit
 /// - base_curve: the curve that the muscles bend
 /// - separators: the discs that hold the muscles
-/// - tip_trace: where the tip has been, smoothed over a few drawings
-/// - pressures: one line of text an actuator, in kPa and in its muscle's colour, beside the base
+/// - tip_trace: trace of the tip, smoothed over a few drawings
+/// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
 class ArmMarkers {
  public:
   /// Keeps a reference to the scene.
@@ -27,13 +27,13 @@ class ArmMarkers {
   ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
 
   /// @param shape     to draw.
-  /// @param pressure  (n) what the colours and the text tell, gauge [Pa].
-  /// @param stamp     of the shape; a stamp before the last one, a jump back in time, begins a new
-  /// trace.
+  /// @param pressure  (n) pressures for the colours and the text, gauge [Pa].
+  /// @param stamp     stamp of the shape; one before the last stamp (a jump back in time) starts a
+  /// new trace.
   visualization_msgs::MarkerArray draw(const model::Shape& shape, const model::InputRef& pressure,
                                        const ros::Time& stamp);
 
-  /// Takes everything off the screen; the next drawing begins a new trace.
+  /// Removes all markers; the next drawing starts a new trace.
   visualization_msgs::MarkerArray remove(const ros::Time& stamp);
 
  private:

@@ -20,30 +20,30 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Brings the arm of a scene to pressures, shapes and tips, on the scene's regulator, real or
-/// simulated, or on one that is another node's.
+/// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
+/// (real or simulated) or another node's.
 ///
-/// Between targets and regulator stands control::SafetyCore: whatever it finds wrong vents the arm,
-/// and nothing moves until it is enabled again.
+/// Between targets and regulator stands control::SafetyCore: any fault vents the arm, and nothing
+/// moves until it is enabled again.
 ///
 /// Subscribes
-/// - pressure_target (PressureArray): gauge [Pa]; names left out keep their command
+/// - pressure_target (PressureArray): gauge [Pa]; omitted names keep their command
 /// - shape_target (ShapeTarget): twists of all sections
 /// - tip_target (TipTarget): position or pose of the tip, base frame
 /// - tip_handle/feedback (visualization_msgs/InteractiveMarkerFeedback)
 /// - pressure_measured (PressureArray): with ~regulator `topic`; gauge [Pa], all actuators
 ///
 /// Publishes
-/// - pressure_command (PressureArray): in force [Pa], on its way to the target as fast as the
-/// scene's
-///   slew lets it, 0 where the arm is not enabled; at once on a target, and with every loop
+/// - pressure_command (PressureArray): command in force [Pa], moving to the target at most at the
+///   scene's slew rate, 0 while the arm is not enabled; immediately on a target, and with every
+///   loop
 /// - pressure_measured (PressureArray): with ~regulator `scene`, as the regulator reads them [Pa]
 /// - safety_state (SafetyState): latched, on every change
-/// - model (ArmShape): with every pressure_measured, or the last where a tier is slower than they
-///   come, the model's shape at the measured pressures clamped to the limits, under the scene's
-///   load, with the stamp of that pressure_measured. On hardware, too, the measurement is all that
-///   is known of the pressures.
-/// - target_status (TargetStatus): what became of each target
+/// - model (ArmShape): with every pressure_measured, or only the last if the tier is slower than
+///   these, the model's shape at the measured pressures clamped to the limits, under the scene's
+///   load, with the stamp of that pressure_measured. The pressures are known only from this
+///   measurement, also on hardware.
+/// - target_status (TargetStatus): result of each target
 /// - markers (visualization_msgs/MarkerArray); tip_handle/update and tip_handle/update_full
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: targets`, `<node>: loop`,
 ///   `<node>: model` (its tier, and whether it finds a shape), `<node>: safety`,
@@ -52,28 +52,27 @@ namespace helix_arm::ros_bridge {
 ///
 /// Services
 /// - ~enable, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while true):
-/// their
-///   answers say what became of it, and why
+///   their answers give the result and the reason
 /// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
-///   inside the new limits; with hardware no rule may be looser than when the node began.
+///   inside the new limits; with hardware, no rule may be looser than when the node started.
 ///
 /// Parameters: PressureCommandOptions.
 ///
-/// A bad target is dropped: counted, warned of once a fault and five seconds, answered on
-/// target_status; the command stays. A target out of reach moves the arm to the closest reachable.
-/// A target while the arm is not enabled is dropped with the reason.
-/// Of several publishers the first to speak commands, until it has been silent for the scene's
+/// A bad target is dropped: it is counted, warned of once per fault and five seconds, and answered
+/// on target_status; the command stays. A target out of reach moves the arm to the closest
+/// reachable. A target while the arm is not enabled is dropped with the reason. Of several
+/// publishers the first one commands, until it has been silent for the scene's
 /// safety.commander_timeout. All times are of a steady clock, so that a paused or simulated clock
-/// neither stops the loop nor keeps a lease; the loop has a thread of its own, which no shape,
-/// target or reload delays. Without fresh measurements, and where the model finds
-/// no shape that holds the load, there is neither model nor drawing, and the diagnostics say so.
+/// neither stops the loop nor keeps a lease; the loop has its own thread, which no shape, target or
+/// reload delays. Without fresh measurements, or if the model finds no shape that balances the
+/// load, there is neither model nor drawing, and the diagnostics say so.
 ///
-/// However it ends, the arm vents: in an orderly end by this node's last words to the regulator;
-/// where it is killed or stands still, by a guard process (hardware), or by the regulator's node
-/// when the commands stop. Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad
-/// scene or parameter, such as simulated time with hardware.
+/// The arm vents in every case when the node ends: in an orderly end by this node; if it is killed
+/// or stopped, by a guard process (hardware), or by the regulator's node when the commands stop.
+/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter, such as
+/// simulated time with hardware.
 ///
-/// Its parts: TargetIntake takes targets, PressureLoop drives the regulator, ShapePublisher shows
+/// Its parts: TargetIntake accepts targets, PressureLoop drives the regulator, ShapePublisher shows
 /// the arm at the readings. All of them but PressureLoop run in the main thread only.
 class PressureCommandNode {
  public:
@@ -81,7 +80,7 @@ class PressureCommandNode {
   PressureCommandNode();
   ~PressureCommandNode();
 
-  /// Vents, and returns once that is done.
+  /// Vents, and returns afterwards.
   int finish();
 
  private:
@@ -98,7 +97,7 @@ class PressureCommandNode {
 
   const PressureCommandOptions options_;
   io::Scene scene_;
-  const io::SafetyConfig first_safety_;  ///< what no other file may loosen, with hardware
+  const io::SafetyConfig first_safety_;  ///< rules that no reloaded file may loosen, with hardware
   std::string told_line_error_;
   LoopRate loop_rate_;
   FaultCount guard_losses_;
@@ -110,7 +109,7 @@ class PressureCommandNode {
   std::unique_ptr<ReloadServer> reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
   std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
-  std::optional<PressureLoop> loop_;                ///< last: its readings come to all of the above
+  std::optional<PressureLoop> loop_;  ///< last, since its readings go to all of the above
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -12,13 +12,13 @@
 
 namespace helix_arm::ros_bridge {
 
-/// The statuses `<node>: safety`, `<node>: regulator`, where it is the node's own, and
-/// `<node>: channel <actuator>` for each actuator; pressures in kPa, as their keys say.
+/// The statuses `<node>: safety`, `<node>: regulator`, if it is the node's own, and `<node>:
+/// channel <actuator>` for each actuator; pressures in kPa, as their keys say.
 std::vector<diagnostic_msgs::DiagnosticStatus> pressureStatuses(const std::string& node,
                                                                 const io::Scene& scene,
                                                                 const PressureLoop::Snapshot& path);
 
-/// The rate of a pressure loop between two looks at it.
+/// The rate of a pressure loop between two calls.
 class LoopRate {
  public:
   /// @param wanted  [Hz]
@@ -32,7 +32,7 @@ class LoopRate {
 
  private:
   const double wanted_;
-  std::uint64_t turns_ = 0;  ///< of the loop, at the last look
+  std::uint64_t turns_ = 0;  ///< turns of the loop at the last call
   ros::SteadyTime last_look_;
 };
 

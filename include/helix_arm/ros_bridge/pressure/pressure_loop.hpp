@@ -27,19 +27,18 @@
 
 namespace helix_arm::ros_bridge {
 
-/// The pressure path of a node, in a thread of its own: nothing that the node computes delays it,
-/// nor what stops it.
+/// The pressure path of a node in its own thread: neither the path nor a stop is delayed by other
+/// work of the node.
 ///
-/// Readings that come on a topic have a thread of their own as well, so that none of them delays a
-/// stop.
+/// Readings from a topic have their own thread too, so that they cannot delay a stop.
 ///
-/// Publishes pressure_command, at once on a new target and with every turn; pressure_measured,
-/// where the regulator is the node's own; and safety_state, latched, on every change, with a line
-/// in the log. Serves ~enable, ~vent and ~emergency_stop. All times are of the steady clock,
-/// whatever ROS time does.
+/// Publishes pressure_command, immediately on a new target and with every turn; pressure_measured,
+/// if the regulator is the node's own; and safety_state, latched, on every change, with a line in
+/// the log. Serves ~enable, ~vent and ~emergency_stop. All times are of the steady clock, whatever
+/// ROS time does.
 class PressureLoop {
  public:
-  /// What was measured.
+  /// A reading.
   struct Reading {
     Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
     ros::Time stamp;
@@ -71,25 +70,25 @@ class PressureLoop {
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
-  /// Goes there from now on: (n), inside the limits [Pa].
-  /// @return why it does not; empty: it does.
+  /// Sets the target: (n), inside the limits [Pa].
+  /// @return the reason for refusal; empty on success.
   std::string command(const Eigen::VectorXd& pressure) HELIX_ARM_EXCLUDES(mutex_);
 
-  /// Other rules of the same channels from now on, and another arm of the same actuators.
+  /// Replaces the rules of the same channels, and the arm with the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
   void adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
              const control::SafetyRules& rules) HELIX_ARM_EXCLUDES(mutex_);
 
   /// As PressurePath::guardedBy().
   void guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) HELIX_ARM_EXCLUDES(mutex_);
-  /// Vents, where the regulator is the node's own, waits until no pressure stands, for a while, and
-  /// does nothing from then on.
-  /// @return whether the regulator has read so.
+  /// If the regulator is the node's own, vents and waits for a limited time until no pressure
+  /// remains. Does nothing from then on.
+  /// @return whether the readings confirm that it is vented.
   bool end() HELIX_ARM_EXCLUDES(mutex_);
-  /// What the node should end with for the loop's sake.
+  /// Exit code of the node as far as the loop is concerned.
   int verdict() const { return thread_.verdict(); }
 
-  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_);  ///< (n) where the commands go [Pa]
+  Eigen::VectorXd goal() const HELIX_ARM_EXCLUDES(mutex_);  ///< (n) target of the commands [Pa]
   Snapshot snapshot() const HELIX_ARM_EXCLUDES(mutex_);
 
  private:
@@ -115,7 +114,7 @@ class PressureLoop {
   const Take take_;
   LogThread log_;
 
-  mutable regulator::PriorityMutex mutex_;  ///< of the order of commands, too
+  mutable regulator::PriorityMutex mutex_;  ///< also orders the commands
   model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);
   regulator::PressurePath path_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t turns_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
@@ -123,10 +122,10 @@ class PressureLoop {
   FaultCount bad_readings_ HELIX_ARM_GUARDED_BY(mutex_);
   std::vector<Reading> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
 
-  ros::CallbackQueue queue_;  ///< of all that follows, which leaves it when it goes
+  ros::CallbackQueue queue_;  ///< queue of the members below, which leave it when destroyed
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
   ros::ServiceServer enable_server_, vent_server_, stop_server_;
-  /// Of the readings alone: whatever comes as one, and however large, delays no stop.
+  /// For the readings only, so that no reading, however large, delays a stop.
   ros::CallbackQueue reading_queue_;
   ros::Subscriber reading_subscriber_;
   ros::AsyncSpinner reading_spinner_;

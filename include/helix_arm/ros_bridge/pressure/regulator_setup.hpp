@@ -8,17 +8,17 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
-/// How a node comes to the regulator of its scene.
+/// Access of a node to the regulator of its scene.
 namespace helix_arm::ros_bridge {
 
-/// @throws std::invalid_argument when the scene has none.
+/// @throws std::invalid_argument if the scene has none.
 const regulator::Config& requireRegulator(const io::Scene& scene);
 
 /// The simulated regulator of the scene; warns of actuators whose limits its supply does not reach.
-/// @throws std::invalid_argument when the scene has none, or one of hardware.
+/// @throws std::invalid_argument if the scene has none, or a hardware one.
 regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
 
-/// The scene's regulator, on a line of its own. Tells of it, and warns as makeRegulator().
+/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeRegulator() does.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
 /// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
@@ -26,11 +26,11 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
 std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
                                                        int realtime_priority);
 
-/// Longest gap between two turns of a loop at this rate [Hz] before whoever takes its orders may
+/// Longest gap between two turns of a loop at this rate [Hz] before the receiver of its orders may
 /// have vented by itself [s].
 double longestGap(double rate);
 
-/// A guard that vents the scene's regulator where this process is killed.
+/// A guard that vents the scene's regulator if this process is killed.
 /// @throws std::runtime_error as regulator::GuardProcess.
 std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
                                                     int realtime_priority);

@@ -11,8 +11,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// Counts what became of the targets, and warns of the bad ones: one line a fault and period,
-/// however many come.
+/// Counts the results of targets, and warns of bad ones: at most one line per fault and period.
 class TargetLedger {
  public:
   void taken() { ++taken_; }
@@ -24,8 +23,7 @@ class TargetLedger {
   void dropped(const std::string& topic, const std::string& commander,
                const control::Refusal& refusal);
 
-  /// Adds the counts to a status: WARN when a target was dropped or out of reach since the last
-  /// call.
+  /// Adds the counts to a status: WARN if a target was dropped or out of reach since the last call.
   void report(diagnostic_msgs::DiagnosticStatus& status);
 
  private:

@@ -18,12 +18,13 @@ class TipHandle {
  public:
   using OnTarget = std::function<void(const TipTarget&)>;
 
-  /// @param planar     the tip stays in the base's x-y plane, so the handle does too.
+  /// @param planar     whether tip and handle stay in the base's x-y plane.
   /// @param size       of the handle [m].
-  /// @param on_target  called from the callback queue while the handle is held, base frame.
+  /// @param on_target  called from the callback queue while the handle is held, with a target in
+  /// the base frame.
   TipHandle(const std::string& base_frame, bool planar, double size, OnTarget on_target);
 
-  /// Brings the handle to where the command puts the tip (base frame), unless someone holds it.
+  /// Moves the handle to the commanded tip (base frame), unless it is held.
   void follow(const lie::SE3& X_BT);
 
  private:

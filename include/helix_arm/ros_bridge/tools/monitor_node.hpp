@@ -25,23 +25,24 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of monitor.
 struct MonitorOptions {
-  double seconds = 0.0;  ///< ~seconds: after the first model, to 86400; 0: until asked to end [s]
-  double min_travel = 0.0;  ///< ~min_travel_m: of the tip, less is a fault, to 10 [m]
-  double startup = 30.0;    ///< ~startup_s: that the first model may take, if ~seconds is set [s]
-  double min_rate = 10.0;   ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
+  /// ~seconds: duration after the first model, to 86400; 0: until asked to end [s].
+  double seconds = 0.0;
+  double min_travel = 0.0;  ///< ~min_travel_m: minimum travel of the tip, to 10 [m]
+  double startup = 30.0;   ///< ~startup_s: longest wait for the first model, if ~seconds is set [s]
+  double min_rate = 10.0;  ///< ~min_rate: slowest healthy rate of each topic, 0.1 to 1000 [Hz]
   double min_measured_rate = 2.0;  ///< ~min_measured_rate: of `measured`, 0.1 to 1000 [Hz]
-  /// ~scene: as pressure_command's; where it has camera and tags, `measured` is to come as well.
-  /// Without one `measured` is told of, but not asked for.
+  /// ~scene: as pressure_command's; if it has camera and tags, `measured` is required as well.
+  /// Without a scene, `measured` is shown but not required.
   std::string scene;
-  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
-  /// `helix_arm` below ROS_HOME by default.
+  /// ~scene_folder: folder from which ~reload accepts scenes, besides those of the package and
+  /// ~scene; default: `helix_arm` below ROS_HOME.
   std::string scene_folder;
 
   /// @throws ParameterError with every fault.
   static MonitorOptions load();
 };
 
-/// Watches an arm that runs, from outside: prints a line a second, and a verdict at the end.
+/// Watches a running arm from outside: prints one line per second, and a verdict at the end.
 ///
 /// Subscribes
 /// - pressure_command, pressure_measured (PressureArray)
@@ -50,13 +51,13 @@ struct MonitorOptions {
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): those of pressure_command in its namespace
 ///
 /// Service
-/// - ~reload (Reload), where it has ~scene: another file of the same rig
+/// - ~reload (Reload), if ~scene is set: another file of the same rig
 ///
 /// Prints to stdout. Parameters: MonitorOptions.
 ///
-/// Ends with 0 when the pressures and shapes flowed to the end at ~min_rate or more, with finite
-/// numbers, diagnostics without error and no dropped target (but those of a second commander, while
-/// the arm was not enabled, and late ones); else with 1, saying what was missing; 2 on a bad scene
+/// Ends with 0 if pressures and shapes arrived to the end at ~min_rate or more, with finite
+/// numbers, diagnostics without error and no dropped target (except those of a second commander,
+/// while the arm was not enabled, and late ones); otherwise with 1 and the reason; 2 on a bad scene
 /// or parameter.
 class MonitorNode {
  public:
@@ -67,12 +68,12 @@ class MonitorNode {
   int finish();
 
  private:
-  /// What came on one topic.
+  /// Statistics of one topic.
   struct Stream {
     std::string topic;
     double min_rate;  ///< slowest healthy one [Hz]
     std::uint64_t count = 0;
-    std::uint64_t printed = 0;  ///< of it, before the last line
+    std::uint64_t printed = 0;  ///< count at the last line
     ros::SteadyTime first{}, last{};
     bool finite = true;
 
@@ -93,7 +94,7 @@ class MonitorNode {
   std::string visionText() const;
   std::string safetyText() const;
   std::vector<const Stream*> expected() const;
-  double travel() const;  ///< diagonal of the box that the tip stayed in [m]
+  double travel() const;  ///< diagonal of the bounding box of the tip [m]
   std::vector<std::string> faults() const;
 
   const MonitorOptions options_;
@@ -110,8 +111,8 @@ class MonitorNode {
   std::deque<double> tip_errors_;                  ///< of the latest model_error [m]
   bool diagnosed_ = false;
   std::uint64_t dropped_ = 0;  ///< since the node started
-  std::uint64_t refused_ =
-      0;  ///< of them, for a second commander, while it was not enabled, or late
+  /// Of these, for a second commander, while it was not enabled, or late.
+  std::uint64_t refused_ = 0;
   std::string last_fault_;
   std::string error_;  ///< message of the last status at level ERROR
 

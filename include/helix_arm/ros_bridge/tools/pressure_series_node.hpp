@@ -21,8 +21,8 @@ struct PressureSeriesOptions {
   std::string data;                 ///< ~data: CSV file, or name of a shipped series; none: a tour
   procedures::SeriesTiming timing;  ///< ~ramp_s, ~hold_s (0 to 3600 [s]), ~loop
   double rate = 50.0;               ///< ~rate: of the targets, 1 to 1000 [Hz]
-  bool yields = false;              ///< ~yields: fall silent while someone else wants the arm
-  double resume_after = 3.0;        ///< ~resume_after_s: the others' silence that ends it [s]
+  bool yields = false;              ///< ~yields: pause while another commander wants the arm
+  double resume_after = 3.0;  ///< ~resume_after_s: silence of the others that ends the pause [s]
 
   /// @throws ParameterError with every fault.
   static PressureSeriesOptions load();
@@ -32,22 +32,22 @@ struct PressureSeriesOptions {
 /// by row.
 ///
 /// Subscribes
-/// - pressure_command (PressureArray): where the first ramp begins; nothing is sent before it came
-/// - target_status (TargetStatus): tells that someone else commands, or would like to
+/// - pressure_command (PressureArray): start of the first ramp; nothing is sent before it arrives
+/// - target_status (TargetStatus): shows that another commander has the arm, or wants it
 ///
 /// Publishes
-/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column rest at 0,
-///   which is warned of at the start
+/// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column stay at 0,
+///   with a warning at the start
 ///
 /// Parameters: PressureSeriesOptions.
 ///
-/// While the arm is not enabled, or targets come to it late (or clocks differ), it asks for the
-/// pressures that the arm has, and goes on from there once they are taken.
+/// While the arm is not enabled, or targets arrive late (or clocks differ), it sends the arm's own
+/// pressures as target, and continues from there once these are accepted.
 ///
-/// Ends with 0 after the last row or when asked to, 1 when the ROS master is lost, and where for
-/// two seconds all commands are of another arm, or all targets are refused for what they ask; 2 on
-/// a bad parameter, scene or data set, and when a row leaves the limits of the scene. No single
-/// message ends it.
+/// Ends with 0 after the last row or when asked to, 1 if the ROS master is lost, or if for two
+/// seconds all commands are of another arm, or all targets are refused for their values; 2 on a bad
+/// parameter, scene or data set, or if a row is outside the limits of the scene. No single message
+/// ends it.
 class PressureSeriesNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
@@ -56,19 +56,19 @@ class PressureSeriesNode {
   int finish() const { return verdict_; }
 
  private:
-  /// Messages that say the series is not for this arm, and nothing better between them.
+  /// Consecutive messages that indicate that the series is not for this arm.
   struct Trouble {
     int messages = 0;
     ros::SteadyTime since;
     FaultCount warnings;
-    /// Counts one more; true once they are more than a stray message or two.
+    /// Counts one more; true once they are more than one or two stray messages.
     bool goesOn();
   };
 
   void onCommand(const PressureArrayConstPtr& command);
   void onStatus(const TargetStatusConstPtr& status);
   void onTick(const ros::SteadyTimerEvent& event);
-  /// Warns of it, and ends the node where it goes on.
+  /// Warns, and ends the node if the trouble persists.
   void suffer(Trouble& trouble, const std::string& what);
 
   const PressureSeriesOptions options_;
@@ -78,8 +78,8 @@ class PressureSeriesNode {
   Eigen::VectorXd command_;                         ///< last one in force, inside the limits [Pa]
   int told_row_ = -1;
   bool yielding_ = false;
-  bool held_back_ = false;     ///< targets are dropped for now, whatever they ask
-  Trouble foreign_, refused_;  ///< commands of another arm; targets refused for what they ask
+  bool held_back_ = false;     ///< targets are dropped for now, whatever their values
+  Trouble foreign_, refused_;  ///< commands of another arm; targets refused for their values
   int verdict_ = kDone;
   ros::SteadyTime last_of_others_;
   ros::SteadyTime last_tick_;

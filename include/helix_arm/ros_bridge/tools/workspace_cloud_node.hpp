@@ -16,8 +16,8 @@ namespace helix_arm::ros_bridge {
 /// Private parameters of workspace_cloud.
 struct WorkspaceCloudOptions {
   std::string scene;  ///< ~scene: as pressure_command's; required
-  /// ~scene_folder: below which ~reload takes scenes, beside those of the package and ~scene;
-  /// `helix_arm` below ROS_HOME by default.
+  /// ~scene_folder: folder from which ~reload accepts scenes, besides those of the package and
+  /// ~scene; default: `helix_arm` below ROS_HOME.
   std::string scene_folder;
   int count = 100000;        ///< ~count: inputs to sample, 1 to 2000000
   int seed = 1;              ///< ~seed: of the inputs, >= 0
@@ -27,22 +27,22 @@ struct WorkspaceCloudOptions {
   static WorkspaceCloudOptions load();
 };
 
-/// Shows where the tip can go.
+/// Shows the reachable tip positions.
 ///
 /// Publishes
-/// - workspace (sensor_msgs/PointCloud2), latched, once it is whole, and empty when a reload begins
-///   another: tips at inputs drawn evenly
-///   within their limits, in the arm's base frame, float32: x, y, z [m] and, where all inputs are
-///   pressures, how far the tip moves [m] for an error of 1 kPa in every pressure (per_kpa_m), of
-///   1 mm in every free length (per_mm_m) and of 1 % in the stiffness (per_percent_K_m)
+/// - workspace (sensor_msgs/PointCloud2), latched, once it is complete, and empty when a reload
+///   starts a new one: tips at inputs drawn evenly within their limits, in the arm's base frame,
+///   float32: x, y, z [m] and, if all inputs are pressures, the tip displacement [m] for an error
+///   of 1 kPa in every pressure (per_kpa_m), of 1 mm in every free length (per_mm_m) and of 1 % in
+///   the stiffness (per_percent_K_m)
 ///
 /// Service
-/// - ~reload (Reload): another file of the same rig, whose cloud takes the place of this one's once
-/// it is whole
+/// - ~reload (Reload): another file of the same rig, whose cloud replaces the present one once it
+///   is complete
 ///
 /// Parameters: WorkspaceCloudOptions.
 ///
-/// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad parameter or scene.
+/// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad parameter or scene.
 class WorkspaceCloudNode {
  public:
   /// @throws ParameterError or io::DocumentError with every fault.
@@ -58,10 +58,10 @@ class WorkspaceCloudNode {
 
   const WorkspaceCloudOptions options_;
   io::Scene scene_;
-  const bool sensitivity_;  // tells of drives, which no reload changes
+  const bool sensitivity_;  // depends on the drives, which no reload changes
   statics::Workspace workspace_;
   int sampled_ = 0, unbalanced_ = 0;
-  std::vector<float> values_;  ///< of the points, one after the other
+  std::vector<float> values_;  ///< values of the points, one after the other
 
   ros::NodeHandle node_;
   ros::Publisher publisher_;
