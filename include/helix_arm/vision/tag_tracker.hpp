@@ -9,7 +9,7 @@
 
 namespace helix_arm::vision {
 
-/// How a picture is searched when the approximate positions of the tags are moving known. Each mode
+/// How a picture is searched when the approximate positions of the tags are known. Each mode
 /// falls back to those above it, within the same picture.
 enum class TrackingMode {
   kFull,     ///< the whole picture, always
