@@ -333,20 +333,22 @@ TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
   EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"folder.ply", "p.csv"}));
 }
 
+constexpr std::chrono::seconds kGenerous{120};  // on a busy machine
+
 TEST(Workspace, InterruptedItEndsSoonInTheSlowestTier) {
   const TemporaryFolder folder;
   using Clock = std::chrono::steady_clock;
   Process process({HELIX_ARM_COMMAND, "workspace", scenePath("loaded"), "--out",
                    folder / "cloud.csv", "--tier", "exact", "--sensitivity", "--set",
                    "load.tip.force_n=[0, 0, 1e4]"});
-  const auto deadline = Clock::now() + std::chrono::seconds(30);
+  const auto deadline = Clock::now() + kGenerous;
   while (namesIn(folder.path()).empty() && Clock::now() < deadline) std::this_thread::yield();
   ASSERT_EQ(namesIn(folder.path()).size(), 1u) << "it never began: " << process.output();
   const auto asked = Clock::now();
   process.signal(SIGINT);
   EXPECT_EQ(process.exitCode(), 130);
-  // A point takes half a second where the load nearly crushes the arm.
-  EXPECT_LT(Clock::now() - asked, std::chrono::seconds(20));
+  // A point takes half a second where the load nearly crushes the arm; all of them take hours.
+  EXPECT_LT(Clock::now() - asked, kGenerous);
 }
 
 TEST(Workspace, InterruptedItLeavesWhatWasThere) {
@@ -357,7 +359,7 @@ TEST(Workspace, InterruptedItLeavesWhatWasThere) {
     Process process({HELIX_ARM_COMMAND, "workspace", scenePath("helical_50"), "--out", path,
                      "--count", "10000000000"});
     using Clock = std::chrono::steady_clock;
-    const auto deadline = Clock::now() + std::chrono::seconds(30);
+    const auto deadline = Clock::now() + kGenerous;
     while (namesIn(folder.path()).size() < 2 && Clock::now() < deadline) std::this_thread::yield();
     ASSERT_EQ(namesIn(folder.path()).size(), 2u) << "it never began: " << process.output();
     process.signal(signal);
