@@ -233,8 +233,8 @@ std::string errorText(double error, const std::string& unit) {
 void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& held_out,
                   const std::string& unit) {
   if (!held_out) return;
-  std::cout << what << " left out: error " << errorText(held_out->error, unit) << ", fitted "
-            << errorText(held_out->in_sample, unit) << "\n";
+  std::cout << "held-out error, " << what << ": " << errorText(held_out->error, unit)
+            << "; fitted: " << errorText(held_out->in_sample, unit) << "\n";
   for (const estimation::HeldOut::Group& group : held_out->groups) {
     std::cout << "  " << group.label << ": " << errorText(group.error, unit) << "\n";
   }
@@ -258,20 +258,20 @@ void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcom
       std::cout << "\n";
     }
     if (outcome.success) {
-      std::cout << "RMS of what fits " << errorText(calibration.rms, calibration.error_unit)
-                << "\n";
+      std::cout << "RMS residual of the captures that fit: "
+                << errorText(calibration.rms, calibration.error_unit) << "\n";
     }
     if (outcome.least_tip_error) {
-      std::cout << "by least error of the tip, as the paper defines it: K_kappa "
+      std::cout << "K_kappa of the least tip error (the paper's definition): "
                 << outcome.least_tip_error->K_kappa << " m^2, mean error "
                 << errorText(outcome.least_tip_error->error,
                              calibration.error_unit == "rad" ? "rad" : "m")
                 << "\n";
     }
-    printHeldOut("each pressure", calibration.by_pressure, calibration.error_unit);
-    printHeldOut("each arm", calibration.by_arm, calibration.error_unit);
+    printHeldOut("per pressure", calibration.by_pressure, calibration.error_unit);
+    printHeldOut("per arm", calibration.by_arm, calibration.error_unit);
     for (const Eigen::VectorXd& pressure : calibration.next_pressures) {
-      std::cout << "would say most next: " << bracketed(pressure / 1e3) << " kPa\n";
+      std::cout << "most informative next pressures: " << bracketed(pressure / 1e3) << " kPa\n";
     }
   }
   for (const std::string& warning : outcome.warnings) std::cout << "warning: " << warning << "\n";

@@ -248,10 +248,10 @@ Subcommand addForward(CLI::App& app) {
           "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k")
       ->check(CLI::Range(2, kMostSamples));
   command->footer(
-      "json: tier, order (of the loaded tier, else null), reason (why this tier),\n"
+      "json: tier, order (of the loaded tier, else null), tier_reason,\n"
       "tip_error_percent (largest tip error of the tier, of the arm's length; null if it does\n"
       "not always converge), status (converged, not_converged, unsupported), failure (null if\n"
-      "converged), residual (motion of the last iteration, relative to the arm's size),\n"
+      "converged), relative_residual (last iteration's motion over the arm's size),\n"
       "iterations, twist (sections x 6; under load their means), tip {position_m,\n"
       "quaternion_xyzw}, lengths_m (free lengths), rank (least of the sections), full_rank,\n"
       "condition (largest), sections [{name, rank, condition, null_space (twists that cost no\n"

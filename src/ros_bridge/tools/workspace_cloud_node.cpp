@@ -123,7 +123,7 @@ void WorkspaceCloudNode::tell() const {
   }
   ROS_INFO("%s: %d tips by tier %s", scene_.name.c_str(), sampled_ - unbalanced_, tier.c_str());
   if (unbalanced_ == 0) return;
-  ROS_INFO("%s: %d of %d inputs are left out, as no shape balances the load there",
+  ROS_INFO("%s: %d of %d inputs are omitted, because no shape balances the load there",
            scene_.name.c_str(), unbalanced_, options_.count);
 }
 
