@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "support/sample_arm.hpp"
 
@@ -174,6 +176,14 @@ TEST(Conversions, TheOrientationOfAPositionTargetIsNotLookedAt) {
   EXPECT_TRUE(std::holds_alternative<TipGoal>(fromMsg(target, "arm_base")));
   target.mode = TipTarget::POSE;
   EXPECT_TRUE(std::holds_alternative<control::Refusal>(fromMsg(target, "arm_base")));
+}
+
+TEST(Conversions, TheConstantsOfSafetyStateAreTheNamesOfTheStates) {
+  using Message = helix_arm::SafetyState;
+  EXPECT_EQ(Message::DISABLED, control::nameOf(control::SafetyState::kDisabled));
+  EXPECT_EQ(Message::ENABLED, control::nameOf(control::SafetyState::kEnabled));
+  EXPECT_EQ(Message::FAULT, control::nameOf(control::SafetyState::kFault));
+  EXPECT_EQ(Message::VENTED, control::nameOf(control::SafetyState::kVented));
 }
 
 }  // namespace
