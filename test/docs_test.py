@@ -19,11 +19,11 @@ from pathlib import Path
 
 README_LINES = 200
 PHRASES = ("way of the tip", "one a channel", "what became of", "as one has it", "nobody ramps")
-FOLDERS = ("action", "config", "docs", "include", "launch", "msg", "rviz", "scripts", "src", "srv", "test")
+FOLDERS = ("action", "cmake", "config", "docs", "examples", "include", "launch", "msg", "rviz", "scripts", "src", "srv", "test")
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
-CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "config", "docs", "include", "launch", "LICENSE", "msg",
-           "rviz", "scripts", "src", "srv", "test")
+CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "cmake", "config", "docs", "examples", "include", "launch",
+           "LICENSE", "msg", "rviz", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -335,6 +335,7 @@ PLANTS = (
     ("CONTRIBUTING.md", "\n`config/scenes/gone.yaml`", "path config/scenes/gone.yaml"),
     ("docs/scene.md", "\n```\ncat scripts/gone\n```", "path scripts/gone"),
     ("docs/scene.md", "\n`config/gone/*.yaml`", "path config/gone/*.yaml"),
+    ("docs/scene.md", "\n`examples/gone.cpp`", "path examples/gone.cpp"),
     ("README.md", '\n```\n#include "helix_arm/io/gone.hpp"\n```', "includes helix_arm/io/gone.hpp"),
     ("docs/accuracy.md", "\n`gone.test`", "names gone.test"),
     ("docs/nodes.md", "\n```\nroslaunch helix_arm gone.launch\n```", "names gone.launch"),

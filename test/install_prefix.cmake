@@ -34,8 +34,10 @@ endforeach()
 
 # A package of somebody else finds it there, and links the library of the model with Eigen and yaml-cpp alone.
 set(example ${SCRATCH}/share/helix_arm/examples)
-execute_process(COMMAND ${CMAKE_COMMAND} -S ${example} -B ${SCRATCH}/example "-DCMAKE_PREFIX_PATH=${SCRATCH}"
-    -DPYTHON_EXECUTABLE=${PYTHON} -DCMAKE_BUILD_TYPE=Release
+execute_process(
+  COMMAND ${CMAKE_COMMAND} -E env --unset=CMAKE_PREFIX_PATH
+    sh -c ". \"$0/setup.sh\"; \"$1\" -S \"$2\" -B \"$0/example\" -DPYTHON_EXECUTABLE=\"$3\" -DCMAKE_BUILD_TYPE=Release"
+    ${SCRATCH} ${CMAKE_COMMAND} ${example} ${PYTHON}
   RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
 if(NOT result EQUAL 0)
   message(FATAL_ERROR "find_package(helix_arm) from ${SCRATCH} ended with ${result}: ${output}${message}")
@@ -67,7 +69,8 @@ foreach(i RANGE 2)
   endif()
 endforeach()
 execute_process(COMMAND ldd ${SCRATCH}/example/forward OUTPUT_VARIABLE libraries)
-if(NOT libraries MATCHES "libhelix_arm_core" OR libraries MATCHES "not found|opencv|modbus|turbojpeg|ceres|roscpp|crypto")
+string(FIND "${libraries}" "${SCRATCH}/lib/libhelix_arm_core" at)
+if(at EQUAL -1 OR libraries MATCHES "not found|opencv|modbus|turbojpeg|ceres|roscpp|crypto")
   message(FATAL_ERROR "examples/forward needs more than helix_arm_core, Eigen and yaml-cpp: ${libraries}")
 endif()
 
