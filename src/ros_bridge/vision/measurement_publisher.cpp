@@ -50,7 +50,9 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
     }
     return;
   }
-  // tf warns of repeated stamps. An earlier one is a jump back in time.
+  // tf warns of repeated stamps, except after a jump back in time.
+  if (stamp < last_stamp_) last_tf_stamp_ = ros::Time();
+  last_stamp_ = stamp;
   if (stamp == last_tf_stamp_) return;
   const estimation::TwistFit& fit = measurement.sight.fit;
   tf_.sendTransform(curveTransforms(frames_, fit.shape, stamp, fit.X_B0B));

@@ -35,7 +35,8 @@ class MeasurementPublisher {
   const ros::WallDuration drawing_period_;
   VisionStatusPublisher& status_;
 
-  ros::Time last_tf_stamp_;
+  ros::Time last_stamp_;     // of the last measured picture
+  ros::Time last_tf_stamp_;  // of the last frames sent since time jumped back
   ros::SteadyTime last_drawing_;
   FaultCount far_stamps_;
   ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
