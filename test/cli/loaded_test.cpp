@@ -145,7 +145,7 @@ TEST(ForwardLoaded, AnAccuracyIsKeptByARingOfSix) {
   ASSERT_EQ(chosen.exit_code, 0) << chosen.err;
   const Eigen::Vector3d off = positionOf(chosen.json()["tip"]) -
                               positionOf(forward("spatial_50", exact, bent).json()["tip"]);
-  EXPECT_LE(100 * off.norm() / 0.4269760703, 3.4e-5) << chosen.json()["reason"];
+  EXPECT_LE(100 * off.norm() / 0.4269760703, 3.4e-5) << chosen.json()["tier_reason"];
 }
 
 TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
