@@ -13,7 +13,8 @@ int main(int argc, char** argv) try {
   const helix_arm::statics::Solution shape = arm.model.solve(pressure);
   if (!shape.converged()) throw std::runtime_error("no shape balances the load");
   std::cout.precision(12);
-  std::cout << shape.tip.translation.transpose() << '\n';  // of the tip, in the arm's base frame [m]
+  std::cout << shape.tip.translation.transpose()
+            << '\n';  // of the tip, in the arm's base frame [m]
 } catch (const std::exception& error) {
   std::cerr << error.what() << '\n';
   return 1;
