@@ -22,7 +22,7 @@ std::string readingAge(const char* who, double silence) {
 }
 
 std::string tooOld(const char* who, double silence, double limit) {
-  const std::string age = readingAge(who, silence);
+  std::string age = readingAge(who, silence);
   if (std::isinf(silence)) return age;
   return age + format(", longer than %g s (safety.reading_timeout_s)", limit);
 }
