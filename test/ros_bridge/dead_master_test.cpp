@@ -124,11 +124,11 @@ TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
   for (const std::string& word : node()) shell.push_back(word);
   Process arm(shell, master_.variables());
   call({kNode + "/vent"}, "success: ");  // it is up
+  Process hand = commander();
+  ASSERT_TRUE(inflates());
   const std::string rubbish(512, '.');
   while (write(reader, rubbish.data(), rubbish.size()) > 0) {
   }
-  Process hand = commander();
-  ASSERT_TRUE(inflates());
   call({kNode + "/emergency_stop", "true"}, "success: True");
   EXPECT_TRUE(vents(10));  // nothing else would: its commander goes on
   close(reader);
