@@ -35,7 +35,7 @@ statics::TierRequest requestOf(const TierArguments& arguments) {
   statics::TierRequest request;
   request.tier = statics::tierNamed(arguments.tier);
   request.order = arguments.order;
-  if (arguments.accuracy_percent) request.tip_error = *arguments.accuracy_percent / 100;
+  if (arguments.accuracy_percent) request.relative_tip_error = *arguments.accuracy_percent / 100;
   if (arguments.budget_us) request.time = *arguments.budget_us * 1e-6;
   return request;
 }
@@ -53,9 +53,9 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
          "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
              " has none: use --tier linear");
   refuse(request.order && !loaded, "--order goes with --tier loaded");
-  refuse(request.tip_error && request.time, "give either --accuracy or --budget");
-  const char* const goal = request.tip_error ? "--accuracy" : "--budget";
-  refuse((request.tip_error || request.time) && request.tier && (!loaded || request.order),
+  refuse(request.relative_tip_error && request.time, "give either --accuracy or --budget");
+  const char* const goal = request.relative_tip_error ? "--accuracy" : "--budget";
+  refuse((request.relative_tip_error || request.time) && request.tier && (!loaded || request.order),
          std::string(goal) +
              " has nothing to choose; it goes with --tier auto, or with --tier loaded without "
              "--order");
@@ -175,16 +175,16 @@ void addTierOptions(CLI::App& command, TierArguments& arguments) {
 
 statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments) {
   const statics::TierRequest request = requestOf(arguments);
-  if (arguments.tier.empty() && !request.order && !request.tip_error && !request.time) {
+  if (arguments.tier.empty() && !request.order && !request.relative_tip_error && !request.time) {
     return scene.model;
   }
   checkTier(scene, arguments, request);
   try {
     return scene.model.withTier(request);
   } catch (const std::invalid_argument& error) {
-    const char* const flag = request.tip_error ? "--accuracy"
-                             : request.time    ? "--budget"
-                                               : "--tier";
+    const char* const flag = request.relative_tip_error ? "--accuracy"
+                             : request.time             ? "--budget"
+                                                        : "--tier";
     throw CallerError(std::string(flag) + " cannot be had with scene " + scene.name + ": " +
                       error.what());
   }

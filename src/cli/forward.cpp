@@ -54,8 +54,8 @@ struct ForwardResult {
   }
   // Nothing where the tier does not converge at all the inputs that it was tried at.
   std::optional<double> tipErrorPercent() const {
-    const bool known = std::isfinite(choice.tip_error);
-    return known ? std::optional(100 * choice.tip_error) : std::nullopt;
+    const bool known = std::isfinite(choice.relative_tip_error);
+    return known ? std::optional(100 * choice.relative_tip_error) : std::nullopt;
   }
 };
 

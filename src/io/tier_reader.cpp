@@ -55,7 +55,7 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
   }
   const auto percent =
       readOnly(scene, document, "accuracy", "tip_error_percent", kTipError, faults);
-  if (percent) request.tip_error = *percent / 100;
+  if (percent) request.relative_tip_error = *percent / 100;
   const auto us = readOnly(scene, document, "budget", "time_us", kTime, faults);
   if (us) request.time = *us * 1e-6;
   if (scene.has("accuracy") && scene.has("budget")) {

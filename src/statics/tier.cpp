@@ -131,9 +131,9 @@ struct Scale {
     if (setting.tier == Tier::kExact) {
       reason << ", which the other tiers are compared with";
     } else {
-      out.tip_error = errorOf(solver, samples.balanced, arm.restLength());
-      if (std::isfinite(out.tip_error)) {
-        reason << " errs by up to " << percent(out.tip_error) << " of the arm's length at "
+      out.relative_tip_error = errorOf(solver, samples.balanced, arm.restLength());
+      if (std::isfinite(out.relative_tip_error)) {
+        reason << " errs by up to " << percent(out.relative_tip_error) << " of the arm's length at "
                << samples.balanced.size() << " sampled inputs";
       } else {
         reason << " does not converge at some sampled inputs";
@@ -160,7 +160,7 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
     if (cheapest.empty()) cheapest = setting.name() + ", takes " + microseconds(taken);
     if (taken > time) continue;
     TierChoice choice = scale.judge(setting, solver);
-    if (best && best->tip_error <= choice.tip_error) continue;
+    if (best && best->relative_tip_error <= choice.relative_tip_error) continue;
     choice.reason += ", takes " + microseconds(taken) + " on average over them of the " +
                      microseconds(time) + " allowed";
     best = std::move(choice);
@@ -172,8 +172,8 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
 
 TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
                           const std::vector<TierSetting>& settings) {
-  const double allowed = request.tip_error.value_or(kUsualTipError);
-  if (settings.size() == 1 && !request.tip_error) {
+  const double allowed = request.relative_tip_error.value_or(kUsualTipError);
+  if (settings.size() == 1 && !request.relative_tip_error) {
     TierChoice choice = scale.judge(settings.front(), scale.solverOf(settings.front()));
     choice.reason = "asked for; " + choice.reason;
     return choice;
@@ -182,16 +182,17 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
   double least = std::numeric_limits<double>::infinity();
   for (const TierSetting& setting : settings) {
     TierChoice choice = scale.judge(setting, scale.solverOf(setting));
-    if (kTipErrorMargin * choice.tip_error <= std::max(allowed, kLeastTipError)) {
+    if (kTipErrorMargin * choice.relative_tip_error <= std::max(allowed, kLeastTipError)) {
       choice.reason += ", the cheapest within " + percent(allowed);
       return choice;
     }
-    if (nearest.empty() || choice.tip_error < least) nearest = choice.reason;
-    least = std::min(least, choice.tip_error);
+    if (nearest.empty() || choice.relative_tip_error < least) nearest = choice.reason;
+    least = std::min(least, choice.relative_tip_error);
   }
   const std::string tier = request.tier ? nameOf(*request.tier) : kAutoTier;
-  basics::require(request.tip_error.has_value(), "tier: ", tier, " does not keep within the ",
-                  percent(allowed), " that count where accuracy is not given; ", nearest,
+  basics::require(request.relative_tip_error.has_value(), "tier: ", tier,
+                  " does not keep within the ", percent(allowed),
+                  " that count where accuracy is not given; ", nearest,
                   "; use tier: exact, or give accuracy.tip_error_percent");
   throw std::invalid_argument("accuracy.tip_error_percent: no tier asked for keeps within " +
                               percent(allowed) + ", with a factor of 2 to spare; " + nearest +
@@ -202,9 +203,10 @@ void checkRequest(const TierRequest& request) {
   const auto positive = [](const std::optional<double>& value) {
     return !value || (std::isfinite(*value) && *value > 0);
   };
-  basics::require(positive(request.tip_error), "accuracy.tip_error_percent: expected a value > 0");
+  basics::require(positive(request.relative_tip_error),
+                  "accuracy.tip_error_percent: expected a value > 0");
   basics::require(positive(request.time), "budget.time_us: expected a value > 0");
-  basics::require(!request.tip_error || !request.time,
+  basics::require(!request.relative_tip_error || !request.time,
                   "accuracy and budget: expected one of them; the other follows from it");
   if (!request.order) return;
   basics::requireValue(*request.order >= kLeastOrder && *request.order <= kMostOrder, "order", "it",
@@ -291,7 +293,8 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
       "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
       "use tier: loaded, or turn arm.base");
   constexpr double kRounding = 1e-12;  // of percents that became parts
-  basics::require(!request.tip_error || *request.tip_error >= (1.0 - kRounding) * kLeastTipError,
+  basics::require(!request.relative_tip_error ||
+                      *request.relative_tip_error >= (1.0 - kRounding) * kLeastTipError,
                   "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
                   " of the arm's length; ask for that or more");
   const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));

@@ -55,7 +55,7 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
       EXPECT_TRUE(result["order"].is_null());
     }
     EXPECT_EQ(result["tier_reason"], model.choice().reason);
-    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().tip_error, 1e-12);
+    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().relative_tip_error, 1e-12);
     EXPECT_EQ(result["status"], "converged");
     EXPECT_EQ(result["iterations"], expected.iterations);
     EXPECT_LT((positionOf(result["tip"]) - expected.tip.translation).norm(), 1e-14);

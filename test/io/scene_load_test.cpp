@@ -158,10 +158,10 @@ TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
         .model.choice();
   };
   const statics::TierChoice rough = choice("1"), fine = choice("0.001");
-  EXPECT_LE(rough.tip_error, 1e-2);
-  EXPECT_LE(fine.tip_error, 1e-5);
+  EXPECT_LE(rough.relative_tip_error, 1e-2);
+  EXPECT_LE(fine.relative_tip_error, 1e-5);
   ASSERT_EQ(rough.setting.tier, statics::Tier::kLoaded);
-  EXPECT_GT(rough.tip_error, 1e-5) << "or the rough one is no other than the fine one";
+  EXPECT_GT(rough.relative_tip_error, 1e-5) << "or the rough one is no other than the fine one";
   EXPECT_TRUE(fine.setting.tier == statics::Tier::kExact ||
               fine.setting.order > rough.setting.order);
 }

@@ -174,7 +174,7 @@ TEST(ShippedScenes, OnlyTwoAreLoaded) {
   EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
   EXPECT_EQ(scene.model.load()->points.at(0).mass, 0.05);
   EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kLoaded);
-  EXPECT_LE(scene.model.choice().tip_error, statics::kUsualTipError);
+  EXPECT_LE(scene.model.choice().relative_tip_error, statics::kUsualTipError);
   const Scene annotated = loadScene(scenePath("annotated"));
   ASSERT_TRUE(annotated.model.load());
   EXPECT_EQ(annotated.model.load()->K_eps, (std::vector<double>{900, 1200}));

@@ -146,7 +146,7 @@ TEST_F(Flow, ATargetOutOfReachMovesTheArmToTheClosestAndSaysSo) {
   EXPECT_EQ(command, clamped(scene_.arm, command));
   // The arm bends towards it.
   EXPECT_GT(scene_.arm.tip(command).translation.y(), 0.05);
-  EXPECT_TRUE(rig_.diagnoses("pressure_command: targets", names::kClosestKey,
+  EXPECT_TRUE(rig_.diagnoses("pressure_command: targets", names::kUnreachableKey,
                              [](const std::string& count) { return std::stoi(count) >= 1; }));
 }
 

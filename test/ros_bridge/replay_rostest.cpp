@@ -1,5 +1,6 @@
 // A recorded run played again: the same pictures give the same measurements.
 #include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <map>
 
@@ -24,8 +25,16 @@ Shapes since(const Inbox<ArmShape>& inbox, std::size_t first) {
 
 struct Likeness {
   double difference = 0;  // the largest, of the twists
+  double deviations = 0;  // the largest, of the twists in standard deviations of the fit
   int shapes = 0;         // that were compared
 };
+
+// Length of a difference of twists in standard deviations of the fit.
+double inDeviations(const Eigen::VectorXd& difference, const ArmShape& fit) {
+  const Eigen::Index size = difference.size();
+  const Eigen::MatrixXd covariance = vectorOf(fit.twist_covariance).reshaped(size, size);
+  return std::sqrt(difference.dot(covariance.ldlt().solve(difference)));
+}
 
 // Of shapes of the same picture. A node on a busy machine may miss pictures, and a fit begins at
 // the one before: only those count that have so many before them which both have seen, too.
@@ -39,8 +48,10 @@ Likeness compare(const Shapes& a, const Shapes& b, int before) {
     alike = one == a.end() || other == b.end() ? 0 : alike + 1;
     if (alike <= before) continue;
     ++out.shapes;
-    out.difference = std::max(
-        out.difference, (vectorOf(one->second->twist) - vectorOf(other->second->twist)).norm());
+    const Eigen::VectorXd difference =
+        vectorOf(one->second->twist) - vectorOf(other->second->twist);
+    out.difference = std::max(out.difference, difference.norm());
+    out.deviations = std::max(out.deviations, inDeviations(difference, *one->second));
   }
   return out;
 }
@@ -111,11 +122,12 @@ TEST(Replay, GivesTheSameMeasurementsAsOftenAsItIsPlayed) {
   const Likeness replays = compareToFirstMissed(played[0], played[1]);
   EXPECT_GE(replays.shapes, kEnough);
   EXPECT_EQ(replays.difference, 0.0);
-  // The live node saw its first picture later than the recorder did, or missed one on a busy
-  // machine: where a fit began shows in its last digits, far below the noise of some 1e-5 m.
+  // The live node saw its first picture later than the recorder did, and on a busy machine it
+  // misses pictures or the model of a picture's time: the fit then begins elsewhere, which shows in
+  // digits far below its noise.
   const Likeness lives = compare(since(live.measured, 0), played[0], 5);
   EXPECT_GE(lives.shapes, kEnough);
-  EXPECT_LT(lives.difference, 1e-8);
+  EXPECT_LT(lives.deviations, 0.1);
   EXPECT_TRUE(node.prints("jumped back", 5.0)) << node.output();
 }
 

@@ -59,7 +59,7 @@ TEST(TierPromise, FiftyRandomScenesKeepTheAccuracyThatIsAskedFor) {
     const double heavier = random.uniform(0.3, 1.2);
     for (double& mass : load.mass) mass *= heavier;
     TierRequest request;
-    request.tip_error = random.logUniform(1e-8, 1e-3);
+    request.relative_tip_error = random.logUniform(1e-8, 1e-3);
     const ArmModel model(arm, std::nullopt, load, request);
     const TierSetting setting = model.choice().setting;
     if (setting.tier == Tier::kLoaded) ++by_order[setting.order];
@@ -75,9 +75,9 @@ TEST(TierPromise, FiftyRandomScenesKeepTheAccuracyThatIsAskedFor) {
       if (!found.converged() || !truth.converged()) continue;
       const double error =
           (found.tip.translation - truth.tip.translation).norm() / arm.restLength();
-      EXPECT_LE(error, *request.tip_error)
+      EXPECT_LE(error, *request.relative_tip_error)
           << "scene " << scene << ", " << setting.name() << ", input " << i;
-      closest = std::max(closest, error / *request.tip_error);
+      closest = std::max(closest, error / *request.relative_tip_error);
     }
   }
   std::printf("exact %d, orders 2 to 8:", exact_ones);
@@ -93,7 +93,7 @@ TEST(TierPromise, ARingOfSixIsSampledWhereItBends) {
   const model::Arm arm = test::ringArm(test::straightRing(6));
   const Load load = test::weight(Posture::kHorizontal, 0.3, 900);
   TierRequest request;
-  request.tip_error = 3.4e-7;
+  request.relative_tip_error = 3.4e-7;
   const ArmModel model(arm, std::nullopt, load, request);
   const ExactArm exact(arm, load);
   test::Random random(59);
@@ -104,7 +104,7 @@ TEST(TierPromise, ARingOfSixIsSampledWhereItBends) {
     const double error =
         (model.tip(q).tip.translation - exact.solve(arm.twists(q)).tip.translation).norm() /
         arm.restLength();
-    EXPECT_LE(error, *request.tip_error) << model.choice().setting.name() << ", corner " << i;
+    EXPECT_LE(error, *request.relative_tip_error) << model.choice().setting.name() << ", corner " << i;
   }
 }
 

@@ -21,9 +21,9 @@ Load weightIn(const Eigen::Vector3d& direction) {
   return load;
 }
 
-TierRequest within(double tip_error) {
+TierRequest within(double relative_tip_error) {
   TierRequest request;
-  request.tip_error = tip_error;
+  request.relative_tip_error = relative_tip_error;
   return request;
 }
 TierRequest only(Tier tier, std::optional<int> order = std::nullopt) {
@@ -86,8 +86,8 @@ TEST(TierChoice, OneOrderCheaperWouldNotDo) {
   ASSERT_GT(choice.setting.order, kLeastOrder);
   const TierChoice cheaper =
       chooseTier(arm, {}, load, only(Tier::kLoaded, choice.setting.order - 1));
-  EXPECT_GT(2 * cheaper.tip_error, 1e-6);
-  EXPECT_LE(2 * choice.tip_error, 1e-6);
+  EXPECT_GT(2 * cheaper.relative_tip_error, 1e-6);
+  EXPECT_LE(2 * choice.relative_tip_error, 1e-6);
 }
 
 TEST(TierChoice, ATimeBuysTheMostAccurateTierThatKeepsIt) {
@@ -95,7 +95,7 @@ TEST(TierChoice, ATimeBuysTheMostAccurateTierThatKeepsIt) {
   const Load load = weightIn(-Eigen::Vector3d::UnitZ());
   TierRequest request;
   request.time = 1.0;
-  EXPECT_LE(chooseTier(arm, {}, load, request).tip_error, 1e-9);
+  EXPECT_LE(chooseTier(arm, {}, load, request).relative_tip_error, 1e-9);
   request.time = 1e-12;
   EXPECT_NE(refusal(arm, {}, load, request).find("budget.time_us"), std::string::npos);
   EXPECT_NE(refusal(arm, {}, {}, request).find("budget.time_us"), std::string::npos);
@@ -168,7 +168,7 @@ TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
   expect(refusal(arm, {}, load, within(1e-12)), "accuracy.tip_error_percent",
          "ask for that or more");
   TierRequest linear = only(Tier::kLinear);
-  linear.tip_error = 1e-4;
+  linear.relative_tip_error = 1e-4;
   expect(refusal(arm, {}, load, linear), "accuracy.tip_error_percent", "use tier: auto");
   expect(refusal(arm, {}, load, only(Tier::kLoaded, 9)), "order", "2 to 8");
   expect(refusal(arm, {}, load, only(Tier::kExact, 5)), "order", "tier: loaded");

@@ -21,7 +21,7 @@ inline constexpr int kMaxInnerPoints = 16;
 
 /// Largest tip error of a converged solution of this order against the exact tier, as a fraction of
 /// the arm's length. This is what SolveStatus::kConverged guarantees. Most tips are far more
-/// accurate; TierChoice::tip_error is the error for a particular arm and load.
+/// accurate; TierChoice::relative_tip_error is the error for a particular arm and load.
 constexpr double statedTipError(int order) {
   switch (order) {
     case 2:

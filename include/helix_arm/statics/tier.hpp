@@ -35,10 +35,11 @@ bool takesLoad(Tier tier);
 /// What the user requests. Without tier, tip error and time, the result is the cheapest tier that
 /// the scene requires; under load, the cheapest whose tip error is at most kUsualTipError.
 struct TierRequest {
-  std::optional<Tier> tier;         ///< absent: automatic choice
-  std::optional<int> order;         ///< order of Tier::kLoaded, with the range of LoadedArmOf
-  std::optional<double> tip_error;  ///< largest tip error, as a fraction of the arm's length, > 0
-  std::optional<double> time;       ///< longest solution time, averaged over the samples [s], > 0
+  std::optional<Tier> tier;  ///< absent: automatic choice
+  std::optional<int> order;  ///< order of Tier::kLoaded, with the range of LoadedArmOf
+  std::optional<double>
+      relative_tip_error;      ///< largest tip error, as a fraction of the arm's length, > 0
+  std::optional<double> time;  ///< longest solution time, averaged over the samples [s], > 0
 };
 /// 0.1 % of the arm's length; a webcam cannot resolve a smaller error.
 inline constexpr double kUsualTipError = 1e-3;
@@ -67,7 +68,7 @@ struct TierChoice {
   TierSetting setting;
   /// Largest tip error against the exact tier over the sampled inputs, as a fraction of the arm's
   /// length, at least kExactTipError; 0 without load.
-  double tip_error = 0.0;
+  double relative_tip_error = 0.0;
   std::string reason;  ///< one sentence
 };
 
@@ -75,9 +76,9 @@ struct TierChoice {
 ///
 /// Without load: planar for an arm in a plane, otherwise linear. Under load, every tier is compared
 /// with the exact one at sampleInputs(). The choice is the cheapest tier whose error is within
-/// `tip_error` at all samples, with the margin kTipErrorMargin. With `time`, it is the most
-/// accurate tier whose mean time over these samples on this machine is within `time`. Samples at
-/// which no shape balances the load are excluded from both; the reason states their number.
+/// `relative_tip_error` at all samples, with the margin kTipErrorMargin. With `time`, it is the
+/// most accurate tier whose mean time over these samples on this machine is within `time`. Samples
+/// at which no shape balances the load are excluded from both; the reason states their number.
 /// @param planar  the arm in its plane, if it lies in one.
 /// @throws std::invalid_argument naming the scene's key and the remedy: a tier that does not apply
 ///     to the scene (planar for a spatial arm or with a load out of its plane; loaded or exact

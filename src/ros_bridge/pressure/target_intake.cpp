@@ -55,7 +55,7 @@ void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>
   const auto checked = fresh(sender, fromMsg(target, scene_.arm, commands_.goal()));
   const Eigen::VectorXd* pressure = admit(sender, checked);
   if (pressure != nullptr && command(sender, *pressure)) {
-    ledger_.taken();
+    ledger_.reached();
     status_publisher_.publish(answerTo(sender));
   }
 }
@@ -134,13 +134,13 @@ void TargetIntake::follow(const Sender& sender, const statics::InverseResult& re
     if (result.limits[i] == statics::Limit::kUpper) status.at_upper_limit.push_back(name);
   }
   if (result.status == statics::InverseStatus::kReached) {
-    ledger_.taken();
+    ledger_.reached();
   } else {
     char text[160];
     std::snprintf(text, sizeof text,
                   "the tip stays %.1f mm away, residual %.2g m; the closest shape is commanded",
                   1e3 * result.position_error, result.residual);
-    ledger_.closest(sender.topic, sender.commander, text);
+    ledger_.unreachable(sender.topic, sender.commander, text);
     status.outcome = TargetStatus::UNREACHABLE;
     status.message = text;
   }

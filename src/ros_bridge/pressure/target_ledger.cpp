@@ -16,9 +16,9 @@ void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::
            static_cast<unsigned long>(count.total()));
 }
 
-void TargetLedger::closest(const std::string& topic, const std::string& commander,
-                           const std::string& message) {
-  warn(closest_, topic, commander, message, "out of reach");
+void TargetLedger::unreachable(const std::string& topic, const std::string& commander,
+                               const std::string& message) {
+  warn(unreachable_, topic, commander, message, "out of reach");
 }
 
 void TargetLedger::dropped(const std::string& topic, const std::string& commander,
@@ -33,8 +33,8 @@ void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
   status.level =
       news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
   status.message = news_ ? last_fault_ : "targets are fine";
-  addValue(status, names::kTakenKey, std::to_string(taken_));
-  addValue(status, names::kClosestKey, std::to_string(closest_.total()));
+  addValue(status, names::kReachedKey, std::to_string(reached_));
+  addValue(status, names::kUnreachableKey, std::to_string(unreachable_.total()));
   addValue(status, names::kDroppedKey, std::to_string(total));
   for (int i = 0; i < control::kFaultCount; ++i) {
     addValue(status, names::kDroppedPrefix + std::string(control::nameOf(control::Fault(i))),

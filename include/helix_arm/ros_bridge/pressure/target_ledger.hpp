@@ -14,10 +14,11 @@ namespace helix_arm::ros_bridge {
 /// Counts the results of targets, and warns of bad ones: at most one line per fault and period.
 class TargetLedger {
  public:
-  void taken() { ++taken_; }
+  void reached() { ++reached_; }
 
   /// A target out of reach, replaced by the closest one.
-  void closest(const std::string& topic, const std::string& commander, const std::string& message);
+  void unreachable(const std::string& topic, const std::string& commander,
+                   const std::string& message);
 
   /// A target that was dropped.
   void dropped(const std::string& topic, const std::string& commander,
@@ -30,8 +31,8 @@ class TargetLedger {
   void warn(FaultCount& count, const std::string& topic, const std::string& commander,
             const std::string& message, const char* consequence);
 
-  std::uint64_t taken_ = 0;
-  FaultCount closest_;
+  std::uint64_t reached_ = 0;
+  FaultCount unreachable_;
   std::array<FaultCount, control::kFaultCount> dropped_;
   std::string last_fault_;
   bool news_ = false;
