@@ -69,6 +69,7 @@ class InverseSolver::Workspace {
   void aimAt(const lie::SE3& pose) noexcept;
   void aimAt(const model::Twists& twists) noexcept;
   const InverseResult& solve(const model::InputRef& start);
+  void correct(const Correction& correction);
   const model::Arm& arm() const { return arm_; }
 
  private:
@@ -81,6 +82,7 @@ class InverseSolver::Workspace {
   const InverseOptions options_;
   const int n_;
   InverseTask task_;
+  CorrectedModel corrected_;
   const LengthBox box_;
   BoxLevenbergMarquardt minimiser_;
   InverseValley valley_;
@@ -98,6 +100,7 @@ InverseSolver::Workspace::Workspace(const model::Arm& arm, const ArmModel* loade
       options_(checked(options, loaded != nullptr)),
       n_(arm.actuatorCount()),
       task_(arm, loaded, options_.rotation_weight),
+      corrected_(arm, loaded),
       box_(arm),
       minimiser_(task_, box_, options_.position_tolerance),
       valley_(minimiser_, n_, arm.restLength(),
@@ -122,6 +125,12 @@ void InverseSolver::Workspace::checkStart(const model::InputRef& start) const {
                                   ": " + std::to_string(start[i]));
     }
   }
+}
+
+void InverseSolver::Workspace::correct(const Correction& correction) {
+  corrected_.set(correction);
+  task_.correctBy(corrected_);
+  answered_ = false;
 }
 
 void InverseSolver::Workspace::aimAt(const Eigen::Vector3d& position) noexcept {
@@ -243,6 +252,8 @@ InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& option
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
+
+void InverseSolver::correct(const Correction& correction) { workspace_->correct(correction); }
 
 const InverseResult& InverseSolver::toPosition(const Eigen::Vector3d& position,
                                                const model::InputRef& start) {

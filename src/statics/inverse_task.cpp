@@ -22,13 +22,41 @@ using lie::SE3;
 using lie::Vector6;
 
 InverseTask::InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight)
-    : arm_(&arm), loaded_(loaded), rotation_weight_(rotation_weight) {
+    : arm_(&arm),
+      loaded_(loaded),
+      rotation_weight_(rotation_weight),
+      offset_(model::Twists::Zero(6, arm.sectionCount())),
+      scale_(Eigen::VectorXd::Ones(arm.actuatorCount())),
+      scaled_(arm.actuatorCount()) {
   for (int k = 0; k < arm.sectionCount(); ++k) {
     // Of the map, not of A: an untilted ring can shear and twist, but its muscles cannot make it.
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(arm.equilibrium(k).map);
     qr.setThreshold(kMapRankTolerance);
     map_rank_ += static_cast<int>(qr.rank());
   }
+}
+
+void InverseTask::correctBy(const CorrectedModel& corrected) {
+  arm_ = &corrected.arm();
+  loaded_ = corrected.loaded();
+  offset_ = corrected.correction().offset;
+  scale_ = corrected.correction().length_scale;
+  corrected_ = true;
+}
+
+const Eigen::VectorXd& InverseTask::scaled(const Eigen::VectorXd& lengths) const noexcept {
+  scaled_ = scale_.cwiseProduct(lengths);
+  return scaled_;
+}
+
+model::Twists InverseTask::twistsAt(const Eigen::VectorXd& lengths) const noexcept {
+  return arm_->twistsOfLengths(scaled(lengths)) + offset_;
+}
+
+std::optional<model::Shape> InverseTask::loadedShape(const Eigen::VectorXd& lengths) const {
+  const Solution solution = loaded_->solveLengths(scaled(lengths));
+  if (!solution.converged()) return std::nullopt;
+  return corrected_ ? solution.shape.about(solution.shape.twists() + offset_) : solution.shape;
 }
 
 void InverseTask::setPosition(const Eigen::Vector3d& position) {
@@ -68,11 +96,14 @@ void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::V
                                         Eigen::MatrixXd& jacobian) const noexcept {
   const auto& map = arm_->equilibrium(0).map;
   const int n = arm_->actuatorCount();
-  Vector6 g = Vector6::Zero();
-  for (int i = 0; i < n; ++i) g += map.col(i) * lengths[i];
+  Vector6 g = offset_.col(0);
+  for (int i = 0; i < n; ++i) g += map.col(i) * (scale_[i] * lengths[i]);
   const Eigen::Matrix<double, 3, 6> J = SE3::translationJacobian(g);
   residual.head<3>() = J.leftCols<3>() * g.head<3>() - pose_.translation;  // dp/dv = V, and p = V v
-  for (int i = 0; i < n; ++i) jacobian.col(i).head<3>() = J.lazyProduct(map.col(i));
+  for (int i = 0; i < n; ++i) {
+    jacobian.col(i).head<3>() = J.lazyProduct(map.col(i));
+    jacobian.col(i).head<3>() *= scale_[i];
+  }
 }
 
 Eigen::Matrix3d InverseTask::compareTip(const SE3& tip, Eigen::VectorXd& residual) const noexcept {
@@ -92,21 +123,27 @@ void InverseTask::setColumn(const SE3& tip, const Vector6& motion, const Eigen::
 
 void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                               Eigen::MatrixXd& jacobian) const noexcept {
-  const model::Twists g = arm_->twistsOfLengths(lengths);
+  const model::Twists g = twistsAt(lengths);
   const SE3 tip = model::tipPose(g);
   const Eigen::Matrix3d by_turn = compareTip(tip, residual);
   forTipMotions(*arm_, g, [&](int i, const Vector6& motion) {
-    setColumn(tip, motion, by_turn, i, jacobian);
+    setColumn(tip, scale_[i] * motion, by_turn, i, jacobian);
   });
 }
 
 void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                     Eigen::MatrixXd& jacobian) const {
-  const TipResponse response = loaded_->tipResponse(lengths);
+  const TipResponse response = loaded_->tipResponse(scaled(lengths));
   if (response.status != SolveStatus::kConverged) return giveUp(residual, jacobian);
-  const Eigen::Matrix3d by_turn = compareTip(response.tip, residual);
+  SE3 tip = response.tip;
+  if (corrected_) {
+    const auto shape = loadedShape(lengths);
+    if (!shape) return giveUp(residual, jacobian);
+    tip = model::tipPose(*shape);
+  }
+  const Eigen::Matrix3d by_turn = compareTip(tip, residual);
   for (int i = 0; i < response.by_lengths.cols(); ++i) {
-    setColumn(response.tip, response.by_lengths.col(i), by_turn, i, jacobian);
+    setColumn(tip, scale_[i] * response.by_lengths.col(i), by_turn, i, jacobian);
   }
 }
 
@@ -114,28 +151,28 @@ void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::Vecto
 void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                        Eigen::MatrixXd& jacobian) const {
   const double step_size = 3e-5 * arm_->restLength();
-  const Solution here = loaded_->solveLengths(lengths);
-  if (!here.converged()) return giveUp(residual, jacobian);
+  const auto here = loadedShape(lengths);
+  if (!here) return giveUp(residual, jacobian);
   const auto weigh = [this](auto&& rows) {
     for (int k = 0; k < arm_->sectionCount(); ++k)
       rows.template middleRows<3>(6 * k + 3) *= rotation_weight_;
   };
-  residual.head(rows_) = (here.shape.twists() - twists_).reshaped();
+  residual.head(rows_) = (here->twists() - twists_).reshaped();
   weigh(residual);
   for (int i = 0; i < lengths.size(); ++i) {
     const Eigen::VectorXd step = step_size * Eigen::VectorXd::Unit(lengths.size(), i);
-    const Solution below = loaded_->solveLengths(lengths - step);
-    const Solution above = loaded_->solveLengths(lengths + step);
-    if (!below.converged() || !above.converged()) return giveUp(residual, jacobian);
+    const auto below = loadedShape(lengths - step);
+    const auto above = loadedShape(lengths + step);
+    if (!below || !above) return giveUp(residual, jacobian);
     jacobian.col(i).head(rows_) =
-        (above.shape.twists() - below.shape.twists()).reshaped() / (2.0 * step_size);
+        (above->twists() - below->twists()).reshaped() / (2.0 * step_size);
   }
   weigh(jacobian);
 }
 
 void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                  Eigen::MatrixXd& jacobian) const noexcept {
-  const model::Twists g = arm_->twistsOfLengths(lengths);
+  const model::Twists g = twistsAt(lengths);
   jacobian.topRows(rows_).setZero();
   for (int k = 0; k < arm_->sectionCount(); ++k) {
     residual.segment<6>(6 * k) = g.col(k) - twists_.col(k);
@@ -143,13 +180,20 @@ void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd
     const auto& map = arm_->equilibrium(k).map;
     auto block = jacobian.block(6 * k, arm_->firstActuator(k), 6, map.cols());
     block = map;
+    for (int i = 0; i < map.cols(); ++i) block.col(i) *= scale_[arm_->firstActuator(k) + i];
     block.bottomRows<3>() *= rotation_weight_;
   }
 }
 
 double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept {
-  const SE3 tip = loaded_ != nullptr ? loaded_->tipOfLengths(lengths).tip
-                                     : model::tipPose(arm_->twistsOfLengths(lengths));
+  SE3 tip;
+  if (loaded_ == nullptr) {
+    tip = model::tipPose(twistsAt(lengths));
+  } else if (const auto shape = corrected_ ? loadedShape(lengths) : std::nullopt) {
+    tip = model::tipPose(*shape);
+  } else {
+    tip = loaded_->tipOfLengths(scaled(lengths)).tip;
+  }
   return (tip.translation - pose_.translation).norm();
 }
 

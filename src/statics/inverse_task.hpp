@@ -2,9 +2,11 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <optional>
 
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/correction.hpp"
 
 namespace helix_arm::statics {
 
@@ -19,6 +21,9 @@ class InverseTask {
 
   /// @param loaded  model of the arm if a load bends it, else null.
   InverseTask(const model::Arm& arm, const ArmModel* loaded, double rotation_weight);
+
+  /// The targets are those of the corrected model, which outlives the task.
+  void correctBy(const CorrectedModel& corrected);
 
   void setPosition(const Eigen::Vector3d& position);
   void setPose(const lie::SE3& pose);
@@ -55,6 +60,10 @@ class InverseTask {
                          Eigen::MatrixXd& jacobian) const;
   void evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                             Eigen::MatrixXd& jacobian) const;
+  /// Free lengths (n) [m] with the scales of the correction.
+  const Eigen::VectorXd& scaled(const Eigen::VectorXd& lengths) const noexcept;
+  model::Twists twistsAt(const Eigen::VectorXd& lengths) const noexcept;
+  std::optional<model::Shape> loadedShape(const Eigen::VectorXd& lengths) const;
   // Computes the residual of a tip; returns the derivative of its last rows with respect to a
   // rotation of the tip about its own axes.
   Eigen::Matrix3d compareTip(const lie::SE3& tip, Eigen::VectorXd& residual) const noexcept;
@@ -65,7 +74,11 @@ class InverseTask {
   const model::Arm* arm_;
   const ArmModel* loaded_;
   double rotation_weight_;
-  int map_rank_ = 0;  // number of independent motions of all sections together
+  bool corrected_ = false;
+  model::Twists offset_;            // of the correction
+  Eigen::VectorXd scale_;           // (n) of the free lengths
+  mutable Eigen::VectorXd scaled_;  // (n) [m]
+  int map_rank_ = 0;                // number of independent motions of all sections together
   Kind kind_ = Kind::kPosition;
   int rows_ = 3;
   lie::SE3 pose_;  // pose of the desired tip, for targets of every kind

@@ -7,6 +7,7 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/correction.hpp"
 
 namespace helix_arm::statics {
 
@@ -82,6 +83,11 @@ class InverseSolver {
   ~InverseSolver();
   InverseSolver(InverseSolver&&) noexcept;
   InverseSolver& operator=(InverseSolver&&) noexcept;
+
+  /// From now on the tip or the twists of the corrected arm reach the target. The limits stay those
+  /// of the inputs. Does not allocate if only the offset or the length scales change, without load.
+  /// @throws as CorrectedModel::set().
+  void correct(const Correction& correction);
 
   /// Inputs that bring the tip to a position (base frame) [m].
   ///

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+
+#include "helix_arm/statics/arm_model.hpp"
+
+namespace helix_arm::statics {
+
+/// How an arm differs from its model: its mean twists are G(l; factors) + offset, where G is the
+/// model with other stiffness and other free lengths.
+struct Correction {
+  /// No difference.
+  explicit Correction(const model::Arm& arm);
+
+  model::Twists offset;  ///< (6 x sections) v [m], w [rad]
+  /// Factors on the stiffness of every actuator, entry by entry, > 0.
+  model::Stiffness stiffness_factors;
+  double K_eps_factor = 1.0;     ///< > 0; no effect on an arm without load
+  Eigen::VectorXd length_scale;  ///< (n) factors on the free lengths, > 0
+};
+
+/// A model with a correction.
+///
+/// Lengths given to it are free lengths of the uncorrected actuators, so that the limits of the
+/// inputs remain the same box.
+class CorrectedModel {
+ public:
+  /// Starts without a difference. @param loaded  model under the scene's load; null without load.
+  CorrectedModel(const model::Arm& arm, const ArmModel* loaded);
+  explicit CorrectedModel(const ArmModel& model);
+
+  /// Replaces the correction. Allocates only if the factors on the stiffness change, or under load.
+  /// @throws std::invalid_argument naming the value that is not finite, not > 0 or of another size.
+  void set(const Correction& correction);
+  /// Replaces the offset alone: (6 x sections), finite. Does not allocate.
+  void setOffset(const model::Twists& offset) noexcept { correction_.offset = offset; }
+
+  const Correction& correction() const { return correction_; }
+  /// The arm with the corrected stiffness; actuators and limits are those of the nominal arm.
+  const model::Arm& arm() const { return arm_; }
+  /// The same under load; null without load.
+  const ArmModel* loaded() const { return loaded_ ? &*loaded_ : nullptr; }
+
+  /// Corrected free lengths (n) [m], valid until the next call.
+  const Eigen::VectorXd& scaled(const Eigen::VectorXd& lengths) const noexcept;
+  /// Shape at lengths (n) [m]; nothing if no shape balances the load. Does not allocate without
+  /// load.
+  std::optional<model::Shape> shape(const Eigen::VectorXd& lengths) const;
+  /// Derivative of the mean twists (6 sections x n) with respect to lengths (n) [m]. Under load by
+  /// differences; zero if no shape balances the load.
+  void twistsByLengths(const Eigen::VectorXd& lengths, Eigen::MatrixXd& out) const;
+
+ private:
+  void rebuild();
+
+  const model::Arm nominal_;
+  const std::optional<ArmModel> nominal_loaded_;
+  Correction correction_;
+  model::Arm arm_;
+  std::optional<ArmModel> loaded_;
+  mutable Eigen::VectorXd scaled_;
+};
+
+}  // namespace helix_arm::statics
