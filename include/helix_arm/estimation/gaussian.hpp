@@ -1,0 +1,27 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace helix_arm::estimation {
+
+/// A normally distributed vector, and the update of a Kalman filter.
+struct Gaussian {
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+
+  /// A measurement of it: value = H mean + noise.
+  struct Measurement {
+    Eigen::VectorXd innovation;  ///< (d) measured minus expected value
+    Eigen::MatrixXd H;           ///< (d x size)
+    Eigen::MatrixXd noise;       ///< (d x d) covariance
+  };
+
+  /// Squared Mahalanobis distance of an innovation, nu' S^-1 nu, with S = H P H' + R.
+  double distance2(const Measurement& measurement) const;
+  /// Logarithm of the likelihood of an innovation, log N(nu; 0, S).
+  double logLikelihood(const Measurement& measurement) const;
+  /// Takes the measurement, in Joseph's form.
+  void update(const Measurement& measurement);
+};
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,89 @@
+#include "helix_arm/control/pressure_observer.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::control {
+namespace {
+
+constexpr char kCulprit[] = "pressure observer";
+constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
+constexpr double kRestlessness =
+    50.0;  // standard deviation of what the lag leaves out, per turn [Pa]
+constexpr double kLagUncertainty = 0.2;  // of a move that the lag predicts
+
+}  // namespace
+
+PressureObserver::PressureObserver(int channels, double time_constant, double noise)
+    : time_constant_(time_constant), noise_(noise) {
+  basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
+  basics::requireValue(std::isfinite(time_constant) && time_constant > 0, kCulprit,
+                       "the time constant [s]", time_constant, "a finite value > 0");
+  basics::requireValue(std::isfinite(noise) && noise > 0, kCulprit, "the noise of a reading [Pa]",
+                       noise, "a finite value > 0");
+  now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
+  history_.assign(kMostMoments, {0.0, now_});
+}
+
+void PressureObserver::restart() { count_ = 0; }
+
+double PressureObserver::time() const { return moment(0).time; }
+
+const PressureObserver::Moment& PressureObserver::moment(int age) const {
+  return history_[static_cast<std::size_t>((newest_ - age + kMostMoments) % kMostMoments)];
+}
+
+void PressureObserver::remember(double time) {
+  newest_ = (newest_ + 1) % kMostMoments;
+  Moment& next = history_[static_cast<std::size_t>(newest_)];
+  next.time = time;
+  next.estimate = now_;
+  count_ = std::min(count_ + 1, kMostMoments);
+  while (count_ > 2 && moment(count_ - 2).time <= time - kMemory) --count_;
+}
+
+void PressureObserver::update(double time, const Eigen::VectorXd& set_point,
+                              const Eigen::VectorXd& reading) {
+  if (count_ > 0 && time < moment(0).time) restart();
+  if (count_ == 0) {
+    if (!reading.allFinite()) return;
+    now_.pressure = reading;
+    now_.variance.setConstant(noise_ * noise_);
+    return remember(time);
+  }
+  const double dt = time - moment(0).time;
+  if (dt == 0) return;
+  const double share = -std::expm1(-dt / time_constant_);
+  for (Eigen::Index i = 0; i < reading.size(); ++i) {
+    double& p = now_.pressure[i];
+    double& V = now_.variance[i];
+    const double move = share * (set_point[i] - p);
+    p += move;
+    const double unsure = kLagUncertainty * move;
+    V = (1 - share) * (1 - share) * V + unsure * unsure + kRestlessness * kRestlessness;
+    if (!std::isfinite(reading[i])) continue;
+    const double gain = V / (V + noise_ * noise_);
+    p += gain * (reading[i] - p);
+    V *= 1 - gain;
+  }
+  remember(time);
+}
+
+bool PressureObserver::at(double time, Estimate& out) const {
+  if (count_ == 0 || !(time <= moment(0).time) || !(time >= moment(count_ - 1).time)) return false;
+  int age = 0;
+  while (age + 1 < count_ && moment(age).time > time) ++age;
+  const Moment& before = moment(age);
+  const Moment& after = moment(std::max(age - 1, 0));
+  const double span = after.time - before.time;
+  const double share = span > 0 ? (time - before.time) / span : 0.0;
+  out.pressure =
+      before.estimate.pressure + share * (after.estimate.pressure - before.estimate.pressure);
+  out.variance =
+      before.estimate.variance + share * (after.estimate.variance - before.estimate.variance);
+  return true;
+}
+
+}  // namespace helix_arm::control

@@ -1,0 +1,323 @@
+#include "helix_arm/estimation/arm_filter.hpp"
+
+#include <Eigen/Cholesky>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "arm_parameters.hpp"
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr char kCulprit[] = "filter of the arm";
+constexpr double kStiffnessStep = 1e-3;  // of logarithms, in central differences
+// A pressure's error lasts for about half a second, which is fifteen pictures.
+constexpr double kPressurePersistence = 15.0;
+// A vibration's error lasts for about ten pictures.
+constexpr double kSwingPersistence = 10.0;
+constexpr int kMostOutliers = 2;  // in a row: a third one is a change
+// Smallest pivot of a covariance that counts as positive, relative to its largest entry.
+constexpr double kLeastPivot = 1e-13;
+
+bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
+  const Eigen::LDLT<Eigen::MatrixXd> factors(matrix);
+  return factors.info() == Eigen::Success &&
+         factors.vectorD().minCoeff() > kLeastPivot * matrix.diagonal().maxCoeff();
+}
+
+}  // namespace
+
+void ArmFilterOptions::validate() const {
+  const auto nonNegative = [](const char* what, double value) {
+    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
+                         "a finite value >= 0");
+  };
+  const auto positive = [](const char* what, double value) {
+    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
+                         "a finite value > 0");
+  };
+  nonNegative("the hysteresis", hysteresis);
+  nonNegative("the creep [s^-1/2]", creep);
+  positive("the bias of v [m]", bias_translation);
+  positive("the bias of w [rad]", bias_rotation);
+  positive("the settling time [s]", settling_time);
+  positive("the deviation of K_gamma", stiffness_deviation.gamma);
+  positive("the deviation of K_tau", stiffness_deviation.tau);
+  positive("the deviation of K_kappa", stiffness_deviation.kappa);
+  positive("the deviation of K_eps", K_eps_deviation);
+  positive("the deviation of lengths", length_deviation);
+}
+
+const char* nameOf(SightingFault fault) {
+  static constexpr std::array<const char*, kSightingFaultCount> kNames = {
+      "none",       "future",       "not_newer",  "too_old", "wrong_size",
+      "not_finite", "not_positive", "unbalanced", "outlier"};
+  return kNames[static_cast<std::size_t>(fault)];
+}
+
+double outlierLimit(int degrees) {
+  // Wilson and Hilferty's approximation.
+  const double d = degrees;
+  const double root = 1 - 2 / (9 * d) + 3.72 * std::sqrt(2 / (9 * d));
+  return d * root * root * root;
+}
+
+struct ArmFilter::Workspace {
+  Workspace(const statics::ArmModel& given, const ArmFilterOptions& given_options)
+      : options(checked(given_options)),
+        parameters(given, options),
+        arm(given.arm()),
+        model(given),
+        probe(given),
+        correction(arm) {
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      for (int row = 0; row < 6; ++row) {
+        if (options.planar && (row == 2 || row == 3 || row == 4)) continue;
+        rows.push_back(6 * k + row);
+      }
+    }
+    const auto size = static_cast<Eigen::Index>(rows.size());
+    bias_deviation.resize(size);
+    for (Eigen::Index i = 0; i < size; ++i) {
+      bias_deviation[i] = rows[static_cast<std::size_t>(i)] % 6 < 3 ? options.bias_translation
+                                                                    : options.bias_rotation;
+    }
+    scale.resize(parameters.count() + size);
+    scale << parameters.deviations(), bias_deviation;
+    start();
+  }
+
+  static const ArmFilterOptions& checked(const ArmFilterOptions& options) {
+    options.validate();
+    return options;
+  }
+
+  void start();
+  Eigen::Index biasCount() const { return bias_deviation.size(); }
+  Eigen::VectorXd theta() const { return state.mean.head(parameters.count()); }
+  Eigen::VectorXd pick(const model::Twists& twists) const;
+  std::optional<Eigen::VectorXd> twistsAt(const statics::CorrectedModel& of,
+                                          const Eigen::VectorXd& lengths) const;
+  Eigen::VectorXd lengthsAt(const Eigen::VectorXd& pressure) const {
+    return arm.lengths(arm.clamped(pressure));
+  }
+  std::optional<Linearisation> linearise(const Eigen::VectorXd& pressure);
+  SightingFault check(const Input& input) const;
+  Eigen::MatrixXd pickedCovariance(const Eigen::MatrixXd& covariance) const;
+  Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const;
+  Eigen::MatrixXd jacobian() const;
+  void followCorrection();
+
+  const ArmFilterOptions options;
+  const ArmParameters parameters;
+  const model::Arm arm;
+  statics::CorrectedModel model;  // with the factors of theta and no offset
+  statics::CorrectedModel probe;  // for differences
+  statics::Correction correction;
+  std::vector<int> rows;
+  Eigen::VectorXd bias_deviation;
+  Eigen::VectorXd scale;  // of the state
+  Gaussian state;
+  std::optional<double> last_time;
+  Eigen::VectorXd last_lengths;
+  Eigen::VectorXd settled;  // twists of the model, behind by the settling time
+  std::optional<Step> step;
+  int outliers = 0;  // in a row
+};
+
+void ArmFilter::Workspace::start() {
+  state.mean = Eigen::VectorXd::Zero(scale.size());
+  state.covariance = scale.cwiseAbs2().asDiagonal();
+  last_time.reset();
+  step.reset();
+  outliers = 0;
+  followCorrection();
+}
+
+void ArmFilter::Workspace::followCorrection() {
+  parameters.apply(theta(), correction);
+  correction.offset.setZero();
+  model.set(correction);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    correction.offset(rows[i] % 6, rows[i] / 6) =
+        state.mean[parameters.count() + static_cast<Eigen::Index>(i)];
+  }
+}
+
+Eigen::VectorXd ArmFilter::Workspace::pick(const model::Twists& twists) const {
+  return twists.reshaped()(rows);
+}
+
+std::optional<Eigen::VectorXd> ArmFilter::Workspace::twistsAt(
+    const statics::CorrectedModel& of, const Eigen::VectorXd& lengths) const {
+  const auto shape = of.shape(lengths);
+  if (!shape) return std::nullopt;
+  return pick(shape->twists());
+}
+
+std::optional<ArmFilter::Linearisation> ArmFilter::Workspace::linearise(
+    const Eigen::VectorXd& pressure) {
+  const Eigen::VectorXd lengths = lengthsAt(pressure);
+  auto twists = twistsAt(model, lengths);
+  if (!twists) return std::nullopt;
+  Linearisation out{std::move(*twists), Eigen::MatrixXd::Zero(biasCount(), parameters.count()), {}};
+  statics::Correction moved(arm);
+  for (int j = 0; j < parameters.stiffnessCount(); ++j) {
+    Eigen::VectorXd ends[2];
+    for (const int side : {0, 1}) {
+      Eigen::VectorXd at = theta();
+      at[j] += side == 0 ? -kStiffnessStep : kStiffnessStep;
+      parameters.apply(at, moved);
+      probe.set(moved);
+      const auto end = twistsAt(probe, lengths);
+      if (!end) return std::nullopt;
+      ends[side] = *end;
+    }
+    out.by_theta.col(j) = (ends[1] - ends[0]) / (2 * kStiffnessStep);
+  }
+  Eigen::MatrixXd by_lengths;
+  model.twistsByLengths(lengths, by_lengths);
+  const Eigen::MatrixXd picked = by_lengths(rows, Eigen::all);
+  for (int j = parameters.stiffnessCount(); j < parameters.count(); ++j) {
+    const ArmParameters::Span span = parameters.actuatorsOf(j);
+    for (int i = span.begin; i < span.end; ++i) out.by_theta.col(j) += picked.col(i) * lengths[i];
+  }
+  out.by_pressure = picked;
+  const Eigen::VectorXd inside = arm.clamped(pressure);
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    out.by_pressure.col(i) *= arm.actuator(i).contraction.slopeInside(inside[i]);
+  }
+  return out;
+}
+
+Eigen::MatrixXd ArmFilter::Workspace::pickedCovariance(const Eigen::MatrixXd& covariance) const {
+  return covariance(rows, rows);
+}
+
+SightingFault ArmFilter::Workspace::check(const Input& input) const {
+  const int n = arm.actuatorCount(), size = 6 * arm.sectionCount();
+  if (input.pressure.size() != n || input.variance.size() != n ||
+      input.twists.cols() != arm.sectionCount() || input.covariance.rows() != size ||
+      input.covariance.cols() != size) {
+    return SightingFault::kWrongSize;
+  }
+  if (!std::isfinite(input.time) || !input.pressure.allFinite() || !input.variance.allFinite() ||
+      !input.twists.allFinite() || !input.covariance.allFinite()) {
+    return SightingFault::kNotFinite;
+  }
+  if (last_time && input.time <= *last_time) return SightingFault::kNotNewer;
+  if (!isPositiveDefinite(pickedCovariance(input.covariance))) return SightingFault::kNotPositive;
+  return SightingFault::kNone;
+}
+
+Eigen::MatrixXd ArmFilter::Workspace::biasGrowth(const Eigen::VectorXd& motion, double dt) const {
+  const Eigen::VectorXd variance = bias_deviation.cwiseAbs2();
+  const double size2 =
+      motion.cwiseQuotient(bias_deviation).squaredNorm() / static_cast<double>(biasCount());
+  Eigen::MatrixXd out = options.hysteresis * options.hysteresis * motion * motion.transpose();
+  out.diagonal() +=
+      (options.hysteresis * options.hysteresis * size2 + options.creep * options.creep * dt) *
+      variance;
+  return out;
+}
+
+Eigen::MatrixXd ArmFilter::Workspace::jacobian() const {
+  Eigen::MatrixXd H(biasCount(), scale.size());
+  H << step->model.by_theta, Eigen::MatrixXd::Identity(biasCount(), biasCount());
+  return H;
+}
+
+ArmFilter::ArmFilter(const statics::ArmModel& model, const ArmFilterOptions& options)
+    : work_(std::make_unique<Workspace>(model, options)) {}
+ArmFilter::~ArmFilter() = default;
+ArmFilter::ArmFilter(ArmFilter&&) noexcept = default;
+ArmFilter& ArmFilter::operator=(ArmFilter&&) noexcept = default;
+
+Sighting ArmFilter::see(const Input& input) {
+  Workspace& w = *work_;
+  Sighting out{w.check(input), 0.0};
+  if (!out.accepted()) return out;
+  auto model = w.linearise(input.pressure);
+  const auto before = w.last_time ? w.twistsAt(w.model, w.last_lengths) : std::nullopt;
+  if (!model) return {SightingFault::kUnbalanced, 0.0};
+
+  Step step;
+  step.dt = w.last_time ? input.time - *w.last_time : 0.0;
+  step.theta = w.theta();
+  step.measured = w.pick(input.twists);
+  const Eigen::VectorXd motion =
+      before ? model->twists - *before : Eigen::VectorXd::Zero(w.biasCount()).eval();
+  step.bias_growth = w.biasGrowth(motion, step.dt);
+  if (!w.last_time) w.settled = model->twists;
+  w.settled -= std::expm1(-step.dt / w.options.settling_time) * (model->twists - w.settled);
+  const Eigen::VectorXd swing = model->twists - w.settled;
+  step.noise = w.pickedCovariance(input.covariance) +
+               kPressurePersistence * model->by_pressure * input.variance.asDiagonal() *
+                   model->by_pressure.transpose() +
+               kSwingPersistence * swing * swing.transpose();
+  step.model = std::move(*model);
+  w.last_time = input.time;
+  w.last_lengths = w.lengthsAt(input.pressure);
+  w.step = std::move(step);
+
+  const Eigen::Index d = w.biasCount();
+  w.state.covariance.bottomRightCorner(d, d) += w.step->bias_growth;
+  const Gaussian::Measurement measurement{
+      w.step->measured - w.step->model.twists - w.state.mean.tail(d), w.jacobian(), w.step->noise};
+  out.distance2 = w.state.distance2(measurement);
+  if (out.distance2 > outlierLimit(static_cast<int>(d)) && w.outliers < kMostOutliers) {
+    ++w.outliers;
+    out.fault = SightingFault::kOutlier;
+    return out;
+  }
+  w.outliers = 0;
+  w.state.update(measurement);
+  w.followCorrection();
+  return out;
+}
+
+void ArmFilter::reset() { work_->start(); }
+
+void ArmFilter::forgetTime() { work_->last_time.reset(); }
+
+int ArmFilter::parameterCount() const { return work_->parameters.count(); }
+const std::vector<std::string>& ArmFilter::parameterNames() const {
+  return work_->parameters.names();
+}
+Eigen::VectorXd ArmFilter::parameterPrior() const { return work_->parameters.deviations(); }
+const std::vector<int>& ArmFilter::rows() const { return work_->rows; }
+const Gaussian& ArmFilter::state() const { return work_->state; }
+statics::Correction ArmFilter::correction() const { return work_->correction; }
+const Eigen::VectorXd& ArmFilter::biasDeviation() const { return work_->bias_deviation; }
+const std::optional<ArmFilter::Step>& ArmFilter::lastStep() const { return work_->step; }
+
+std::optional<model::Shape> ArmFilter::shape(const Eigen::VectorXd& pressure) const {
+  work_->probe.set(work_->correction);
+  return work_->probe.shape(work_->lengthsAt(pressure));
+}
+
+std::optional<ArmFilter::Linearisation> ArmFilter::linearise(
+    const Eigen::VectorXd& pressure) const {
+  return work_->linearise(pressure);
+}
+
+Eigen::MatrixXd ArmFilter::twistCovariance(double elapsed) const {
+  const Workspace& w = *work_;
+  const Eigen::Index d = w.biasCount();
+  Eigen::MatrixXd P = w.state.covariance;
+  P.bottomRightCorner(d, d) += w.biasGrowth(Eigen::VectorXd::Zero(d), elapsed);
+  Eigen::MatrixXd picked = P.bottomRightCorner(d, d);
+  if (w.step) {
+    const Eigen::MatrixXd H = w.jacobian();
+    picked = H * P * H.transpose();
+  }
+  const Eigen::Index size = 6 * w.arm.sectionCount();
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, size);
+  out(w.rows, w.rows) = picked;
+  return out;
+}
+
+}  // namespace helix_arm::estimation
