@@ -4,6 +4,8 @@
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "tip_motions.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -88,6 +90,25 @@ std::optional<model::Shape> CorrectedModel::shape(const Eigen::VectorXd& lengths
   const Solution solution = loaded_->solveLengths(scaled(lengths));
   if (!solution.converged()) return std::nullopt;
   return solution.shape.about(solution.shape.twists() + correction_.offset);
+}
+
+bool CorrectedModel::tipByLengths(const Eigen::VectorXd& lengths, lie::SE3& tip,
+                                  Eigen::MatrixXd& by_lengths) const {
+  by_lengths.resize(6, lengths.size());
+  if (!loaded_) {
+    const model::Twists twists = arm_.twistsOfLengths(scaled(lengths)) + correction_.offset;
+    tip = model::tipPose(twists);
+    forTipMotions(arm_, twists, [&](int i, const lie::Vector6& motion) {
+      by_lengths.col(i) = correction_.length_scale[i] * motion;
+    });
+    return true;
+  }
+  const auto corrected = shape(lengths);
+  const TipResponse response = loaded_->tipResponse(scaled(lengths));
+  if (!corrected || response.status != SolveStatus::kConverged) return false;
+  tip = model::tipPose(*corrected);
+  by_lengths = response.by_lengths * correction_.length_scale.asDiagonal();
+  return true;
 }
 
 void CorrectedModel::twistsByLengths(const Eigen::VectorXd& lengths, Eigen::MatrixXd& out) const {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 
 namespace helix_arm::statics {
@@ -47,6 +48,10 @@ class CorrectedModel {
   /// Shape at lengths (n) [m]; nothing if no shape balances the load. Does not allocate without
   /// load.
   std::optional<model::Shape> shape(const Eigen::VectorXd& lengths) const;
+  /// Tip at lengths (n) [m] and its derivative (6 x n), body twist per length [m/m; rad/m]. False
+  /// if no shape balances the load. Does not allocate without load if `by_lengths` has its size.
+  bool tipByLengths(const Eigen::VectorXd& lengths, lie::SE3& tip,
+                    Eigen::MatrixXd& by_lengths) const;
   /// Derivative of the mean twists (6 sections x n) with respect to lengths (n) [m]. Under load by
   /// differences; zero if no shape balances the load.
   void twistsByLengths(const Eigen::VectorXd& lengths, Eigen::MatrixXd& out) const;

@@ -1,0 +1,132 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <variant>
+#include <vector>
+
+#include "helix_arm/control/tip_approach.hpp"
+#include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/estimation/arm_filter.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/inverse.hpp"
+
+namespace helix_arm::follow {
+
+/// Rules of a SightLoop.
+struct SightLoopConfig {
+  /// Of the filter that the control uses.
+  estimation::ArmFilterOptions filter;
+  /// Creep of the filter that watches for loads, which must not swallow them [s^-1/2].
+  double watch_creep = 0.05;
+  /// Time constant with which the control takes over what the filter learns, > 0 [s]. Must exceed
+  /// the rule of smoothingFor() if the arm vibrates.
+  double smoothing = 0.2;
+  double stale_after = 0.3;  ///< without a picture the loop coasts, > 0 [s]
+  double coast_time = 3.0;   ///< then it is open, > 0 [s]
+  double time_constant;      ///< of the regulator's lag, > 0 [s]
+  double reading_noise;      ///< standard deviation of a pressure reading, > 0 [Pa]
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// Least smoothing time with which an arm that vibrates at `frequency` [Hz] with a damping ratio
+/// stays stable behind a regulator with this lag [s].
+double smoothingFor(double frequency, double damping, double time_constant);
+
+enum class LoopState {
+  kIdle,       ///< no target, or the arm is not enabled: nothing is commanded
+  kOpen,       ///< the inverse with the last correction; no sight of the arm yet, or lost
+  kClosed,     ///< the correction follows the pictures
+  kCoasting,   ///< as open, for a moment without pictures
+  kYielding,   ///< something touches the arm: correction and path stand still
+  kDiverging,  ///< the error grows although the target stands still: the correction is frozen
+};
+inline constexpr int kLoopStateCount = 6;
+/// "idle", "open", "closed", "coasting", "yielding" or "diverging".
+const char* nameOf(LoopState state);
+
+/// What a SightLoop is asked for: base frame, [m]. A pose is weighed as InverseOptions say.
+using Target = std::variant<Eigen::Vector3d, lie::SE3, model::Twists>;
+
+/// Result of one turn; references are valid until the next turn.
+struct Turn {
+  LoopState state = LoopState::kIdle;
+  bool commands = false;     ///< `pressure` is to be sent; else nothing is
+  Eigen::VectorXd pressure;  ///< (n) inside the limits [Pa]
+  /// Of the corrected model at the wanted place.
+  statics::InverseStatus status = statics::InverseStatus::kReached;
+  double residual = 0.0;  ///< [m]
+  /// Limits at which the actuators are, (n).
+  std::vector<statics::Limit> limits;
+  lie::SE3 wanted;                    ///< tip at this time
+  std::optional<lie::SE3> predicted;  ///< tip of the corrected model at the present pressures
+  std::optional<double> path_time;    ///< since the path's start; negative on the way to it [s]
+};
+
+/// Brings the tip where it is wanted, by comparing each measured shape with the model at the
+/// pressures of the same instant and aiming with the corrected model: internal model control. There
+/// is no integrator on the tip's error, so nothing winds up.
+///
+/// Without clock and threads: time is a number [s], given with the readings. Readings drive the
+/// turns; pictures may arrive late. reading() does not allocate if nothing loads the arm.
+class SightLoop {
+ public:
+  /// @param model  of the scene; copied.
+  /// @throws std::invalid_argument naming the value and its rule.
+  SightLoop(const statics::ArmModel& model, const SightLoopConfig& config);
+  ~SightLoop();
+  SightLoop(SightLoop&&) noexcept;
+  SightLoop& operator=(SightLoop&&) noexcept;
+
+  /// From the next turn on the arm goes there, and stays. Replaces a path.
+  /// @throws std::invalid_argument as the InverseSolver does.
+  void aimAt(const Target& target);
+  /// From the next turn on the tip follows the path; from where it is now it first moves to the
+  /// first point. After the last point it stays there. Replaces a target.
+  void follow(control::TipPath path);
+  /// No target: idle.
+  void release();
+  /// Keeps the present wanted place as target; ends a path.
+  void hold();
+  bool hasTarget() const;
+
+  /// Whether the arm follows commands. While it does not, the loop is idle; when it does again, it
+  /// starts from the present tip.
+  void enable(bool enabled);
+  /// False: the correction fades out, while the filters go on.
+  void close(bool closed);
+  /// Forgets what was learnt; the correction fades over a second.
+  void reset();
+  /// Something touches the arm, and the loop is to yield.
+  void yield(bool yields);
+
+  /// One turn. @param set_point  (n) in force since the last turn [Pa]. @param reading  (n) [Pa].
+  const Turn& reading(double time, const Eigen::VectorXd& set_point,
+                      const Eigen::VectorXd& reading);
+
+  /// A measured shape. @param stamp  time of the picture [s]. @param now  present time [s].
+  /// @param twists  (6 x sections). @param covariance  (6 sections x 6 sections) of their errors.
+  estimation::Sighting picture(double stamp, double now, const model::Twists& twists,
+                               const Eigen::MatrixXd& covariance);
+
+  LoopState state() const;
+  const Turn& turn() const;  ///< the last one
+  const estimation::ArmFilter& tracker() const;
+  const estimation::ArmFilter& watch() const;
+  /// Distance of the measured tip from the wanted one at the time of the last picture [m]; nothing
+  /// if none was wanted then.
+  std::optional<double> error() const;
+  /// Standard deviation of the predicted tip along its worst direction [m]; infinite before the
+  /// first picture.
+  double tipDeviation() const;
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace helix_arm::follow

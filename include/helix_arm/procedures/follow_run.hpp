@@ -1,0 +1,82 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/simulation/simulated_sight.hpp"
+
+namespace helix_arm::procedures {
+
+/// A force on the tip of the true arm from a time on.
+struct TimedForce {
+  double time = 0.0;                                ///< [s]
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< base frame [N]
+};
+
+/// What a simulated arm is to follow, and how. Either tips or a path.
+struct FollowPlan {
+  std::vector<Eigen::Vector3d> tips;     ///< base frame [m]; they share the seconds evenly
+  std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
+  double seconds = 10.0;                 ///< > 0 [s]
+  bool open = false;                     ///< the loop stays open
+  simulation::SightKind sight = simulation::SightKind::kCorners;
+  std::optional<TimedForce> force;
+  std::optional<model::Range> blind;  ///< pictures of these times are lost [s]
+  double latency = 0.06;              ///< of the pictures' measurements, >= 0 [s]
+  std::uint32_t seed = 1;             ///< of the noise of readings, corners and pictures
+};
+
+/// One turn of the run. Tips are positions, base frame [m].
+struct FollowRow {
+  double time;  ///< [s]
+  std::optional<Eigen::Vector3d> wanted;
+  Eigen::Vector3d true_tip;
+  /// New in this turn, with the time of its picture [s].
+  std::optional<Eigen::Vector3d> measured;
+  double measured_time;
+  std::optional<Eigen::Vector3d> predicted;
+  Eigen::VectorXd pressure;  ///< (n) true, gauge [Pa]
+  follow::LoopState state;
+  std::optional<double> path_time;  ///< since the path's start [s]
+};
+
+/// Errors of the true tip against the wanted one.
+struct FollowFigures {
+  std::optional<double> path_rms, path_max;   ///< from the path's start on [m]
+  std::vector<double> steady_rms;             ///< of each tip's last second [m]
+  std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]
+};
+
+/// A change of the loop's state.
+struct FollowState {
+  double time;  ///< [s]
+  follow::LoopState state;
+};
+
+struct FollowResult {
+  std::vector<FollowRow> rows;
+  FollowFigures figures;
+  std::vector<FollowState> states;
+  int pictures = 0;  ///< accepted
+};
+
+/// The configuration of the sight loop of a scene.
+/// @throws std::invalid_argument if the scene has no pressure actuators or no safety rules.
+follow::SightLoopConfig loopConfigOf(const io::Scene& scene);
+
+/// Simulates the scene's rig with its sight loop. The same plan and scene give the same result.
+/// @param progress  called with the simulated time about once a second, may be empty; false ends
+///     the run.
+/// @throws std::invalid_argument naming what the scene lacks or the plan breaks; std::runtime_error
+///     if no shape of the true arm holds its load.
+FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
+                       const std::function<bool(double)>& progress = {});
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/model/shape.hpp"
+#include "helix_arm/simulation/rig.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+
+namespace helix_arm::simulation {
+
+/// How a simulated arm is seen.
+enum class SightKind {
+  kCorners,   ///< the corners of the visible tags with noise, fitted: fast, for statistics
+  kRendered,  ///< pictures that are rendered, compressed and searched, as on the rig
+};
+
+/// Configuration of a SimulatedSight.
+struct SimulatedSightConfig {
+  SightKind kind = SightKind::kCorners;
+  double corner_noise = 0.3;  ///< standard deviation of each coordinate, for kCorners, >= 0 [px]
+  std::uint32_t seed = 1;     ///< of that noise
+};
+
+/// A measured shape.
+struct MeasuredShape {
+  model::Twists twists;        ///< (6 x sections)
+  Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections)
+};
+
+/// Measures simulated shapes as the vision node does, without node or clock. The same seeds and
+/// calls give the same measurements.
+class SimulatedSight {
+ public:
+  /// @param camera   the true camera and tags.
+  /// @param nominal  what is known of them.
+  /// @throws std::invalid_argument naming the value and its rule.
+  SimulatedSight(const CameraSetup& camera, const estimation::ArmView& nominal,
+                 const vision::LocalizerConfig& localizer, const SimulatedSightConfig& config);
+  ~SimulatedSight();
+  SimulatedSight(SimulatedSight&&) noexcept;
+  SimulatedSight& operator=(SimulatedSight&&) noexcept;
+
+  /// A picture of an arm of the true shape; nothing if its shape cannot be measured.
+  /// @param model  approximate shape, as the model's.
+  std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace helix_arm::simulation

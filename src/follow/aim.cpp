@@ -1,0 +1,102 @@
+#include "aim.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <type_traits>
+
+namespace helix_arm::follow {
+namespace {
+
+// Of the mean square of the Jacobian's entries: near a singular pose the lead stays small.
+constexpr double kLeadDamping = 1e-3;
+
+statics::InverseOptions nearby() {
+  statics::InverseOptions out;
+  out.max_starts = 1;
+  return out;
+}
+
+const statics::InverseResult& solveWith(statics::InverseSolver& solver, const Target& target,
+                                        const Eigen::VectorXd& start) {
+  if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
+    return solver.toPosition(*position, start);
+  }
+  if (const auto* pose = std::get_if<lie::SE3>(&target)) return solver.toPose(*pose, start);
+  return solver.toTwists(std::get<model::Twists>(target), start);
+}
+
+}  // namespace
+
+Aim::Aim(const statics::ArmModel& model)
+    : arm_(model.arm()),
+      model_(model),
+      everywhere_(model_),
+      nearby_(model_, nearby()),
+      corrected_(model_),
+      now_(arm_),
+      goal_(now_.offset),
+      pressure_(arm_.inputAt(0.0)),
+      led_(pressure_),
+      lengths_(arm_.actuatorCount()),
+      by_lengths_(6, arm_.actuatorCount()),
+      by_pressure_(3, arm_.actuatorCount()) {}
+
+const Eigen::VectorXd& Aim::lengthsAt(const Eigen::VectorXd& pressure) {
+  for (int i = 0; i < arm_.actuatorCount(); ++i) {
+    lengths_[i] = arm_.actuator(i).contraction.lengthInside(pressure[i]);
+  }
+  return lengths_;
+}
+
+void Aim::startAt(const Eigen::VectorXd& pressure) {
+  for (int i = 0; i < arm_.actuatorCount(); ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    pressure_[i] = std::clamp(pressure[i], limits.lower, limits.upper);
+  }
+}
+
+void Aim::learn(const statics::Correction& goal) {
+  const Eigen::VectorXd& lengths = lengthsAt(pressure_);
+  const auto before = corrected_.shape(lengths);
+  const model::Twists offset = now_.offset;
+  now_ = goal;
+  now_.offset = offset;
+  corrected_.set(now_);
+  const auto after = corrected_.shape(lengths);
+  if (before && after) now_.offset += before->twists() - after->twists();
+  goal_ = goal.offset;
+}
+
+void Aim::approach(double share) { now_.offset += share * (goal_ - now_.offset); }
+
+const statics::InverseResult& Aim::solve(const Target& target, bool fresh) {
+  corrected_.set(now_);
+  statics::InverseSolver& solver = fresh ? everywhere_ : nearby_;
+  solver.correct(now_);
+  const statics::InverseResult& result = solveWith(solver, target, pressure_);
+  if (result.converged()) pressure_ = result.input;
+  return result;
+}
+
+const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_constant) {
+  led_ = pressure_;
+  lie::SE3 tip;
+  if (velocity.isZero() || !corrected_.tipByLengths(lengthsAt(pressure_), tip, by_lengths_)) {
+    return led_;
+  }
+  for (int i = 0; i < arm_.actuatorCount(); ++i) {
+    by_pressure_.col(i) = tip.rotation * by_lengths_.col(i).head<3>() *
+                          arm_.actuator(i).contraction.slopeInside(pressure_[i]);
+  }
+  Eigen::Matrix3d square = by_pressure_ * by_pressure_.transpose();
+  square.diagonal().array() += kLeadDamping * square.trace() / 3.0;
+  const Eigen::Vector3d weight = square.ldlt().solve(time_constant * velocity);
+  for (int i = 0; i < arm_.actuatorCount(); ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    led_[i] =
+        std::clamp(pressure_[i] + by_pressure_.col(i).dot(weight), limits.lower, limits.upper);
+  }
+  return led_;
+}
+
+}  // namespace helix_arm::follow

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/statics/correction.hpp"
+#include "helix_arm/statics/inverse.hpp"
+
+namespace helix_arm::follow {
+
+/// From a wanted tip to pressures: the inverse of a corrected model whose correction never jumps.
+class Aim {
+ public:
+  explicit Aim(const statics::ArmModel& model);
+
+  /// A new goal of the correction. Its factors hold at once; the offset makes up for them at the
+  /// last pressures, and goes to the goal's by approach().
+  void learn(const statics::Correction& goal);
+  /// Moves the offset towards the goal by a share in [0, 1].
+  void approach(double share);
+
+  /// Pressures for a target. @param fresh  searches everywhere, not only near the last pressures.
+  const statics::InverseResult& solve(const Target& target, bool fresh);
+  /// The next search begins at these pressures (n) [Pa], clamped to the limits.
+  void startAt(const Eigen::VectorXd& pressure);
+  /// Last solution (n) [Pa].
+  const Eigen::VectorXd& pressure() const { return pressure_; }
+
+  /// Pressures (n) whose lag behind a moving target vanishes: the last solution, led by the time
+  /// constant [s] at a velocity of the tip (base frame) [m/s], inside the limits.
+  const Eigen::VectorXd& led(const Eigen::Vector3d& velocity, double time_constant);
+
+ private:
+  const Eigen::VectorXd& lengthsAt(const Eigen::VectorXd& pressure);
+
+  const model::Arm arm_;
+  const statics::ArmModel model_;
+  statics::InverseSolver everywhere_, nearby_;
+  statics::CorrectedModel corrected_;
+  statics::Correction now_;
+  model::Twists goal_;  // of the offset
+  Eigen::VectorXd pressure_, led_, lengths_;
+  Eigen::MatrixXd by_lengths_;  // (6 x n)
+  Eigen::Matrix3Xd by_pressure_;
+};
+
+}  // namespace helix_arm::follow

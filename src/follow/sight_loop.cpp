@@ -1,0 +1,372 @@
+#include "helix_arm/follow/sight_loop.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "aim.hpp"
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/pressure_observer.hpp"
+#include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "time_ring.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+constexpr char kCulprit[] = "sight loop";
+constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;       // [s]
+constexpr double kSureTip = 0.01;          // least certain prediction that closes it [m]
+constexpr double kFadeTime = 1.0 / 3.0;    // time constant of what fades over a second [s]
+constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
+constexpr double kReadingPatience = 0.05;  // a picture may be newer than the readings by this [s]
+constexpr double kAtStart = 0.002;         // distance from which a path begins at once [m]
+constexpr double kDiverged = 0.02;         // [m]
+constexpr double kDivergingTime = 1.0;     // in which the error doubles [s]
+
+constexpr int kMostTurns = 2048;  // whose wanted tip is remembered
+constexpr int kMostErrors = 512;  // of pictures
+
+lie::SE3 tipOf(const Target& target) {
+  if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
+    return {Eigen::Matrix3d::Identity(), *position};
+  }
+  if (const auto* pose = std::get_if<lie::SE3>(&target)) return *pose;
+  return model::tipPose(std::get<model::Twists>(target));
+}
+
+estimation::ArmFilterOptions watchOptions(const SightLoopConfig& config) {
+  estimation::ArmFilterOptions out = config.filter;
+  out.creep = config.watch_creep;
+  return out;
+}
+
+const SightLoopConfig& checked(const SightLoopConfig& config) {
+  config.validate();
+  return config;
+}
+
+}  // namespace
+
+void SightLoopConfig::validate() const {
+  filter.validate();
+  const auto positive = [](const char* what, double value) {
+    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
+                         "a finite value > 0");
+  };
+  positive("the smoothing time [s]", smoothing);
+  positive("the time after which it coasts [s]", stale_after);
+  positive("the time for which it coasts [s]", coast_time);
+  positive("the regulator's time constant [s]", time_constant);
+  positive("the noise of a reading [Pa]", reading_noise);
+  basics::requireValue(std::isfinite(watch_creep) && watch_creep >= 0, kCulprit,
+                       "the creep of the watch [s^-1/2]", watch_creep, "a finite value >= 0");
+}
+
+double smoothingFor(double frequency, double damping, double time_constant) {
+  const double turn = 2 * basics::kPi * frequency;
+  const double lagged = turn * time_constant;
+  const double gain2 = 1 / (damping * damping) / (1 + lagged * lagged);
+  return std::sqrt(std::max(0.0, gain2 - 1)) / turn;
+}
+
+const char* nameOf(LoopState state) {
+  static constexpr std::array<const char*, kLoopStateCount> kNames = {
+      "idle", "open", "closed", "coasting", "yielding", "diverging"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+struct SightLoop::Workspace {
+  Workspace(const statics::ArmModel& given, const SightLoopConfig& given_config)
+      : config(checked(given_config)),
+        arm(given.arm()),
+        tracker(given, config.filter),
+        watch(given, watchOptions(config)),
+        estimated(given),
+        observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
+        aim(given),
+        lengths(arm.actuatorCount()) {
+    accepted_at.fill(-std::numeric_limits<double>::infinity());
+    turn.pressure = arm.inputAt(0.0);
+    turn.limits.assign(static_cast<std::size_t>(arm.actuatorCount()), statics::Limit::kNone);
+    at_picture = {turn.pressure, turn.pressure};
+  }
+
+  bool tracks(double now) const;
+  bool maySee(double now) const;
+  LoopState nextState(double now) const;
+  void moveWanted(double dt);
+  void command();
+  std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
+  void begin(const Target& next);
+  void learn() { aim.learn(tracker.correction()), fades = false; }
+  void fade();
+  bool findPressures(double stamp, double now, estimation::SightingFault& fault);
+  void compare(double stamp, double now, const model::Twists& twists);
+
+  const SightLoopConfig config;
+  const model::Arm arm;
+  estimation::ArmFilter tracker, watch;
+  statics::CorrectedModel estimated;  // with all that the tracker knows
+  control::PressureObserver observer;
+  Aim aim;
+
+  bool enabled = false, closed = true, yields = false, diverged = false;
+  bool fades = false;                                            // the correction goes to 0
+  double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
+
+  std::optional<Target> target;
+  std::optional<control::TipPath> path;
+  std::optional<control::TipApproach> approach;  // of the path
+  double path_time = 0.0;                        // negative during the approach [s]
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
+
+  std::array<double, kClosingPictures> accepted_at;  // arrivals, newest first [s]
+  double tip_deviation = std::numeric_limits<double>::infinity();
+  TimeRing<Eigen::Vector3d, kMostTurns> wanted;
+  TimeRing<double, kMostErrors> errors;
+  std::optional<double> error;
+  control::PressureObserver::Estimate at_picture;
+  Eigen::VectorXd lengths;
+  Turn turn;
+};
+
+// Whether what the pictures teach goes into the command.
+bool SightLoop::Workspace::tracks(double now) const {
+  if (!closed || yields || diverged) return false;
+  return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
+}
+
+bool SightLoop::Workspace::maySee(double now) const {
+  return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
+         tip_deviation < kSureTip;
+}
+
+LoopState SightLoop::Workspace::nextState(double now) const {
+  if (!enabled || !target) return LoopState::kIdle;
+  if (diverged) return LoopState::kDiverging;
+  if (yields) return LoopState::kYielding;
+  if (!closed) return LoopState::kOpen;
+  const double unseen = now - accepted_at[0];
+  const bool was_closed = turn.state == LoopState::kClosed;
+  if (maySee(now) || (was_closed && unseen <= config.stale_after)) return LoopState::kClosed;
+  const bool coasts = was_closed || turn.state == LoopState::kCoasting;
+  return coasts && unseen <= config.coast_time ? LoopState::kCoasting : LoopState::kOpen;
+}
+
+std::optional<lie::SE3> SightLoop::Workspace::tipAt(const Eigen::VectorXd& pressure) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    lengths[i] = actuator.contraction.lengthInside(
+        std::clamp(pressure[i], actuator.limits.lower, actuator.limits.upper));
+  }
+  const auto shape = estimated.shape(lengths);
+  if (!shape) return std::nullopt;
+  return model::tipPose(*shape);
+}
+
+void SightLoop::Workspace::begin(const Target& next) {
+  if (!target && observer.started()) aim.startAt(observer.newest().pressure);
+  aim.solve(next, true);
+  target = next;
+  errors.clear();
+  error.reset();
+}
+
+// While something touches the arm, or nothing is to be moved, the path waits.
+void SightLoop::Workspace::moveWanted(double dt) {
+  velocity.setZero();
+  turn.path_time.reset();
+  if (!path) return;
+  if (turn.state != LoopState::kYielding) path_time += dt;
+  turn.path_time = path_time;
+  const control::TipReference reference =
+      path_time < 0 ? approach->at(path_time + approach->duration()) : path->at(path_time);
+  if (turn.state != LoopState::kYielding) velocity = reference.velocity;
+  if (reference.rotation) {
+    target = lie::SE3{*reference.rotation, reference.position};
+  } else {
+    target = reference.position;
+  }
+}
+
+void SightLoop::Workspace::command() {
+  const statics::InverseResult& result = aim.solve(*target, false);
+  turn.status = result.status;
+  turn.residual = result.residual;
+  turn.limits = result.limits;
+  turn.pressure = aim.led(velocity, config.time_constant);
+}
+
+void SightLoop::Workspace::fade() {
+  aim.learn(statics::Correction(arm));
+  fades = true;
+}
+
+bool SightLoop::Workspace::findPressures(double stamp, double now,
+                                         estimation::SightingFault& fault) {
+  using estimation::SightingFault;
+  fault = !(std::isfinite(stamp) && std::isfinite(now)) ? SightingFault::kNotFinite
+          : stamp > now                                 ? SightingFault::kFuture
+                                                        : SightingFault::kNone;
+  if (fault != SightingFault::kNone) return false;
+  if (observer.at(stamp, at_picture)) return true;
+  const double ahead = observer.started() ? stamp - observer.time() : -1.0;
+  if (ahead < 0 || ahead > kReadingPatience) {
+    fault = SightingFault::kTooOld;
+    return false;
+  }
+  at_picture = observer.newest();
+  return true;
+}
+
+// A still target from which the arm moves away although it is said to be within reach: the model
+// bends the wrong way.
+void SightLoop::Workspace::compare(double stamp, double now, const model::Twists& twists) {
+  error.reset();
+  const auto place = wanted.before(stamp);
+  if (!place) return;
+  error = (model::tipPose(twists).translation - *place).norm();
+  errors.add(now, *error);
+  const auto earlier = errors.before(now - kDivergingTime);
+  if (turn.state == LoopState::kClosed && !path && earlier && *error > kDiverged &&
+      *error > 2 * *earlier && turn.status == statics::InverseStatus::kReached) {
+    diverged = true;
+  }
+}
+
+SightLoop::SightLoop(const statics::ArmModel& model, const SightLoopConfig& config)
+    : work_(std::make_unique<Workspace>(model, config)) {}
+SightLoop::~SightLoop() = default;
+SightLoop::SightLoop(SightLoop&&) noexcept = default;
+SightLoop& SightLoop::operator=(SightLoop&&) noexcept = default;
+
+void SightLoop::aimAt(const Target& target) {
+  work_->begin(target);
+  work_->path.reset();
+}
+
+void SightLoop::follow(control::TipPath path) {
+  Workspace& w = *work_;
+  const control::TipReference first = path.at(0.0);
+  const auto present = w.target               ? std::optional(tipOf(*w.target))
+                       : w.observer.started() ? w.tipAt(w.observer.newest().pressure)
+                                              : std::nullopt;
+  const lie::SE3 from = present.value_or(lie::SE3{Eigen::Matrix3d::Identity(), first.position});
+  const bool turns =
+      first.rotation && w.target && !std::holds_alternative<Eigen::Vector3d>(*w.target);
+  w.approach = turns ? control::TipApproach(from, lie::SE3{*first.rotation, first.position})
+                     : control::TipApproach(from.translation, first.position);
+  const bool there = (from.translation - first.position).norm() <= kAtStart;
+  w.path_time = there ? 0.0 : -w.approach->duration();
+  if (!w.target) w.begin(from.translation);
+  w.errors.clear();
+  w.path = std::move(path);
+}
+
+void SightLoop::release() {
+  work_->target.reset();
+  work_->path.reset();
+}
+
+void SightLoop::hold() { work_->path.reset(); }
+
+bool SightLoop::hasTarget() const { return work_->target.has_value(); }
+
+void SightLoop::enable(bool enabled) {
+  if (work_->enabled && !enabled) release();
+  work_->enabled = enabled;
+}
+
+void SightLoop::close(bool closed) {
+  Workspace& w = *work_;
+  if (w.closed && !closed) w.fade();
+  w.closed = closed;
+}
+
+void SightLoop::reset() {
+  Workspace& w = *work_;
+  w.tracker.reset();
+  w.watch.reset();
+  w.estimated.set(w.tracker.correction());
+  w.accepted_at.fill(-std::numeric_limits<double>::infinity());
+  w.tip_deviation = std::numeric_limits<double>::infinity();
+  w.diverged = false;
+  w.errors.clear();
+  if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
+  w.fade();
+}
+
+void SightLoop::yield(bool yields) { work_->yields = yields; }
+
+const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
+                               const Eigen::VectorXd& reading) {
+  Workspace& w = *work_;
+  const bool began = w.observer.started();
+  double dt = began ? time - w.observer.time() : 0.0;
+  if (dt < 0) {  // the clock was set back: what is known of the arm stays
+    w.tracker.forgetTime();
+    w.watch.forgetTime();
+    w.wanted.clear();
+    w.errors.clear();
+    w.accepted_at.fill(-std::numeric_limits<double>::infinity());
+    w.slow_until = -std::numeric_limits<double>::infinity();
+  }
+  dt = std::clamp(dt, 0.0, kLongestTurn);
+  w.observer.update(time, set_point, reading);
+
+  const LoopState before = w.turn.state;
+  w.turn.state = w.nextState(time);
+  if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
+  if (w.tracks(time) || w.fades) {
+    const bool slow = !w.closed || time < w.slow_until;
+    w.aim.approach(-std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing)));
+  }
+  w.turn.commands = w.turn.state != LoopState::kIdle;
+  if (w.turn.commands) {
+    w.moveWanted(dt);
+    w.command();
+    w.turn.wanted = tipOf(*w.target);
+    w.wanted.add(time, w.turn.wanted.translation);
+  } else if (w.observer.started()) {
+    w.aim.startAt(w.observer.newest().pressure);
+  }
+  w.turn.predicted = w.observer.started() ? w.tipAt(w.observer.newest().pressure) : std::nullopt;
+  return w.turn;
+}
+
+estimation::Sighting SightLoop::picture(double stamp, double now, const model::Twists& twists,
+                                        const Eigen::MatrixXd& covariance) {
+  Workspace& w = *work_;
+  estimation::Sighting out;
+  if (!w.findPressures(stamp, now, out.fault)) return out;
+  const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
+                                           twists, covariance};
+  w.watch.see(input);
+  out = w.tracker.see(input);
+  if (!out.accepted()) return out;
+  w.estimated.set(w.tracker.correction());
+  std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
+  w.accepted_at[0] = now;
+  const Eigen::Matrix3d tip_covariance =
+      estimation::tipCovariance(twists, w.tracker.twistCovariance(now - stamp));
+  w.tip_deviation = std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
+  if (w.tracks(now)) w.learn();
+  w.compare(stamp, now, twists);
+  return out;
+}
+
+LoopState SightLoop::state() const { return work_->turn.state; }
+const Turn& SightLoop::turn() const { return work_->turn; }
+const estimation::ArmFilter& SightLoop::tracker() const { return work_->tracker; }
+const estimation::ArmFilter& SightLoop::watch() const { return work_->watch; }
+std::optional<double> SightLoop::error() const { return work_->error; }
+double SightLoop::tipDeviation() const { return work_->tip_deviation; }
+
+}  // namespace helix_arm::follow

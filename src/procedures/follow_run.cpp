@@ -1,0 +1,112 @@
+#include "helix_arm/procedures/follow_run.hpp"
+
+#include <cmath>
+#include <utility>
+#include <variant>
+
+#include "follow_figures.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/simulation/lockstep.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+constexpr double kProgressPeriod = 1.0;  // [s]
+
+regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uint32_t seed) {
+  const auto* simulated = scene.regulator
+                              ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
+                              : nullptr;
+  regulator::SimulatedRegulatorConfig out;
+  if (simulated != nullptr) {
+    out = *simulated;
+  } else {
+    out.time_constant = scene.safety.rules.time_constant;
+  }
+  out.seed = seed;
+  return out;
+}
+
+simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) {
+  auto camera = scene.cameraSetup();
+  basics::require(camera.has_value(), "scene ", scene.name,
+                  " has no `camera` or no `tags`; a loop over sight needs both");
+  camera->config.seed = plan.seed;
+  const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
+  simulation::LockstepConfig config;
+  config.latency = plan.latency;
+  config.blind = plan.blind;
+  return simulation::Lockstep(
+      {scene.model,
+       simulation::SimulatedRig(scene.model, regulatorOf(scene, plan.seed), scene.simulation.arm),
+       simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
+       control::SafetyCore(scene.safety.channels, scene.safety.rules),
+       follow::SightLoop(scene.model, loopConfigOf(scene))},
+      config);
+}
+
+FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
+                const Eigen::VectorXd& pressure, double last_stamp) {
+  FollowRow row;
+  row.time = lockstep.time();
+  if (turn.commands) row.wanted = turn.wanted.translation;
+  row.true_tip = lockstep.trueTip().translation;
+  const auto& measured = lockstep.measuredTip();
+  if (measured && measured->stamp > last_stamp) {
+    row.measured = measured->tip.translation;
+    row.measured_time = measured->stamp;
+  }
+  if (turn.predicted) row.predicted = turn.predicted->translation;
+  row.pressure = pressure;
+  row.state = turn.state;
+  row.path_time = turn.path_time;
+  return row;
+}
+
+}  // namespace
+
+follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
+  follow::SightLoopConfig out;
+  out.filter.planar = scene.planar.has_value();
+  out.time_constant = scene.safety.rules.time_constant;
+  out.reading_noise = regulatorOf(scene, 1).noise;
+  return out;
+}
+
+FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
+                       const std::function<bool(double)>& progress) {
+  basics::requireValue(std::isfinite(plan.seconds) && plan.seconds > 0, "follow",
+                       "the duration [s]", plan.seconds, "a finite value > 0");
+  basics::require(plan.path.has_value() != !plan.tips.empty(),
+                  "follow: expected either tips or a path");
+  simulation::Lockstep lockstep = lockstepOf(scene, plan);
+  follow::SightLoop& loop = lockstep.loop();
+  if (plan.open) loop.close(false);
+  if (plan.path) loop.follow(*plan.path);
+
+  FollowResult out;
+  const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / 0.01));
+  const auto tips = static_cast<std::int64_t>(plan.tips.size());
+  double last_stamp = -1.0, told = 0.0;
+  for (std::int64_t k = 0; k < turns; ++k) {
+    if (tips > 0 && (k == 0 || k * tips / turns != (k - 1) * tips / turns)) {
+      loop.aimAt(plan.tips[static_cast<std::size_t>(k * tips / turns)]);
+    }
+    lockstep.advance();
+    const follow::Turn& turn = loop.turn();
+    out.rows.push_back(rowOf(lockstep, turn, lockstep.rig().pressure(), last_stamp));
+    if (out.rows.back().measured) last_stamp = out.rows.back().measured_time;
+    if (out.states.empty() || out.states.back().state != turn.state) {
+      out.states.push_back({lockstep.time(), turn.state});
+    }
+    if (progress && lockstep.time() >= told + kProgressPeriod) {
+      told = lockstep.time();
+      if (!progress(told)) break;
+    }
+  }
+  out.pictures = lockstep.picturesAccepted();
+  out.figures = figuresOf(out.rows, static_cast<int>(tips));
+  return out;
+}
+
+}  // namespace helix_arm::procedures

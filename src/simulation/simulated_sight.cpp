@@ -1,0 +1,103 @@
+#include "helix_arm/simulation/simulated_sight.hpp"
+
+#include <cmath>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+
+namespace helix_arm::simulation {
+namespace {
+
+constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
+
+std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
+  return MeasuredShape{fit.twists, fit.covariance};
+}
+
+}  // namespace
+
+struct SimulatedSight::Workspace {
+  Workspace(const CameraSetup& camera, const estimation::ArmView& known,
+            const vision::LocalizerConfig& localizer_config, const SimulatedSightConfig& given)
+      : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
+    basics::requireValue(std::isfinite(config.corner_noise) && config.corner_noise >= 0,
+                         "simulated sight", "the noise of corners [px]", config.corner_noise,
+                         "a finite value >= 0");
+    generator.seed(config.seed);
+    if (config.kind == SightKind::kCorners) {
+      fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
+    } else {
+      simulated.emplace(camera.view, camera.family, camera.body, camera.config);
+      encoder.emplace(camera.config.jpeg_quality);
+      localizer.emplace(nominal, localizer_config);
+    }
+  }
+
+  std::optional<MeasuredShape> fitCorners(const model::Shape& shape, const model::Shape& model);
+  std::optional<MeasuredShape> searchPicture(const model::Shape& shape, const model::Shape& model);
+
+  const estimation::ArmView truth, nominal;
+  const int min_tags;
+  const SimulatedSightConfig config;
+  std::mt19937_64 generator;
+  std::normal_distribution<double> normal;
+  std::optional<estimation::TwistFitter> fitter;
+  std::optional<model::Shape> last;
+  std::vector<estimation::TagSight> visible;
+  std::vector<estimation::CornerObservation> seen;
+  std::optional<SimulatedCamera> simulated;
+  std::optional<vision::JpegEncoder> encoder;
+  vision::JpegDecoder decoder;
+  std::optional<vision::ArmLocalizer> localizer;
+  cv::Mat gray;
+};
+
+std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::Shape& shape,
+                                                                   const model::Shape& model) {
+  estimation::visibleTags(truth, shape, kLeastCosine, visible);
+  seen.clear();
+  for (const estimation::TagSight& tag : visible) {
+    estimation::Corners corners = tag.corners;
+    for (double& coordinate : corners.reshaped()) {
+      coordinate += config.corner_noise * normal(generator);
+    }
+    if (const auto direction = estimation::directionsOf(nominal.camera, corners)) {
+      seen.push_back({tag.tag, *direction});
+    }
+  }
+  if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+  const estimation::TwistFit& fit =
+      fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+  last.reset();
+  if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+  last = fit.shape;
+  return measured(fit);
+}
+
+std::optional<MeasuredShape> SimulatedSight::Workspace::searchPicture(const model::Shape& shape,
+                                                                      const model::Shape& model) {
+  const std::vector<std::uint8_t> jpeg = encoder->encode(simulated->render(shape));
+  if (decoder.decode(jpeg.data(), jpeg.size(), gray)) return std::nullopt;
+  const vision::Sight& sight = localizer->locate(gray, model);
+  if (sight.state != vision::SightState::kMeasured) return std::nullopt;
+  return measured(sight.fit);
+}
+
+SimulatedSight::SimulatedSight(const CameraSetup& camera, const estimation::ArmView& nominal,
+                               const vision::LocalizerConfig& localizer,
+                               const SimulatedSightConfig& config)
+    : work_(std::make_unique<Workspace>(camera, nominal, localizer, config)) {}
+SimulatedSight::~SimulatedSight() = default;
+SimulatedSight::SimulatedSight(SimulatedSight&&) noexcept = default;
+SimulatedSight& SimulatedSight::operator=(SimulatedSight&&) noexcept = default;
+
+std::optional<MeasuredShape> SimulatedSight::look(const model::Shape& truth,
+                                                  const model::Shape& model) {
+  return work_->config.kind == SightKind::kCorners ? work_->fitCorners(truth, model)
+                                                   : work_->searchPicture(truth, model);
+}
+
+}  // namespace helix_arm::simulation
