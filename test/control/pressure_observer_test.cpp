@@ -1,0 +1,132 @@
+#include "helix_arm/control/pressure_observer.hpp"
+
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::control {
+namespace {
+
+constexpr double kLag = 0.15;     // [s]
+constexpr double kNoise = 5e3;    // [Pa]
+constexpr double kPeriod = 0.01;  // [s]
+
+Eigen::VectorXd one(double value) { return Eigen::VectorXd::Constant(1, value); }
+
+// A channel whose set point changes every second.
+struct Channel {
+  double pressure = 0.0, set_point = 0.0, time = 0.0;
+  void step(double dt) {
+    time += dt;
+    set_point = static_cast<int>(time) % 2 == 0 ? 3e5 : 1e5;
+    pressure += -std::expm1(-dt / kLag) * (set_point - pressure);
+  }
+};
+
+TEST(PressureObserver, FollowsTheLagBetterThanItsReadings) {
+  test::Random random(1);
+  PressureObserver observer(1, kLag, kNoise);
+  Channel channel;
+  double error2 = 0, nees = 0;
+  constexpr int kTurns = 6000;
+  for (int k = 0; k < kTurns; ++k) {
+    channel.step(kPeriod);
+    observer.update(channel.time, one(channel.set_point),
+                    one(channel.pressure + kNoise * random.normal()));
+    const double error = observer.newest().pressure[0] - channel.pressure;
+    error2 += error * error / kTurns;
+    nees += error * error / observer.newest().variance[0] / kTurns;
+  }
+  EXPECT_LT(std::sqrt(error2), 0.3 * kNoise);
+  EXPECT_GT(nees, 0.1);
+  EXPECT_LT(nees, 1.5);
+}
+
+TEST(PressureObserver, GoesOnByTheLagWhereAChannelGivesNoReading) {
+  PressureObserver observer(1, kLag, kNoise);
+  observer.update(0.0, one(0), one(0));
+  double expected = 0.0, variance = observer.newest().variance[0];
+  for (int k = 1; k <= 100; ++k) {
+    observer.update(k * kPeriod, one(2e5), one(std::numeric_limits<double>::quiet_NaN()));
+    expected += -std::expm1(-kPeriod / kLag) * (2e5 - expected);
+  }
+  EXPECT_NEAR(observer.newest().pressure[0], expected, 1e-6 * expected);
+  EXPECT_GT(observer.newest().variance[0], 0);
+  EXPECT_NE(observer.newest().variance[0], variance);
+}
+
+TEST(PressureObserver, RemembersASecond) {
+  PressureObserver observer(2, kLag, kNoise);
+  PressureObserver::Estimate at;
+  EXPECT_FALSE(observer.at(0.0, at));
+  Eigen::VectorXd ramp(2);
+  for (int k = 0; k <= 300; ++k) {
+    const double t = k * kPeriod;
+    ramp << 1e4 * t, -1e4 * t;
+    observer.update(t, ramp, ramp);
+  }
+  EXPECT_EQ(observer.time(), 300 * kPeriod);
+  ASSERT_TRUE(observer.at(3.0, at));
+  EXPECT_EQ(at.pressure, observer.newest().pressure);
+  EXPECT_FALSE(observer.at(3.001, at));
+  EXPECT_TRUE(observer.at(2.0, at));
+  EXPECT_FALSE(observer.at(1.98, at));
+  PressureObserver::Estimate before, after;
+  ASSERT_TRUE(observer.at(2.5, before) && observer.at(2.51, after) && observer.at(2.5025, at));
+  const Eigen::VectorXd expected = 0.75 * before.pressure + 0.25 * after.pressure;
+  EXPECT_LE((at.pressure - expected).norm(), 1e-9 * expected.norm());
+  const Eigen::VectorXd variance = 0.75 * before.variance + 0.25 * after.variance;
+  EXPECT_LE((at.variance - variance).norm(), 1e-9 * variance.norm());
+}
+
+TEST(PressureObserver, StartsAnewWhereTimeGoesBack) {
+  PressureObserver observer(1, kLag, kNoise);
+  for (int k = 0; k < 50; ++k) observer.update(5 + k * kPeriod, one(1e5), one(1e5));
+  observer.update(1.0, one(0), one(3e4));
+  EXPECT_EQ(observer.newest().pressure[0], 3e4);
+  PressureObserver::Estimate at;
+  EXPECT_FALSE(observer.at(5.1, at));
+  observer.restart();
+  EXPECT_FALSE(observer.started());
+  observer.update(2.0, one(0), one(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_FALSE(observer.started()) << "nothing is known of the channel yet";
+}
+
+// A clock that stands still gives the same turn twice.
+TEST(PressureObserver, IgnoresASecondReadingOfTheSameTime) {
+  PressureObserver observer(1, kLag, kNoise);
+  observer.update(1.0, one(1e5), one(1e5));
+  observer.update(1.0, one(1e5), one(2e5));
+  EXPECT_EQ(observer.newest().pressure[0], 1e5);
+}
+
+TEST(PressureObserver, AllocatesNothing) {
+  PressureObserver observer(3, kLag, kNoise);
+  const Eigen::VectorXd reading = Eigen::VectorXd::Constant(3, 1e5);
+  PressureObserver::Estimate at{reading, reading};
+  observer.update(0.0, reading, reading);
+  const test::AllocationCounter counter;
+  for (int k = 1; k < 3000; ++k) {
+    observer.update(k * kPeriod, reading, reading);
+    observer.at((k - 0.5) * kPeriod, at);
+  }
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST(PressureObserver, RefusesWhatItCannotUse) {
+  const auto refused = [](int channels, double lag, double noise) {
+    return test::refusal([&] { PressureObserver(channels, lag, noise); });
+  };
+  EXPECT_NE(refused(0, kLag, kNoise).find("channels is 0"), std::string::npos);
+  EXPECT_NE(refused(1, 0, kNoise).find("time constant [s] is 0"), std::string::npos);
+  EXPECT_NE(refused(1, kLag, -1).find("noise of a reading [Pa] is -1"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace helix_arm::control
