@@ -132,7 +132,7 @@ class ArmFilter {
   std::unique_ptr<Workspace> work_;
 };
 
-/// Chi-square's 99.99 % point for this many degrees of freedom, to 1 %.
+/// Chi-square's 99.99 % point for this many degrees of freedom, to 4 %.
 double outlierLimit(int degrees);
 
 }  // namespace helix_arm::estimation

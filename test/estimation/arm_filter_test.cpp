@@ -1,0 +1,324 @@
+#include "helix_arm/estimation/arm_filter.hpp"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "support/loaded_arm.hpp"
+#include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using statics::ArmModel;
+using statics::CorrectedModel;
+using statics::Correction;
+
+ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
+ArmModel loadedModel() {
+  return ArmModel(test::softHelicalArm(), std::nullopt,
+                  test::weight(test::Posture::kHanging, 0.2, 900.0),
+                  statics::TierSetting{statics::Tier::kLoaded, 5});
+}
+
+// A true arm that is measured with noise.
+class Bench {
+ public:
+  Bench(const ArmModel& nominal, const Correction& truth, unsigned seed, double noise_v = 2e-4,
+        double noise_w = 2e-3)
+      : nominal_(nominal), truth_(nominal), random_(seed) {
+    truth_.set(truth);
+    const int sections = nominal.arm().sectionCount();
+    deviation_.resize(6 * sections);
+    for (int i = 0; i < deviation_.size(); ++i) deviation_[i] = i % 6 < 3 ? noise_v : noise_w;
+  }
+
+  model::Twists twists(const Eigen::VectorXd& pressure) const {
+    return truth_.shape(nominal_.arm().lengths(pressure))->twists();
+  }
+  ArmFilter::Input at(double time, const Eigen::VectorXd& pressure) {
+    ArmFilter::Input out;
+    out.time = time;
+    out.pressure = pressure;
+    out.variance = Eigen::VectorXd::Zero(pressure.size());
+    out.twists = twists(pressure);
+    for (int i = 0; i < deviation_.size(); ++i) {
+      out.twists.reshaped()[i] += deviation_[i] * random_.normal();
+    }
+    out.covariance = deviation_.cwiseAbs2().asDiagonal();
+    return out;
+  }
+  test::Random& random() { return random_; }
+  const model::Arm& arm() const { return nominal_.arm(); }
+
+ private:
+  const ArmModel nominal_;
+  CorrectedModel truth_;
+  test::Random random_;
+  Eigen::VectorXd deviation_;
+};
+
+Correction truthOf(const model::Arm& arm) {
+  Correction out(arm);
+  out.stiffness_factors = {0.6, 1.0, 1.2};
+  out.length_scale.setConstant(1.01);
+  return out;
+}
+
+// Without growth of the bias the filter is recursive least squares.
+TEST(ArmFilter, EqualsLeastSquaresOverAllPictures) {
+  const ArmModel model = helicalModel();
+  ArmFilterOptions options;
+  options.hysteresis = options.creep = 0;
+  options.stiffness_deviation = {1e-4, 1e-4, 1e-4};  // so small that the model is linear
+  options.length_deviation = 1e-6;
+  options.settling_time = 1e-9;
+  Bench bench(model, Correction(model.arm()), 1);
+  ArmFilter filter(model, options);
+  const int m = filter.parameterCount();
+  ASSERT_EQ(m, 5);
+  Eigen::VectorXd prior(m + 6);
+  prior << filter.parameterPrior(), filter.biasDeviation();
+  Eigen::MatrixXd information = prior.cwiseAbs2().cwiseInverse().asDiagonal();
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(m + 6);
+  for (int k = 0; k < 40; ++k) {
+    const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
+    const ArmFilter::Input input = bench.at(k + 1.0, pressure);
+    ArmFilter fresh(model, options);
+    const auto linear = fresh.linearise(pressure);
+    Eigen::MatrixXd H(6, m + 6);
+    H << linear->by_theta, Eigen::MatrixXd::Identity(6, 6);
+    const Eigen::MatrixXd weight = input.covariance.inverse();
+    information += H.transpose() * weight * H;
+    right += H.transpose() * weight * (input.twists.col(0) - linear->twists);
+    ASSERT_TRUE(filter.see(input).accepted()) << k;
+  }
+  const Eigen::VectorXd expected = information.ldlt().solve(right);
+  const Eigen::VectorXd scaled = (filter.state().mean - expected).cwiseQuotient(prior);
+  EXPECT_LE(scaled.norm(), 1e-3 * expected.cwiseQuotient(prior).norm());
+  const Eigen::MatrixXd covariance = information.inverse();
+  EXPECT_LE((filter.state().covariance - covariance).norm(), 1e-3 * covariance.norm());
+}
+
+TEST(ArmFilter, LearnsWhatPredictsShapesItHasNotSeen) {
+  const ArmModel models[] = {helicalModel(), ArmModel(test::ringArm(test::helicalRing(), 2)),
+                             loadedModel()};
+  for (const ArmModel& model : models) {
+    Bench bench(model, truthOf(model.arm()), 2);
+    ArmFilter filter(model, {});
+    for (int k = 0; k < 60; ++k) {
+      filter.see(bench.at(2.0 * k, test::randomInput(bench.arm(), bench.random())));
+    }
+    double before = 0, after = 0;
+    for (int k = 0; k < 20; ++k) {
+      const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
+      const Eigen::Vector3d truth = model::tipPose(bench.twists(pressure)).translation;
+      const auto learnt = filter.shape(pressure);
+      ASSERT_TRUE(learnt);
+      before += (model.tip(pressure).tip.translation - truth).norm() / 20;
+      after += (model::tipPose(*learnt).translation - truth).norm() / 20;
+    }
+    std::printf("[  FIGURE  ] %d sections, %s: the tip is off by %.2f mm before, %.2f after\n",
+                bench.arm().sectionCount(), model.choice().setting.name().c_str(), 1e3 * before,
+                1e3 * after);
+    EXPECT_LT(after, before / 3);
+  }
+}
+
+// The prediction's covariance covers its error: the normalised error of the tip has a mean of 3
+// where the assumptions hold, and less where the arm is better than assumed.
+TEST(ArmFilter, KnowsHowWrongItIs) {
+  const ArmModel model = helicalModel();
+  double nees = 0;
+  constexpr int kRuns = 100;
+  for (int run = 0; run < kRuns; ++run) {
+    test::Random random(100 + static_cast<unsigned>(run));
+    Correction truth(model.arm());
+    truth.stiffness_factors = {std::exp(0.3 * random.normal()), 1.0,
+                               std::exp(0.3 * random.normal())};
+    for (double& scale : truth.length_scale) scale = std::exp(0.02 * random.normal());
+    for (int i = 0; i < 6; ++i) truth.offset(i, 0) = (i < 3 ? 0.002 : 0.03) * random.normal();
+    Bench bench(model, truth, 1000 + static_cast<unsigned>(run));
+    ArmFilterOptions options;
+    options.hysteresis = 0.05;
+    options.creep = 0.05;
+    ArmFilter filter(model, options);
+    for (int k = 0; k < 20; ++k) {
+      filter.see(bench.at(k + 1.0, test::randomInput(bench.arm(), bench.random())));
+    }
+    const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
+    const auto linear = filter.linearise(pressure);
+    Eigen::MatrixXd H(6, filter.parameterCount() + 6);
+    H << linear->by_theta, Eigen::MatrixXd::Identity(6, 6);
+    const Eigen::MatrixXd P = H * filter.state().covariance * H.transpose();
+    const auto shape = filter.shape(pressure);
+    const Eigen::VectorXd error = (bench.twists(pressure) - shape->twists()).reshaped();
+    nees += error.dot(P.ldlt().solve(error)) / kRuns;
+  }
+  std::printf("[  FIGURE  ] normalised squared error of the twists %.2f of 6\n", nees);
+  EXPECT_GT(nees, 1.0);
+  EXPECT_LT(nees, 8.0);
+}
+
+TEST(ArmFilter, SkipsTwoOutliersAndBelievesAThird) {
+  const ArmModel model = helicalModel();
+  Bench bench(model, Correction(model.arm()), 3);
+  ArmFilter filter(model, {});
+  const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
+  for (int k = 0; k < 30; ++k) ASSERT_TRUE(filter.see(bench.at(0.03 * k, pressure)).accepted());
+  const Eigen::VectorXd before = filter.state().mean;
+  for (int k = 30; k < 33; ++k) {
+    ArmFilter::Input input = bench.at(0.03 * k, pressure);
+    input.twists(0, 0) += 0.05;
+    const Sighting sighting = filter.see(input);
+    EXPECT_GT(sighting.distance2, outlierLimit(6));
+    EXPECT_EQ(sighting.fault, k < 32 ? SightingFault::kOutlier : SightingFault::kNone);
+    EXPECT_EQ(filter.state().mean == before, k < 32);
+  }
+}
+
+TEST(ArmFilter, LimitsOutliersByChance) {
+  EXPECT_NEAR(outlierLimit(3) / 21.108, 1, 0.04);
+  EXPECT_NEAR(outlierLimit(6) / 27.856, 1, 0.04);
+  EXPECT_NEAR(outlierLimit(12) / 39.134, 1, 0.04);
+}
+
+// While the arm swings a static model explains little: such pictures teach little.
+TEST(ArmFilter, TrustsPicturesOfAMovingArmLess) {
+  const ArmModel model = helicalModel();
+  const auto distanceOfAnError = [&](bool moves) {
+    Bench bench(model, Correction(model.arm()), 4);
+    ArmFilter filter(model, {});
+    filter.see(bench.at(0.0, bench.arm().inputAt(moves ? 0.2 : 0.5)));
+    ArmFilter::Input input = bench.at(0.03, bench.arm().inputAt(0.5));
+    input.twists(4, 0) += 0.02;
+    return filter.see(input).distance2;
+  };
+  EXPECT_LT(distanceOfAnError(true), 0.5 * distanceOfAnError(false));
+}
+
+TEST(ArmFilter, HoldsWhatItKnowsThroughAGap) {
+  const ArmModel model = helicalModel();
+  Bench bench(model, truthOf(model.arm()), 5);
+  ArmFilter filter(model, {});
+  for (int k = 0; k < 60; ++k) {
+    filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
+  }
+  const Eigen::VectorXd mean = filter.state().mean;
+  const double now = filter.twistCovariance(0.0).trace();
+  EXPECT_GT(filter.twistCovariance(10.0).trace(), now);
+  EXPECT_EQ(filter.state().mean, mean);
+}
+
+TEST(ArmFilter, NamesWhatItDoesNotTake) {
+  const ArmModel model = helicalModel();
+  Bench bench(model, Correction(model.arm()), 6);
+  ArmFilter filter(model, {});
+  const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
+  ASSERT_TRUE(filter.see(bench.at(1.0, pressure)).accepted());
+  const Gaussian before = filter.state();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const struct {
+    const char* name;
+    void (*spoil)(ArmFilter::Input&);
+    SightingFault fault;
+  } cases[] = {
+      {"repeated", [](ArmFilter::Input& i) { i.time = 1.0; }, SightingFault::kNotNewer},
+      {"older", [](ArmFilter::Input& i) { i.time = 0.5; }, SightingFault::kNotNewer},
+      {"sections", [](ArmFilter::Input& i) { i.twists.setZero(6, 2); }, SightingFault::kWrongSize},
+      {"actuators", [](ArmFilter::Input& i) { i.pressure.setZero(4); }, SightingFault::kWrongSize},
+      {"covariance", [](ArmFilter::Input& i) { i.covariance.setIdentity(3, 3); },
+       SightingFault::kWrongSize},
+      {"not definite", [](ArmFilter::Input& i) { i.covariance(2, 2) = -1; },
+       SightingFault::kNotPositive},
+      {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; }, SightingFault::kNotPositive},
+  };
+  for (const auto& test : cases) {
+    ArmFilter::Input input = bench.at(2.0, pressure);
+    test.spoil(input);
+    EXPECT_EQ(filter.see(input).fault, test.fault) << test.name;
+  }
+  for (const int what : {0, 1, 2, 3, 4}) {
+    ArmFilter::Input input = bench.at(2.0, pressure);
+    if (what == 0) input.time = nan;
+    if (what == 1) input.pressure[1] = nan;
+    if (what == 2) input.variance[0] = nan;
+    if (what == 3) input.twists(3, 0) = nan;
+    if (what == 4) input.covariance(1, 2) = nan;
+    EXPECT_EQ(filter.see(input).fault, SightingFault::kNotFinite) << what;
+  }
+  EXPECT_EQ(filter.state().mean, before.mean);
+  EXPECT_EQ(filter.state().covariance, before.covariance);
+  for (int i = 0; i < kSightingFaultCount; ++i) {
+    EXPECT_STRNE(nameOf(static_cast<SightingFault>(i)), "");
+  }
+}
+
+TEST(ArmFilter, StartsAnewWhenAsked) {
+  const ArmModel model = helicalModel();
+  Bench bench(model, truthOf(model.arm()), 7);
+  ArmFilter filter(model, {}), fresh(model, {});
+  for (int k = 0; k < 10; ++k) {
+    filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
+  }
+  filter.reset();
+  EXPECT_EQ(filter.state().mean, fresh.state().mean);
+  EXPECT_EQ(filter.state().covariance, fresh.state().covariance);
+  EXPECT_FALSE(filter.lastStep());
+  EXPECT_TRUE(filter.see(bench.at(0.0, bench.arm().inputAt(0.5))).accepted());
+}
+
+TEST(ArmFilter, LeavesOutWhatAPlanarFitHolds) {
+  const ArmModel model(model::embed(test::planarArm()), test::planarArm());
+  ArmFilterOptions options;
+  options.planar = true;
+  ArmFilter filter(model, options);
+  EXPECT_EQ(filter.rows(), (std::vector<int>{0, 1, 5}));
+  Bench bench(model, truthOf(model.arm()), 8);
+  for (int k = 0; k < 20; ++k) {
+    ArmFilter::Input input = bench.at(k, test::randomInput(bench.arm(), bench.random()));
+    for (const int row : {2, 3, 4}) {
+      input.twists(row, 0) = 0;
+      input.covariance.row(row).setZero();
+      input.covariance.col(row).setZero();
+    }
+    ASSERT_TRUE(filter.see(input).accepted()) << k;
+  }
+  const Eigen::VectorXd pressure = bench.arm().inputAt(Eigen::Vector2d(0.2, 0.7));
+  const Eigen::Vector3d truth = model::tipPose(bench.twists(pressure)).translation;
+  const double before = (model.tip(pressure).tip.translation - truth).norm();
+  EXPECT_LT((model::tipPose(*filter.shape(pressure)).translation - truth).norm(), before / 3);
+}
+
+TEST(ArmFilter, RefusesOptionsThatMakeNoSense) {
+  const ArmModel model = helicalModel();
+  const auto refused = [&](void (*spoil)(ArmFilterOptions&)) {
+    ArmFilterOptions options;
+    spoil(options);
+    return test::refusal([&] { ArmFilter(model, options); });
+  };
+  const struct {
+    void (*spoil)(ArmFilterOptions&);
+    const char* culprit;
+  } cases[] = {
+      {[](ArmFilterOptions& o) { o.hysteresis = -1; }, "the hysteresis is -1"},
+      {[](ArmFilterOptions& o) { o.creep = NAN; }, "the creep [s^-1/2] is nan"},
+      {[](ArmFilterOptions& o) { o.bias_translation = 0; }, "the bias of v [m] is 0"},
+      {[](ArmFilterOptions& o) { o.bias_rotation = 0; }, "the bias of w [rad] is 0"},
+      {[](ArmFilterOptions& o) { o.settling_time = 0; }, "the settling time [s] is 0"},
+      {[](ArmFilterOptions& o) { o.stiffness_deviation.gamma = 0; }, "K_gamma is 0"},
+      {[](ArmFilterOptions& o) { o.length_deviation = 0; }, "lengths is 0"},
+  };
+  for (const auto& test : cases) {
+    EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,333 @@
+#include "helix_arm/follow/sight_loop.hpp"
+
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/loop_bench.hpp"
+#include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+using estimation::SightingFault;
+using statics::ArmModel;
+using statics::Correction;
+using test::LoopBench;
+
+ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
+
+Correction truthOf(const model::Arm& arm) {
+  Correction out(arm);
+  out.stiffness_factors = {0.6, 1.0, 1.2};
+  out.length_scale.setConstant(1.01);
+  return out;
+}
+
+class Loop : public ::testing::Test {
+ protected:
+  Eigen::Vector3d tipAt(double a, double b, double c) const {
+    return model_.tip(model_.arm().inputAt(Eigen::Vector3d(a, b, c))).tip.translation;
+  }
+  LoopState state() const { return bench_.loop.state(); }
+  void close() {
+    bench_.loop.aimAt(here_);
+    bench_.run(3);
+    ASSERT_EQ(state(), LoopState::kClosed);
+  }
+
+  const ArmModel model_ = helicalModel();
+  const Eigen::Vector3d here_ = tipAt(0.3, 0.5, 0.4), there_ = tipAt(0.6, 0.3, 0.4);
+  LoopBench bench_{model_, truthOf(model_.arm()), LoopBench::config(), {}};
+};
+
+TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
+  close();
+  EXPECT_LT(bench_.error(), 5e-4);
+  bench_.loop.close(false);
+  bench_.run(3);
+  EXPECT_GT(bench_.error(), 5e-3);
+}
+
+TEST_F(Loop, CommandsNothingWithoutTarget) {
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kIdle);
+  EXPECT_FALSE(bench_.loop.turn().commands);
+  EXPECT_TRUE(bench_.pressure().isZero());
+}
+
+TEST_F(Loop, IsOpenUntilItHasSeenTheArm) {
+  bench_.loop.aimAt(here_);
+  bench_.run(1, false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  EXPECT_TRUE(bench_.loop.turn().commands);
+  EXPECT_EQ(bench_.loop.tipDeviation(), std::numeric_limits<double>::infinity());
+  bench_.run(0.05);
+  EXPECT_EQ(state(), LoopState::kOpen) << "before the first pictures have arrived";
+  bench_.run(0.2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, CoastsWithoutPicturesAndOpensAfterAWhile) {
+  close();
+  const double begin = bench_.time();
+  while (state() == LoopState::kClosed && bench_.time() < begin + 1) bench_.step(false);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  EXPECT_NEAR(bench_.time() - begin, 0.3 + bench_.options.latency, 0.04);
+  while (state() == LoopState::kCoasting && bench_.time() < begin + 5) bench_.step(false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  EXPECT_NEAR(bench_.time() - begin, 3.0 + bench_.options.latency, 0.04);
+  EXPECT_LT(bench_.error(), 1e-3) << "what was learnt is held";
+  bench_.run(0.3);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, ClosesAgainFromCoastingAfterThreePictures) {
+  close();
+  bench_.run(1, false);
+  ASSERT_EQ(state(), LoopState::kCoasting);
+  bench_.run(bench_.options.latency + 0.05);
+  EXPECT_EQ(state(), LoopState::kCoasting);
+  bench_.run(0.1);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, StandsStillWhileItYields) {
+  close();
+  bench_.loop.yield(true);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kYielding);
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
+  bench_.options.gain = 0.9;  // something pushes
+  bench_.run(2);
+  EXPECT_LE((bench_.loop.turn().pressure - held).norm(), 1.0);
+  bench_.loop.yield(false);
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, HoldsThePathWhileItYields) {
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {4.0, there_, {}, {}}}));
+  bench_.run(6);
+  const auto before = bench_.loop.turn().path_time;
+  ASSERT_TRUE(before);
+  bench_.loop.yield(true);
+  bench_.run(1);
+  EXPECT_NEAR(*bench_.loop.turn().path_time, *before, 0.011);
+}
+
+// The model bends the wrong way: the correction pushes the arm farther from a still target.
+TEST_F(Loop, StopsCorrectingAnArmThatGoesTheWrongWay) {
+  close();
+  bench_.options.gain = -3.0;
+  double begin = bench_.time();
+  while (state() == LoopState::kClosed && bench_.time() < begin + 20) bench_.step();
+  ASSERT_EQ(state(), LoopState::kDiverging);
+  const Eigen::VectorXd frozen = bench_.loop.turn().pressure;
+  bench_.run(3);
+  EXPECT_EQ(state(), LoopState::kDiverging);
+  EXPECT_LE((bench_.loop.turn().pressure - frozen).norm(), 1.0);
+  bench_.options.gain = 1.0;
+  bench_.loop.reset();
+  bench_.run(3);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, RestsWhileTheArmIsNotEnabled) {
+  close();
+  bench_.loop.enable(false);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kIdle);
+  EXPECT_FALSE(bench_.loop.turn().commands);
+  EXPECT_FALSE(bench_.loop.hasTarget()) << "nothing may move when it is enabled again";
+  bench_.loop.enable(true);
+  bench_.run(0.5);
+  EXPECT_EQ(state(), LoopState::kIdle);
+  bench_.loop.aimAt(there_);
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, LearnsWhileItIsIdle) {
+  bench_.run(2);
+  EXPECT_LT(bench_.loop.tipDeviation(), 0.01);
+  bench_.loop.aimAt(here_);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+// Whatever happens at a still target, the command moves by what a correction of some millimetres
+// takes, over its time constant.
+TEST_F(Loop, NeverJumps) {
+  close();
+  Eigen::VectorXd last = bench_.loop.turn().pressure;
+  double most = 0;
+  const auto run = [&](double seconds, bool sees) {
+    const int steps = static_cast<int>(seconds / LoopBench::kStep);
+    for (int k = 0; k < steps; ++k) {
+      bench_.step(sees);
+      most = std::max(most, (bench_.loop.turn().pressure - last).cwiseAbs().maxCoeff());
+      last = bench_.loop.turn().pressure;
+    }
+  };
+  run(1, true);
+  run(5, false);
+  run(1, true);
+  bench_.loop.yield(true);
+  run(1, true);
+  bench_.loop.yield(false);
+  run(1, true);
+  const double quiet = most;
+  EXPECT_LT(quiet, 2e3);  // of 414 kPa
+  bench_.loop.close(false);
+  run(2, true);
+  bench_.loop.close(true);
+  run(2, true);
+  bench_.loop.reset();
+  run(2, true);
+  EXPECT_LT(most, 8e3);  // 19 mm of correction go and come
+}
+
+TEST_F(Loop, ReachesTwistsAndPoses) {
+  const Eigen::VectorXd input = model_.arm().inputAt(0.4);
+  bench_.loop.aimAt(Target(model_.arm().twists(input)));
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.loop.error().value_or(1), 5e-3);
+  bench_.loop.aimAt(model_.tip(input).tip);
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, ComesBackFromATargetOutOfReach) {
+  close();
+  bench_.loop.aimAt(Eigen::Vector3d(0.8, 0, 0));
+  bench_.run(4);
+  EXPECT_EQ(bench_.loop.turn().status, statics::InverseStatus::kUnreachable);
+  EXPECT_GT(bench_.loop.turn().residual, 0.1);
+  EXPECT_NE(state(), LoopState::kDiverging);
+  bench_.loop.aimAt(there_);
+  bench_.run(1);
+  EXPECT_LT(bench_.error(), 2e-3 + 0.05 * 0.3);
+  bench_.run(1);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, FollowsAPathFromWhereItIs) {
+  close();
+  bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
+  bench_.step();
+  ASSERT_TRUE(bench_.loop.turn().path_time);
+  const double approach = -*bench_.loop.turn().path_time;
+  EXPECT_GT(approach, (there_ - here_).norm() / control::kApproachSpeed);
+  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-3);
+  double most = 0;
+  bench_.run(approach);
+  while (*bench_.loop.turn().path_time < 3.2) {
+    bench_.step();
+    most = std::max(most, bench_.error());
+  }
+  EXPECT_LT(most, 3e-3);
+  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-9);
+  bench_.loop.hold();
+  bench_.step();
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+  EXPECT_TRUE(bench_.loop.turn().commands);
+  bench_.loop.release();
+  bench_.step();
+  EXPECT_FALSE(bench_.loop.turn().commands);
+}
+
+TEST_F(Loop, NamesPicturesThatItDoesNotTake) {
+  close();
+  const double now = bench_.time();
+  const model::Twists twists = bench_.trueTwists();
+  const Eigen::MatrixXd covariance = bench_.covariance();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  SightLoop& loop = bench_.loop;
+  EXPECT_EQ(loop.picture(now + 0.001, now, twists, covariance).fault, SightingFault::kFuture);
+  EXPECT_EQ(loop.picture(now - 1.2, now, twists, covariance).fault, SightingFault::kTooOld);
+  EXPECT_EQ(loop.picture(now - 0.5, now, twists, covariance).fault, SightingFault::kNotNewer);
+  EXPECT_EQ(loop.picture(nan, now, twists, covariance).fault, SightingFault::kNotFinite);
+  EXPECT_EQ(loop.picture(now, now, model::Twists::Zero(6, 2), covariance).fault,
+            SightingFault::kWrongSize);
+  model::Twists mirrored = twists;
+  mirrored.bottomRows<2>() *= -1;
+  EXPECT_EQ(loop.picture(now, now, mirrored, covariance).fault, SightingFault::kOutlier);
+}
+
+// The clock is set back, as by a recording that begins again: what is known of the arm stays.
+TEST_F(Loop, GoesOnWhereTheClockIsSetBack) {
+  close();
+  const Eigen::VectorXd theta = bench_.loop.tracker().state().mean;
+  const Eigen::VectorXd reading = bench_.pressure();
+  bench_.loop.reading(1.0, reading, reading);
+  EXPECT_EQ(bench_.loop.tracker().state().mean, theta);
+  EXPECT_NE(state(), LoopState::kIdle);
+  EXPECT_EQ(bench_.loop.picture(0.5, 1.0, bench_.trueTwists(), bench_.covariance()).fault,
+            SightingFault::kTooOld);
+  for (int k = 1; k <= 20; ++k) {
+    const double now = 1.0 + 0.01 * k;
+    bench_.loop.reading(now, reading, reading);
+    EXPECT_TRUE(bench_.loop.picture(now, now, bench_.trueTwists(), bench_.covariance()).accepted());
+  }
+  bench_.loop.reading(1.3, reading, reading);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(Loop, TurnsWithoutAllocation) {
+  close();
+  const Eigen::VectorXd reading = bench_.pressure(), set_point = bench_.loop.turn().pressure;
+  double now = bench_.time();
+  bench_.loop.reading(now += 0.01, set_point, reading);
+  const test::AllocationCounter counter;
+  for (int k = 0; k < 25; ++k) bench_.loop.reading(now += 0.01, set_point, reading);
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST_F(Loop, RefusesATargetThatIsNone) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::string message =
+      test::refusal([&] { bench_.loop.aimAt(Eigen::Vector3d(0.3, nan, 0)); });
+  EXPECT_NE(message.find("not finite"), std::string::npos) << message;
+  EXPECT_FALSE(bench_.loop.hasTarget());
+}
+
+TEST(SightLoopConfig, RefusesWhatMakesNoSense) {
+  const ArmModel model = helicalModel();
+  const auto refused = [&](void (*spoil)(SightLoopConfig&)) {
+    SightLoopConfig config = LoopBench::config();
+    spoil(config);
+    return test::refusal([&] { SightLoop(model, config); });
+  };
+  const struct {
+    void (*spoil)(SightLoopConfig&);
+    const char* culprit;
+  } cases[] = {
+      {[](SightLoopConfig& c) { c.smoothing = 0; }, "smoothing time [s] is 0"},
+      {[](SightLoopConfig& c) { c.stale_after = -1; }, "coasts [s] is -1"},
+      {[](SightLoopConfig& c) { c.coast_time = 0; }, "for which it coasts [s] is 0"},
+      {[](SightLoopConfig& c) { c.time_constant = 0; }, "regulator's time constant [s] is 0"},
+      {[](SightLoopConfig& c) { c.reading_noise = 0; }, "noise of a reading [Pa] is 0"},
+      {[](SightLoopConfig& c) { c.watch_creep = -1; }, "creep of the watch"},
+      {[](SightLoopConfig& c) { c.filter.hysteresis = -1; }, "hysteresis is -1"},
+  };
+  for (const auto& test : cases) {
+    EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);
+  }
+}
+
+TEST(SmoothingFor, ArmsThatVibrateSlowlyTakesLonger) {
+  EXPECT_NEAR(smoothingFor(4.0, 0.1, 0.15), 0.09, 0.01);
+  EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.17, 0.01);
+  EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.6, 0.02);
+  EXPECT_EQ(smoothingFor(4.0, 1.0, 0.15), 0.0);
+}
+
+}  // namespace
+}  // namespace helix_arm::follow

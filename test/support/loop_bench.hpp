@@ -1,0 +1,117 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <deque>
+
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/correction.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::test {
+
+/// A sight loop, a regulator with a lag and an arm that differs from its model, step by step. The
+/// arm's twists are those of a corrected model, its motion away from rest multiplied by a gain.
+class LoopBench {
+ public:
+  static constexpr double kStep = 0.01;  // [s]
+
+  struct Options {
+    double latency = 0.06;        // [s]
+    double time_constant = 0.15;  // [s]
+    double gain = 1.0;            // of the true arm's motion over the model's
+    double reading_noise = 2e3;   // [Pa]
+    double twist_noise_v = 1e-4;  // [m]
+    double twist_noise_w = 1e-3;  // [rad]
+    unsigned seed = 1;
+  };
+
+  LoopBench(const statics::ArmModel& model, const statics::Correction& truth,
+            const follow::SightLoopConfig& config, const Options& given)
+      : loop(model, config),
+        options(given),
+        model_(model),
+        truth_(model),
+        random_(given.seed),
+        pressure_(Eigen::VectorXd::Zero(model.arm().actuatorCount())),
+        set_point_(pressure_) {
+    truth_.set(truth);
+    loop.enable(true);
+    turn();
+  }
+  static follow::SightLoopConfig config() {
+    follow::SightLoopConfig out;
+    out.time_constant = 0.15;
+    out.reading_noise = 2e3;
+    return out;
+  }
+
+  model::Twists trueTwists() const {
+    const model::Arm& arm = model_.arm();
+    const model::Twists rest = truth_.shape(arm.lengths(arm.inputAt(0.0)))->twists();
+    return rest +
+           options.gain * (truth_.shape(arm.lengths(arm.clamped(pressure_)))->twists() - rest);
+  }
+  Eigen::Vector3d trueTip() const { return model::tipPose(trueTwists()).translation; }
+  const Eigen::VectorXd& pressure() const { return pressure_; }
+  double time() const { return kStep * steps_; }
+
+  /// One turn; a picture every third one, while `sees`.
+  void step(bool sees = true) {
+    ++steps_;
+    pressure_ += -std::expm1(-kStep / options.time_constant) * (set_point_ - pressure_);
+    turn();
+    if (sees && steps_ % 3 == 0) waiting_.push_back({time(), measured()});
+    while (!waiting_.empty() && waiting_.front().stamp + options.latency <= time() + 1e-9) {
+      last = loop.picture(waiting_.front().stamp, time(), waiting_.front().twists, covariance());
+      waiting_.pop_front();
+    }
+  }
+  void run(double seconds, bool sees = true) {
+    const int steps = static_cast<int>(std::lround(seconds / kStep));
+    for (int k = 0; k < steps; ++k) step(sees);
+  }
+  Eigen::MatrixXd covariance() const {
+    Eigen::VectorXd variance(6 * model_.arm().sectionCount());
+    for (int i = 0; i < variance.size(); ++i) {
+      const double noise = i % 6 < 3 ? options.twist_noise_v : options.twist_noise_w;
+      variance[i] = noise * noise;
+    }
+    return variance.asDiagonal();
+  }
+  double error() const { return (trueTip() - loop.turn().wanted.translation).norm(); }
+
+  follow::SightLoop loop;
+  Options options;
+  estimation::Sighting last;
+
+ private:
+  struct Picture {
+    double stamp;
+    model::Twists twists;
+  };
+  void turn() {
+    Eigen::VectorXd reading = pressure_;
+    for (double& value : reading) value += options.reading_noise * random_.normal();
+    const follow::Turn& turn = loop.reading(time(), set_point_, reading);
+    if (turn.commands) set_point_ = turn.pressure;
+  }
+  model::Twists measured() {
+    model::Twists out = trueTwists();
+    for (int i = 0; i < out.size(); ++i) {
+      out.reshaped()[i] +=
+          (i % 6 < 3 ? options.twist_noise_v : options.twist_noise_w) * random_.normal();
+    }
+    return out;
+  }
+
+  const statics::ArmModel model_;
+  statics::CorrectedModel truth_;
+  Random random_;
+  Eigen::VectorXd pressure_, set_point_;
+  std::deque<Picture> waiting_;
+  int steps_ = 0;
+};
+
+}  // namespace helix_arm::test
