@@ -18,7 +18,8 @@ constexpr double kStiffnessStep = 1e-3;  // of logarithms, in central difference
 constexpr double kPressurePersistence = 15.0;
 // A vibration's error lasts for about ten pictures.
 constexpr double kSwingPersistence = 10.0;
-constexpr int kMostOutliers = 2;  // in a row: a third one is a change
+constexpr double kFarthestTheta = 4.0;  // of its deviations: farther the model is not linear
+constexpr int kMostOutliers = 2;        // in a row: a third one is a change
 // Smallest pivot of a covariance that counts as positive, relative to its largest entry.
 constexpr double kLeastPivot = 1e-13;
 
@@ -109,6 +110,7 @@ struct ArmFilter::Workspace {
   Eigen::MatrixXd pickedCovariance(const Eigen::MatrixXd& covariance) const;
   Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const;
   Eigen::MatrixXd jacobian() const;
+  void learn(const Gaussian::Measurement& measurement);
   void followCorrection();
 
   const ArmFilterOptions options;
@@ -135,6 +137,18 @@ void ArmFilter::Workspace::start() {
   step.reset();
   outliers = 0;
   followCorrection();
+}
+
+// An arm that theta does not explain within reason, or a camera that lies: the bias takes it all.
+void ArmFilter::Workspace::learn(const Gaussian::Measurement& measurement) {
+  Gaussian next = state;
+  next.update(measurement);
+  const Eigen::VectorXd theta = next.mean.head(parameters.count());
+  if ((theta.array().abs() <= kFarthestTheta * parameters.deviations().array()).all()) {
+    state = std::move(next);
+  } else {
+    state.update(measurement, parameters.count());
+  }
 }
 
 void ArmFilter::Workspace::followCorrection() {
@@ -274,7 +288,7 @@ Sighting ArmFilter::see(const Input& input) {
     return out;
   }
   w.outliers = 0;
-  w.state.update(measurement);
+  w.learn(measurement);
   w.followCorrection();
   return out;
 }

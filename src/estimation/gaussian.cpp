@@ -28,10 +28,11 @@ double Gaussian::logLikelihood(const Measurement& measurement) const {
                  size * std::log(2.0 * basics::kPi));
 }
 
-void Gaussian::update(const Measurement& measurement) {
+void Gaussian::update(const Measurement& measurement, Eigen::Index held) {
   const Eigen::MatrixXd& H = measurement.H;
   const auto S = spread(covariance, measurement);
-  const Eigen::MatrixXd gain = S.solve(H * covariance).transpose();
+  Eigen::MatrixXd gain = S.solve(H * covariance).transpose();
+  gain.topRows(held).setZero();
   mean += gain * measurement.innovation;
   Eigen::MatrixXd kept = -gain * H;
   kept.diagonal().array() += 1.0;

@@ -35,7 +35,7 @@ void requirePositive(const char* name, double value) {
 // Farther away the arm would vanish in the rounding of the distance.
 template <class Target>
 void requireNear(const char* what, const Target& target) {
-  if (target.cwiseAbs().maxCoeff() <= kFarthestTarget) return;
+  if (target.allFinite() && target.cwiseAbs().maxCoeff() <= kFarthestTarget) return;
   throw std::invalid_argument("the target " + std::string(what) +
                               " is not finite, or has an entry beyond " +
                               std::to_string(kFarthestTarget) + " m or rad");

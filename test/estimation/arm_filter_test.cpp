@@ -281,7 +281,7 @@ TEST(ArmFilter, LeavesOutWhatAPlanarFitHolds) {
   ArmFilter filter(model, options);
   EXPECT_EQ(filter.rows(), (std::vector<int>{0, 1, 5}));
   Bench bench(model, truthOf(model.arm()), 8);
-  for (int k = 0; k < 20; ++k) {
+  for (int k = 0; k < 80; ++k) {
     ArmFilter::Input input = bench.at(k, test::randomInput(bench.arm(), bench.random()));
     for (const int row : {2, 3, 4}) {
       input.twists(row, 0) = 0;

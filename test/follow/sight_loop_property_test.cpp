@@ -103,7 +103,7 @@ TEST(SightLoop, StaysSoundThroughRandomTurns) {
       const estimation::Gaussian& state = filter->state();
       ASSERT_TRUE(state.mean.allFinite()) << k;
       farthest = std::max(farthest, state.mean.head(m).cwiseQuotient(prior).cwiseAbs().maxCoeff());
-      if (k % 100 == 0) ASSERT_TRUE(isPositiveDefinite(state.covariance)) << k;
+      ASSERT_TRUE(k % 100 != 0 || isPositiveDefinite(state.covariance)) << k;
     }
   }
   std::printf("[  FIGURE  ] theta was at most %.1f of its deviations away\n", farthest);
@@ -114,7 +114,7 @@ TEST(SightLoop, StaysSoundThroughRandomTurns) {
 // the model's, whatever latency, lag and smoothing are; and its bound lies far beyond.
 TEST(SightLoop, IsStableWithinTheSmallGain) {
   const ArmModel model = helicalModel();
-  const Eigen::VectorXd middle = model.arm().inputAt(Eigen::Vector3d(0.4, 0.5, 0.45));
+  const Eigen::VectorXd middle = model.arm().inputAt(Eigen::Vector3d(0.2, 0.3, 0.25));
   const Eigen::Vector3d target = model.tip(middle).tip.translation;
   test::Random random(8);
   for (int run = 0; run < 40; ++run) {

@@ -232,7 +232,7 @@ TEST_F(Loop, FollowsAPathFromWhereItIs) {
     bench_.step();
     most = std::max(most, bench_.error());
   }
-  EXPECT_LT(most, 3e-3);
+  EXPECT_LT(most, 5e-3);  // 0.05 m/s, unlearned
   EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-9);
   bench_.loop.hold();
   bench_.step();

@@ -21,7 +21,9 @@ struct Gaussian {
   /// Logarithm of the likelihood of an innovation, log N(nu; 0, S).
   double logLikelihood(const Measurement& measurement) const;
   /// Takes the measurement, in Joseph's form.
-  void update(const Measurement& measurement);
+  /// @param held  the first `held` entries of the mean stay; what they may be wrong by still
+  /// counts.
+  void update(const Measurement& measurement, Eigen::Index held = 0);
 };
 
 }  // namespace helix_arm::estimation
