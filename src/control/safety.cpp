@@ -125,7 +125,7 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
     basics::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
                     channels_[i].name, "; expected the same ones");
     if (orders_.valve[i] != Valve::kRegulate) continue;
-    const bool inside = channel.limits.contains(goal_[i]) &&
+    const bool inside = (report_.resting || channel.limits.contains(goal_[i])) &&
                         onTheWay(channel.limits).contains(orders_.set_point[i]);
     basics::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
                     1e-3 * orders_.set_point[i], ", outside the new limits of ",
@@ -163,6 +163,8 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
   report_.limit = limit;
   report_.since = now_;
   report_.vent_overdue = false;
+  report_.resting = false;
+  rested_ = false;
   ++report_.changes;
 }
 
@@ -233,14 +235,14 @@ void SafetyCore::emergencyStop(double now, bool engaged) {
 bool SafetyCore::target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure) {
   pass(now);
   if (report_.state != SafetyState::kEnabled || pressure.size() != count()) return false;
-  bool any = false;
+  if (!pressure.array().isFinite().any()) return false;
+  if (report_.resting) cancelRest();
   for (int i = 0; i < count(); ++i) {
     if (!std::isfinite(pressure[i])) continue;
-    any = true;
     goal_[i] = std::clamp(pressure[i], channels_[i].limits.lower, channels_[i].limits.upper);
   }
-  if (any) target_at_ = now_;
-  return any;
+  target_at_ = now_;
+  return true;
 }
 
 void SafetyCore::measured(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure,
@@ -274,7 +276,9 @@ void SafetyCore::watchReadings() {
     if (!regulated(i) || !watch_[i].leaks()) continue;
     raise(SafetyCause::kLeak, i, watch_[i].drop(), rules_.leak_drop);
   }
-  for (int i = 0; report_.state == SafetyState::kVented && i < count(); ++i) {
+  // Where the arm was seen to be empty.
+  const auto emptied = [this] { return report_.state == SafetyState::kVented || rested_; };
+  for (int i = 0; emptied() && i < count(); ++i) {
     if (!watch_[i].standing()) continue;
     raise(SafetyCause::kNotVenting, i, reading_[i], rules_.vented_below);
   }
@@ -309,6 +313,7 @@ const ValveOrders& SafetyCore::advance(double now) {
   const bool fault = report_.state == SafetyState::kFault;
   if (report_.state == SafetyState::kEnabled) watchTimes();
   if (report_.state == SafetyState::kEnabled) regulate(dt);
+  if (report_.resting) endRest();
   if (report_.state == SafetyState::kFault) endHold();
   for (int i = 0; i < count(); ++i) watch_[i].follow(now_, orders_.set_point[i], rules_);
   if (fault) endFault();

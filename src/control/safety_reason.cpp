@@ -161,9 +161,9 @@ std::string SafetyCore::causeText() const {
           name, 1e-3 * value, 1e-3 * limit, spike);
     case SafetyCause::kNotVenting:
       return format(
-          "%s reads %.1f kPa though it was vented, more than %g kPa from the atmosphere "
-          "(safety.vented_below_kpa) for %g s",
-          name, 1e-3 * value, 1e-3 * limit, spike);
+          "%s reads %.1f kPa though it should be empty, more than %g kPa from the atmosphere "
+          "(safety.vented_below_kpa)",
+          name, 1e-3 * value, 1e-3 * limit);
     case SafetyCause::kGuardLost:
       return "the guard, which vents where this process is killed, has ended or stands still";
     case SafetyCause::kNone:
@@ -215,9 +215,10 @@ std::string SafetyCore::reason() const {
   const std::string state = nameOf(report_.state);
   switch (report_.state) {
     case SafetyState::kEnabled:
-      return state + ": follows targets";
+      return state + (report_.resting ? ": ramps down to rest" : ": follows targets");
     case SafetyState::kDisabled:
-      return state + ": " + ventText() + (link_up_ ? "; call enable" : "");
+      return state + (rested_ ? ": at rest: " : ": ") + ventText() +
+             (link_up_ ? "; call enable" : "");
     case SafetyState::kFault:
       return state + ": " + causeText() + ": " + actionText() + overdueText() + "; " +
              remedyOf(report_.cause, report_.stopped);

@@ -75,9 +75,9 @@ TEST(SafetyReason, EveryFaultNamesItsCulpritValueRuleAndRemedy) {
         ASSERT_TRUE(b.reach(State::kVented));
         b.readsAs(1, 1.5e4);
       }),
-      "fault: holds reads 15.0 kPa though it was vented, more than 10 kPa from the atmosphere "
-      "(safety.vented_below_kpa) for 0.125 s: all channels vent; shut the supply and look for "
-      "a valve that does not close, then call enable");
+      "fault: holds reads 15.0 kPa though it should be empty, more than 10 kPa from the "
+      "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and look for a "
+      "valve that does not close, then call enable");
 }
 
 TEST(SafetyReason, TheOtherStatesSayWhatStandsAgainstEnabling) {
@@ -89,6 +89,12 @@ TEST(SafetyReason, TheOtherStatesSayWhatStandsAgainstEnabling) {
   ASSERT_EQ(bench.core.enable(bench.now), "");
   EXPECT_EQ(bench.core.reason(), "enabled: follows targets");
   EXPECT_EQ(bench.core.refusal(bench.now), "it is enabled already; send targets");
+  bench.commands = false;
+  ASSERT_TRUE(bench.core.rest(bench.now));
+  EXPECT_EQ(bench.core.reason(), "enabled: ramps down to rest");
+  ASSERT_TRUE(bench.reach(State::kDisabled));
+  EXPECT_EQ(bench.core.reason(), "disabled: at rest: all channels vent; call enable");
+  ASSERT_EQ(bench.core.enable(bench.now), "");
   bench.core.vent(bench.now);
   EXPECT_EQ(bench.core.refusal(bench.now), bench.core.reason());
   ASSERT_TRUE(bench.reach(State::kVented));

@@ -1,194 +1,17 @@
-#include <limits>
 #include <set>
 #include <utility>
 
 #include <gtest/gtest.h>
 
-#include "support/safety_bench.hpp"
+#include "support/safety_events.hpp"
 
 namespace helix_arm::control {
 namespace {
 
 using test::Bench;
-using test::kTurn;
+using namespace test::safety_events;
 using State = SafetyState;
 using Cause = SafetyCause;
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-constexpr double kLong = 30;          // [s], longer than any rule's time
-constexpr double kSpike = 8 * kTurn;  // the bench's spike time
-constexpr double kTooHigh = 4.5e5;    // over limit and margin [Pa]
-
-// ---- How the bench gets into each state
-// --------------------------------------------------------------
-
-void disabled(Bench& bench) { bench.turn(); }
-
-void enabled(Bench& bench) {
-  bench.turn();
-  ASSERT_EQ(bench.core.enable(bench.now), "");
-  bench.run(5);  // all stand at their goal
-}
-
-void enabledUntouched(Bench& bench) {
-  bench.commands = false;
-  bench.turn();
-  ASSERT_EQ(bench.core.enable(bench.now), "");
-  bench.turn();
-}
-
-// In a fault that each channel meets with its own action.
-void holding(Bench& bench) {
-  enabled(bench);
-  bench.commands = false;
-  ASSERT_TRUE(bench.reach(State::kFault));
-}
-
-// The same with nothing in the channels.
-void holdingEmpty(Bench& bench) {
-  bench.goal.setZero();
-  holding(bench);
-}
-
-// Has just begun to vent all.
-void venting(Bench& bench) {
-  enabled(bench);
-  bench.core.vent(bench.now);
-}
-
-void vented(Bench& bench) {
-  venting(bench);
-  ASSERT_TRUE(bench.reach(State::kVented));
-  bench.run(2);
-}
-
-void ventedAndStopped(Bench& bench) {
-  enabled(bench);
-  bench.core.emergencyStop(bench.now, true);
-  ASSERT_TRUE(bench.reach(State::kVented));
-}
-
-// ---- What can happen
-// ---------------------------------------------------------------------------------
-
-void enable(Bench& bench) { bench.core.enable(bench.now); }
-void vent(Bench& bench) { bench.core.vent(bench.now); }
-void stop(Bench& bench) { bench.core.emergencyStop(bench.now, true); }
-void release(Bench& bench) { bench.core.emergencyStop(bench.now, false); }
-void linkLost(Bench& bench) { bench.core.linked(bench.now, false); }
-void linkUp(Bench& bench) { bench.core.linked(bench.now, true); }
-void nothing(Bench& bench) { bench.turn(); }
-void target(Bench& bench) {
-  bench.core.target(bench.now, bench.goal);
-  bench.turn();
-}
-void noTarget(Bench& bench) {
-  bench.commands = false;
-  bench.run(kLong);
-}
-void noReading(Bench& bench) {
-  bench.reads = false;
-  bench.run(kLong);
-}
-void noReadingForAWhile(Bench& bench) {
-  bench.reads = false;
-  bench.run(0.5);
-}
-// Only until the fault is there: what it does with each channel is to be seen.
-void noReadingOfOne(Bench& bench) {
-  bench.readsAs(1, kNone);
-  bench.run(0.5 + kTurn);
-}
-void noSupplyReading(Bench& bench) {
-  bench.supply = kNone;
-  bench.run(0.5 + kTurn);
-}
-void lowSupply(Bench& bench) {
-  bench.supply = 3e5;
-  bench.run(kSpike + kTurn);
-}
-void dipOfSupply(Bench& bench) {
-  bench.supply = 3e5;
-  bench.run(kSpike);
-  bench.supply = 5e5;
-  bench.run(1);
-}
-void overLimit(Bench& bench) {
-  bench.readsAs(1, kTooHigh);
-  bench.run(kSpike + kTurn);
-}
-void spike(Bench& bench) {
-  bench.readsAs(1, kTooHigh);
-  bench.run(kSpike);
-  bench.spoil = nullptr;
-  bench.run(1);
-}
-template <int channel>
-void stuckHigh(Bench& bench) {
-  bench.readsOff(channel, 5e4);
-  bench.run(1 + kTurn);
-}
-void stuckHighForAWhile(Bench& bench) {
-  bench.readsOff(1, 5e4);
-  bench.run(1);
-  bench.spoil = nullptr;
-  bench.run(1);
-}
-template <int channel>
-void leak(Bench& bench) {
-  bench.readsOff(channel, -3e4);
-  bench.run(kSpike + kTurn);
-}
-void dip(Bench& bench) {
-  bench.readsOff(1, -3e4);
-  bench.run(kSpike);
-  bench.spoil = nullptr;
-  bench.run(1);
-}
-void standing(Bench& bench) {
-  bench.readsAs(1, 2e4);
-  bench.run(kSpike + kTurn);
-}
-void standingForAWhile(Bench& bench) {
-  bench.readsAs(1, 2e4);
-  bench.run(kSpike);
-  bench.spoil = nullptr;
-  bench.run(1);
-}
-template <Guard guard>
-void guarded(Bench& bench) {
-  bench.core.guarded(bench.now, guard);
-}
-void timePasses(Bench& bench) { bench.run(7.5); }
-void holdTimePasses(Bench& bench) { bench.turn(8); }
-void holdTimePassesUnread(Bench& bench) {
-  bench.reads = false;
-  bench.run(10);
-}
-void belowAtmosphere(Bench& bench) {
-  bench.readsAs(1, -3e4);
-  bench.run(1);
-}
-void emptied(Bench& bench) { bench.run(2); }
-void emptiedButForOne(Bench& bench) {
-  bench.readsAs(1, 2e4);
-  bench.run(2);
-}
-void emptiedButOneUnread(Bench& bench) {
-  bench.readsAs(1, kNone);
-  bench.run(2);
-}
-template <void (*first)(Bench&), void (*second)(Bench&)>
-void both(Bench& bench) {
-  first(bench);
-  second(bench);
-}
-// Enable, where something stands against it.
-template <void (*what)(Bench&)>
-void enableWith(Bench& bench) {
-  what(bench);
-  EXPECT_NE(bench.core.enable(bench.now), "");
-}
 
 struct Row {
   const char* what;
@@ -216,6 +39,7 @@ const Row kTable[] = {
     {"enable, guard stands", State::kDisabled, disabled, both<guarded<Guard::kStands>, enable>, State::kEnabled, Cause::kNone, "rrr"},
     {"guard lost", State::kDisabled, disabled, guarded<Guard::kEnded>, State::kDisabled, Cause::kNone, "vvv"},
     {"vent", State::kDisabled, disabled, vent, State::kDisabled, Cause::kNone, "vvv"},
+    {"rest", State::kDisabled, disabled, restInVain, State::kDisabled, Cause::kNone, "vvv"},
     {"target", State::kDisabled, disabled, target, State::kDisabled, Cause::kNone, "vvv"},
     {"no target", State::kDisabled, disabled, noTarget, State::kDisabled, Cause::kNone, "vvv"},
     {"no reading", State::kDisabled, disabled, noReading, State::kDisabled, Cause::kNone, "vvv"},
@@ -227,6 +51,16 @@ const Row kTable[] = {
     {"stop", State::kDisabled, disabled, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
     {"over limit", State::kDisabled, disabled, overLimit, State::kFault, Cause::kOverLimit, "vvv"},
     {"spike", State::kDisabled, disabled, spike, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, enable", State::kDisabled, rested, enable, State::kEnabled, Cause::kNone, "rrr"},
+    {"at rest, rest", State::kDisabled, rested, restInVain, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, target", State::kDisabled, rested, target, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, vent", State::kDisabled, rested, vent, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, no reading", State::kDisabled, rested, noReading, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, link lost", State::kDisabled, rested, linkLost, State::kDisabled, Cause::kNone, "vvv"},
+    {"at rest, stop", State::kDisabled, rested, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
+    {"at rest, over limit", State::kDisabled, rested, overLimit, State::kFault, Cause::kOverLimit, "vvv"},
+    {"at rest, pressure stands", State::kDisabled, rested, standing, State::kFault, Cause::kNotVenting, "vvv"},
+    {"at rest, pressure comes and goes", State::kDisabled, rested, standingForAWhile, State::kDisabled, Cause::kNone, "vvv"},
 
     {"enable", State::kEnabled, enabled, enableWith<nothing>, State::kEnabled, Cause::kNone, "rrr"},
     {"target", State::kEnabled, enabled, target, State::kEnabled, Cause::kNone, "rrr"},
@@ -255,10 +89,31 @@ const Row kTable[] = {
     {"one is late", State::kEnabled, enabled, stuckHighForAWhile, State::kEnabled, Cause::kNone, "rrr"},
     {"leak", State::kEnabled, enabled, leak<1>, State::kFault, Cause::kLeak, "vvv"},
     {"dip", State::kEnabled, enabled, dip, State::kEnabled, Cause::kNone, "rrr"},
+    {"rest", State::kEnabled, enabled, rest, State::kEnabled, Cause::kNone, "rrr"},
+    {"rest without a target", State::kEnabled, enabledUntouched, both<rest, emptied>, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, empty", State::kEnabled, resting, emptied, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, no target", State::kEnabled, resting, noTarget, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, rest again", State::kEnabled, resting, both<rest, emptied>, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, enable", State::kEnabled, resting, both<enableWith<nothing>, emptied>, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, target", State::kEnabled, resting, both<target, halfASecond>, State::kEnabled, Cause::kNone, "rrr"},
+    {"resting, target, then silence", State::kEnabled, resting, both<target, timeout>, State::kFault, Cause::kStaleTarget, "vrc"},
+    {"resting, vent", State::kEnabled, resting, vent, State::kFault, Cause::kVentRequested, "vvv"},
+    {"resting, stop", State::kEnabled, resting, stop, State::kFault, Cause::kEmergencyStop, "vvv"},
+    {"resting, guard lost", State::kEnabled, resting, guarded<Guard::kEnded>, State::kFault, Cause::kGuardLost, "vvv"},
+    {"resting, link lost", State::kEnabled, resting, linkLost, State::kFault, Cause::kRegulatorLost, "vvv"},
+    {"resting, no reading of one", State::kEnabled, resting, noReadingOfOne, State::kFault, Cause::kStaleReading, "vvc"},
+    {"resting, supply unread", State::kEnabled, resting, noSupplyReading, State::kFault, Cause::kStaleReading, "vrc"},
+    {"resting, low supply", State::kEnabled, resting, lowSupply, State::kFault, Cause::kLowSupply, "vrc"},
+    {"resting, over limit", State::kEnabled, resting, overLimit, State::kFault, Cause::kOverLimit, "vvv"},
+    {"resting, one does not follow", State::kEnabled, resting, stuckHigh<1>, State::kFault, Cause::kNotFollowing, "vvc"},
+    {"resting, one is late", State::kEnabled, resting, both<stuckHighForAWhile, nothing>, State::kDisabled, Cause::kNone, "vvv"},
+    {"resting, empty but for one", State::kEnabled, resting, emptiedButForOne, State::kEnabled, Cause::kNone, "rrr"},
+    {"resting, pressure stands", State::kEnabled, resting, stayingFull, State::kFault, Cause::kNotVenting, "vvv"},
 
     {"time passes", State::kFault, holding, timePasses, State::kFault, Cause::kStaleTarget, "vrc"},
     {"hold time passes", State::kFault, holding, holdTimePasses, State::kFault, Cause::kStaleTarget, "vvv"},
     {"vent", State::kFault, holding, vent, State::kFault, Cause::kStaleTarget, "vvv"},
+    {"rest", State::kFault, holding, restInVain, State::kFault, Cause::kStaleTarget, "vrc"},
     {"stop", State::kFault, holding, stop, State::kFault, Cause::kStaleTarget, "vvv"},
     {"guard lost", State::kFault, holding, guarded<Guard::kEnded>, State::kFault, Cause::kStaleTarget, "vvv"},
     {"over limit", State::kFault, holding, overLimit, State::kFault, Cause::kStaleTarget, "vvv"},
@@ -275,6 +130,7 @@ const Row kTable[] = {
     {"empty, hold time passes", State::kFault, holdingEmpty, both<holdTimePasses, nothing>, State::kVented, Cause::kStaleTarget, "vvv"},
     {"was empty, unread since", State::kFault, holdingEmpty, holdTimePassesUnread, State::kFault, Cause::kStaleTarget, "vvv"},
     {"enable", State::kFault, venting, enableWith<nothing>, State::kFault, Cause::kVentRequested, "vvv"},
+    {"rest", State::kFault, venting, restInVain, State::kFault, Cause::kVentRequested, "vvv"},
     {"pressure falls", State::kFault, venting, nothing, State::kFault, Cause::kVentRequested, "vvv"},
     {"empty", State::kFault, venting, emptied, State::kVented, Cause::kVentRequested, "vvv"},
     {"empty but for one", State::kFault, venting, emptiedButForOne, State::kFault, Cause::kVentRequested, "vvv"},
@@ -291,6 +147,7 @@ const Row kTable[] = {
     {"enable, reading stale", State::kVented, vented, enableWith<noReading>, State::kVented, Cause::kVentRequested, "vvv"},
     {"enable, low supply", State::kVented, vented, enableWith<lowSupply>, State::kVented, Cause::kVentRequested, "vvv"},
     {"vent", State::kVented, vented, vent, State::kVented, Cause::kVentRequested, "vvv"},
+    {"rest", State::kVented, vented, restInVain, State::kVented, Cause::kVentRequested, "vvv"},
     {"target", State::kVented, vented, target, State::kVented, Cause::kVentRequested, "vvv"},
     {"no target", State::kVented, vented, noTarget, State::kVented, Cause::kVentRequested, "vvv"},
     {"no reading", State::kVented, vented, noReading, State::kVented, Cause::kVentRequested, "vvv"},
@@ -325,8 +182,9 @@ TEST(SafetyTransitions, TheTableNamesEveryEdgeAndEveryCauseAndNoOther) {
   }
   const std::set<std::pair<State, State>> documented = {
       {State::kDisabled, State::kEnabled}, {State::kDisabled, State::kFault},
-      {State::kEnabled, State::kFault},    {State::kFault, State::kVented},
-      {State::kVented, State::kEnabled},   {State::kVented, State::kFault}};
+      {State::kEnabled, State::kDisabled}, {State::kEnabled, State::kFault},
+      {State::kFault, State::kVented},     {State::kVented, State::kEnabled},
+      {State::kVented, State::kFault}};
   EXPECT_EQ(edges, documented);
   EXPECT_EQ(causes.size(), kSafetyCauseCount - 1u);  // all but none
 }
@@ -334,7 +192,9 @@ TEST(SafetyTransitions, TheTableNamesEveryEdgeAndEveryCauseAndNoOther) {
 // Whatever comes first: silence and a lost link pass by themselves, nothing else does.
 TEST(SafetyTransitions, ATargetAloneEnablesOnlyAfterWhatPassesByItself) {
   using Event = void (*)(Bench&);
-  const Event passing[] = {noTarget, noReadingForAWhile, noReadingOfOne, linkLost, nothing};
+  const Event passing[] = {noTarget,       noReadingForAWhile,
+                           noReadingOfOne, linkLost,
+                           nothing,        [](Bench& b) { b.core.rest(b.now); }};
   const std::pair<Event, bool> lasting[] = {// and whether it is a fault of a vented arm, too
                                             {stop, true},          {vent, true},
                                             {overLimit, true},     {leak<1>, false},

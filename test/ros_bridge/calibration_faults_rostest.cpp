@@ -1,5 +1,5 @@
-// What a calibration refuses, and how it ends when something goes wrong: with a reason, and with
-// the pressures ramped down. Time runs at five times its pace.
+// What a calibration refuses, and how it ends when something goes wrong: with a reason, with the
+// pressures ramped down, and with the arm at rest. Time runs at five times its pace.
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -229,6 +229,7 @@ TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
   EXPECT_EQ(ending(), "PREEMPTED");
   EXPECT_NE(client_->getResult()->message.find("cancelled"), std::string::npos);
   EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
 }
 
@@ -242,6 +243,7 @@ TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
   ASSERT_TRUE(ends());
   EXPECT_TRUE(client_->getResult()) << calibration_->output();
   EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target_);
 }
 
@@ -260,6 +262,7 @@ TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
   calibration_->signal(SIGINT);
   EXPECT_EQ(calibration_->exitCode(), 0) << calibration_->output();
   EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->output();
   expectRamps(first_target_);
 }
 

@@ -64,6 +64,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   EXPECT_TRUE(result.success);
   EXPECT_EQ(result.out, goal.out);
   EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target);
 
   // Told step by step.

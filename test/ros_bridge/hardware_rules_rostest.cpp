@@ -1,5 +1,6 @@
-// What pressure_command refuses on hardware: targets that come before enabling or with a wrong
-// stamp, looser rules, another regulator; and what it answers where the regulator does not hear.
+// The end of a commander on hardware, and what pressure_command refuses there: targets that come
+// before enabling or with a wrong stamp, looser rules, another regulator; and what it answers where
+// the regulator does not hear.
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -58,6 +59,28 @@ TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
   EXPECT_EQ(rig_.safety.last().state, "disabled");
   EXPECT_TRUE(regulator_.isVented());
   EXPECT_TRUE(regulator_.setPoint().isZero());
+  const auto rest = rig_.trigger(names::kRest);
+  EXPECT_FALSE(rest.success);
+  EXPECT_EQ(rest.message.find("not enabled, so nothing changes: disabled: "), 0u) << rest.message;
+}
+
+TEST_P(HardwareRules, ACommanderThatIsDoneLeavesTheArmAtRest) {
+  // A target that is on its way cancels a request, and a busy machine may be silent for too long.
+  ASSERT_TRUE(waitFor(
+      [&] {
+        if (!rig_.bringTo(kPressures)) return false;
+        rig_.fallSilent();
+        while (rig_.trigger(names::kRest).success) continue;
+        return rig_.comesTo("disabled", 5);
+      },
+      60))
+      << rig_.safety.last().reason;
+  EXPECT_EQ(rig_.safety.last().cause, "none");
+  EXPECT_TRUE(waitFor([&] { return regulator_.isVented(); }));
+  EXPECT_TRUE(regulator_.setPoint().isZero());
+  rig_.command(kPressures);
+  EXPECT_EQ(answerAfter(20).fault, "not_enabled");
+  EXPECT_EQ(rig_.safety.last().state, "disabled");
 }
 
 TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {

@@ -1,12 +1,16 @@
-// The series node: plays its rows in order, ends, and gives way to others.
+// The series node: plays its rows in order, ends without a fault, and gives way to others.
 #include <cmath>
+#include <csignal>
 #include <functional>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/SafetyState.h"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -35,6 +39,67 @@ TEST(Series, PlaysItsRowsInOrderAndEnds) {
   for (const char* words : {"row 3 of 3", "no column for muscle_4, muscle_5, muscle_6, muscle_7"}) {
     EXPECT_NE(series.output().find(words), std::string::npos) << words << series.output();
   }
+}
+
+// An arm of its own, whose commander may be silent for so long that only what the series says at
+// its end brings the arm to rest.
+class SeriesEnd : public ::testing::Test {
+ protected:
+  std::vector<std::string> series(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(),
+                     {HELIX_ARM_SERIES, "__ns:=end", "_scene:=" + scene_.path()});
+    return arguments;
+  }
+  bool starts() {
+    return waitFor([this] { return !measured_.all().empty() && !safety_.all().empty(); });
+  }
+  bool comesTo(const std::string& reason) {
+    return waitFor([&] { return safety_.last().reason.find(reason) != std::string::npos; });
+  }
+  void expectRestWithoutAFault() {
+    EXPECT_TRUE(comesTo("disabled: at rest")) << safety_.last().reason;
+    bool ramped = false;
+    for (const auto& state : safety_.all()) {
+      EXPECT_EQ(state->cause, "none") << state->reason;
+      ramped = ramped || state->reason == "enabled: ramps down to rest";
+    }
+    EXPECT_TRUE(ramped);
+    for (const char* trouble : {"WARN", "ERROR", "FATAL"}) {
+      EXPECT_EQ(arm_.outputNow().find(trouble), std::string::npos) << arm_.output();
+    }
+  }
+
+  const TemporaryFile scene_{
+      io::sceneText(HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml",
+                    {{"safety.target_timeout_s", "100"}, {"safety.slew_kpa_s", "500"}}),
+      ".yaml"};
+  ros::NodeHandle node_{"end"};
+  Inbox<SafetyState> safety_{node_, names::kSafetyState};
+  Inbox<PressureArray> measured_{node_, names::kPressureMeasured};
+  Process arm_{
+      {HELIX_ARM_PRESSURE_COMMAND, "__ns:=end", "_scene:=" + scene_.path(), "_frame_prefix:=end_"}};
+};
+
+TEST_F(SeriesEnd, AfterItsLastRowIsNoFault) {
+  ASSERT_TRUE(starts()) << arm_.outputNow();
+  Process monitor({HELIX_ARM_MONITOR, "__ns:=end", "_min_rate:=1"});
+  ASSERT_TRUE(monitor.prints("disabled")) << monitor.output();
+  Process process(series({"_data:=" HELIX_ARM_SOURCE_DIR "/test/ros_bridge/series.csv",
+                          "_ramp_s:=0.2", "_hold_s:=0.5"}));
+  EXPECT_EQ(process.exitCode(), 0) << process.output();
+  expectRestWithoutAFault();
+  monitor.signal(SIGINT);
+  EXPECT_EQ(monitor.exitCode(), 0) << monitor.output();
+  EXPECT_NE(monitor.output().find("the arm runs"), std::string::npos) << monitor.output();
+}
+
+TEST_F(SeriesEnd, OnRequestIsNoFault) {
+  ASSERT_TRUE(starts()) << arm_.outputNow();
+  Process process(series({"_loop:=true"}));
+  ASSERT_TRUE(comesTo("follows targets")) << process.outputNow();
+  process.signal(SIGINT);
+  EXPECT_EQ(process.exitCode(), 0) << process.output();
+  expectRestWithoutAFault();
 }
 
 TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
@@ -67,8 +132,9 @@ class Answers : public ::testing::Test {
     command_.publish(command);
   }
 
-  void answer(std::uint8_t outcome, control::Fault fault) {
+  void answer(std::uint8_t outcome, control::Fault fault, const ros::Time& stamp = {}) {
     TargetStatus answer;
+    answer.target_stamp = stamp;
     answer.commander = "/told/series";
     answer.outcome = outcome;
     if (outcome == TargetStatus::DROPPED) answer.fault = control::nameOf(fault);
@@ -87,6 +153,24 @@ class Answers : public ::testing::Test {
       return (code = series_.exitCode(0.05)) != -1;
     });
     return code == 1;
+  }
+  /// Accepts the targets that came, except for the last ones; exit code of the series that is asked
+  /// to end once it commands.
+  int endWithAnswers(std::size_t without) {
+    std::size_t answered = 0;
+    bool asked = false;
+    int code = -1;
+    waitFor([&] {
+      for (; answered + without < targets_.all().size(); ++answered) {
+        answer(TargetStatus::REACHED, {}, targets_.all()[answered]->header.stamp);
+      }
+      if (answered > 10 && !asked) {
+        series_.signal(SIGINT);
+        asked = true;
+      }
+      return (code = series_.exitCode(0.01)) != -1;
+    });
+    return code;
   }
   bool connected() {
     return waitFor([this] { return status_.getNumSubscribers() > 0; }) && moves();
@@ -140,6 +224,39 @@ TEST_F(Answers, CommandsThatAreAllOfAnotherArmEndTheSeries) {
   EXPECT_TRUE(series_.prints("pressure_command is not of scene")) << series_.output();
   EXPECT_TRUE(moves()) << series_.outputNow();
   EXPECT_TRUE(ends([&] { command_.publish(foreign); }));
+}
+
+TEST_F(Answers, WhoIsAskedForRestGetsNoTargetAfterwards) {
+  std::size_t targets_before = 0;
+  int calls = 0;
+  using Trigger = std_srvs::Trigger;
+  const ros::ServiceServer server = node_.advertiseService<Trigger::Request, Trigger::Response>(
+      "pressure_command/rest", [&](Trigger::Request&, Trigger::Response& response) {
+        ++calls;
+        targets_before = targets_.all().size();
+        response.success = 1;
+        response.message = "comes to rest";
+        return true;
+      });
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  EXPECT_EQ(endWithAnswers(0), 0) << series_.output();
+  EXPECT_EQ(calls, 1);
+  EXPECT_EQ(targets_.all().size(), targets_before);
+  EXPECT_NE(series_.output().find("comes to rest"), std::string::npos) << series_.output();
+}
+
+// Its last target may still be on its way, and would cancel the request.
+TEST_F(Answers, AnArmThatDoesNotAnswerIsNotAskedForRest) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  EXPECT_EQ(endWithAnswers(1), 0) << series_.output();
+  EXPECT_EQ(series_.output().find("/rest"), std::string::npos) << series_.output();
+}
+
+TEST_F(Answers, WithoutTheServiceTheSeriesEndsAndSaysSo) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  EXPECT_EQ(endWithAnswers(0), 0) << series_.output();
+  EXPECT_NE(series_.output().find("/told/pressure_command/rest is not there"), std::string::npos)
+      << series_.output();
 }
 
 // Answers to targets that it never sent, before any command came.

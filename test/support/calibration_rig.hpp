@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -53,18 +54,34 @@ class CalibrationRig : public ::testing::Test {
     startRig();
     startCalibration();
     ASSERT_TRUE(waitFor([] { return !ros::Time::now().isZero(); })) << rig_process_->output();
+    ASSERT_TRUE(waitFor([this] { return !safety_.all().empty(); }));
     ASSERT_TRUE(rig_.connect()) << rig_process_->output();
+    ASSERT_TRUE(waitFor([this] { return wasEnabled(); }));
     ASSERT_TRUE(waitFor([this] { return !eye_.detections.all().empty(); }));
     freeTheArm();
     client_ = std::make_unique<Client>("calibration/run_calibration", false);  // asks for the time
     ASSERT_TRUE(waitFor([this] { return client_->isServerConnected(); }));
   }
 
-  /// Falls silent until the arm has vented: the next target, whoever sends it, enables it again.
+  /// Falls silent until the arm has vented, unless it rests: the next target, whoever sends it,
+  /// enables it again.
   void freeTheArm() {
     rig_.fallSilent();
-    EXPECT_TRUE(
-        waitFor([this] { return !safety_.all().empty() && safety_.last().state == "vented"; }));
+    EXPECT_TRUE(waitFor(
+        [this] { return safety_.last().state == "vented" || safety_.last().state == "disabled"; }));
+  }
+
+  bool wasEnabled() const {
+    return std::any_of(safety_.all().begin(), safety_.all().end(),
+                       [](const auto& safety) { return safety->state == "enabled"; });
+  }
+
+  /// Waits until the arm rests, and not after a fault.
+  ::testing::AssertionResult restsWithoutAFault() {
+    if (waitFor([this] { return safety_.last().state == "disabled"; })) {
+      return ::testing::AssertionSuccess();
+    }
+    return ::testing::AssertionFailure() << safety_.last().reason;
   }
 
   void startRig() {

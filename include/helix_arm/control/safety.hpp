@@ -15,8 +15,8 @@ namespace helix_arm::control {
 
 /// State of the pressure path.
 enum class SafetyState : std::uint8_t {
-  kDisabled,  ///< vents; not enabled yet
-  kEnabled,   ///< follows targets
+  kDisabled,  ///< vents; not enabled yet, or at rest
+  kEnabled,   ///< follows targets, or ramps down to rest
   kFault,     ///< performs each channel's fault action until no pressure remains
   kVented,    ///< after a fault: vents, and no pressure remains
 };
@@ -33,7 +33,7 @@ enum class SafetyCause : std::uint8_t {
   kLowSupply,
   kNotFollowing,  ///< a pressure does not reach its set point within the permitted time
   kLeak,          ///< a pressure falls at a constant set point: a burst muscle, a loose tube
-  kNotVenting,    ///< pressure remains although all channels vent
+  kNotVenting,    ///< pressure remains although all channels vent, or have ramped down to rest
   kGuardLost,     ///< no guard would vent the arm if its process were killed
 };
 inline constexpr int kSafetyCauseCount = 12;
@@ -121,6 +121,7 @@ struct SafetyReport {
   /// regulator, or a lost link. False after a stop or a requested vent.
   bool passing = true;
   bool vent_overdue = false;  ///< pressure remains after vent_time
+  bool resting = false;       ///< in kEnabled: ramps down to rest
   /// Number of changes of the link and of the fields above except `value`.
   std::uint64_t changes = 0;
 };
@@ -133,6 +134,10 @@ struct SafetyReport {
 /// immediately or, if its action is hold or close, after hold_time. The emergency stop, a requested
 /// vent, and conditions that are themselves dangerous (over limit, leak, not venting) vent every
 /// channel immediately.
+///
+/// A commander that is done calls rest(): all set points ramp down to the atmosphere at their slew
+/// rates, and the arm then vents in kDisabled, without a fault. On the ramp all rules apply except
+/// that on the silence of the commander.
 ///
 /// All times are on one steady clock [s] and must not decrease; an earlier time counts as the last
 /// one. Nothing after the constructor allocates, locks or throws, except reason(), refusal(),
@@ -154,6 +159,11 @@ class SafetyCore {
   /// Whether a target alone may enable the arm, if the user permits that at all: before it was
   /// enabled for the first time, and after events that end by themselves (SafetyReport::passing).
   bool mayEnableItself() const;
+  /// Ramps all channels down to the atmosphere and ends in kDisabled, with cause kNone, once fresh
+  /// readings show no pressure. Pressure that remains vent_time after the ramp is kNotVenting. A
+  /// target during the ramp cancels it. Again during the ramp, it changes nothing. Returns false,
+  /// without effect, unless enabled.
+  bool rest(double now);
   /// Vents all channels; ends in kVented. While disabled or vented, it only makes mayEnableItself()
   /// false.
   void vent(double now);
@@ -162,8 +172,8 @@ class SafetyCore {
   void emergencyStop(double now, bool engaged);
 
   /// Sets the target pressures: (channels) gauge [Pa]. Values are clamped to the limits; an entry
-  /// that is not finite leaves its channel unchanged. Returns false, without effect, unless
-  /// enabled.
+  /// that is not finite leaves its channel unchanged, or, where the target cancels a rest, at the
+  /// limit nearest to the atmosphere. Returns false, without effect, unless enabled.
   bool target(double now, const Eigen::Ref<const Eigen::VectorXd>& pressure);
   /// Adds the regulator's readings: (channels) gauge [Pa], where an entry that is not finite is no
   /// reading; and the supply pressure, NaN if it is not measured.
@@ -207,6 +217,8 @@ class SafetyCore {
   void setState(SafetyState state, SafetyCause cause, int channel, double value, double limit);
   void raise(SafetyCause cause, int channel, double value, double limit);
   void release(int channel);
+  void cancelRest();
+  void endRest();
   void watchTimes();
   void watchReadings();
   void regulate(double dt);
@@ -233,7 +245,11 @@ class SafetyCore {
   double supply_ = std::numeric_limits<double>::quiet_NaN();
   double supply_at_ = -std::numeric_limits<double>::infinity();
   double target_at_ = std::numeric_limits<double>::infinity();  // time of the last one since it was
-                                                                // enabled; infinite if none
+                                                                // enabled or rested; infinite if
+                                                                // none
+  // End of the ramp down to rest, infinite before it [s]; whether kDisabled began with it.
+  double down_at_ = std::numeric_limits<double>::infinity();
+  bool rested_ = false;
   double now_ = 0;
   double turn_at_ = 0;
   bool started_ = false;

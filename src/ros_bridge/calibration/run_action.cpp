@@ -29,6 +29,7 @@ namespace {
 
 constexpr double kFeedbackPeriod = 0.2;  // [s]
 constexpr int kUsualCaptures = 3;        // per pressure
+constexpr std::chrono::milliseconds kBetweenLooks(5);
 
 }  // namespace
 
@@ -54,6 +55,10 @@ RunAction::RunAction(ros::NodeHandle& node, ros::NodeHandle& private_node,
 RunAction::~RunAction() = default;
 
 void RunAction::onStatus(const TargetStatusConstPtr& status) {
+  {
+    const basics::MutexLock lock(mutex_);
+    trace_.answered(*status);
+  }
   if (status->commander != ros::this_node::getName() || status->outcome != TargetStatus::DROPPED) {
     return;
   }
@@ -95,7 +100,10 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
   if (!goal_guard_.run(
           "",
           [&] {
-            if (const auto ending = play()) conclude(goal, *ending);
+            const auto ending = play();
+            if (!ending) return;
+            rest();
+            conclude(goal, *ending);
           },
           &why) &&
       server_->isActive()) {
@@ -130,6 +138,7 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   motion_.emplace(Motion{scene.arm,
                          {std::get<Eigen::MatrixXd>(plan), scene.arm.clamped(*state.set_point),
                           scene.arm.inputAt(0), rules}});
+  trace_ = {};
   recorder_.clear();
   calibrator_.forgetLast();
 }
@@ -173,6 +182,7 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   target_publisher_.publish(toPressureMsg(header, motion_->arm, order.pressure));
+  trace_.sent(header.stamp);
   if (order.capture) captures.push_back(*order.capture);
   if (order.step_done) {
     recorder_.add(medianOf(captures));
@@ -187,6 +197,20 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   out.feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
   out.feedback.samples = static_cast<std::uint32_t>(recorder_.count());
   return out;
+}
+
+void RunAction::rest() {
+  for (;;) {
+    // Such as without a master, which a call would wait for.
+    if (EndRequest::isUrgent() || !ros::ok()) return;
+    {
+      const basics::MutexLock lock(mutex_);
+      if (!trace_.commands() || server_->isNewGoalAvailable()) return;
+      if (trace_.isAnswered()) break;
+    }
+    std::this_thread::sleep_for(kBetweenLooks);
+  }
+  requestRest();
 }
 
 void RunAction::conclude(const RunCalibrationGoal& goal, const Ending& ending) {

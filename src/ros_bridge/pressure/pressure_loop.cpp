@@ -99,6 +99,7 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
   ros::NodeHandle below("~");
   below.setCallbackQueue(&queue_);
   enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
+  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this, log);
   vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
   stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
   reading_spinner_.start();
@@ -181,6 +182,15 @@ bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
   turn(now);
   response.success = refusal.empty();
   response.message = refusal.empty() ? path_.reason() : refusal;
+  return true;
+}
+
+bool PressureLoop::onRest(Trigger::Request&, Trigger::Response& response) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  response.success = path_.core().rest(now);
+  turn(now);
+  response.message = (response.success ? "" : "not enabled, so nothing changes: ") + path_.reason();
   return true;
 }
 

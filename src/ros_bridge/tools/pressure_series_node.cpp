@@ -117,6 +117,7 @@ void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
 }
 
 void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
+  trace_.answered(*status);
   const bool mine = status->commander == ros::this_node::getName();
   const std::string message = basics::quoted(status->message, kLongestMessage);
   if (mine && passes(status->fault)) {
@@ -149,6 +150,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   const double dt = last_tick_.isZero() ? 0.0 : std::min((now - last_tick_).toSec(), kLongestStep);
   last_tick_ = now;
+  if (over_ || EndRequest::made()) return endSeries();
   if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
   if (yielding_) {
     if ((now - last_of_others_).toSec() < options_.resume_after) return;
@@ -166,14 +168,25 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
              text.str().c_str());
   }
+  publishTarget();
+  over_ = player_->finished();
+  if (over_) ROS_INFO("the series is over");
+}
+
+void PressureSeriesNode::publishTarget() {
   std_msgs::Header header;
   header.stamp = ros::Time::now();
   const Eigen::VectorXd target = held_back_ ? command_ : player_->pressure();
   target_publisher_.publish(toPressureMsg(header, scene_.arm, target));
-  if (player_->finished()) {
-    ROS_INFO("the series is over");
-    EndRequest::make();
-  }
+  trace_.sent(header.stamp);
+}
+
+void PressureSeriesNode::endSeries() {
+  if (EndRequest::isUrgent()) return;  // such as without a master, which a call would wait for
+  const bool commands = trace_.commands();
+  if (commands && !trace_.isAnswered()) return;
+  if (commands) requestRest();
+  EndRequest::make();
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -55,10 +55,10 @@ struct CalibrationNodeOptions {
 ///
 /// Action
 /// - ~run_calibration (RunCalibration): forgets what was recorded, ramps the pressures through a
-///   plan, waits at each until the arm stands still, records it, ramps down and calibrates.
-///   Preempted, without fresh measurements, where the arm does not settle, and when the node is to
-///   end, it ramps down and ends without a calibration; what was recorded stays. When another
-///   commander has the arm, it ends and leaves the arm to it.
+///   plan, waits at each until the arm stands still, records it, ramps down, calls
+///   pressure_command/rest and calibrates. Preempted, without fresh measurements, where the arm
+///   does not settle, and when the node is to end, it ramps down and ends without a calibration;
+///   what was recorded stays. When another commander has the arm, it ends and leaves the arm to it.
 ///
 /// Parameters: CalibrationNodeOptions.
 ///

@@ -18,11 +18,13 @@
 #include "helix_arm/ros_bridge/calibration/job_slot.hpp"
 #include "helix_arm/ros_bridge/calibration/recorder.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/rest_request.hpp"
 
 namespace helix_arm::ros_bridge {
 
 /// Serves the action ~run_calibration in a thread of its own: forgets what was recorded, steps the
-/// arm through a plan of pressures and records it at each, ramps down and calibrates.
+/// arm through a plan of pressures and records it at each, ramps down, asks pressure_command to
+/// rest, if the arm follows it and no other goal waits, and calibrates.
 ///
 /// Subscribes to target_status. Publishes pressure_target, all actuators, gauge [Pa], during a run
 /// alone. Its mutex is locked before that of Recorder.
@@ -69,6 +71,8 @@ class RunAction {
   std::optional<Ending> play() HELIX_ARM_EXCLUDES(mutex_);
   /// @param captures  Of this step so far; goes on.
   Turn turn(std::vector<procedures::Sample>& captures) HELIX_ARM_EXCLUDES(mutex_);
+  /// Brings the arm to rest after a run, if it is still the run's and no other goal waits for it.
+  void rest() HELIX_ARM_EXCLUDES(mutex_);
   /// Calibrates where the run was completed, and sets the result.
   void conclude(const RunCalibrationGoal& goal, const Ending& ending);
 
@@ -82,6 +86,7 @@ class RunAction {
   basics::Mutex mutex_;
   /// From the begin of a run to its result.
   std::optional<Motion> motion_ HELIX_ARM_GUARDED_BY(mutex_);
+  CommandTrace trace_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Publisher target_publisher_;
   ros::Subscriber status_subscriber_;

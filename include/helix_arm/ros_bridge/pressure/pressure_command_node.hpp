@@ -51,8 +51,8 @@ namespace helix_arm::ros_bridge {
 /// - tf: world -> arm_base (static), arm_base -> model_0 .. model_(n-1) and model_tip
 ///
 /// Services
-/// - ~enable, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while true):
-///   their answers give the result and the reason
+/// - ~enable, ~rest, ~vent (std_srvs/Trigger), ~emergency_stop (std_srvs/SetBool, latched while
+///   true): their answers give the result and the reason
 /// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
 ///   inside the new limits; with hardware, no rule may be looser than when the node started.
 ///

@@ -34,8 +34,8 @@ namespace helix_arm::ros_bridge {
 ///
 /// Publishes pressure_command, immediately on a new target and with every turn; pressure_measured,
 /// if the regulator is the node's own; and safety_state, latched, on every change, with a line in
-/// the log. Serves ~enable, ~vent and ~emergency_stop. All times are of the steady clock, whatever
-/// ROS time does.
+/// the log. Serves ~enable, ~rest, ~vent and ~emergency_stop. All times are of the steady clock,
+/// whatever ROS time does.
 class PressureLoop {
  public:
   /// A reading.
@@ -96,6 +96,7 @@ class PressureLoop {
   using SetBool = std_srvs::SetBool;
 
   bool onEnable(Trigger::Request&, Trigger::Response& response);
+  bool onRest(Trigger::Request&, Trigger::Response& response);
   bool onVent(Trigger::Request&, Trigger::Response& response);
   bool onStop(SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
@@ -124,7 +125,7 @@ class PressureLoop {
 
   ros::CallbackQueue queue_;  ///< queue of the members below, which leave it when destroyed
   ros::Publisher command_publisher_, measured_publisher_, safety_publisher_;
-  ros::ServiceServer enable_server_, vent_server_, stop_server_;
+  ros::ServiceServer enable_server_, rest_server_, vent_server_, stop_server_;
   /// For the readings only, so that no reading, however large, delays a stop.
   ros::CallbackQueue reading_queue_;
   ros::Subscriber reading_subscriber_;

@@ -11,6 +11,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/series_player.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/rest_request.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -39,6 +40,9 @@ struct PressureSeriesOptions {
 /// - pressure_target (PressureArray): all actuators, gauge [Pa]; those without a column stay at 0,
 ///   with a warning at the start
 ///
+/// Calls pressure_command/rest after the last row and when asked to end, if the arm follows it: the
+/// arm ramps down and rests. Without that service it ends all the same.
+///
 /// Parameters: PressureSeriesOptions.
 ///
 /// While the arm is not enabled, or targets arrive late (or clocks differ), it sends the arm's own
@@ -54,6 +58,8 @@ class PressureSeriesNode {
   PressureSeriesNode();
 
   int finish() const { return verdict_; }
+  /// The arm follows the series: it is to be brought to rest first.
+  bool commands() const { return trace_.commands(); }
 
  private:
   /// Consecutive messages that indicate that the series is not for this arm.
@@ -68,6 +74,9 @@ class PressureSeriesNode {
   void onCommand(const PressureArrayConstPtr& command);
   void onStatus(const TargetStatusConstPtr& status);
   void onTick(const ros::SteadyTimerEvent& event);
+  void publishTarget();
+  /// Once no target is on its way any more, asks for rest where the arm follows; ends the node.
+  void endSeries();
   /// Warns, and ends the node if the trouble persists.
   void suffer(Trouble& trouble, const std::string& what);
 
@@ -76,6 +85,8 @@ class PressureSeriesNode {
   const Eigen::MatrixXd rows_;                      ///< (rows x actuators) [Pa]
   std::optional<procedures::SeriesPlayer> player_;  ///< from the first command on
   Eigen::VectorXd command_;                         ///< last one in force, inside the limits [Pa]
+  CommandTrace trace_;
+  bool over_ = false;  ///< the last row was played
   int told_row_ = -1;
   bool yielding_ = false;
   bool held_back_ = false;     ///< targets are dropped for now, whatever their values
@@ -89,5 +100,7 @@ class PressureSeriesNode {
   ros::Subscriber command_subscriber_, status_subscriber_;
   ros::SteadyTimer timer_;
 };
+
+inline bool mayEnd(const PressureSeriesNode& node) { return !node.commands(); }
 
 }  // namespace helix_arm::ros_bridge

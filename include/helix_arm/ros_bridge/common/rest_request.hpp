@@ -1,0 +1,38 @@
+#pragma once
+
+#include <ros/time.h>
+
+#include "helix_arm/TargetStatus.h"
+
+/// How a commander ends without a fault: it waits until its last target is answered, since a target
+/// that comes later would cancel the request, and asks pressure_command to bring the arm to rest.
+namespace helix_arm::ros_bridge {
+
+/// Follows this node's targets and the answers to them. For one thread, or behind one lock.
+class CommandTrace {
+ public:
+  static constexpr double kPatience = 1;  ///< longest wait for the answer to a target [s]
+
+  /// Notes a target of this node.
+  void sent(const ros::Time& stamp);
+  /// Notes an answer on target_status, to whomever.
+  void answered(const TargetStatus& status);
+
+  /// Whether the arm follows this node: its newest answer accepted a target, no target of another
+  /// was accepted since, and the last target has not waited for longer than kPatience.
+  bool commands() const;
+  /// Whether the last target was answered: none is on its way.
+  bool isAnswered() const { return !waits_; }
+
+ private:
+  ros::Time last_stamp_;
+  ros::SteadyTime last_sent_;
+  bool waits_ = false;  ///< for the answer to the last target
+  bool accepted_ = false;
+};
+
+/// Calls pressure_command/rest, waits for the answer and logs it. Without such a service it only
+/// warns: the arm then vents when no targets come. Not to be called with a lock held.
+void requestRest();
+
+}  // namespace helix_arm::ros_bridge

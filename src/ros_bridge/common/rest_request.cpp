@@ -1,0 +1,60 @@
+#include "helix_arm/ros_bridge/common/rest_request.hpp"
+
+#include <string>
+
+#include <ros/console.h>
+#include <ros/node_handle.h>
+#include <ros/this_node.h>
+#include <std_srvs/Trigger.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+
+}  // namespace
+
+void CommandTrace::sent(const ros::Time& stamp) {
+  last_stamp_ = stamp;
+  last_sent_ = ros::SteadyTime::now();
+  waits_ = true;
+}
+
+void CommandTrace::answered(const TargetStatus& status) {
+  const bool accepted = status.outcome != TargetStatus::DROPPED;
+  if (status.commander != ros::this_node::getName()) {
+    accepted_ = accepted_ && !accepted;
+    return;
+  }
+  accepted_ = accepted;
+  if (status.target_stamp == last_stamp_) waits_ = false;
+}
+
+bool CommandTrace::commands() const {
+  const bool overdue = waits_ && ros::SteadyTime::now() - last_sent_ > ros::WallDuration(kPatience);
+  return accepted_ && !overdue;
+}
+
+void requestRest() {
+  ros::NodeHandle node;
+  ros::ServiceClient client = node.serviceClient<std_srvs::Trigger>(
+      std::string(names::kPressureCommandNode) + "/" + names::kRest);
+  std_srvs::Trigger rest;
+  if (client.call(rest)) {
+    ROS_INFO("%s: %s", client.getService().c_str(),
+             basics::quoted(rest.response.message, kLongestMessage).c_str());
+    return;
+  }
+  // Nodes that are ended together need not find each other any more.
+  ROS_LOG(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
+          ROSCONSOLE_DEFAULT_NAME,
+          "%s is not there or does not answer: the arm vents when no target comes for "
+          "safety.target_timeout_s, as after a fault",
+          client.getService().c_str());
+}
+
+}  // namespace helix_arm::ros_bridge
