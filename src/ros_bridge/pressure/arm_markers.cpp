@@ -73,7 +73,8 @@ lie::SE3 standAlongX(const lie::SE3& X) {
 // wherever it is seen, and each line is a marker with a colour of its own.
 std::string lineOfColumn(int i, int n, const std::string& name, double pressure) {
   char value[32];
-  std::snprintf(value, sizeof value, "  %.0f kPa", pressure / 1e3);
+  const double kilopascals = std::round(pressure / 1e3) + 0.0;  // never "-0"
+  std::snprintf(value, sizeof value, "  %.0f kPa", kilopascals);
   return std::string(i, '\n') + name + value + std::string(n - 1 - i, '\n');
 }
 
