@@ -77,7 +77,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
       readVision(scene, document, tags ? tags->family : std::string(), faults);
   const bool pulled_out = model && model->load() && !statics::inPlane(*model->load());
   vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
-  const SimulationConfig simulation = readSimulation(scene, document, faults);
+  const SimulationConfig simulation = readSimulation(scene, document, known_arm, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, document, known_arm, regulator, faults);
   std::optional<Provenance> calibration = readProvenance(scene, document, faults);

@@ -22,6 +22,15 @@ statics::ArmModel deviate(const statics::ArmModel& model, const ArmDeviation& de
           statics::TierSetting{statics::Tier::kExact, 0}};
 }
 
+// One factor per actuator.
+Eigen::VectorXd lengthScalesOf(const ArmDeviation& deviation, int actuators) {
+  const Eigen::VectorXd& each = deviation.length_scales;
+  if (each.size() == 0) return Eigen::VectorXd::Constant(actuators, deviation.length_scale);
+  basics::requireValue(each.size() == actuators, "true arm", "the number of length scales",
+                       each.size(), "one per actuator");
+  return deviation.length_scale * each;
+}
+
 std::string describe(const statics::Load& load) {
   double mass = 0.0;
   for (const double m : load.mass) mass += m;
@@ -43,14 +52,17 @@ void ArmDeviation::validate() const {
   check("the factor on K_kappa", K_kappa_scale);
   check("the factor on the lengths", length_scale);
   check("the factor on K_eps", K_eps_scale);
+  for (const double scale : length_scales) check("the factor on a length", scale);
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
-    : model_(deviate(model, deviation)), length_scale_(deviation.length_scale) {}
+    : model_(deviate(model, deviation)),
+      length_scale_(lengthScalesOf(deviation, arm().actuatorCount())) {}
 
 model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   const Eigen::VectorXd clamped = arm().clamped(pressure);
-  const statics::Solution solution = model_.solveLengths(length_scale_ * arm().lengths(clamped));
+  const statics::Solution solution =
+      model_.solveLengths(length_scale_.cwiseProduct(arm().lengths(clamped)));
   if (!solution.converged()) {
     std::ostringstream message;
     message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "

@@ -19,6 +19,8 @@ struct ArmDeviation {
   double K_kappa_scale = 1.0;  ///< > 0
   double length_scale = 1.0;   ///< factor on the free lengths, > 0
   double K_eps_scale = 1.0;    ///< > 0; no effect on an arm without load
+  /// (n) further factors on the free length of each actuator, > 0; empty: 1 each.
+  Eigen::VectorXd length_scales = {};
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -43,7 +45,7 @@ class TrueArm {
 
  private:
   statics::ArmModel model_;
-  double length_scale_;
+  Eigen::VectorXd length_scale_;  // (n)
 };
 
 /// Configuration of the camera of a simulated rig.
