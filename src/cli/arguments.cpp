@@ -1,6 +1,5 @@
 #include "arguments.hpp"
 
-#include <functional>
 #include <sstream>
 #include <stdexcept>
 
@@ -64,17 +63,6 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
 // As a scene has them.
 constexpr model::Range kTipErrorPercent{2e-7, 100};
 constexpr model::Range kTimeUs{1e-3, 1e9};
-
-// A check of an option's text: a message where it is no number within the range.
-std::function<std::string(const std::string&)> within(const model::Range& range) {
-  return [range](const std::string& text) -> std::string {
-    const std::optional<double> number = io::parseNumber(text);
-    if (number && range.contains(*number)) return {};
-    std::ostringstream message;
-    message << text << " is not a number from " << range.lower << " to " << range.upper;
-    return message.str();
-  };
-}
 
 [[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
                               const std::string& entry) {
@@ -149,6 +137,16 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                       inputText(actuator, actuator.limits.upper));
   }
   return inputs;
+}
+
+std::function<std::string(const std::string&)> within(const model::Range& range) {
+  return [range](const std::string& text) -> std::string {
+    const std::optional<double> number = io::parseNumber(text);
+    if (number && range.contains(*number)) return {};
+    std::ostringstream message;
+    message << text << " is not a number from " << range.lower << " to " << range.upper;
+    return message.str();
+  };
 }
 
 void addTierOptions(CLI::App& command, TierArguments& arguments) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -23,6 +24,9 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global);
 /// @throws CallerError naming the option and the entry that is no finite number, or a wrong count.
 std::vector<double> numberList(const std::string& option, const std::string& text,
                                std::size_t count);
+
+/// A check of an option: from its text a message, empty for a number within the range.
+std::function<std::string(const std::string&)> within(const model::Range& range);
 
 /// Inputs of all actuators [Pa or rad] from the text of a kPa option or else of one in SI units;
 /// exactly one is given.

@@ -41,6 +41,7 @@ Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
+Subcommand addPath(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);
 Subcommand addTrade(CLI::App& app);

@@ -9,7 +9,8 @@ namespace {
 const char* const kNames[] = {"capture", "tag",   "curvature_rad", "pressure_kpa", "length_m",
                               "x_m",     "y_m",   "z_m",           "qx",           "qy",
                               "qz",      "qw",    "x1_px",         "y1_px",        "x2_px",
-                              "y2_px",   "x3_px", "y3_px",         "x4_px",        "y4_px"};
+                              "y2_px",   "x3_px", "y3_px",         "x4_px",        "y4_px",
+                              "time_s"};
 
 // pressure_1_kpa to pressure_999_kpa
 bool isPressure(const std::string& name) {

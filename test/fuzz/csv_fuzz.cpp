@@ -1,11 +1,12 @@
 // Any bytes as a data set: a table of finite numbers or a DocumentError, through every reader of
-// tables; and corners that were read are the same when they are written and read again.
+// tables; and corners and paths that were read are the same when they are written and read again.
 #include <optional>
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "memory_file.hpp"
 
@@ -43,6 +44,19 @@ void roundTrip(const MemoryFile& file, const std::vector<io::TagCornerCapture>& 
   }
 }
 
+// A path that was read is one for control::TipPath, too.
+void roundTrip(const MemoryFile& file, const std::vector<control::TipWayPoint>& points) {
+  const control::TipPath path(points);
+  demand(path.at(path.lastTime()).position.allFinite());
+  const std::string text = io::tipPathCsv(points, "");
+  file.write(text.data(), text.size());
+  const auto again = io::loadTipPath(io::loadDataSet(file.path()));
+  demand(again.size() == points.size());
+  for (std::size_t i = 0; i < again.size(); ++i) {
+    demand(again[i].time == points[i].time && again[i].position == points[i].position);
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
@@ -62,5 +76,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t siz
   read([&] { return io::loadTagPoses(*data, kActuators, lie::SE3()); });
   const auto corners = read([&] { return io::loadTagCorners(*data, kActuators); });
   if (corners) roundTrip(file, *corners);
+  const auto points = read([&] { return io::loadTipPath(*data); });
+  if (points) roundTrip(file, *points);
   return 0;
 }

@@ -15,6 +15,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/io/tag_poses.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "support/bounded_child.hpp"
 #include "support/random.hpp"
@@ -65,6 +66,7 @@ std::vector<Reader> readers() {
       [](const std::string& path) { procedures::loadLengths(loadDataSet(path)); },
       [](const std::string& path) { loadTagPoses(loadDataSet(path), 3, lie::SE3()); },
       [](const std::string& path) { loadTagCorners(loadDataSet(path), 3); },
+      [](const std::string& path) { loadTipPath(loadDataSet(path)); },
       [](const std::string& path) { procedures::loadCaptures(scene, loadDataSet(path)); },
   };
 }
@@ -171,6 +173,7 @@ TEST(HostileFiles, NoMessageHoldsACellOfADataSet) {
       "capture,tag,x_m,y_m,z_m,qx,qy,qz,qw,pressure_1_kpa\n1,3,0,0,0,77123.5,0,0,0,0\n",
       "pressure_1_kpa,curvature_rad\n1,-77123.5\n",
       "pressure_1_kpa,curvature_rad\n1,77123.5,2\n",
+      "time_s,x_m,y_m,z_m\n0,0,0,0\n-77123.5,0,0,77123.5e3\n",
   };
   for (const std::string& table : tables) {
     const TemporaryFile file(table);

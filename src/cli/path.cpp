@@ -1,0 +1,172 @@
+#include <iostream>
+#include <memory>
+#include <sstream>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using control::PathPlane;
+using control::ShapedPath;
+using control::TipWayPoint;
+using nlohmann::json;
+
+constexpr model::Range kRadius{1e-6, 1e6};
+constexpr model::Range kPeriod{1e-3, control::kLongestPath};
+
+struct PathArguments {
+  std::string shape, centre, plane = nameOf(PathPlane::kYz), out;
+  double radius = 0.0, period = 0.0;
+  int turns = 1;
+};
+
+// The names of shapes or planes.
+template <std::size_t kCount, class Named>
+std::vector<std::string> namesOf(const Named (&all)[kCount]) {
+  std::vector<std::string> names;
+  for (const Named named : all) names.emplace_back(nameOf(named));
+  return names;
+}
+
+// The one with a name that the option was checked to have.
+template <std::size_t kCount, class Named>
+Named withName(const std::string& name, const Named (&all)[kCount]) {
+  for (const Named named : all) {
+    if (name == nameOf(named)) return named;
+  }
+  throw CallerError(name + " is no name of a shape or a plane");
+}
+
+ShapedPath pathOf(const PathArguments& arguments) {
+  const std::vector<double> centre = numberList("--centre", arguments.centre, 3);
+  ShapedPath path;
+  path.shape = withName(arguments.shape, control::kTipShapes);
+  path.centre = {centre[0], centre[1], centre[2]};
+  path.radius = arguments.radius;
+  path.period = arguments.period;
+  path.turns = arguments.turns;
+  path.plane = withName(arguments.plane, control::kPathPlanes);
+  return path;
+}
+
+// "circle of radius 0.02 m around [..] m in the plane yz, 1 turn of 20 s"
+std::string describe(const ShapedPath& path) {
+  std::ostringstream text;
+  text << nameOf(path.shape) << " of radius " << path.radius << " m around "
+       << bracketed(path.centre) << " m in the plane " << nameOf(path.plane) << ", " << path.turns
+       << (path.turns == 1 ? " turn of " : " turns of ") << path.period << " s";
+  return text.str();
+}
+
+std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points) {
+  return io::tipPathCsv(points, "Path of the tip, seen from the arm's base: " + describe(path));
+}
+
+json resultJson(const ShapedPath& path, const std::vector<TipWayPoint>& points,
+                const std::string& out) {
+  json result{{"shape", nameOf(path.shape)},
+              {"centre_m", toJson(Eigen::VectorXd(path.centre))},
+              {"radius_m", path.radius},
+              {"period_s", path.period},
+              {"turns", path.turns},
+              {"plane", nameOf(path.plane)},
+              {"points", points.size()},
+              {"duration_s", points.back().time},
+              {"out", nullptr},
+              {"time_s", nullptr},
+              {"position_m", nullptr}};
+  if (!out.empty()) {
+    result["out"] = out;
+    return result;
+  }
+  json times = json::array(), positions = json::array();
+  for (const TipWayPoint& point : points) {
+    times.push_back(point.time);
+    positions.push_back(toJson(Eigen::VectorXd(point.position)));
+  }
+  result["time_s"] = times;
+  result["position_m"] = positions;
+  return result;
+}
+
+CsvTable::Row summaryRow(const ShapedPath& path, const std::vector<TipWayPoint>& points,
+                         const std::string& out) {
+  return {{"shape", nameOf(path.shape)},
+          {"points", std::to_string(points.size())},
+          {"duration_s", exact(points.back().time)},
+          {"out", out}};
+}
+
+int run(const PathArguments& arguments, const GlobalOptions& global) {
+  if (!global.overrides.empty()) {
+    throw CallerError("--set changes a key of a scene, and path reads none; leave out --set");
+  }
+  const ShapedPath path = pathOf(arguments);
+  const std::vector<TipWayPoint> points = control::wayPointsOf(path);
+  const std::string& out = arguments.out;
+  if (!out.empty()) io::writeFileAtomically(out, csvOf(path, points));
+  if (global.format == Format::kJson) {
+    printJson(resultJson(path, points, out));
+  } else if (out.empty()) {
+    std::cout << csvOf(path, points);
+  } else if (global.format == Format::kCsv) {
+    CsvTable table;
+    table.add(summaryRow(path, points, out));
+    table.print(std::cout);
+  } else {
+    std::cout << describe(path) << ": " << points.size() << " points from "
+              << bracketed(points.front().position) << " m in " << out << "\n";
+  }
+  return kDone;
+}
+
+}  // namespace
+
+Subcommand addPath(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("path", "write a shape for the tip to draw");
+  const auto arguments = std::make_shared<PathArguments>();
+  command->add_option("SHAPE", arguments->shape, "circle, square or lemniscate")
+      ->required()
+      ->check(CLI::IsMember(namesOf(control::kTipShapes)));
+  command->add_option("--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z")
+      ->required();
+  command
+      ->add_option("--radius", arguments->radius,
+                   "largest distance from the centre along each axis of the plane [m]; the sides "
+                   "of a square have twice this length")
+      ->required()
+      ->type_name("M")
+      ->check(within(kRadius));
+  command->add_option("--period", arguments->period, "time of one turn [s]")
+      ->required()
+      ->type_name("S")
+      ->check(within(kPeriod));
+  command->add_option("--turns", arguments->turns, "number of turns")
+      ->check(CLI::Range(1, control::kMostTurns))
+      ->capture_default_str();
+  command
+      ->add_option("--plane", arguments->plane,
+                   "plane of the shape, by two axes of the base: xy, xz or yz")
+      ->check(CLI::IsMember(namesOf(control::kPathPlanes)))
+      ->capture_default_str();
+  command->add_option("--out", arguments->out, "path file to write; default: stdout")
+      ->type_name("FILE");
+  command->footer(
+      "A path file has the columns time_s, x_m, y_m, z_m (seen from the arm's base), 200 rows a\n"
+      "turn. A cubic spline at rest at both ends joins them. Shapes run from the plane's first\n"
+      "axis to its second. Circle and lemniscate begin at the centre + radius along the first\n"
+      "axis and have a constant speed. The square begins at the corner centre + radius along\n"
+      "both and rests at each corner: its speed rises and falls for a fifth of a side's time.\n"
+      "json: shape, centre_m, radius_m, period_s, turns, plane, points (number), duration_s,\n"
+      "out (null if absent), time_s and position_m (of all points; null with --out).\n"
+      "text, csv: the path file; with --out a summary.");
+  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,175 @@
+#include <cmath>
+#include <filesystem>
+#include <utility>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kPi = 3.14159265358979323846;
+
+// A shape of radius 0.02 m around (0.35, 0.01, -0.02) m, 8 s a turn.
+Outcome path(const std::string& shape, const std::vector<std::string>& more = {}) {
+  std::vector<std::string> arguments{"path",     shape,  "--centre", "0.35,0.01,-0.02",
+                                     "--radius", "0.02", "--period", "8"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return runCommand(arguments);
+}
+
+// The rows of a path file below its header.
+std::vector<std::vector<double>> pointsOf(const std::string& text) {
+  const auto rows = csvRows(text);
+  EXPECT_EQ(rows.at(0), (std::vector<std::string>{"time_s", "x_m", "y_m", "z_m"}));
+  std::vector<std::vector<double>> points;
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    points.emplace_back();
+    for (const std::string& cell : rows[i]) points.back().push_back(std::stod(cell));
+  }
+  return points;
+}
+
+void expectPoint(const std::vector<double>& point, double time, double x, double y, double z) {
+  ASSERT_EQ(point.size(), 4u);
+  EXPECT_NEAR(point[0], time, 1e-12);
+  EXPECT_NEAR(point[1], x, 1e-12);
+  EXPECT_NEAR(point[2], y, 1e-12);
+  EXPECT_NEAR(point[3], z, 1e-12);
+}
+
+TEST(Path, ACircleStandsOnStdoutAsAPathFile) {
+  for (const char* format : {"text", "csv"}) {
+    const Outcome outcome = path("circle", {"--format", format});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.err, "");
+    const auto points = pointsOf(outcome.out);
+    ASSERT_EQ(points.size(), 201u);
+    for (int i = 0; i <= 200; ++i) {
+      const double angle = 2 * kPi * i / 200;
+      expectPoint(points[i], 0.04 * i, 0.35, 0.01 + 0.02 * std::cos(angle),
+                  -0.02 + 0.02 * std::sin(angle));
+    }
+  }
+}
+
+TEST(Path, SquareAndLemniscateBeginWhereTheHelpSays) {
+  const auto square = pointsOf(path("square").out);
+  ASSERT_EQ(square.size(), 201u);
+  expectPoint(square[0], 0, 0.35, 0.03, 0.0);
+  expectPoint(square[50], 2, 0.35, -0.01, 0.0);
+  expectPoint(square[100], 4, 0.35, -0.01, -0.04);
+  expectPoint(square[150], 6, 0.35, 0.03, -0.04);
+  expectPoint(square[200], 8, 0.35, 0.03, 0.0);
+  const auto lemniscate = pointsOf(path("lemniscate").out);
+  ASSERT_EQ(lemniscate.size(), 201u);
+  expectPoint(lemniscate[0], 0, 0.35, 0.03, -0.02);
+  expectPoint(lemniscate[50], 2, 0.35, 0.01, -0.02);
+  expectPoint(lemniscate[100], 4, 0.35, -0.01, -0.02);
+}
+
+TEST(Path, TurnsAndPlaneAreThoseAskedFor) {
+  const auto points = pointsOf(path("circle", {"--turns", "3", "--plane", "xz"}).out);
+  ASSERT_EQ(points.size(), 601u);
+  expectPoint(points[0], 0, 0.37, 0.01, -0.02);
+  expectPoint(points[50], 2, 0.35, 0.01, 0.0);
+  expectPoint(points[600], 24, 0.37, 0.01, -0.02);
+  expectPoint(pointsOf(path("circle", {"--plane", "xy"}).out)[50], 2, 0.35, 0.03, -0.02);
+}
+
+TEST(Path, AFileHoldsWhatStdoutWouldAndIsAPath) {
+  const TemporaryFolder folder;
+  const std::string file = folder / "circle.csv";
+  const Outcome text = path("circle", {"--out", file});
+  ASSERT_EQ(text.exit_code, 0) << text.err;
+  EXPECT_EQ(text.out,
+            "circle of radius 0.02 m around [0.350000, 0.010000, -0.020000] m in the plane yz, 1 "
+            "turn of 8 s: 201 points from [0.350000, 0.030000, -0.020000] m in " +
+                file + "\n");
+  EXPECT_EQ(contentOf(file), path("circle").out);
+  const control::TipPath read(io::loadTipPath(io::loadDataSet(file)));
+  EXPECT_EQ(read.lastTime(), 8.0);
+  const Outcome csv = path("square", {"--turns", "2", "--out", file, "--format", "csv"});
+  EXPECT_EQ(csv.out, "shape,points,duration_s,out\nsquare,401,16," + file + "\n");
+  EXPECT_EQ(contentOf(file), path("square", {"--turns", "2"}).out);
+}
+
+TEST(Path, JsonHoldsThePointsOrTheFile) {
+  const json printed = path("lemniscate", {"--turns", "2", "--format", "json"}).json();
+  EXPECT_EQ(printed["shape"], "lemniscate");
+  EXPECT_EQ(numbersOf(printed["centre_m"]), (std::vector<double>{0.35, 0.01, -0.02}));
+  EXPECT_EQ(printed["radius_m"], 0.02);
+  EXPECT_EQ(printed["period_s"], 8.0);
+  EXPECT_EQ(printed["turns"], 2);
+  EXPECT_EQ(printed["plane"], "yz");
+  EXPECT_EQ(printed["points"], 401);
+  EXPECT_EQ(printed["duration_s"], 16.0);
+  EXPECT_TRUE(printed["out"].is_null());
+  const auto points = pointsOf(path("lemniscate", {"--turns", "2"}).out);
+  ASSERT_EQ(printed["time_s"].size(), points.size());
+  ASSERT_EQ(printed["position_m"].size(), points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    std::vector<double> point = numbersOf(printed["position_m"][i]);
+    point.insert(point.begin(), printed["time_s"][i].get<double>());
+    EXPECT_EQ(point, points[i]);
+  }
+  const TemporaryFolder folder;
+  const json written = path("circle", {"--out", folder / "c.csv", "--format", "json"}).json();
+  EXPECT_EQ(written["out"], folder / "c.csv");
+  EXPECT_TRUE(written["time_s"].is_null());
+  EXPECT_TRUE(written["position_m"].is_null());
+}
+
+TEST(Path, CallsThatCannotBeServedAreRefusedAndLeaveNothing) {
+  const TemporaryFolder folder;
+  const std::string file = folder / "path.csv";
+  const auto refused = [&](std::vector<std::string> arguments, const std::string& message) {
+    arguments.insert(arguments.begin(), {"path", "--out", file});
+    expectCallerError(runCommand(arguments), message);
+  };
+  const auto with = [&](const std::string& option, const std::string& value) {
+    std::vector<std::string> arguments{"circle"};
+    for (const auto& [name, usual] : {std::pair{"--centre", "0,0,0"}, std::pair{"--radius", "0.02"},
+                                      std::pair{"--period", "8"}}) {
+      arguments.insert(arguments.end(), {name, name == option ? value : usual});
+    }
+    if (option == "--turns" || option == "--plane" || option == "--set") {
+      arguments.insert(arguments.end(), {option, value});
+    }
+    return arguments;
+  };
+  refused({"triangle", "--centre", "0,0,0", "--radius", "1", "--period", "1"}, "triangle");
+  refused({"circle", "--radius", "1", "--period", "1"}, "--centre is required");
+  refused({"circle", "--centre", "0,0,0", "--period", "1"}, "--radius is required");
+  refused({"circle", "--centre", "0,0,0", "--radius", "1"}, "--period is required");
+  refused(with("--centre", "1,2"), "--centre has 2 values; expected 3");
+  refused(with("--centre", "1,x,2"), "--centre has \"x\" as value 2; expected finite numbers");
+  refused(with("--centre", "2e6,0,0"), "has x = 2e+06 m in its centre; expected a finite value");
+  for (const char* value : {"0", "-0.02", "nan", "2e6", "2cm"}) {
+    refused(with("--radius", value),
+            std::string("--radius: ") + value + " is not a number from 1e-06 to 1e+06");
+  }
+  for (const char* value : {"0", "-1", "inf", "2e6"}) {
+    refused(with("--period", value),
+            std::string("--period: ") + value + " is not a number from 0.001 to 1e+06");
+  }
+  refused(with("--turns", "0"), "--turns");
+  refused(with("--turns", "500"), "--turns");
+  refused(with("--plane", "zy"), "--plane");
+  refused(with("--set", "arm.a=1"), "path reads none; leave out --set");
+  std::vector<std::string> too_long = with("--period", "1e6");
+  too_long.insert(too_long.end(), {"--turns", "2"});
+  refused(too_long, "period is 1e+06; expected at least 4e-4 s, and at most 1e6 s for all turns");
+  EXPECT_FALSE(std::filesystem::exists(file));
+  expectCallerError(path("circle", {"--out", folder / "none/path.csv"}), "none/path.csv");
+  expectCallerError(path("circle", {"--out", folder.path()}), folder.path());
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,346 @@
+#include "helix_arm/control/tip_path.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "support/allocation_counter.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::control {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+const double kNan = std::nan("");
+const double kInfinity = std::numeric_limits<double>::infinity();
+
+// One cubic polynomial per axis, and its derivative.
+struct Cubic {
+  Eigen::Matrix<double, 3, 4> c;
+  Vector3d at(double t) const { return c * Eigen::Vector4d(1, t, t * t, t * t * t); }
+  Vector3d slope(double t) const { return c * Eigen::Vector4d(0, 1, 2 * t, 3 * t * t); }
+};
+
+// Uneven times from 0 to 1, both included.
+std::vector<double> unevenTimes(test::Random& random, int count) {
+  std::vector<double> times{0.0, 1.0};
+  for (int i = 2; i < count; ++i) times.push_back(random.uniform(0.001, 0.999));
+  std::sort(times.begin(), times.end());
+  return times;
+}
+
+std::vector<TipWayPoint> randomPoints(test::Random& random, int count) {
+  std::vector<TipWayPoint> points;
+  for (int i = 0; i < count; ++i) {
+    const double last = points.empty() ? 0.5 : points.back().time;
+    points.push_back({last + random.uniform(0.05, 0.5), 0.1 * random.direction<3>()});
+  }
+  return points;
+}
+
+Matrix3d turned(const Vector3d& axis, double angle) {
+  return Eigen::AngleAxisd(angle, axis.normalized()).toRotationMatrix();
+}
+
+TEST(TipPath, WithVelocitiesEveryCubicIsReproduced) {
+  test::Random random(1);
+  for (int k = 0; k < 20; ++k) {
+    Cubic cubic;
+    for (int i = 0; i < cubic.c.size(); ++i) cubic.c(i) = random.uniform(-1, 1);
+    std::vector<TipWayPoint> points;
+    for (const double t : unevenTimes(random, 6)) {
+      points.push_back({t, cubic.at(t), std::nullopt, cubic.slope(t)});
+    }
+    const TipPath path(points);
+    for (int i = 0; i <= 100; ++i) {
+      const TipReference reference = path.at(0.01 * i);
+      EXPECT_LT((reference.position - cubic.at(0.01 * i)).norm(), 1e-14);
+      EXPECT_LT((reference.velocity - cubic.slope(0.01 * i)).norm(), 1e-10);
+    }
+  }
+}
+
+// The only cubic that rests at both ends is the spline through its own points, wherever they lie.
+TEST(TipPath, WithoutVelocitiesACubicAtRestAtBothEndsIsReproduced) {
+  test::Random random(2);
+  for (const int count : {2, 3, 4, 20, 300}) {
+    const Vector3d from = random.direction<3>(), change = random.direction<3>();
+    Cubic cubic;
+    cubic.c << from, Vector3d::Zero(), 3 * change, -2 * change;
+    std::vector<TipWayPoint> points;
+    for (const double t : unevenTimes(random, count)) points.push_back({t, cubic.at(t)});
+    const TipPath path(points);
+    for (int i = 0; i <= 100; ++i) {
+      const TipReference reference = path.at(0.01 * i);
+      EXPECT_LT((reference.position - cubic.at(0.01 * i)).norm(), 1e-14) << count;
+      EXPECT_LT((reference.velocity - cubic.slope(0.01 * i)).norm(), 1e-9) << count;
+    }
+  }
+}
+
+TEST(TipPath, PassesItsPointsAtTheirTimes) {
+  test::Random random(3);
+  const std::vector<TipWayPoint> points = randomPoints(random, 30);
+  const TipPath path(points);
+  EXPECT_EQ(path.firstTime(), points.front().time);
+  EXPECT_EQ(path.lastTime(), points.back().time);
+  for (const TipWayPoint& point : points) {
+    EXPECT_LT((path.at(point.time).position - point.position).norm(), 1e-15);
+  }
+}
+
+TEST(TipPath, VelocityIsTheDerivativeOfPosition) {
+  test::Random random(4);
+  std::vector<TipWayPoint> points = randomPoints(random, 20);
+  for (const bool given : {false, true}) {
+    for (TipWayPoint& point : points) {
+      if (given) point.velocity = random.direction<3>();
+    }
+    const TipPath path(points);
+    constexpr double kStep = 1e-5;
+    for (int i = 0; i < 500; ++i) {
+      const double t = random.uniform(path.firstTime() + kStep, path.lastTime() - kStep);
+      const Vector3d difference =
+          (path.at(t + kStep).position - path.at(t - kStep).position) / (2 * kStep);
+      EXPECT_LT((path.at(t).velocity - difference).norm(), 1e-6);
+    }
+  }
+}
+
+// Acceleration on each side of a point, linear there: from two differences of the velocity.
+TEST(TipPath, WithoutVelocitiesAccelerationIsContinuousAndTheEndsAreAtRest) {
+  test::Random random(5);
+  const std::vector<TipWayPoint> points = randomPoints(random, 30);
+  const TipPath path(points);
+  constexpr double kStep = 1e-3;
+  const auto acceleration = [&path](double t, double side) {
+    const Vector3d v0 = path.at(t).velocity, v1 = path.at(t + side).velocity,
+                   v2 = path.at(t + 2 * side).velocity;
+    return Vector3d((4 * v1 - 3 * v0 - v2) / (2 * side));
+  };
+  double largest = 0;
+  for (std::size_t i = 1; i + 1 < points.size(); ++i) {
+    const Vector3d before = acceleration(points[i].time, -kStep);
+    EXPECT_LT((before - acceleration(points[i].time, kStep)).norm(), 1e-9) << i;
+    largest = std::max(largest, before.norm());
+  }
+  EXPECT_GT(largest, 1.0);
+  EXPECT_EQ(path.at(path.firstTime()).velocity, Vector3d(0, 0, 0));
+  EXPECT_LT(path.at(path.lastTime()).velocity.norm(), 1e-14);
+}
+
+TEST(TipPath, RestsAtItsEndsBeforeAndAfter) {
+  const Vector3d v(1, 2, 3);
+  const Matrix3d R = turned({0, 0, 1}, 0.5);
+  const TipPath path({{1.0, {1, 0, 0}, Matrix3d::Identity(), v}, {2.0, {0, 1, 0}, R, v}});
+  EXPECT_EQ(path.at(1.0).velocity, v);
+  EXPECT_LT((path.at(2.0).velocity - v).norm(), 1e-14);
+  for (const double t : {-kInfinity, -1.0, 0.0, std::nextafter(1.0, 0.0), kNan}) {
+    const TipReference reference = path.at(t);
+    EXPECT_EQ(reference.position, Vector3d(1, 0, 0)) << t;
+    EXPECT_EQ(*reference.rotation, Matrix3d::Identity()) << t;
+    EXPECT_EQ(reference.velocity, Vector3d(0, 0, 0)) << t;
+    EXPECT_EQ(reference.angular_velocity, Vector3d(0, 0, 0)) << t;
+  }
+  for (const double t : {std::nextafter(2.0, 3.0), 3.0, kInfinity}) {
+    const TipReference reference = path.at(t);
+    EXPECT_EQ(reference.position, Vector3d(0, 1, 0)) << t;
+    EXPECT_LT((*reference.rotation - R).norm(), 1e-15) << t;
+    EXPECT_EQ(reference.velocity, Vector3d(0, 0, 0)) << t;
+    EXPECT_EQ(reference.angular_velocity, Vector3d(0, 0, 0)) << t;
+  }
+}
+
+TEST(TipPath, RotationsTurnEvenlyAboutTheAxisFromPointToPoint) {
+  const Vector3d axis = Vector3d(1, -2, 0.5).normalized();
+  const TipPath path({{0.0, {0, 0, 0}, turned(axis, -0.4)},
+                      {2.0, {0, 0, 0}, turned(axis, 2.0)},
+                      {3.0, {0, 0, 0}, turned(axis, 1.0)}});
+  EXPECT_TRUE(path.hasRotations());
+  for (const double t : {0.0, 0.3, 1.0, 1.999}) {
+    EXPECT_LT((*path.at(t).rotation - turned(axis, -0.4 + 1.2 * t)).norm(), 1e-15) << t;
+    EXPECT_LT((path.at(t).angular_velocity - 1.2 * axis).norm(), 1e-15) << t;
+  }
+  for (const double t : {2.0, 2.5, 3.0}) {
+    EXPECT_LT((*path.at(t).rotation - turned(axis, 4.0 - t)).norm(), 1e-15) << t;
+    EXPECT_LT((path.at(t).angular_velocity + axis).norm(), 1e-15) << t;
+  }
+}
+
+TEST(TipPath, AngularVelocityIsThatOfTheRotationSeenFromTheBase) {
+  test::Random random(6);
+  std::vector<TipWayPoint> points = randomPoints(random, 10);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Matrix3d turn = turned(random.direction<3>(), random.uniform(-2.9, 2.9));
+    points[i].rotation = i == 0 ? turn : Matrix3d(*points[i - 1].rotation * turn);
+  }
+  const TipPath path(points);
+  constexpr double kStep = 1e-6;
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    const double t = 0.5 * (points[i - 1].time + points[i].time);
+    const Eigen::AngleAxisd turn(
+        Matrix3d(*path.at(t + kStep).rotation * path.at(t - kStep).rotation->transpose()));
+    const Vector3d w = turn.angle() * turn.axis() / (2 * kStep);
+    EXPECT_LT((path.at(t).angular_velocity - w).norm(), 1e-8 * (1 + w.norm()) + 1e-8) << i;
+    EXPECT_LT((*path.at(points[i].time).rotation - *points[i].rotation).norm(), 1e-14) << i;
+  }
+}
+
+TEST(TipPath, WithoutRotationsAnyOrientationWillDo) {
+  const TipPath path({{0.0, {0, 0, 0}}, {1.0, {1, 0, 0}}});
+  EXPECT_FALSE(path.hasRotations());
+  EXPECT_FALSE(path.at(0.5).rotation);
+  EXPECT_EQ(path.at(0.5).angular_velocity, Vector3d(0, 0, 0));
+}
+
+TEST(TipPath, IsFiniteAtTheEndsOfItsRules) {
+  test::Random random(7);
+  for (int k = 0; k < 50; ++k) {
+    std::vector<TipWayPoint> points;
+    for (double time = 0; time < 0.5 * kLongestPath && points.size() < 100;) {
+      points.push_back({time, {1e6, -1e6, random.uniform(-1e6, 1e6)}});
+      if (k % 2 == 0) points.back().velocity = Vector3d(1e6, -1e6, 0);
+      time += random.logUniform(1.01 * kShortestStep, 0.4 * kLongestPath);
+    }
+    points.push_back({kLongestPath, {-1e6, 1e6, 0}});
+    if (k % 2 == 0) points.back().velocity = Vector3d(-1e6, 0, 1e6);
+    const TipPath path(points);
+    for (int i = 0; i < 1000; ++i) {
+      const TipReference reference = path.at(random.logUniform(1e-7, 2 * kLongestPath));
+      EXPECT_TRUE(reference.position.allFinite() && reference.velocity.allFinite());
+    }
+  }
+}
+
+TEST(TipPath, IsAskedWithoutAllocationsInAnyOrder) {
+  test::Random random(8);
+  std::vector<TipWayPoint> points = randomPoints(random, 1000);
+  for (TipWayPoint& point : points) point.rotation = turned({1, 0, 0}, random.uniform(0, 1));
+  const TipPath path(points);
+  static_assert(noexcept(path.at(0.0)));
+  std::vector<double> times, forward, backward;
+  for (double t = 0; t < path.lastTime() + 1; t += 0.1) times.push_back(t);
+  forward.reserve(times.size());
+  backward.reserve(times.size());
+  const test::AllocationCounter counter;
+  for (const double t : times) forward.push_back(path.at(t).position.x());
+  for (std::size_t i = times.size(); i-- > 0;) backward.push_back(path.at(times[i]).position.x());
+  EXPECT_EQ(counter.count(), 0u);
+  std::reverse(backward.begin(), backward.end());
+  EXPECT_EQ(forward, backward);
+}
+
+// ---- Refusals -----------------------------------------------------------------------------------
+
+std::string refusalOf(const std::vector<TipWayPoint>& points) {
+  return test::refusal([&points] { const TipPath path(points); });
+}
+
+// Three sound points with rotations and velocities, one of which is spoilt.
+std::string spoilt(const std::function<void(std::vector<TipWayPoint>& points)>& spoil) {
+  const Matrix3d I = Matrix3d::Identity();
+  const Vector3d rest = Vector3d::Zero();
+  std::vector<TipWayPoint> points{
+      {0.5, {0, 0, 0}, I, rest}, {1.0, {0, 0, 0}, I, rest}, {2.0, {0, 0, 0}, I, rest}};
+  spoil(points);
+  return refusalOf(points);
+}
+
+TEST(TipPath, FaultsNameThePointItsValueTheRuleAndTheRemedy) {
+  using Points = std::vector<TipWayPoint>;
+  const struct {
+    std::function<void(Points& points)> spoil;
+    std::string message;
+  } kFaults[] = {
+      {[](Points&) {}, "accepted"},
+      {[](Points& p) { p[0].time = -0.1; },
+       "tip path: point 1 has the time -0.1 s; expected 0 to 1e+06 s: count from the start of the "
+       "path"},
+      {[](Points& p) { p[2].time = 1.1e6; },
+       "tip path: point 3 has the time 1.1e+06 s; expected 0 to 1e+06 s: count from the start of "
+       "the path"},
+      {[](Points& p) { p[1].time = kNan; },
+       "tip path: point 2 has the time nan s; expected 0 to 1e+06 s: count from the start of the "
+       "path"},
+      {[](Points& p) { p[2].time = 0.75; },
+       "tip path: point 3 comes -0.25 s after point 2; expected at least 1e-06 s: sort the points "
+       "by time and leave out repeated ones"},
+      {[](Points& p) { p[1].time = p[0].time; },
+       "tip path: point 2 comes 0 s after point 1; expected at least 1e-06 s: sort the points by "
+       "time and leave out repeated ones"},
+      {[](Points& p) { p[1].position.y() = kNan; },
+       "tip path: point 2 has y = nan m in its position; expected a finite value of magnitude at "
+       "most 1e+06: give it in m, seen from the arm's base"},
+      {[](Points& p) { p[2].position.z() = -2e6; },
+       "tip path: point 3 has z = -2e+06 m in its position; expected a finite value of magnitude "
+       "at most 1e+06: give it in m, seen from the arm's base"},
+      {[](Points& p) { p[0].velocity->x() = kInfinity; },
+       "tip path: point 1 has x = inf m/s in its velocity; expected a finite value of magnitude at "
+       "most 1e+06: give it in m/s, seen from the arm's base"},
+      {[](Points& p) { p[2].velocity.reset(); },
+       "tip path: point 3 has no velocity, unlike point 1; expected a velocity for all points or "
+       "for none"},
+      {[](Points& p) {
+         p[0].rotation.reset();
+         p[1].rotation.reset();
+       },
+       "tip path: point 3 has a rotation, unlike point 1; expected a rotation for all points or "
+       "for none"},
+      {[](Points& p) { *p[1].rotation *= 1.1; },
+       "tip path: point 2 has a rotation R with R R' off the identity by 0.21; expected at most "
+       "1e-06: normalise its quaternion"},
+      {[](Points& p) { (*p[1].rotation)(0, 1) = kNan; },
+       "tip path: point 2 has a rotation R with R R' off the identity by nan; expected at most "
+       "1e-06: normalise its quaternion"},
+      {[](Points& p) { *p[2].rotation *= -1; },
+       "tip path: point 3 has a rotation with determinant -1, a mirror image; expected +1: check "
+       "the order and signs of its axes"},
+      {[](Points& p) {
+         p[1].rotation = turned({0, 0, 1}, 3.1);
+       },
+       "tip path: point 2 is turned by 3.1 rad from point 1; expected at most 3 rad, less than a "
+       "half turn: add a point between them"},
+  };
+  for (const auto& fault : kFaults) EXPECT_EQ(spoilt(fault.spoil), fault.message);
+}
+
+TEST(TipPath, EveryLimitIsKeptFromBothSides) {
+  const auto timed = [](double first, double second) {
+    return refusalOf({{first, {0, 0, 0}}, {second, {1, 0, 0}}});
+  };
+  EXPECT_EQ(timed(0, kShortestStep), "accepted");
+  EXPECT_NE(timed(0, 0.99 * kShortestStep), "accepted");
+  EXPECT_EQ(timed(0, kLongestPath), "accepted");
+  EXPECT_NE(timed(0, std::nextafter(kLongestPath, kInfinity)), "accepted");
+  const auto placed = [](double x) { return refusalOf({{0, {0, x, 0}}, {1, {0, 0, x}}}); };
+  EXPECT_EQ(placed(1e6), "accepted");
+  EXPECT_EQ(placed(-1e6), "accepted");
+  EXPECT_NE(placed(std::nextafter(1e6, kInfinity)), "accepted");
+  const auto turnedBy = [](double angle) {
+    return refusalOf(
+        {{0, {0, 0, 0}, Matrix3d::Identity()}, {1, {0, 0, 0}, turned({1, 1, 0}, angle)}});
+  };
+  EXPECT_EQ(turnedBy(kLargestTurn - 1e-9), "accepted");
+  EXPECT_NE(turnedBy(kLargestTurn + 1e-9), "accepted");
+  std::vector<TipWayPoint> points(kMostWayPoints + 1);
+  for (std::size_t i = 0; i < points.size(); ++i) points[i].time = static_cast<double>(i);
+  const std::string rule =
+      " points; expected 2 to 100000: send a single place as a target, and a longer path in parts";
+  EXPECT_EQ(refusalOf(points), "tip path: has 100001" + rule);
+  points.resize(kMostWayPoints);
+  EXPECT_EQ(refusalOf(points), "accepted");
+  points.resize(1);
+  EXPECT_EQ(refusalOf(points), "tip path: has 1" + rule);
+  EXPECT_EQ(refusalOf({}), "tip path: has 0" + rule);
+}
+
+}  // namespace
+}  // namespace helix_arm::control
