@@ -33,7 +33,7 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& 
 const DocumentKind& sceneKind() {
   static const DocumentKind kind{
       {"name", "contractions", "arm", "load", "tier", "order", "accuracy", "budget", "tags",
-       "camera", "vision", "simulation", "regulator", "safety", "calibration"},
+       "camera", "vision", "simulation", "regulator", "safety", "follow", "calibration"},
       {"name", "contractions", "arm"},
       2};
   return kind;

@@ -3,6 +3,7 @@
 
 #include "camera_reader.hpp"
 #include "document.hpp"
+#include "follow_reader.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -77,9 +78,10 @@ Scene makeScene(const Value& document, FaultList& faults) {
       readVision(scene, document, tags ? tags->family : std::string(), faults);
   const bool pulled_out = model && model->load() && !statics::inPlane(*model->load());
   vision.fit.planar = known_arm != nullptr && known_arm->planar.has_value() && !pulled_out;
-  const SimulationConfig simulation = readSimulation(scene, document, faults);
+  const SimulationConfig simulation = readSimulation(scene, document, known_arm, faults);
   const auto regulator = readRegulator(scene, document, known_arm, faults);
   const SafetyConfig safety = readSafety(scene, document, known_arm, regulator, faults);
+  const FollowConfig follow = readFollow(scene, document, safety, regulator, faults);
   std::optional<Provenance> calibration = readProvenance(scene, document, faults);
   faults.throwIfAny();
   const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();
@@ -101,6 +103,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
           vision,
           simulation,
           safety,
+          follow,
           std::move(calibration),
           {}};
 }

@@ -16,12 +16,21 @@ const NumberRule kGrayNoise = within(kNotNegative, 0, 255, " gray levels");
 const NumberRule kExposure = within(kPositive, 1e-3, 1e3);
 const NumberRule kBleed = within(kNotNegative, 0, 0.1, " m");
 
-simulation::ArmDeviation readDeviation(const MapReader& keys) {
+// @param actuators  0 if the arm has faults: the number of length scales is then not checked.
+simulation::ArmDeviation readDeviation(const MapReader& keys, int actuators) {
   simulation::ArmDeviation arm;
   arm.K_gamma_scale = keys.number("K_gamma_scale", kStiffnessScale, arm.K_gamma_scale);
   arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
   arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
   arm.K_eps_scale = keys.number("K_eps_scale", kStiffnessScale, arm.K_eps_scale);
+  if (keys.has("length_scales")) {
+    const auto scales =
+        keys.numbers("length_scales", static_cast<std::size_t>(actuators), kLengthScale);
+    if (scales) {
+      arm.length_scales = Eigen::Map<const Eigen::VectorXd>(
+          scales->data(), static_cast<Eigen::Index>(scales->size()));
+    }
+  }
   return arm;
 }
 
@@ -58,15 +67,18 @@ simulation::SimulatedCameraConfig readPictures(const MapReader& keys) {
 
 }  // namespace
 
-SimulationConfig readSimulation(const MapReader& scene, const Value& document, FaultList& faults) {
+SimulationConfig readSimulation(const MapReader& scene, const Value& document, const ArmParts* arm,
+                                FaultList& faults) {
   SimulationConfig config;
   const Value* value = document.find("simulation");
   if (value == nullptr) return config;
   const MapReader simulation(*value, scene.path("simulation"), {"arm", "mounts", "camera"}, faults);
-  if (const Value* arm = value->find("arm")) {
-    config.arm = readDeviation(
-        MapReader(*arm, simulation.path("arm"),
-                  {"K_gamma_scale", "K_kappa_scale", "length_scale", "K_eps_scale"}, faults));
+  if (const Value* deviation = value->find("arm")) {
+    config.arm = readDeviation(MapReader(*deviation, simulation.path("arm"),
+                                         {"K_gamma_scale", "K_kappa_scale", "length_scale",
+                                          "length_scales", "K_eps_scale"},
+                                         faults),
+                               arm == nullptr ? 0 : arm->arm.actuatorCount());
   }
   if (const Value* mounts = value->find("mounts")) {
     config.mounts = readMounts(MapReader(*mounts, simulation.path("mounts"),

@@ -1,11 +1,14 @@
 #pragma once
 
+#include "arm_reader.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
 
 /// Reads `simulation`; defaults for what the scene omits.
-SimulationConfig readSimulation(const MapReader& scene, const Value& document, FaultList& faults);
+/// @param arm  null if the arm has faults.
+SimulationConfig readSimulation(const MapReader& scene, const Value& document, const ArmParts* arm,
+                                FaultList& faults);
 
 }  // namespace helix_arm::io

@@ -8,7 +8,6 @@ namespace {
 
 constexpr double kSettledWithin = 0.002;  // [m]
 constexpr double kSettledPart = 0.05;     // of the step
-constexpr double kSteadyTime = 1.0;       // at the end of each tip [s]
 
 double errorOf(const FollowRow& row) { return (row.true_tip - *row.wanted).norm(); }
 
@@ -33,39 +32,36 @@ std::optional<double> settleTime(Rows begin, Rows end) {
   return (last_outside + 1)->time - begin->time;
 }
 
-void addTips(const std::vector<FollowRow>& rows, int tips, FollowFigures& out) {
+}  // namespace
+
+FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips) {
+  FollowFigures out;
   const auto count = static_cast<std::ptrdiff_t>(rows.size());
   for (int k = 0; k < tips; ++k) {
     const Rows begin = rows.begin() + count * k / tips, end = rows.begin() + count * (k + 1) / tips;
-    if (begin == end) continue;
     out.settle.push_back(settleTime(begin, end));
-    const double from = (end - 1)->time - kSteadyTime;
+    const double from = (end - 1)->time - kLeastTipTime;
     const Rows steady =
         std::find_if(begin, end, [from](const FollowRow& row) { return row.time >= from; });
     out.steady_rms.push_back(rms(steady, end));
+    out.unreachable.push_back((end - 1)->unreachable);
   }
+  return out;
 }
 
-void addPath(const std::vector<FollowRow>& rows, FollowFigures& out) {
+FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration) {
+  FollowFigures out;
   const Rows begin = std::find_if(rows.begin(), rows.end(), [](const FollowRow& row) {
     return row.path_time && *row.path_time >= 0;
   });
-  if (begin == rows.end()) return;
-  out.path_rms = rms(begin, rows.end());
+  const Rows end = std::find_if(begin, rows.end(), [duration](const FollowRow& row) {
+    return !row.path_time || *row.path_time > duration;
+  });
+  if (begin == end) return out;
+  out.path_rms = rms(begin, end);
   double most = 0.0;
-  for (Rows row = begin; row != rows.end(); ++row) most = std::max(most, errorOf(*row));
+  for (Rows row = begin; row != end; ++row) most = std::max(most, errorOf(*row));
   out.path_max = most;
-}
-
-}  // namespace
-
-FollowFigures figuresOf(const std::vector<FollowRow>& rows, int tips) {
-  FollowFigures out;
-  if (tips > 0) {
-    addTips(rows, tips, out);
-  } else {
-    addPath(rows, out);
-  }
   return out;
 }
 

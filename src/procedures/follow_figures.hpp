@@ -6,7 +6,9 @@
 
 namespace helix_arm::procedures {
 
-/// @param tips  number of tips that share the rows' time evenly; 0 for a path.
-FollowFigures figuresOf(const std::vector<FollowRow>& rows, int tips);
+/// @param tips  number of tips that share the rows' time evenly.
+FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips);
+/// @param duration  of the path [s].
+FollowFigures pathFigures(const std::vector<FollowRow>& rows, double duration);
 
 }  // namespace helix_arm::procedures

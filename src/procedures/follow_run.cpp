@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/follow_run.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <variant>
@@ -11,8 +12,10 @@
 namespace helix_arm::procedures {
 namespace {
 
+constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
+// Of a scene without a simulated regulator, one that gives whatever the actuators stand.
 regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
                               ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
@@ -21,7 +24,9 @@ regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uin
   if (simulated != nullptr) {
     out = *simulated;
   } else {
-    out.time_constant = scene.safety.rules.time_constant;
+    out.time_constant = scene.follow.loop.time_constant;
+    out.noise = scene.follow.loop.reading_noise;
+    out.supply_pressure = scene.arm.inputAt(1.0).maxCoeff();
   }
   out.seed = seed;
   return out;
@@ -34,6 +39,7 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) 
   camera->config.seed = plan.seed;
   const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
   simulation::LockstepConfig config;
+  config.step = kTurn;
   config.latency = plan.latency;
   config.blind = plan.blind;
   return simulation::Lockstep(
@@ -60,17 +66,20 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   row.pressure = pressure;
   row.state = turn.state;
   row.path_time = turn.path_time;
+  row.unreachable = turn.commands && turn.status == statics::InverseStatus::kUnreachable;
   return row;
 }
 
 }  // namespace
 
-follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
-  follow::SightLoopConfig out;
-  out.filter.planar = scene.planar.has_value();
-  out.time_constant = scene.safety.rules.time_constant;
-  out.reading_noise = regulatorOf(scene, 1).noise;
-  return out;
+std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path) {
+  statics::InverseSolver solver(scene.model);
+  follow::PathRules rules;
+  const auto& channels = scene.safety.channels;
+  rules.slew.resize(static_cast<Eigen::Index>(channels.size()));
+  std::transform(channels.begin(), channels.end(), rules.slew.begin(),
+                 [](const control::ChannelRules& channel) { return channel.slew; });
+  return follow::checkPath(path, scene.arm, solver, scene.arm.inputAt(0.0), rules);
 }
 
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
@@ -79,14 +88,17 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
                        "the duration [s]", plan.seconds, "a finite value > 0");
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
+  const auto tips = static_cast<std::int64_t>(plan.tips.size());
+  const double least = kLeastTipTime * static_cast<double>(tips);
+  basics::requireValue(plan.seconds >= least, "follow", "the duration [s]", plan.seconds,
+                       "at least 1 s for each tip");
   simulation::Lockstep lockstep = lockstepOf(scene, plan);
   follow::SightLoop& loop = lockstep.loop();
   if (plan.open) loop.close(false);
   if (plan.path) loop.follow(*plan.path);
 
   FollowResult out;
-  const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / 0.01));
-  const auto tips = static_cast<std::int64_t>(plan.tips.size());
+  const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / kTurn));
   double last_stamp = -1.0, told = 0.0;
   for (std::int64_t k = 0; k < turns; ++k) {
     if (tips > 0 && (k == 0 || k * tips / turns != (k - 1) * tips / turns)) {
@@ -99,13 +111,18 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
     if (out.states.empty() || out.states.back().state != turn.state) {
       out.states.push_back({lockstep.time(), turn.state});
     }
+    out.pictures = lockstep.picturesAccepted();
+    if (lockstep.core().state() != control::SafetyState::kEnabled) {
+      out.vented = lockstep.core().reason();
+      return out;
+    }
     if (progress && lockstep.time() >= told + kProgressPeriod) {
       told = lockstep.time();
-      if (!progress(told)) break;
+      if (!progress(told)) return out;
     }
   }
-  out.pictures = lockstep.picturesAccepted();
-  out.figures = figuresOf(out.rows, static_cast<int>(tips));
+  out.figures = plan.path ? pathFigures(out.rows, plan.path->lastTime())
+                          : tipFigures(out.rows, static_cast<int>(tips));
   return out;
 }
 

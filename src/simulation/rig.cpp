@@ -29,6 +29,15 @@ statics::ArmModel deviate(const model::Arm& arm, const std::optional<statics::Lo
   return {std::move(deviating), std::nullopt, load, kExact};
 }
 
+// One factor per actuator.
+Eigen::VectorXd lengthScalesOf(const ArmDeviation& deviation, int actuators) {
+  const Eigen::VectorXd& each = deviation.length_scales;
+  if (each.size() == 0) return Eigen::VectorXd::Constant(actuators, deviation.length_scale);
+  basics::requireValue(each.size() == actuators, "true arm", "the number of length scales",
+                       each.size(), "one per actuator");
+  return deviation.length_scale * each;
+}
+
 std::string text(const Eigen::Vector3d& vector) {
   std::ostringstream out;
   out << "(" << vector.x() << ", " << vector.y() << ", " << vector.z() << ")";
@@ -58,12 +67,13 @@ void ArmDeviation::validate() const {
   check("the factor on K_kappa", K_kappa_scale);
   check("the factor on the lengths", length_scale);
   check("the factor on K_eps", K_eps_scale);
+  for (const double scale : length_scales) check("the factor on a length", scale);
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
     : load_(deviate(model.load(), deviation)),
       model_(deviate(model.arm(), load_, deviation)),
-      length_scale_(deviation.length_scale) {}
+      length_scale_(lengthScalesOf(deviation, model.arm().actuatorCount())) {}
 
 void TrueArm::setTipForce(const Eigen::Vector3d& force) {
   basics::require(force.allFinite(), "true arm: the force at the tip is ", text(force),
@@ -86,7 +96,8 @@ void TrueArm::setTipForce(const Eigen::Vector3d& force) {
 
 model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   const Eigen::VectorXd clamped = arm().clamped(pressure);
-  const statics::Solution solution = model().solveLengths(length_scale_ * arm().lengths(clamped));
+  const statics::Solution solution =
+      model().solveLengths(length_scale_.cwiseProduct(arm().lengths(clamped)));
   if (!solution.converged()) {
     std::ostringstream message;
     message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "

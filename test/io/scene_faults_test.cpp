@@ -135,7 +135,7 @@ TEST(SceneFaults, NothingAfterTheDocumentIsDroppedInSilence) {
 TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
   const std::string keys =
       "; expected a map of name, contractions, arm, load, tier, order, accuracy, budget, tags, "
-      "camera, vision, simulation, regulator, safety or calibration";
+      "camera, vision, simulation, regulator, safety, follow or calibration";
   EXPECT_EQ(faultsOf(""), std::vector<std::string>{":1 the document is empty" + keys});
   EXPECT_EQ(faultsOf("# nothing\n"), std::vector<std::string>{":1 the document is empty" + keys});
   EXPECT_EQ(faultsOf("[1, 2]"), std::vector<std::string>{":1 the document is a list" + keys});

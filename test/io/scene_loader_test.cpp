@@ -271,6 +271,7 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(config.arm.K_gamma_scale, 0.8);
   EXPECT_EQ(config.arm.K_kappa_scale, 1.2);
   EXPECT_EQ(config.arm.length_scale, 1.02);
+  EXPECT_EQ(config.arm.length_scales.size(), 0);
   EXPECT_EQ(config.arm.K_eps_scale, 0.9);
   EXPECT_EQ(config.mounts.camera_translation, 0.02);
   EXPECT_NEAR(config.mounts.camera_rotation, 2 * kPi / 180, kTolerance);
@@ -285,6 +286,11 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   EXPECT_EQ(config.camera.clutter, 4);
   EXPECT_EQ(config.camera.occluders, 2);
   EXPECT_EQ(config.camera.seed, 9u);
+}
+
+TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
+  const Scene scene = load(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}});
+  EXPECT_EQ(scene.simulation.arm.length_scales, Eigen::Vector2d(0.98, 1.02));
 }
 
 TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {

@@ -125,7 +125,7 @@ const BrokenRule kKeys[] = {
     {"safety:",
      "zzz: 1\nsafety:",
      {":34 zzz is not a known key; expected name, contractions, arm, load, tier, order, accuracy, "
-      "budget, tags, camera, vision, simulation, regulator, safety or calibration"}},
+      "budget, tags, camera, vision, simulation, regulator, safety, follow or calibration"}},
     {"K_tau_m2: 0, ", "", {":15 arm.stiffness.K_tau_m2 is missing; expected a finite value >= 0"}},
     {"  geometry: spatial\n", "", {":12 arm.geometry is missing; expected planar or spatial"}},
     {"geometry: spatial",

@@ -213,6 +213,13 @@ const BrokenRule kSimulation[] = {
     {"length_scale: 1.02",
      "length_scale: 0.43",
      {":69 simulation.arm.length_scale is 0.43; expected 0.5 to 2"}},
+    {"length_scale: 1.02",
+     "length_scales: [1, 1, 1]",
+     {":69 simulation.arm.length_scales has 3 entries; expected a list of 6 numbers, each a finite "
+      "value > 0"}},
+    {"length_scale: 1.02",
+     "length_scales: [1, 1, 1, 1, 1, 3]",
+     {":69 simulation.arm.length_scales[5] is 3; expected 0.5 to 2"}},
     {"blur_px: 0.5",
      "blur_px: -1",
      {":70 simulation.camera.blur_px is -1; expected a finite value >= 0"}},

@@ -303,5 +303,22 @@ TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
   EXPECT_EQ(shown.fit.bleed_prior, defaults.fit.bleed_prior);
 }
 
+TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
+  const FollowConfig shown = loadScene(scenePath("annotated")).follow,
+                     defaults = loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
+  EXPECT_EQ(shown.loop.smoothing, defaults.loop.smoothing);
+  EXPECT_EQ(shown.loop.stale_after, defaults.loop.stale_after);
+  EXPECT_EQ(shown.loop.coast_time, defaults.loop.coast_time);
+  EXPECT_EQ(shown.loop.watch_creep, defaults.loop.watch_creep);
+  EXPECT_EQ(shown.loop.reading_noise, defaults.loop.reading_noise);
+  EXPECT_EQ(shown.loop.filter.hysteresis, defaults.loop.filter.hysteresis);
+  EXPECT_EQ(shown.loop.filter.creep, defaults.loop.filter.creep);
+  EXPECT_EQ(shown.loop.filter.settling_time, defaults.loop.filter.settling_time);
+  EXPECT_EQ(shown.loop.filter.bias_translation, defaults.loop.filter.bias_translation);
+  EXPECT_NEAR(shown.loop.filter.bias_rotation, defaults.loop.filter.bias_rotation, 1e-4);
+  EXPECT_EQ(shown.on_contact, defaults.on_contact);
+  EXPECT_EQ(shown.contact_limit, defaults.contact_limit);
+}
+
 }  // namespace
 }  // namespace helix_arm::io

@@ -53,6 +53,21 @@ TEST(TrueArm, StiffnessAndLengthsDeviateAsAsked) {
   }
 }
 
+TEST(TrueArm, EachLengthMayDeviateByItself) {
+  const model::Arm arm = ringArm(helicalRing());
+  ArmDeviation deviation;
+  deviation.length_scale = 1.02;
+  deviation.length_scales = Eigen::Vector3d(0.98, 1, 1.01);
+  const TrueArm truth(arm, deviation);
+  const Eigen::Vector3d scales = 1.02 * deviation.length_scales;
+  Random random(3);
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::VectorXd q = randomInput(arm, random);
+    const model::Twists twists = arm.twistsOfLengths(scales.cwiseProduct(arm.lengths(q)));
+    EXPECT_LT((truth.twists(q) - twists).cwiseAbs().maxCoeff(), 1e-11);
+  }
+}
+
 TEST(TrueArm, PressuresBeyondTheLimitsCountAsTheLimits) {
   const model::Arm arm = ringArm(straightRing());
   const TrueArm truth(arm, {1.1, 0.9, 0.99});
@@ -74,6 +89,11 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
       EXPECT_THROW(TrueArm(arm, deviation), std::invalid_argument);
     }
   }
+  ArmDeviation each;
+  each.length_scales = Eigen::Vector3d(1, 0, 1);
+  EXPECT_THROW(each.validate(), std::invalid_argument);
+  each.length_scales = Eigen::Vector2d(1, 1);
+  EXPECT_THROW(TrueArm(arm, each), std::invalid_argument);
   try {
     ArmDeviation{1, -2, 1}.validate();
   } catch (const std::invalid_argument& error) {

@@ -8,8 +8,10 @@
 #include <vector>
 
 #include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/simulation/simulated_sight.hpp"
 
 namespace helix_arm::procedures {
@@ -45,13 +47,20 @@ struct FollowRow {
   Eigen::VectorXd pressure;  ///< (n) true, gauge [Pa]
   follow::LoopState state;
   std::optional<double> path_time;  ///< since the path's start [s]
+  /// `wanted` is out of reach of the corrected arm, which goes to the closest place.
+  bool unreachable = false;
 };
+
+/// Least time of a tip: its last second is its steady state [s].
+inline constexpr double kLeastTipTime = 1.0;
 
 /// Errors of the true tip against the wanted one.
 struct FollowFigures {
-  std::optional<double> path_rms, path_max;   ///< from the path's start on [m]
+  /// From the path's start to its end, or to that of the run [m]; nothing if it did not start.
+  std::optional<double> path_rms, path_max;
   std::vector<double> steady_rms;             ///< of each tip's last second [m]
   std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]
+  std::vector<bool> unreachable;              ///< tips that are out of the arm's reach at their end
 };
 
 /// A change of the loop's state.
@@ -62,18 +71,20 @@ struct FollowState {
 
 struct FollowResult {
   std::vector<FollowRow> rows;
-  FollowFigures figures;
+  FollowFigures figures;  ///< nothing if the run ended early
+  /// Why the run ended early: the safety core's reason to vent the arm; empty if it did not.
+  std::string vented;
   std::vector<FollowState> states;
   int pictures = 0;  ///< accepted
 };
 
-/// The configuration of the sight loop of a scene.
-/// @throws std::invalid_argument if the scene has no pressure actuators or no safety rules.
-follow::SightLoopConfig loopConfigOf(const io::Scene& scene);
+/// Whether the scene's model can follow a path within its slew rates: see follow::checkPath().
+std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path);
 
 /// Simulates the scene's rig with its sight loop. The same plan and scene give the same result.
-/// @param progress  called with the simulated time about once a second, may be empty; false ends
-///     the run.
+/// @param plan  a path should have passed checkPath().
+/// @param progress  called with the simulated time once a simulated second, may be empty; false
+///     ends the run.
 /// @throws std::invalid_argument naming what the scene lacks or the plan breaks; std::runtime_error
 ///     if no shape of the true arm holds its load.
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,

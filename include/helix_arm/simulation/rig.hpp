@@ -19,6 +19,8 @@ struct ArmDeviation {
   double K_kappa_scale = 1.0;  ///< > 0
   double length_scale = 1.0;   ///< factor on the free lengths, > 0
   double K_eps_scale = 1.0;    ///< > 0; no effect on an arm that nothing loads
+  /// (n) further factors on the free length of each actuator, > 0; empty: 1 each.
+  Eigen::VectorXd length_scales = {};
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -55,7 +57,7 @@ class TrueArm {
   statics::ArmModel model_;                  // without the force at the tip
   std::optional<statics::ArmModel> pulled_;  // with it, unless it is zero
   Eigen::Vector3d tip_force_ = Eigen::Vector3d::Zero();
-  double length_scale_;
+  Eigen::VectorXd length_scale_;  // (n)
 };
 
 /// Configuration of the camera of a simulated rig.

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/inverse.hpp"
+
+namespace helix_arm::follow {
+
+/// Distance of a path from what the arm reaches up to which it is accepted by default [m].
+inline constexpr double kPathTolerance = 0.002;
+/// Part of the slew rate that a path may use; the rest is for corrections.
+inline constexpr double kSlewShare = 0.8;
+
+/// What a path must keep.
+struct PathRules {
+  double tolerance = kPathTolerance;  ///< largest residual of the inverse, > 0 [m]
+  Eigen::VectorXd slew;               ///< (n) of the set points, > 0, may be infinite [Pa/s]
+};
+
+/// Why a path cannot be followed.
+enum class PathFault {
+  kUnreachable,  ///< it leaves what the arm reaches
+  kJump,         ///< the pressures have to jump, however slowly it is run
+  kTooFast,      ///< the pressures have to change faster than they may
+};
+
+/// A path that cannot be followed.
+struct PathRefusal {
+  PathFault fault;
+  double time;               ///< of the worst place, on the path [s]
+  Eigen::Vector3d position;  ///< wanted there, base frame [m]
+  /// kUnreachable: residual of the inverse there [m].
+  double residual = 0.0;
+  /// kJump, kTooFast: the actuator and its rate there [Pa/s].
+  int actuator = -1;
+  double rate = 0.0;
+  /// kTooFast: factor on all times of the path with which it is slow enough, > 1.
+  double stretch = 1.0;
+  /// All of it in a sentence, with a remedy.
+  std::string reason = {};
+};
+
+/// Follows a path with the inverse every 10 ms (of paths beyond 2000 s, at 200,000 places).
+/// @param solver  of this arm; a correction that it has counts.
+/// @param start   (n) inputs at which the first search begins [Pa].
+/// @return nothing if the path can be followed.
+/// @throws std::invalid_argument on rules that break their contract, otherwise as the
+/// InverseSolver.
+std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::Arm& arm,
+                                     statics::InverseSolver& solver, const Eigen::VectorXd& start,
+                                     const PathRules& rules);
+
+}  // namespace helix_arm::follow

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <string>
+
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::procedures {
+
+/// The configuration of the sight loop of a scene: its key `follow`, and where the scene was
+/// calibrated, the relative standard errors of stiffness and lengths as deviations at the start.
+/// @throws std::invalid_argument if the scene has no pressure actuators.
+follow::SightLoopConfig loopConfigOf(const io::Scene& scene);
+
+/// What a user should know of that configuration before the arm moves; empty if nothing.
+std::string loopWarning(const follow::SightLoopConfig& config);
+
+}  // namespace helix_arm::procedures

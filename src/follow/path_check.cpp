@@ -1,0 +1,174 @@
+#include "helix_arm/follow/path_check.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <utility>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/lie/se3.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+constexpr char kCulprit[] = "check of a path";
+constexpr double kStep = 0.01;  // [s]
+constexpr int kMostPlaces = 200'000;
+constexpr int kPlacesBeyond = 200;  // that are searched for the worst one, once one is out of reach
+constexpr int kHalvings = 6;        // of a step in which the pressures change too fast
+constexpr double kJumpPart = 0.5;  // of that change, if it stays within 1 / 2^kHalvings of the step
+
+// Inputs along a path, searched from each place to the next.
+class Walk {
+ public:
+  Walk(const control::TipPath& path, statics::InverseSolver& solver, Eigen::VectorXd start)
+      : path_(path), solver_(solver), input_(std::move(start)) {}
+
+  const statics::InverseResult& to(double time) {
+    const control::TipReference place = path_.at(time);
+    const statics::InverseResult& result =
+        place.rotation ? solver_.toPose(lie::SE3{*place.rotation, place.position}, input_)
+                       : solver_.toPosition(place.position, input_);
+    input_ = result.input;
+    return result;
+  }
+  const Eigen::VectorXd& input() const { return input_; }
+
+ private:
+  const control::TipPath& path_;
+  statics::InverseSolver& solver_;
+  Eigen::VectorXd input_;
+};
+
+// The fastest step of an actuator, as a multiple of what it may do.
+struct Fastest {
+  double excess = 0.0;
+  int actuator = -1;
+  double begin = 0.0, end = 0.0;  // [s]
+  Eigen::VectorXd from;           // inputs at its beginning
+  double change = 0.0;            // of the actuator [Pa]
+};
+
+void validate(const PathRules& rules, const model::Arm& arm) {
+  basics::requireValue(std::isfinite(rules.tolerance) && rules.tolerance > 0, kCulprit,
+                       "the tolerance [m]", rules.tolerance, "a finite value > 0");
+  basics::requireValue(rules.slew.size() == arm.actuatorCount(), kCulprit,
+                       "the number of slew rates", rules.slew.size(), "one per actuator");
+  for (const double slew : rules.slew) {
+    basics::requireValue(slew > 0, kCulprit, "a slew rate [Pa/s]", slew, "> 0");
+  }
+}
+
+std::string placeText(double time, const Eigen::Vector3d& position) {
+  std::ostringstream out;
+  out.precision(4);
+  out << time << " s, at (" << position.x() << ", " << position.y() << ", " << position.z()
+      << ") m";
+  return out.str();
+}
+
+PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, double residual,
+                        const PathRules& rules) {
+  PathRefusal out{PathFault::kUnreachable, since, path.at(since).position, residual};
+  for (int k = 1; k <= kPlacesBeyond; ++k) {
+    const double time = since + (path.lastTime() - since) * k / kPlacesBeyond;
+    const double there = walk.to(time).residual;
+    if (!(there > out.residual)) continue;
+    out.time = time;
+    out.position = path.at(time).position;
+    out.residual = there;
+  }
+  std::ostringstream text;
+  text.precision(3);
+  text << "the path leaves the arm's reach after " << since << " s; farthest after "
+       << placeText(out.time, out.position) << ": ";
+  if (!std::isfinite(out.residual)) {
+    text << "no shape of the arm holds its load there; move the path or lower the load";
+    out.reason = text.str();
+    return out;
+  }
+  text << 1e3 * out.residual << " mm from the closest that the arm reaches, and "
+       << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
+  out.reason = text.str();
+  return out;
+}
+
+// Whether a fast step is a jump: halved again and again, it stays in one half.
+bool isJump(const control::TipPath& path, statics::InverseSolver& solver, const Fastest& step) {
+  double begin = step.begin, end = step.end;
+  Eigen::VectorXd from = step.from;
+  double change = step.change;
+  for (int k = 0; k < kHalvings; ++k) {
+    const double middle = 0.5 * (begin + end);
+    Walk walk(path, solver, from);
+    const Eigen::VectorXd half = walk.to(middle).input;
+    const double second = walk.to(end).input[step.actuator] - half[step.actuator];
+    const double first = half[step.actuator] - from[step.actuator];
+    if (std::abs(first) >= std::abs(second)) {
+      end = middle;
+      change = first;
+    } else {
+      begin = middle;
+      from = half;
+      change = second;
+    }
+  }
+  return std::abs(change) > kJumpPart * std::abs(step.change);
+}
+
+PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
+                    statics::InverseSolver& solver, const Fastest& step, const PathRules& rules) {
+  const double time = step.begin;
+  const bool jumps = isJump(path, solver, step);
+  PathRefusal out{jumps ? PathFault::kJump : PathFault::kTooFast, time, path.at(time).position};
+  out.actuator = step.actuator;
+  out.rate = std::abs(step.change) / (step.end - step.begin);
+  const std::string& name = arm.actuator(step.actuator).name;
+  std::ostringstream text;
+  text.precision(3);
+  if (jumps) {
+    text << "the pressure of " << name << " has to jump by " << std::abs(step.change) / 1e3
+         << " kPa after " << placeText(time, out.position)
+         << ", where the arm passes from one shape to another; move the path";
+  } else {
+    out.stretch = step.excess;
+    text << "the path is too fast after " << placeText(time, out.position) << ": " << name
+         << " has to change by " << out.rate / 1e3 << " kPa/s, and " << 100 * kSlewShare
+         << " % of its slew rate are " << kSlewShare * rules.slew[step.actuator] / 1e3
+         << " kPa/s; multiply all times by " << std::ceil(100 * step.excess) / 100;
+  }
+  out.reason = text.str();
+  return out;
+}
+
+}  // namespace
+
+std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::Arm& arm,
+                                     statics::InverseSolver& solver, const Eigen::VectorXd& start,
+                                     const PathRules& rules) {
+  validate(rules, arm);
+  const double duration = path.lastTime() - path.firstTime();
+  const int places = std::clamp(static_cast<int>(std::ceil(duration / kStep)), 1, kMostPlaces);
+  Walk walk(path, solver, start);
+  Eigen::VectorXd before;
+  Fastest fastest;
+  double last = path.firstTime();
+  for (int k = 0; k <= places; ++k) {
+    const double time = path.firstTime() + duration * k / places;
+    const statics::InverseResult& result = walk.to(time);
+    if (!(result.residual <= rules.tolerance)) {
+      return unreachable(path, walk, time, result.residual, rules);
+    }
+    for (int i = 0; k > 0 && i < arm.actuatorCount(); ++i) {
+      const double change = result.input[i] - before[i];
+      const double excess = std::abs(change) / ((time - last) * kSlewShare * rules.slew[i]);
+      if (excess > fastest.excess) fastest = {excess, i, last, time, before, change};
+    }
+    before = result.input;
+    last = time;
+  }
+  if (fastest.excess <= 1) return std::nullopt;
+  return tooFast(path, arm, solver, fastest, rules);
+}
+
+}  // namespace helix_arm::follow

@@ -1,0 +1,59 @@
+#include "helix_arm/procedures/loop_config.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/number.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+constexpr double kLeastDeviation = 1e-4;  // no calibration knows more than that
+constexpr double kSlowSmoothing = 1.0;    // [s]
+
+// The largest relative standard error of the identifiable parameters of a name, which may go on
+// with _ and an actuator; nothing if there is none.
+std::optional<double> relativeError(const io::Provenance& calibration, const std::string& name) {
+  std::optional<double> out;
+  for (const io::Provenance::Parameter& one : calibration.parameters) {
+    const bool named = one.name == name || one.name.compare(0, name.size() + 1, name + "_") == 0;
+    if (!named || !one.identifiable || one.value == 0) continue;
+    const double error = std::max(kLeastDeviation, one.standard_error / std::abs(one.value));
+    out = std::max(out.value_or(0.0), error);
+  }
+  return out;
+}
+
+void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& filter) {
+  const auto set = [&calibration](const char* name, double& deviation) {
+    deviation = relativeError(calibration, name).value_or(deviation);
+  };
+  set("K_gamma", filter.stiffness_deviation.gamma);
+  set("K_tau", filter.stiffness_deviation.tau);
+  set("K_kappa", filter.stiffness_deviation.kappa);
+  set("K_eps", filter.K_eps_deviation);
+  set("length_scale", filter.length_deviation);
+}
+
+}  // namespace
+
+follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
+  basics::require(!scene.safety.channels.empty(), "scene ", scene.name,
+                  " has actuators that no pressure drives; a loop over sight needs pressures");
+  follow::SightLoopConfig out = scene.follow.loop;
+  out.filter.planar = scene.vision.fit.planar;
+  if (scene.calibration) startFrom(*scene.calibration, out.filter);
+  return out;
+}
+
+std::string loopWarning(const follow::SightLoopConfig& config) {
+  if (config.smoothing <= kSlowSmoothing) return {};
+  return "follow: the loop smooths over " +
+         io::formatNumber(std::round(100 * config.smoothing) / 100) +
+         " s, so that it corrects the arm that slowly; stiffen or damp the arm, and give paths "
+         "rather than distant targets";
+}
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,137 @@
+#include "helix_arm/follow/path_check.hpp"
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/control/tip_path_shapes.hpp"
+#include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+using control::TipPath;
+using control::TipWayPoint;
+
+constexpr double kSlew = 5e5;  // [Pa/s]
+
+class PathCheck : public testing::Test {
+ protected:
+  std::optional<PathRefusal> check(const TipPath& path, double slew = kSlew,
+                                   double tolerance = kPathTolerance) {
+    return checkPath(path, arm, solver, arm.inputAt(0.0),
+                     {tolerance, Eigen::VectorXd::Constant(3, slew)});
+  }
+  Eigen::Vector3d tipAt(const Eigen::Vector3d& fractions) const {
+    return arm.tip(arm.inputAt(fractions)).translation;
+  }
+  // A circle around a place in the middle of the reach.
+  TipPath circle(double period, double radius = 0.02) const {
+    control::ShapedPath shape;
+    shape.centre = tipAt({0.5, 0.4, 0.4});
+    shape.radius = radius;
+    shape.period = period;
+    return TipPath(control::wayPointsOf(shape));
+  }
+  static TipPath straight(const Eigen::Vector3d& from, const Eigen::Vector3d& to, double duration) {
+    return TipPath({{0.0, from}, {duration, to}});
+  }
+
+  const model::Arm arm = test::ringArm({3, 0.0254, test::kPi / 12, {100.0, 0.0, 9.8e-5}});
+  statics::InverseSolver solver{arm};
+};
+
+TEST_F(PathCheck, APathWithinReachAndRatesIsAccepted) { EXPECT_FALSE(check(circle(8))); }
+
+TEST_F(PathCheck, TheFactorThatItNamesIsJustEnough) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  const auto refused = check(circle(0.5));
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->fault, PathFault::kTooFast);
+  EXPECT_GT(refused->stretch, 1);
+  EXPECT_NEAR(refused->rate, refused->stretch * kSlewShare * kSlew, 1e-6 * refused->rate);
+  EXPECT_FALSE(check(circle(0.5 * 1.02 * refused->stretch)));
+  const auto nearly = check(circle(0.5 * 0.98 * refused->stretch));
+  ASSERT_TRUE(nearly);
+  EXPECT_NEAR(nearly->stretch, 1 / 0.98, 0.01);
+  EXPECT_FALSE(check(circle(0.5), infinity));
+  const std::string name = arm.actuator(refused->actuator).name;
+  EXPECT_EQ(refused->reason.find("the path is too fast after 0."), 0u) << refused->reason;
+  EXPECT_NE(refused->reason.find(name + " has to change by "), std::string::npos);
+  EXPECT_NE(refused->reason.find("80 % of its slew rate are 400 kPa/s; multiply all times by "),
+            std::string::npos);
+}
+
+TEST_F(PathCheck, APlaceOutOfReachIsNamedWithItsDistance) {
+  const Eigen::Vector3d inside = tipAt({0.5, 0.4, 0.4}),
+                        outside = inside + Eigen::Vector3d(0.2, 0, 0);
+  const auto refused = check(straight(inside, outside, 10));
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->fault, PathFault::kUnreachable);
+  EXPECT_NEAR(refused->time, 10, 1e-9) << "the end is farthest";
+  EXPECT_LT((refused->position - outside).norm(), 1e-9);
+  statics::InverseSolver fresh(arm);
+  EXPECT_NEAR(refused->residual, fresh.toPosition(outside, arm.inputAt(0.0)).residual, 1e-6);
+  EXPECT_EQ(refused->reason.find("the path leaves the arm's reach after "), 0u) << refused->reason;
+  EXPECT_NE(refused->reason.find("2 mm are allowed; move the path or make it smaller"),
+            std::string::npos)
+      << refused->reason;
+  // The tolerance, from both sides.
+  EXPECT_TRUE(check(straight(inside, outside, 60), kSlew, 0.99 * refused->residual));
+  EXPECT_FALSE(check(straight(inside, outside, 60), kSlew, 1.01 * refused->residual));
+}
+
+TEST_F(PathCheck, WhatTheCorrectedArmReachesCounts) {
+  statics::Correction longer(arm);
+  longer.length_scale.setConstant(1.1);
+  const Eigen::Vector3d near = tipAt({0.2, 0.2, 0.2}), far = 1.05 * tipAt({0.0, 0.0, 0.0});
+  EXPECT_TRUE(check(straight(near, far, 10)));
+  solver.correct(longer);
+  EXPECT_FALSE(check(straight(near, far, 10)));
+}
+
+// Behind the base the closest shape bends to one side or to the other.
+TEST_F(PathCheck, PressuresThatHaveToJumpAreNoMatterOfSpeed) {
+  const Eigen::Vector3d one(-0.05, -0.3, 0.0), other(-0.05, 0.3, 0.0);
+  for (const double duration : {10.0, 100.0}) {
+    const auto refused = check(straight(one, other, duration), kSlew, 1.0);
+    ASSERT_TRUE(refused);
+    EXPECT_EQ(refused->fault, PathFault::kJump) << refused->reason;
+    EXPECT_EQ(refused->reason.find("the pressure of muscle_"), 0u) << refused->reason;
+    EXPECT_NE(refused->reason.find(" has to jump by "), std::string::npos);
+  }
+}
+
+TEST_F(PathCheck, OrientationsCountWhereThePathHasThem) {
+  const lie::SE3 first = arm.tip(arm.inputAt(0.3)), last = arm.tip(arm.inputAt(0.35));
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  const TipPath along({{0.0, first.translation, Eigen::Matrix3d(first.rotation)},
+                       {5.0, last.translation, Eigen::Matrix3d(last.rotation)}});
+  const TipPath turned({{0.0, first.translation, Eigen::Matrix3d(first.rotation * turn)},
+                        {5.0, last.translation, Eigen::Matrix3d(last.rotation * turn)}});
+  EXPECT_FALSE(check(along));
+  const auto refused = check(turned);
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->fault, PathFault::kUnreachable);
+  EXPECT_GT(refused->residual, 0.01) << "0.1 m per rad";
+}
+
+TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
+  const auto refusal = [&](double tolerance, const Eigen::VectorXd& slew) {
+    return test::refusal([&] {
+      checkPath(circle(8), arm, solver, arm.inputAt(0.0), {tolerance, slew});
+    });
+  };
+  EXPECT_EQ(refusal(0, Eigen::Vector3d(1, 1, 1)),
+            "check of a path: the tolerance [m] is 0; expected a finite value > 0");
+  EXPECT_EQ(refusal(0.002, Eigen::Vector2d(1, 1)),
+            "check of a path: the number of slew rates is 2; expected one per actuator");
+  EXPECT_EQ(refusal(0.002, Eigen::Vector3d(1, 0, 1)),
+            "check of a path: a slew rate [Pa/s] is 0; expected > 0");
+}
+
+}  // namespace
+}  // namespace helix_arm::follow

@@ -1,0 +1,161 @@
+// What a scene says of the loop that is closed over sight; every rule broken once.
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/basics/pi.hpp"
+#include "scene_faults.hpp"
+#include "support/scene_text.hpp"
+
+namespace helix_arm::io {
+namespace {
+
+using follow::OnContact;
+using test::BrokenRule;
+using test::faultsOf;
+using test::kPlanarScene;
+using test::kSpatialScene;
+using test::replaced;
+
+// Every key, from line 73 on.
+const std::string kFollowScene = kSpatialScene + R"(follow:
+  smoothing_s: 0.4
+  mode_hz: 4
+  mode_damping: 0.2
+  stale_s: 0.5
+  coast_s: 5
+  hysteresis: 0.1
+  creep: 0.3
+  bias_translation_m: 0.004
+  bias_rotation_deg: 3
+  on_contact: stop
+  contact_limit: 40
+  reading_noise_kpa: 1.5
+)";
+const std::string kSerialRegulator =
+    "regulator: {ascii_serial: {profile: generic, device: /dev/ttyUSB0, addresses: [a, b]}}\n";
+
+Scene load(const std::string& text, const std::vector<Override>& overrides = {}) {
+  return loadScene(test::TemporaryFile(text).path(), overrides);
+}
+
+class FollowRules : public testing::TestWithParam<BrokenRule> {};
+
+TEST_P(FollowRules, BreakingOneIsReported) {
+  ASSERT_TRUE(faultsOf(kFollowScene).empty());
+  EXPECT_EQ(faultsOf(replaced(kFollowScene, GetParam().from, GetParam().to)), GetParam().faults);
+}
+
+const BrokenRule kRules[] = {
+    {"smoothing_s: 0.4",
+     "smoothing_s: 0",
+     {":73 follow.smoothing_s is 0; expected a finite value > 0"}},
+    {"smoothing_s: 0.4",
+     "smoothing_s: 4000",
+     {":73 follow.smoothing_s is 4000; expected 0.001 to 3600 s"}},
+    {"mode_hz: 4", "mode_hz: -4", {":74 follow.mode_hz is -4; expected a finite value > 0"}},
+    {"mode_hz: 4", "mode_hz: 2000", {":74 follow.mode_hz is 2000; expected 0.01 to 1000 Hz"}},
+    {"mode_damping: 0.2", "mode_damping: 2", {":75 follow.mode_damping is 2; expected 0.001 to 1"}},
+    {"  mode_hz: 4\n",
+     "",
+     {":74 follow.mode_damping has no mode_hz beside it; expected both or none"}},
+    {"stale_s: 0.5", "stale_s: 0", {":76 follow.stale_s is 0; expected a finite value > 0"}},
+    {"coast_s: 5", "coast_s: .inf", {":77 follow.coast_s is .inf; expected a finite value > 0"}},
+    {"hysteresis: 0.1", "hysteresis: 1.5", {":78 follow.hysteresis is 1.5; expected 0 to 1"}},
+    {"creep: 0.3", "creep: -1", {":79 follow.creep is -1; expected a finite value >= 0"}},
+    {"creep: 0.3",
+     "creep: 101",
+     {":79 follow.creep is 101; expected 0 to 100 per square root of a second"}},
+    {"bias_translation_m: 0.004",
+     "bias_translation_m: 4",
+     {":80 follow.bias_translation_m is 4; expected 1e-06 to 1 m"}},
+    {"bias_rotation_deg: 3",
+     "bias_rotation_deg: 0",
+     {":81 follow.bias_rotation_deg is 0; expected a finite value > 0"}},
+    {"on_contact: stop",
+     "on_contact: vent",
+     {":82 follow.on_contact is vent; expected report, yield or stop"}},
+    {"contact_limit: 40",
+     "contact_limit: 0.5",
+     {":83 follow.contact_limit is 0.5; expected 1 to 1000000"}},
+    {"reading_noise_kpa: 1.5",
+     "reading_noise_kpa: 0",
+     {":84 follow.reading_noise_kpa is 0; expected a finite value > 0"}},
+    {"stale_s: 0.5", "stale: 0.5", {":76 follow.stale is not a known key; did you mean stale_s?"}},
+};
+INSTANTIATE_TEST_SUITE_P(Follow, FollowRules, testing::ValuesIn(kRules));
+
+TEST(FollowScene, IsInSi) {
+  const FollowConfig config = load(kFollowScene).follow;
+  const follow::SightLoopConfig& loop = config.loop;
+  EXPECT_EQ(loop.smoothing, 0.4);
+  EXPECT_EQ(loop.stale_after, 0.5);
+  EXPECT_EQ(loop.coast_time, 5);
+  EXPECT_EQ(loop.time_constant, 0.3) << "of safety.follow";
+  EXPECT_EQ(loop.reading_noise, 1500);
+  EXPECT_EQ(loop.filter.hysteresis, 0.1);
+  EXPECT_EQ(loop.filter.creep, 0.3);
+  EXPECT_NEAR(loop.watch_creep, 0.03, 1e-15);
+  EXPECT_EQ(loop.filter.bias_translation, 0.004);
+  EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
+  EXPECT_NEAR(loop.filter.settling_time, 1 / (2 * basics::kPi * 4 * 0.2), 1e-15);
+  EXPECT_EQ(config.on_contact, OnContact::kStop);
+  EXPECT_EQ(config.contact_limit, 40);
+  EXPECT_NO_THROW(loop.validate());
+}
+
+TEST(FollowScene, WhatIsNotSaidIsTheLoopsOwn) {
+  const follow::SightLoopConfig usual{};
+  const FollowConfig config = load(kPlanarScene).follow;
+  EXPECT_EQ(config.loop.smoothing, usual.smoothing);
+  EXPECT_EQ(config.loop.stale_after, usual.stale_after);
+  EXPECT_EQ(config.loop.coast_time, usual.coast_time);
+  EXPECT_EQ(config.loop.watch_creep, usual.watch_creep);
+  EXPECT_EQ(config.loop.filter.hysteresis, usual.filter.hysteresis);
+  EXPECT_EQ(config.loop.filter.creep, usual.filter.creep);
+  EXPECT_EQ(config.loop.filter.settling_time, usual.filter.settling_time);
+  EXPECT_EQ(config.loop.time_constant, control::SafetyRules().time_constant);
+  EXPECT_EQ(config.contact_limit, 32);
+  EXPECT_NO_THROW(config.loop.validate());
+}
+
+TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
+  EXPECT_EQ(load(kSpatialScene).follow.loop.reading_noise, 2e3);
+  EXPECT_EQ(
+      load(kPlanarScene + "regulator: {simulated: {noise_kpa: 7}}\n").follow.loop.reading_noise,
+      7e3);
+  EXPECT_EQ(load(kPlanarScene + kSerialRegulator).follow.loop.reading_noise, 2e3);
+  const Scene silent = load(kPlanarScene + "regulator: {simulated: {noise_kpa: 0}}\n");
+  EXPECT_NO_THROW(silent.follow.loop.validate()) << "an observer needs some";
+}
+
+TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
+  EXPECT_EQ(load(kPlanarScene).follow.on_contact, OnContact::kReport);
+  EXPECT_EQ(load(kSpatialScene).follow.on_contact, OnContact::kReport);
+  EXPECT_EQ(load(kPlanarScene + kSerialRegulator).follow.on_contact, OnContact::kYield);
+  EXPECT_EQ(
+      load(kPlanarScene + kSerialRegulator, {{"follow.on_contact", "report"}}).follow.on_contact,
+      OnContact::kReport);
+}
+
+// The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.
+TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
+  const auto smoothing = [](const std::vector<Override>& changes) {
+    return load(kPlanarScene, changes).follow.loop.smoothing;
+  };
+  const double least = follow::smoothingFor(1.5, 0.1, 0.2);
+  ASSERT_GT(least, 0.2);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}}), least);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.mode_damping", "0.1"}}), least);
+  ASSERT_LT(follow::smoothingFor(20, 0.1, 0.2), 0.2);
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "20"}}), 0.2) << "a fast mode needs no more than usual";
+  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.smoothing_s", "3"}}), 3);
+  const std::vector<std::string> faults =
+      faultsOf(kPlanarScene + "follow: {mode_hz: 1.5, smoothing_s: 0.3}\n");
+  ASSERT_EQ(faults.size(), 1u);
+  EXPECT_EQ(faults[0].find(":11 follow.smoothing_s is 0.3; expected at least 0.49 s, "), 0u)
+      << faults[0];
+  EXPECT_NE(faults[0].find("leave smoothing_s out"), std::string::npos) << faults[0];
+}
+
+}  // namespace
+}  // namespace helix_arm::io

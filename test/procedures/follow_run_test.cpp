@@ -1,0 +1,201 @@
+#include "helix_arm/procedures/follow_run.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/control/tip_path_shapes.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+using follow::LoopState;
+
+io::Scene demo(const std::vector<io::Override>& changes = {}) {
+  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml", changes);
+}
+
+// Tips in the middle of the demo arm's reach.
+const Eigen::Vector3d kLeft(0.36, 0.03, 0.02), kRight(0.36, -0.03, 0.0), kFar(0.6, 0.0, 0.0);
+
+FollowPlan tipPlan(std::vector<Eigen::Vector3d> tips, double seconds) {
+  FollowPlan plan;
+  plan.tips = std::move(tips);
+  plan.seconds = seconds;
+  return plan;
+}
+
+control::TipPath circle(double period) {
+  control::ShapedPath shape;
+  shape.centre = {0.366, 0.003, 0.009};
+  shape.period = period;
+  return control::TipPath(control::wayPointsOf(shape));
+}
+
+double errorOf(const FollowRow& row) { return (row.true_tip - *row.wanted).norm(); }
+
+std::vector<LoopState> statesOf(const FollowResult& result) {
+  std::vector<LoopState> states;
+  for (const FollowState& change : result.states) states.push_back(change.state);
+  return states;
+}
+
+TEST(FollowRun, TipsShareTheTimeAndTheirFiguresAreTheirErrors) {
+  const FollowResult result = runFollow(demo(), tipPlan({kLeft, kRight}, 6));
+  ASSERT_EQ(result.rows.size(), 600u);
+  ASSERT_EQ(result.figures.steady_rms.size(), 2u);
+  EXPECT_FALSE(result.figures.path_rms);
+  EXPECT_EQ(result.vented, "");
+  for (const int tip : {0, 1}) {
+    const auto begin = result.rows.begin() + 300 * tip, end = begin + 300;
+    for (auto row = begin; row != end; ++row) EXPECT_EQ(*row->wanted, tip == 0 ? kLeft : kRight);
+    double square = 0.0;
+    for (auto row = end - 101; row != end; ++row) square += errorOf(*row) * errorOf(*row);
+    EXPECT_NEAR(result.figures.steady_rms[tip], std::sqrt(square / 101), 1e-5);
+    // From the time of settling on it stays within the bound; just before, it does not.
+    const double bound = 0.002 + 0.05 * errorOf(*begin);
+    ASSERT_TRUE(result.figures.settle[tip]);
+    const auto settled = begin + std::lround(*result.figures.settle[tip] / 0.01);
+    EXPECT_TRUE(std::all_of(settled, end, [&](const auto& row) { return errorOf(row) <= bound; }));
+    ASSERT_GT(settled, begin);
+    EXPECT_GT(errorOf(*(settled - 1)), bound);
+    EXPECT_FALSE(result.figures.unreachable[tip]);
+  }
+}
+
+TEST(FollowRun, APathCountsFromItsStartToItsEnd) {
+  FollowPlan plan;
+  plan.path = circle(4);
+  plan.seconds = 9;
+  const FollowResult result = runFollow(demo(), plan);
+  EXPECT_LT(*result.rows.front().path_time, -0.1) << "it approaches the first point";
+  double square = 0.0, most = 0.0;
+  int rows = 0;
+  for (const FollowRow& row : result.rows) {
+    if (*row.path_time < 0 || *row.path_time > 4) continue;
+    square += errorOf(row) * errorOf(row);
+    most = std::max(most, errorOf(row));
+    ++rows;
+  }
+  EXPECT_NEAR(rows, 400, 1);
+  EXPECT_NEAR(result.figures.path_rms.value(), std::sqrt(square / rows), 1e-12);
+  EXPECT_EQ(result.figures.path_max.value(), most);
+  EXPECT_TRUE(result.figures.steady_rms.empty());
+  plan.seconds = 0.2;
+  EXPECT_FALSE(runFollow(demo(), plan).figures.path_rms) << "it has not begun";
+}
+
+TEST(FollowRun, TheSameSeedGivesTheSameRun) {
+  FollowPlan plan = tipPlan({kLeft}, 3);
+  const FollowResult one = runFollow(demo(), plan), again = runFollow(demo(), plan);
+  plan.seed = 2;
+  const FollowResult other = runFollow(demo(), plan);
+  ASSERT_EQ(one.rows.size(), again.rows.size());
+  for (std::size_t k = 0; k < one.rows.size(); ++k) {
+    EXPECT_EQ(one.rows[k].true_tip, again.rows[k].true_tip);
+    EXPECT_EQ(one.rows[k].pressure, again.rows[k].pressure);
+    EXPECT_EQ(one.rows[k].measured, again.rows[k].measured);
+  }
+  EXPECT_NE(one.rows.back().true_tip, other.rows.back().true_tip);
+}
+
+TEST(FollowRun, MeasurementsComeLateAndNotWhileTheCameraIsBlind) {
+  FollowPlan plan = tipPlan({kLeft}, 9);
+  plan.latency = 0.1;
+  plan.blind = model::Range{2, 7};
+  const FollowResult result = runFollow(demo(), plan);
+  int measured = 0;
+  for (const FollowRow& row : result.rows) {
+    if (!row.measured) continue;
+    ++measured;
+    EXPECT_NEAR(row.time - row.measured_time, 0.1, 1e-9);
+    EXPECT_TRUE(row.measured_time < 2 || row.measured_time > 7) << row.measured_time;
+    EXPECT_LT(
+        (*row.measured - result.rows[std::lround(row.measured_time / 0.01) - 1].true_tip).norm(),
+        0.005);
+  }
+  EXPECT_GT(measured, 90);
+  EXPECT_EQ(statesOf(result),
+            (std::vector<LoopState>{LoopState::kOpen, LoopState::kClosed, LoopState::kCoasting,
+                                    LoopState::kOpen, LoopState::kClosed}));
+  EXPECT_NEAR(result.states[2].time, 2.3 + 0.1, 0.05);
+}
+
+TEST(FollowRun, TheOpenLoopUsesTheModelAlone) {
+  FollowPlan plan = tipPlan({kLeft}, 4);
+  plan.open = true;
+  const io::Scene scene = demo();
+  const FollowResult result = runFollow(scene, plan);
+  EXPECT_EQ(statesOf(result), std::vector<LoopState>{LoopState::kOpen});
+  const Eigen::VectorXd& pressure = result.rows.back().pressure;
+  EXPECT_LT((scene.arm.tip(pressure).translation - kLeft).norm(), 1e-6);
+  EXPECT_GT(result.figures.steady_rms[0], 0.005);
+}
+
+TEST(FollowRun, ATipOutOfReachIsSaidToBe) {
+  const FollowResult result = runFollow(demo(), tipPlan({kLeft, kFar, kRight}, 9));
+  EXPECT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
+  EXPECT_GT(result.figures.steady_rms[1], 0.1);
+  EXPECT_FALSE(result.figures.settle[1]);
+}
+
+TEST(FollowRun, ASceneOfHardwareIsSimulatedWithItsLag) {
+  io::Scene scene = demo();
+  scene.regulator.reset();
+  const FollowResult result = runFollow(scene, tipPlan({kLeft}, 3));
+  EXPECT_LT(result.figures.steady_rms[0], 0.001);
+}
+
+TEST(FollowRun, AnArmThatIsVentedEndsTheRun) {
+  const FollowResult result =
+      runFollow(demo({{"safety.follow", "{tolerance_kpa: 1, time_s: 0.2, time_constant_s: 0.05}"}}),
+                tipPlan({kLeft}, 3));
+  EXPECT_LT(result.rows.size(), 300u);
+  EXPECT_TRUE(result.figures.steady_rms.empty());
+  EXPECT_NE(result.vented.find("muscle_"), std::string::npos) << result.vented;
+}
+
+TEST(FollowRun, ProgressIsToldEverySecondAndMayEndTheRun) {
+  std::vector<double> told;
+  const FollowResult result = runFollow(demo(), tipPlan({kLeft}, 10), [&told](double time) {
+    told.push_back(time);
+    return told.size() < 3;
+  });
+  ASSERT_EQ(told.size(), 3u);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(told[k], k + 1, 1e-9);
+  EXPECT_EQ(result.rows.size(), 300u);
+  EXPECT_TRUE(result.figures.steady_rms.empty());
+}
+
+TEST(FollowRun, PlansThatAreNoneAreRefused) {
+  const auto refusal = [](const FollowPlan& plan) {
+    return test::refusal([&plan] { runFollow(demo(), plan); });
+  };
+  EXPECT_EQ(refusal(tipPlan({}, 3)), "follow: expected either tips or a path");
+  FollowPlan both = tipPlan({kLeft}, 3);
+  both.path = circle(4);
+  EXPECT_EQ(refusal(both), "follow: expected either tips or a path");
+  EXPECT_EQ(refusal(tipPlan({kLeft}, std::nan(""))),
+            "follow: the duration [s] is nan; expected a finite value > 0");
+  EXPECT_EQ(refusal(tipPlan({kLeft, kRight}, 1.5)),
+            "follow: the duration [s] is 1.5; expected at least 1 s for each tip");
+  io::Scene blind = demo();
+  blind.camera.reset();
+  EXPECT_EQ(test::refusal([&] { runFollow(blind, tipPlan({kLeft}, 3)); }),
+            "scene demo has no `camera` or no `tags`; a loop over sight needs both");
+}
+
+TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {
+  EXPECT_FALSE(checkPath(demo(), circle(4)));
+  const auto slow = checkPath(demo({{"safety.slew_kpa_s", "20"}}), circle(4));
+  ASSERT_TRUE(slow);
+  EXPECT_EQ(slow->fault, follow::PathFault::kTooFast);
+  const auto far = checkPath(demo(), control::TipPath({{0.0, kLeft}, {5.0, kFar}}));
+  ASSERT_TRUE(far);
+  EXPECT_EQ(far->fault, follow::PathFault::kUnreachable);
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures

@@ -1,0 +1,105 @@
+#include "helix_arm/procedures/loop_config.hpp"
+
+#include <gtest/gtest.h>
+
+#include "support/refusal.hpp"
+#include "support/scene_text.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+using estimation::ArmFilterOptions;
+
+io::Scene sceneOf(const std::string& more) {
+  return io::sceneOfText(test::kPlanarScene + more, "scene.yaml");
+}
+
+std::string calibration(const std::string& parameters) {
+  return "calibration: {date: \"2026-01-31T12:00:00Z\", package_version: 0.2.0, from: a.yaml, rms: "
+         "0.3, "
+         "error_unit: px, data: [{file: a.csv, sha256: "
+         "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad, captures: 36}], "
+         "parameters: {" +
+         parameters + "}}\n";
+}
+
+ArmFilterOptions filterOf(const std::string& parameters) {
+  return loopConfigOf(sceneOf(calibration(parameters))).filter;
+}
+
+TEST(LoopConfig, IsTheSectionOfTheScene) {
+  const follow::SightLoopConfig config =
+      loopConfigOf(sceneOf("follow: {smoothing_s: 0.4, hysteresis: 0.1}\n"));
+  EXPECT_EQ(config.smoothing, 0.4);
+  EXPECT_EQ(config.filter.hysteresis, 0.1);
+  EXPECT_EQ(config.filter.length_deviation, ArmFilterOptions().length_deviation);
+  EXPECT_NO_THROW(config.validate());
+}
+
+// A load out of the plane makes the fit spatial.
+TEST(LoopConfig, IsPlanarWhereTheFitIs) {
+  EXPECT_TRUE(loopConfigOf(sceneOf("")).filter.planar);
+  EXPECT_FALSE(loopConfigOf(io::sceneOfText(test::kSpatialScene, "scene.yaml")).filter.planar);
+  const std::string text = test::replaced(test::kPlanarScene, "K_kappa_m2: 1.0e-4}",
+                                          "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
+  const io::Scene pulled =
+      io::sceneOfText(text + "load: {mass_kg: 0.1, gravity_m_s2: [0, 0, -9.81]}\n", "scene.yaml");
+  EXPECT_FALSE(loopConfigOf(pulled).filter.planar);
+}
+
+TEST(LoopConfig, ACalibratedSceneStartsWithItsStandardErrors) {
+  const ArmFilterOptions filter = filterOf(
+      "K_gamma: {value: 100, standard_error: 5, identifiable: true}, "
+      "K_kappa: {value: 2.0e-4, standard_error: 2.0e-6, identifiable: true}, "
+      "K_eps: {value: 900, standard_error: 90, identifiable: true}, "
+      "length_scale: {value: 0.98, standard_error: 0.0049, identifiable: true}");
+  EXPECT_NEAR(filter.stiffness_deviation.gamma, 0.05, 1e-12);
+  EXPECT_NEAR(filter.stiffness_deviation.kappa, 0.01, 1e-12);
+  EXPECT_EQ(filter.stiffness_deviation.tau, ArmFilterOptions().stiffness_deviation.tau);
+  EXPECT_NEAR(filter.K_eps_deviation, 0.1, 1e-12);
+  EXPECT_NEAR(filter.length_deviation, 0.005, 1e-12);
+}
+
+TEST(LoopConfig, OfSeveralLengthScalesTheLeastCertainCounts) {
+  const ArmFilterOptions filter = filterOf(
+      "length_scale_muscle_1: {value: 1.01, standard_error: 0.001, identifiable: true}, "
+      "length_scale_muscle_2: {value: 1, standard_error: 0.003, identifiable: true}");
+  EXPECT_NEAR(filter.length_deviation, 0.003, 1e-12);
+}
+
+TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {
+  const ArmFilterOptions usual,
+      filter = filterOf(
+          "K_gamma: {value: 100, standard_error: 1, identifiable: false}, "
+          "K_kappa: {value: 0, standard_error: 1, identifiable: true}, "
+          "length: {value: 1, standard_error: 0.5, identifiable: true}");
+  EXPECT_EQ(filter.stiffness_deviation.gamma, usual.stiffness_deviation.gamma);
+  EXPECT_EQ(filter.stiffness_deviation.kappa, usual.stiffness_deviation.kappa);
+  EXPECT_EQ(filter.length_deviation, usual.length_deviation);
+  const ArmFilterOptions sure =
+      filterOf("K_kappa: {value: 1.0e-4, standard_error: 0, identifiable: true}");
+  EXPECT_GT(sure.stiffness_deviation.kappa, 0) << "a filter needs a deviation";
+  EXPECT_LT(sure.stiffness_deviation.kappa, 1e-3);
+}
+
+TEST(LoopConfig, ASlowLoopIsWarnedOf) {
+  const auto warning = [](const char* mode) {
+    return loopWarning(loopConfigOf(sceneOf(std::string("follow: {mode_hz: ") + mode + "}\n")));
+  };
+  EXPECT_EQ(warning("2"), "");
+  EXPECT_EQ(
+      warning("0.8"),
+      "follow: the loop smooths over 1.39 s, so that it corrects the arm that slowly; stiffen "
+      "or damp the arm, and give paths rather than distant targets");
+}
+
+TEST(LoopConfig, AnArmWithoutPressuresIsRefused) {
+  const std::string cable =
+      test::replaced(test::kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
+                     "tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 10}");
+  EXPECT_EQ(test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
+            "scene flat has actuators that no pressure drives; a loop over sight needs pressures");
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures
