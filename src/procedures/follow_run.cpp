@@ -7,6 +7,7 @@
 #include "follow_figures.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
+#include "scene_sight.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -70,6 +71,7 @@ follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
   out.filter.planar = scene.planar.has_value();
   out.time_constant = scene.safety.rules.time_constant;
   out.reading_noise = regulatorOf(scene, 1).noise;
+  out.sight = placedSightOf(scene);
   return out;
 }
 
@@ -105,6 +107,7 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
     }
   }
   out.pictures = lockstep.picturesAccepted();
+  out.budget = loop.budget();
   out.figures = figuresOf(out.rows, static_cast<int>(tips));
   return out;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/simulated_sight.hpp"
@@ -65,6 +66,8 @@ struct FollowResult {
   FollowFigures figures;
   std::vector<FollowState> states;
   int pictures = 0;  ///< accepted
+  /// At the last accepted picture; nothing without one.
+  std::optional<estimation::TipErrorBudget> budget;
 };
 
 /// The configuration of the sight loop of a scene.
