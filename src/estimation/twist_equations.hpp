@@ -148,8 +148,7 @@ class TwistEquations {
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const TagPlacement& tag = layout_.tags[seen[i].tag];
       const PiecePlace place = placeOnPieces(tag, per_section);
-      const lie::SE3 X_B0T =
-          starts_[place.piece] * lie::SE3::exp(place.s * pieces.col(place.piece)) * tag.X_ST;
+      const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
       const double square = rows.residual.squaredNorm();
@@ -161,6 +160,22 @@ class TwistEquations {
       accumulate<Model>(tag.section, place, weight, rows, point.shape, system);
     }
     point.cost = cost + addPriors<Model>(point, system);
+  }
+
+  /// Derivative (parameters x 6) of the gradient by a small rigid motion [v; w] of one tag, seen
+  /// from the nominal base and about its origin, with the weight 1. `point` is that of the last
+  /// evaluate().
+  template <class Model>
+  Eigen::MatrixXd gradientByMotion(const Model& model, const typename Model::Observation& seen,
+                                   const FitPoint& point) const {
+    const TagPlacement& tag = layout_.tags[seen.tag];
+    const PiecePlace place = placeOnPieces(tag, point.shape.piecesPerSection());
+    typename Model::Rows rows;
+    model.evaluate(seen, poseOf(tag, place, point.shape), layout_.corners(point.bleed), rows);
+    const auto J = jacobian<Eigen::Dynamic, Model>(tag.section, place, rows, point.shape);
+    Eigen::MatrixXd out(J.cols(), 6);
+    out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
+    return out;
   }
 
   /// Adds the priors' equations; returns their cost.
@@ -208,15 +223,20 @@ class TwistEquations {
     return Model::kBleeds && options_.free_bleed;
   }
 
-  // Adds one tag's equations.
-  template <class Model, int kSize>
-  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
-                  const model::Shape& shape, NormalEquations<kSize>& system) const {
+  lie::SE3 poseOf(const TagPlacement& tag, const PiecePlace& place,
+                  const model::Shape& shape) const {
+    return starts_[place.piece] * lie::SE3::exp(place.s * shape.pieces().col(place.piece)) *
+           tag.X_ST;
+  }
+
+  // Derivative of one tag's residuals by all parameters.
+  template <int kSize, class Model>
+  auto jacobian(int k, const PiecePlace& place, const typename Model::Rows& rows,
+                const model::Shape& shape) const {
     constexpr int kRows = Model::Rows::kCount;
     using Jacobian =
         Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, NormalEquations<kSize>::kMax>;
-    const int size = static_cast<int>(system.gradient.size());
-    Jacobian J = Jacobian::Zero(kRows, size);
+    Jacobian J = Jacobian::Zero(kRows, parameters<Model>());
     for (int j = 0; j < k; ++j) movers_[j].fill(rows, 6 * j, J);
     Mover mover(starts_[place.piece], shape.pieces().col(place.piece), place.s);
     if (shape.piecesPerSection() > 1) {
@@ -231,8 +251,17 @@ class TwistEquations {
         for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
       }
     }
+    return J;
+  }
+
+  // Adds one tag's equations.
+  template <class Model, int kSize>
+  void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
+                  const model::Shape& shape, NormalEquations<kSize>& system) const {
+    const auto J = jacobian<kSize, Model>(k, place, rows, shape);
+    const int size = static_cast<int>(system.gradient.size());
     for (int column = 0; column < size; ++column) {
-      const Eigen::Matrix<double, kRows, 1> weighted = weight * J.col(column);
+      const Eigen::Matrix<double, Model::Rows::kCount, 1> weighted = weight * J.col(column);
       system.gradient[column] += weighted.dot(rows.residual);
       for (int row = column; row < size; ++row) {
         system.hessian(row, column) += weighted.dot(J.col(row));

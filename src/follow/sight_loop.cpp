@@ -87,6 +87,7 @@ struct SightLoop::Workspace {
         arm(given.arm()),
         tracker(given, config.filter),
         watch(given, watchOptions(config)),
+        budget(given, watchOptions(config), config.sight),
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         aim(given),
@@ -112,6 +113,7 @@ struct SightLoop::Workspace {
   const SightLoopConfig config;
   const model::Arm arm;
   estimation::ArmFilter tracker, watch;
+  estimation::ErrorBudget budget;
   statics::CorrectedModel estimated;  // with all that the tracker knows
   control::PressureObserver observer;
   Aim aim;
@@ -293,6 +295,7 @@ void SightLoop::reset() {
   Workspace& w = *work_;
   w.tracker.reset();
   w.watch.reset();
+  w.budget.reset();
   w.estimated.set(w.tracker.correction());
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
@@ -350,6 +353,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   w.watch.see(input);
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
+  w.budget.update(w.watch, input);
   w.estimated.set(w.tracker.correction());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
@@ -366,6 +370,9 @@ LoopState SightLoop::state() const { return work_->turn.state; }
 const Turn& SightLoop::turn() const { return work_->turn; }
 const estimation::ArmFilter& SightLoop::tracker() const { return work_->tracker; }
 const estimation::ArmFilter& SightLoop::watch() const { return work_->watch; }
+const std::optional<estimation::TipErrorBudget>& SightLoop::budget() const {
+  return work_->budget.current();
+}
 std::optional<double> SightLoop::error() const { return work_->error; }
 double SightLoop::tipDeviation() const { return work_->tip_deviation; }
 

@@ -121,6 +121,7 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
       if (!progress(told)) return out;
     }
   }
+  out.budget = loop.budget();
   out.figures = plan.path ? pathFigures(out.rows, plan.path->lastTime())
                           : tipFigures(out.rows, static_cast<int>(tips));
   return out;

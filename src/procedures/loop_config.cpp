@@ -6,6 +6,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/number.hpp"
+#include "scene_sight.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -44,6 +45,7 @@ follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
                   " has actuators that no pressure drives; a loop over sight needs pressures");
   follow::SightLoopConfig out = scene.follow.loop;
   out.filter.planar = scene.vision.fit.planar;
+  out.sight = placedSightOf(scene);
   if (scene.calibration) startFrom(*scene.calibration, out.filter);
   return out;
 }

@@ -9,6 +9,7 @@
 #include "helix_arm/control/tip_approach.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/estimation/arm_filter.hpp"
+#include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -28,6 +29,8 @@ struct SightLoopConfig {
   double coast_time = 3.0;   ///< then it is open, > 0 [s]
   double time_constant;      ///< of the regulator's lag, > 0 [s]
   double reading_noise;      ///< standard deviation of a pressure reading, > 0 [Pa]
+  /// How the arm is seen, for its error budget; nothing: placements count as exact.
+  std::optional<estimation::PlacedSight> sight = {};
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -117,6 +120,8 @@ class SightLoop {
   const Turn& turn() const;  ///< the last one
   const estimation::ArmFilter& tracker() const;
   const estimation::ArmFilter& watch() const;
+  /// Of the watch, at the last accepted picture; nothing before the first.
+  const std::optional<estimation::TipErrorBudget>& budget() const;
   /// Distance of the measured tip from the wanted one at the time of the last picture [m]; nothing
   /// if none was wanted then.
   std::optional<double> error() const;

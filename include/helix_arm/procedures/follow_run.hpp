@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -76,6 +77,8 @@ struct FollowResult {
   std::string vented;
   std::vector<FollowState> states;
   int pictures = 0;  ///< accepted
+  /// At the last accepted picture; nothing without one.
+  std::optional<estimation::TipErrorBudget> budget;
 };
 
 /// Whether the scene's model can follow a path within its slew rates: see follow::checkPath().

@@ -1,0 +1,121 @@
+#include "helix_arm/estimation/placed_sight.hpp"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "twist_equations.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr char kCulprit[] = "placed sight";
+// Half the step of differences of a tag's pose: large against rounding.
+constexpr double kStep = 1e-5;  // [m, rad]
+
+lie::Vector6 bothParts(double translation, double rotation) {
+  lie::Vector6 out;
+  out << Eigen::Vector3d::Constant(translation), Eigen::Vector3d::Constant(rotation);
+  return out;
+}
+
+// What an exact camera sees of a tag.
+CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
+  const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
+  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section + placed.s) * placed.X_ST;
+  const Corners plane = view.layout.corners();
+  CornerObservation out{tag, {}};
+  for (int c = 0; c < 4; ++c) {
+    const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0.0);
+    out.direction.col(c) = p_C.head<2>() / p_C.z();
+  }
+  return out;
+}
+
+// Rigid motion [v; w] of a tag by each of its displacements, seen from the base and about its
+// origin.
+lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::Shape& shape) {
+  lie::Matrix6 out;
+  for (int entry = 0; entry < 6; ++entry) {
+    lie::SE3 ends[2];
+    for (const int side : {0, 1}) {
+      const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kStep : kStep);
+      const TagPlacement placed = movedBy(tag, moved, rest_length);
+      ends[side] = model::poseAt(shape, placed.section + placed.s) * placed.X_ST;
+    }
+    out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kStep);
+  }
+  return out;
+}
+
+}  // namespace
+
+PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior& tag,
+                                         const BasePrior& base_prior)
+    : tags(layout.tags.size(), bothParts(tag.translation, tag.rotation)),
+      base(bothParts(base_prior.translation, base_prior.rotation)) {
+  if (const int base_tag = layout.baseTag(); base_tag >= 0) {
+    tags[static_cast<std::size_t>(base_tag)].setZero();
+  }
+}
+
+void PlacedSight::validate() const {
+  view.validate();
+  fit.validate();
+  basics::requireValue(deviations.tags.size() == view.layout.tags.size(), kCulprit,
+                       "the number of tags with deviations", deviations.tags.size(),
+                       "that of the layout");
+  const auto check = [](const lie::Vector6& given) {
+    for (const double value : given) {
+      basics::requireValue(std::isfinite(value) && value >= 0, kCulprit,
+                           "a placement's deviation [m, rad]", value, "a finite value >= 0");
+    }
+  };
+  for (const lie::Vector6& tag : deviations.tags) check(tag);
+  check(deviations.base);
+}
+
+std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags) {
+  basics::requireValue(
+      shape.sectionCount() == sight.view.sections && shape.sectionCount() == arm.sectionCount(),
+      kCulprit, "the number of sections of the shape", shape.sectionCount(),
+      "that of the view and of the arm");
+  for (const int tag : tags) {
+    basics::requireValue(tag >= 0 && tag < static_cast<int>(sight.view.layout.tags.size()),
+                         kCulprit, "the index of a tag", tag, "one of the layout");
+  }
+  TwistEquations equations(sight.view.layout, sight.view.sections, sight.fit);
+  const CornerModel corners{sight.view.X_CB, sight.view.camera.focal() / sight.fit.corner_noise,
+                            equations.options()};
+  equations.expect(shape);
+  FitPoint point;
+  equations.start(shape.twists(), point);
+  std::vector<CornerObservation> seen;
+  for (const int tag : tags) seen.push_back(observe(sight.view, point.shape, tag));
+  NormalEquations<Eigen::Dynamic> system;
+  equations.evaluate(corners, seen, -1, point, system);
+  if (!std::isfinite(point.cost)) return std::nullopt;
+
+  const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
+  const Eigen::Index size = 6 * sight.view.sections;
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, size);
+  const auto add = [&](const Eigen::MatrixXd& gradient, const lie::Vector6& deviations) {
+    const Eigen::MatrixXd by_placement = factors.solve(gradient).topRows(size);
+    out += by_placement * deviations.cwiseAbs2().asDiagonal() * by_placement.transpose();
+  };
+  Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(system.gradient.size(), 6);
+  for (const CornerObservation& one : seen) {
+    const auto index = static_cast<std::size_t>(one.tag);
+    const TagPlacement& tag = sight.view.layout.tags[index];
+    const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
+    add(by_motion * motions(tag, arm.restLength(tag.section), point.shape),
+        sight.deviations.tags[index]);
+    by_base += by_motion;
+  }
+  add(by_base, sight.deviations.base);
+  return out;
+}
+
+}  // namespace helix_arm::estimation
