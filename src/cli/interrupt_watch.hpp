@@ -6,6 +6,9 @@
 
 namespace helix_arm::cli {
 
+/// Exit code of a command that was interrupted, as a shell gives it for Ctrl-C.
+inline constexpr int kInterrupted = 130;
+
 /// While it lives, Ctrl-C and the like are noted instead of ending the process.
 class InterruptWatch {
  public:

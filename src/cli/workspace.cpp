@@ -3,18 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <sstream>
 
-#include <stdlib.h>
-#include <unistd.h>
-
 #include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/statics/workspace_extremes.hpp"
 #include "interrupt_watch.hpp"
@@ -28,55 +22,10 @@
 namespace helix_arm::cli {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr int kInterrupted = 130;  // as a shell says of Ctrl-C
 constexpr std::uint64_t kMostCount = 10000000000;
 constexpr int kMostThreads = 256;
-
-// A file for plot_report, which goes away with the object.
-class ReportFile {
- public:
-  explicit ReportFile(const json& report)
-      : path_((fs::temp_directory_path() / "helix_arm_workspace_XXXXXX").string()) {
-    const int file = mkstemp(path_.data());
-    if (file < 0) throw CallerError(path_ + " cannot be made; set TMPDIR to a folder with room");
-    close(file);
-    std::ofstream stream(path_);
-    stream << report;
-    if (!stream.flush()) {
-      fs::remove(path_);
-      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with room");
-    }
-  }
-  ~ReportFile() {
-    std::error_code ignored;
-    fs::remove(path_, ignored);
-  }
-  ReportFile(const ReportFile&) = delete;
-  ReportFile& operator=(const ReportFile&) = delete;
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
-
-// Whether both name one file, there or not.
-bool samePlace(const std::string& one, const std::string& other) {
-  std::error_code error;
-  if (fs::equivalent(one, other, error)) return true;
-  return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
-}
-
-// Before the points are sampled, which may take long.
-void checkPng(const WorkspaceArguments& arguments) {
-  if (arguments.png.empty()) return;
-  if (!arguments.out.empty() && samePlace(arguments.out, arguments.png)) {
-    throw CallerError("--png " + arguments.png + " is the file of --out; name another one");
-  }
-  const io::AtomicFile trial(arguments.png);  // throws where none can be written; leaves nothing
-}
 
 void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
               const std::string& tier, const WorkspaceSummary& summary) {
@@ -87,12 +36,12 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
                       (summary.points() == 1 ? " tip is" : " tips keep to") +
                       " a line or a point; sample more with --count, or leave out --png");
   }
-  const ReportFile report({{"scene", scene},
-                           {"tier", tier},
-                           {"points", summary.kept.size()},
-                           {"reach_m", summary.extremes.reach()},
-                           {"maps", maps}});
-  drawReport(report.path(), arguments.png, "leave out --png");
+  const json report{{"scene", scene},
+                    {"tier", tier},
+                    {"points", summary.kept.size()},
+                    {"reach_m", summary.extremes.reach()},
+                    {"maps", maps}};
+  drawJsonReport(report, arguments.png, "leave out --png");
 }
 
 // What is wrong with a --count; empty where nothing is.
@@ -117,7 +66,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
-  checkPng(arguments);
+  checkPicture(arguments.png, arguments.out);
   WorkspaceSummary summary;
   {
     const InterruptWatch watch;

@@ -198,6 +198,55 @@ TEST_F(PlotReport, MapsStandInARowAQuantity) {
   expectRefused(wrong, "maps[0] has no unit");
 }
 
+// A run around a circle in the y-z plane, closed beside open.
+json circleRuns() {
+  json wanted = json::array(), runs = json::array();
+  for (const double radius : {30.0, 20.0}) {
+    json run{{"name", radius > 20 ? "open loop: RMS 10 mm" : "closed loop: RMS 0.4 mm"}};
+    for (int i = 0; i < 200; ++i) {
+      const double angle = 0.0314 * i;
+      const auto place = [angle](double r) {
+        return json{0.36, 1e-3 * r * std::cos(angle), 1e-3 * r * std::sin(angle)};
+      };
+      run["time_s"].push_back(0.01 * i);
+      run["tip_m"].push_back(place(radius + 0.4));
+      run["error_m"].push_back(1e-3 * (radius - 19.6));
+      if (radius > 20) wanted.push_back(place(20));
+    }
+    runs.push_back(run);
+  }
+  return {{"scene", "demo $5"},
+          {"follow",
+           {{"wanted_m", wanted}, {"along_path", true}, {"blind_s", {0.5, 1}}, {"runs", runs}}}};
+}
+
+TEST_F(PlotReport, RunsShowTheTipAndItsErrorOverTime) {
+  const json path = circleRuns();
+  ASSERT_EQ(draw(path), 0) << errors();
+  EXPECT_EQ(errors(), "");
+  const cv::Mat all = picture();
+  ASSERT_EQ(all.cols, kWidth);
+  for (int column = 0; column < 2; ++column) {
+    EXPECT_GT(inked(all.colRange(column * kWidth / 2, (column + 1) * kWidth / 2)), 0.02) << column;
+  }
+  json tips = path;
+  tips["follow"]["along_path"] = false;
+  tips["follow"]["blind_s"] = nullptr;
+  tips["follow"]["runs"].erase(0);
+  ASSERT_EQ(draw(tips), 0) << errors();
+
+  std::filesystem::remove(target_);
+  json wrong = path;
+  wrong["follow"]["runs"][1]["error_m"].push_back(1);
+  expectRefused(wrong, "follow.runs[1] has 200 times, 200 tips and 201 errors; expected the same");
+  wrong = path;
+  wrong["follow"]["wanted_m"][3] = {1, 2};
+  expectRefused(wrong, "follow.wanted_m[3] is [1, 2]; expected x, y, z");
+  wrong = path;
+  wrong["follow"]["runs"] = json::array();
+  expectRefused(wrong, "follow has 200 wanted tips and 0 runs; expected some");
+}
+
 TEST_F(PlotReport, AMissingReportIsNamed) {
   EXPECT_EQ(run(folder_ / "none.json", target_), 2);
   EXPECT_NE(errors().find("none.json cannot be read: No such file"), std::string::npos) << errors();

@@ -101,6 +101,20 @@ TEST(FollowRun, TheSameSeedGivesTheSameRun) {
   EXPECT_NE(one.rows.back().true_tip, other.rows.back().true_tip);
 }
 
+// One noisy reading may look as if the arm were not vented.
+TEST(FollowRun, NoiseDoesNotKeepTheArmFromBeingEnabled) {
+  const io::Scene scene = demo();
+  auto regulator = std::get<regulator::SimulatedRegulatorConfig>(scene.regulator.value());
+  const auto looksVented = [&] {
+    return regulator::SimulatedRegulator(3, regulator).measure().cwiseAbs().maxCoeff() <=
+           scene.safety.rules.vented_below;
+  };
+  for (regulator.seed = 1; looksVented(); ++regulator.seed) ASSERT_LT(regulator.seed, 5000u);
+  FollowPlan plan = tipPlan({kLeft}, 1);
+  plan.seed = regulator.seed;
+  EXPECT_EQ(runFollow(scene, plan).rows.size(), 100u);
+}
+
 TEST(FollowRun, MeasurementsComeLateAndNotWhileTheCameraIsBlind) {
   FollowPlan plan = tipPlan({kLeft}, 9);
   plan.latency = 0.1;

@@ -1,0 +1,247 @@
+// The loop over sight on the simulated rig of `demo`, in lockstep: errors of the true tip, the open
+// loop beside the closed one.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/control/tip_path_shapes.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/follow_run.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm {
+namespace {
+
+using control::TipShape;
+using procedures::FollowPlan;
+using procedures::FollowResult;
+
+constexpr double kMm = 1e3;
+
+io::Scene demo() {
+  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml");
+}
+
+// Tips that an arm reaches at random pressures.
+std::vector<Eigen::Vector3d> randomTips(const statics::ArmModel& model, int count, unsigned seed) {
+  test::Random random(seed);
+  std::vector<Eigen::Vector3d> tips;
+  for (int k = 0; k < count; ++k) {
+    Eigen::VectorXd fraction(model.arm().actuatorCount());
+    for (double& one : fraction) one = random.uniform(0.05, 0.95);
+    tips.push_back(model.tip(model.arm().inputAt(fraction)).tip.translation);
+  }
+  return tips;
+}
+
+FollowPlan steps(const io::Scene& scene, int count, double seconds_each) {
+  FollowPlan plan;
+  plan.tips = randomTips(scene.model, count, 3);
+  plan.seconds = count * seconds_each;
+  return plan;
+}
+
+FollowPlan shape(const io::Scene& scene, TipShape kind, double period, int turns = 2) {
+  const Eigen::VectorXd fraction = Eigen::Vector3d(0.5, 0.4, 0.4);
+  control::ShapedPath path;
+  path.shape = kind;
+  path.centre = scene.model.tip(scene.arm.inputAt(fraction)).tip.translation;
+  path.radius = 0.02;
+  path.period = period;
+  path.turns = turns;
+  FollowPlan plan;
+  plan.path = control::TipPath(control::wayPointsOf(path));
+  EXPECT_FALSE(procedures::checkPath(scene, *plan.path));
+  plan.seconds = turns * period + 3;
+  return plan;
+}
+
+FollowResult run(const io::Scene& scene, FollowPlan plan, bool open = false) {
+  plan.open = open;
+  FollowResult result = procedures::runFollow(scene, plan);
+  EXPECT_EQ(result.vented, "");
+  return result;
+}
+
+// Of the tips within reach.
+struct StepFigures {
+  double steady_rms = 0.0, settle_median = 0.0, settle_worst = 0.0;
+  int reached = 0;
+};
+
+StepFigures figuresOf(const FollowResult& result) {
+  StepFigures out;
+  std::vector<double> times;
+  double square = 0.0;
+  for (std::size_t k = 0; k < result.figures.settle.size(); ++k) {
+    if (result.figures.unreachable[k]) continue;
+    times.push_back(result.figures.settle[k].value_or(INFINITY));
+    square += result.figures.steady_rms[k] * result.figures.steady_rms[k];
+  }
+  out.reached = static_cast<int>(times.size());
+  if (times.empty()) return out;
+  std::sort(times.begin(), times.end());
+  out.steady_rms = std::sqrt(square / out.reached);
+  out.settle_median = times[times.size() / 2];
+  out.settle_worst = times.back();
+  return out;
+}
+
+StepFigures printSteps(const char* what, const FollowResult& closed, const FollowResult& open) {
+  const StepFigures figures = figuresOf(closed);
+  std::printf(
+      "[  FIGURE  ] %s: steady RMS %.2f mm (open loop %.1f mm), settled after %.2f s in the "
+      "median, %.2f s at worst, %d tips\n",
+      what, kMm * figures.steady_rms, kMm * figuresOf(open).steady_rms, figures.settle_median,
+      figures.settle_worst, figures.reached);
+  return figures;
+}
+
+TEST(ClosedLoop, TwentyTipsFromCorners) {
+  const io::Scene scene = demo();
+  const FollowPlan plan = steps(scene, 20, 4);
+  const StepFigures figures =
+      printSteps("20 tips, corners", run(scene, plan), run(scene, plan, true));
+  EXPECT_EQ(figures.reached, 20);
+  EXPECT_LE(figures.steady_rms, 0.0003);
+  EXPECT_LE(figures.settle_median, 0.7);
+  EXPECT_LE(figures.settle_worst, 1.0);
+}
+
+TEST(ClosedLoop, MeasurementsThatComeLate) {
+  const io::Scene scene = demo();
+  FollowPlan plan = steps(scene, 20, 4);
+  plan.latency = 0.3;
+  const StepFigures figures =
+      printSteps("20 tips, latency 0.3 s", run(scene, plan), run(scene, plan, true));
+  EXPECT_LE(figures.steady_rms, 0.0006);
+}
+
+struct Drawing {
+  const char* name;
+  TipShape shape;
+  double period;
+  double most;  // RMS [m]
+};
+
+class ClosedLoopPath : public testing::TestWithParam<Drawing> {};
+
+TEST_P(ClosedLoopPath, IsDrawn) {
+  const io::Scene scene = demo();
+  const FollowPlan plan = shape(scene, GetParam().shape, GetParam().period);
+  const FollowResult closed = run(scene, plan), open = run(scene, plan, true);
+  std::printf("[  FIGURE  ] %s in %.0f s: RMS %.2f mm, most %.2f mm (open loop %.1f mm)\n",
+              GetParam().name, GetParam().period, kMm * closed.figures.path_rms.value(),
+              kMm * closed.figures.path_max.value(), kMm * open.figures.path_rms.value());
+  EXPECT_LE(closed.figures.path_rms.value(), GetParam().most);
+}
+
+INSTANTIATE_TEST_SUITE_P(Shapes, ClosedLoopPath,
+                         testing::Values(Drawing{"circle", TipShape::kCircle, 20, 0.0005},
+                                         Drawing{"circle", TipShape::kCircle, 8, 0.0006},
+                                         Drawing{"circle", TipShape::kCircle, 4, 0.0008},
+                                         Drawing{"square", TipShape::kSquare, 12, 0.001},
+                                         Drawing{"lemniscate", TipShape::kLemniscate, 12, 0.001}),
+                         [](const auto& drawing) {
+                           return drawing.param.name +
+                                  std::to_string(static_cast<int>(drawing.param.period));
+                         });
+
+TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
+  const io::Scene scene = demo();
+  FollowPlan plan = shape(scene, TipShape::kCircle, 8, 3);
+  const FollowResult seeing = run(scene, plan);
+  const auto start = std::find_if(seeing.rows.begin(), seeing.rows.end(),
+                                  [](const auto& row) { return *row.path_time >= 0; });
+  ASSERT_NE(start, seeing.rows.end());
+  plan.blind = model::Range{start->time + 8, start->time + 16};
+  const FollowResult blind = run(scene, plan);
+  double square = 0.0;
+  int rows = 0, seen = 0;
+  for (const procedures::FollowRow& row : blind.rows) {
+    if (!plan.blind->contains(row.time)) continue;
+    square += (row.true_tip - *row.wanted).squaredNorm();
+    if (row.measured && row.measured_time > plan.blind->lower) ++seen;
+    ++rows;
+  }
+  const double rms = std::sqrt(square / rows);
+  std::printf("[  FIGURE  ] a turn of 8 s without pictures: RMS %.2f mm\n", kMm * rms);
+  EXPECT_NEAR(rows, 800, 2);
+  EXPECT_EQ(seen, 0);
+  EXPECT_LE(rms, 0.0015);
+}
+
+TEST(ClosedLoop, NothingWindsUpOutOfReach) {
+  const io::Scene scene = demo();
+  FollowPlan plan;
+  const std::vector<Eigen::Vector3d> tips = randomTips(scene.model, 2, 5);
+  plan.tips = {tips[0], 1.5 * tips[1], tips[1]};
+  plan.seconds = 12;
+  const FollowResult result = run(scene, plan);
+  ASSERT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
+  std::printf("[  FIGURE  ] 4 s out of reach: the next tip settles after %.2f s\n",
+              result.figures.settle[2].value_or(INFINITY));
+  EXPECT_LE(result.figures.settle[2].value_or(INFINITY), 1.0);
+}
+
+TEST(ClosedLoop, TipsFromRenderedPictures) {
+  const io::Scene scene = demo();
+  FollowPlan plan = steps(scene, 4, 3);
+  plan.sight = simulation::SightKind::kRendered;
+  const FollowResult closed = run(scene, plan);
+  plan.sight = simulation::SightKind::kCorners;
+  const StepFigures figures =
+      printSteps("4 tips, rendered pictures", closed, run(scene, plan, true));
+  EXPECT_EQ(figures.reached, 4);
+  EXPECT_LE(figures.steady_rms, 0.0005);
+}
+
+// Tips that the true arm reaches at random pressures.
+std::vector<Eigen::Vector3d> trueTips(const io::Scene& scene, int count, test::Random& random) {
+  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
+  std::vector<Eigen::Vector3d> tips;
+  for (int k = 0; k < count; ++k) {
+    Eigen::VectorXd fraction(scene.arm.actuatorCount());
+    for (double& one : fraction) one = random.uniform(0.05, 0.95);
+    tips.push_back(model::tipPose(truth.shape(scene.arm.inputAt(fraction))).translation);
+  }
+  return tips;
+}
+
+// Arms that nobody tuned the loop to.
+TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
+  test::Random random(17);
+  StepFigures worst;
+  double open_worst = 0.0;
+  for (int arm = 0; arm < 50; ++arm) {
+    io::Scene scene = demo();
+    simulation::ArmDeviation& truth = scene.simulation.arm;
+    truth.K_gamma_scale = random.uniform(0.6, 1.6);
+    truth.K_kappa_scale = random.uniform(0.6, 1.6);
+    truth.length_scale = 1.0;
+    truth.length_scales.resize(scene.arm.actuatorCount());
+    for (double& scale : truth.length_scales) scale = random.uniform(0.98, 1.02);
+    FollowPlan plan;
+    plan.tips = trueTips(scene, 8, random);
+    plan.seconds = 24;
+    plan.seed = static_cast<std::uint32_t>(arm + 1);
+    const StepFigures figures = figuresOf(run(scene, plan));
+    EXPECT_EQ(figures.reached, 8) << arm;
+    worst.steady_rms = std::max(worst.steady_rms, figures.steady_rms);
+    worst.settle_median = std::max(worst.settle_median, figures.settle_median);
+    worst.settle_worst = std::max(worst.settle_worst, figures.settle_worst);
+    open_worst = std::max(open_worst, figuresOf(run(scene, plan, true)).steady_rms);
+  }
+  std::printf(
+      "[  FIGURE  ] the worst of 50 random arms: steady RMS %.2f mm (open loop %.1f mm), "
+      "settled after %.2f s in the median, %.2f s at worst\n",
+      kMm * worst.steady_rms, kMm * open_worst, worst.settle_median, worst.settle_worst);
+  EXPECT_LE(worst.steady_rms, 0.0005);
+  EXPECT_LE(worst.settle_median, 1.0);
+}
+
+}  // namespace
+}  // namespace helix_arm

@@ -1,0 +1,217 @@
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Two tips in the middle of the demo arm's reach, and a place in the air.
+const std::string kTips = "0.36,0.03,0.02;0.36,-0.03,0";
+const std::string kCentre = "0.366,0.003,0.009";
+
+Outcome follow(std::vector<std::string> more, const std::string& format = "json") {
+  more.insert(more.begin(), {"follow", scenePath("demo"), "--format", format});
+  return runCommand(more);
+}
+
+// A circle of the period as a path file.
+std::string circle(const TemporaryFolder& folder, const std::string& period,
+                   const std::string& radius = "0.02") {
+  const std::string path = folder / ("circle_" + radius + "_" + period + ".csv");
+  EXPECT_EQ(runCommand({"path", "circle", "--centre", kCentre, "--radius", radius, "--period",
+                        period, "--out", path})
+                .exit_code,
+            0);
+  return path;
+}
+
+std::set<std::string> keysOf(const json& object) {
+  std::set<std::string> keys;
+  for (const auto& [key, value] : object.items()) keys.insert(key);
+  return keys;
+}
+
+TEST(Follow, TipsGiveAFigureEach) {
+  const Outcome outcome = follow({"--tip", kTips, "--seconds", "6", "--seed", "3"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  EXPECT_EQ(keysOf(result),
+            (std::set<std::string>{"scene", "seed", "sight", "open", "seconds", "pictures",
+                                   "reason", "path_rms_m", "path_max_m", "steady_rms_m", "settle_s",
+                                   "unreachable", "states", "alarms", "budget", "out", "png"}));
+  EXPECT_EQ(result["scene"], "demo");
+  EXPECT_EQ(result["seed"], 3);
+  EXPECT_EQ(result["sight"], "corners");
+  EXPECT_EQ(result["open"], false);
+  EXPECT_EQ(result["path_rms_m"], nullptr);
+  EXPECT_EQ(result["path_max_m"], nullptr);
+  EXPECT_EQ(result["reason"], nullptr);
+  EXPECT_EQ(result["unreachable"], json({false, false}));
+  EXPECT_EQ(result["alarms"], json::array());
+  EXPECT_NEAR(result["pictures"].get<int>(), 178, 4);
+  for (const double steady : numbersOf(result["steady_rms_m"])) EXPECT_LT(steady, 5e-4);
+  for (const double settle : numbersOf(result["settle_s"])) EXPECT_LT(settle, 1.0);
+  ASSERT_EQ(result["states"].size(), 2u);
+  EXPECT_EQ(keysOf(result["states"][1]), (std::set<std::string>{"time_s", "state"}));
+  EXPECT_EQ(result["states"][0]["state"], "open");
+  EXPECT_EQ(result["states"][1]["state"], "closed");
+  EXPECT_NE(outcome.err.find("closed loop: 3 of 6 s"), std::string::npos) << outcome.err;
+}
+
+TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
+  const TemporaryFolder folder;
+  const std::string path = circle(folder, "8");
+  const auto rms = [&path](std::vector<std::string> more) {
+    more.insert(more.end(), {"--path", path, "--seconds", "12"});
+    const Outcome outcome = follow(more);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    const json result = outcome.json();
+    EXPECT_EQ(result["steady_rms_m"], json::array());
+    EXPECT_GE(result["path_max_m"], result["path_rms_m"]);
+    return result["path_rms_m"].get<double>();
+  };
+  const double closed = rms({}), open = rms({"--open"});
+  EXPECT_LT(closed, 0.001);
+  EXPECT_GT(open, 10 * closed);
+}
+
+TEST(Follow, TheSameSeedGivesTheSameBytes) {
+  const TemporaryFolder folder;
+  const auto run = [&folder](const std::string& seed, const std::string& file) {
+    return follow({"--tip", kTips, "--seconds", "3", "--seed", seed, "--out", folder / file},
+                  "csv");
+  };
+  const Outcome one = run("5", "one.csv"), again = run("5", "again.csv"), other = run("6", "o.csv");
+  ASSERT_EQ(one.exit_code, 0) << one.err;
+  EXPECT_EQ(one.out, again.out);
+  EXPECT_EQ(contentOf(folder / "one.csv"), one.out);
+  EXPECT_EQ(contentOf(folder / "again.csv"), one.out);
+  EXPECT_NE(one.out, other.out);
+}
+
+TEST(Follow, EachTurnIsARow) {
+  const Outcome outcome =
+      follow({"--tip", kTips, "--seconds", "4", "--blind", "1,2", "--latency-s", "0.1"}, "csv");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const auto rows = csvRows(outcome.out);
+  const std::vector<std::string> names{"time_s",        "wanted_x_m",      "wanted_y_m",
+                                       "wanted_z_m",    "true_x_m",        "true_y_m",
+                                       "true_z_m",      "measured_time_s", "measured_x_m",
+                                       "measured_y_m",  "measured_z_m",    "predicted_x_m",
+                                       "predicted_y_m", "predicted_z_m",   "pressure_1_pa",
+                                       "pressure_2_pa", "pressure_3_pa",   "state"};
+  ASSERT_EQ(rows.at(0), names);
+  ASSERT_EQ(rows.size(), 401u);
+  int measured = 0;
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    ASSERT_EQ(rows[i].size(), names.size());
+    const double time = std::stod(rows[i][0]);
+    EXPECT_NEAR(time, 0.01 * i, 1e-9);
+    EXPECT_EQ(std::stod(rows[i][2]), i <= 200 ? 0.03 : -0.03);
+    EXPECT_EQ(rows[i][7].empty(), rows[i][8].empty());
+    if (rows[i][7].empty()) continue;
+    ++measured;
+    const double seen = std::stod(rows[i][7]);
+    EXPECT_NEAR(time - seen, 0.1, 1e-9);
+    EXPECT_TRUE(seen < 1 || seen > 2) << seen;
+  }
+  EXPECT_NEAR(measured, 87, 4);
+  EXPECT_EQ(rows[1].back(), "open");
+  EXPECT_EQ(rows[100].back(), "closed");
+  EXPECT_EQ(rows[190].back(), "coasting");
+}
+
+TEST(Follow, ATipOutOfReachIsNoError) {
+  const Outcome outcome = follow({"--tip", "0.36,0.03,0.02;0.6,0,0", "--seconds", "4"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  EXPECT_EQ(result["unreachable"], json({false, true}));
+  EXPECT_EQ(result["settle_s"][1], nullptr);
+  EXPECT_GT(result["steady_rms_m"][1].get<double>(), 0.1);
+  const std::string text =
+      follow({"--tip", "0.36,0.03,0.02;0.6,0,0", "--seconds", "4"}, "text").out;
+  EXPECT_EQ(text.find("demo, closed loop, corners, 4 s, "), 0u) << text;
+  EXPECT_NE(text.find("tip 1: steady RMS "), std::string::npos) << text;
+  EXPECT_NE(text.find("tip 2: out of reach; "), std::string::npos) << text;
+}
+
+TEST(Follow, PathsThatTheArmCannotFollowAreRefused) {
+  const TemporaryFolder folder;
+  const std::string fast = circle(folder, "0.5"), big = circle(folder, "10", "0.2");
+  const Outcome too_fast = follow({"--path", fast, "--seconds", "3"});
+  expectCallerError(too_fast, "--path " + fast + ": the path is too fast after ");
+  EXPECT_NE(too_fast.err.find("multiply all times by "), std::string::npos) << too_fast.err;
+  expectCallerError(follow({"--path", big, "--seconds", "3"}),
+                    "--path " + big + ": the path leaves the arm's reach after 0 s");
+  std::ofstream(folder / "nan.csv") << "time_s,x_m,y_m,z_m\n0,0.36,0,0\n1,nan,0,0\n";
+  expectCallerError(follow({"--path", folder / "nan.csv", "--seconds", "3"}), "nan.csv:3 ");
+  const Outcome stretched = follow({"--path", circle(folder, "1"), "--seconds", "3"});
+  EXPECT_EQ(stretched.exit_code, 0) << stretched.err;
+}
+
+TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
+  const TemporaryFolder folder;
+  const Outcome outcome = follow({"--path", circle(folder, "8"), "--seconds", "0.3"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.json()["path_rms_m"], nullptr);
+  EXPECT_NE(outcome.json()["reason"].get<std::string>().find("raise --seconds"), std::string::npos);
+}
+
+TEST(Follow, WrongCallsNameCulpritAndRemedy) {
+  const TemporaryFolder folder;
+  const auto refused = [](std::vector<std::string> more, const std::string& message) {
+    more.insert(more.end(), {"--seconds", "3"});
+    expectCallerError(follow(more), message);
+  };
+  refused({}, "give either --tip or --path");
+  refused({"--tip", "0.3,0,0", "--path", "x.csv"}, "give either --tip or --path");
+  refused({"--tip", "0.3,0"}, "--tip has 2 values; expected 3");
+  refused({"--tip", "0.3,0,0;0.3,a,0"}, "--tip has \"a\" as value 2");
+  refused({"--tip", "2e6,0,0"}, "--tip 2e6,0,0 is farther than 1e6 m; expected metres");
+  refused({"--tip", "0.3,0,0;0.3,0,0;0.3,0,0;0.3,0,0"},
+          "--seconds 3 is too short for 4 tips; expected at least 1 s for each: --seconds 4");
+  refused({"--tip", "0.3,0,0", "--blind", "2,1"}, "--blind 2,1 ends before it begins");
+  refused({"--tip", "0.3,0,0", "--force", "1,0,0"}, "--force has 3 values; expected 4");
+  refused({"--tip", "0.3,0,0", "--force", "1,0,0,101"}, "--force 1,0,0,101 is more than 100 N");
+  refused({"--tip", "0.3,0,0", "--latency-s", "2"}, "--latency-s: 2 is not a number from 0 to 1");
+  refused({"--tip", "0.3,0,0", "--sight", "x"}, "--sight: x not in {corners,rendered}");
+  refused({"--tip", "0.3,0,0", "--out", folder / "none/f.csv"}, "none/f.csv cannot be written: ");
+  refused({"--tip", "0.3,0,0", "--out", folder / "f", "--png", folder / "f"},
+          "is the file of --out; name another one");
+  refused({"--path", folder / "none.csv"}, "none.csv");
+  expectCallerError(follow({"--tip", "0.3,0,0", "--seconds", "0"}),
+                    "--seconds: 0 is not a number from 0.1 to 3600");
+  expectCallerError(
+      runCommand({"follow", scenePath("spatial_50"), "--tip", "0.3,0,0", "--seconds", "1"}),
+      "scene spatial_50 has no `camera` or no `tags`; a loop over sight needs both");
+  EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(Follow, ASlowLoopIsWarnedOf) {
+  const Outcome outcome =
+      follow({"--tip", "0.36,0.03,0.02", "--seconds", "1", "--set", "follow.mode_hz=0.5"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.err.find("follow: the loop smooths over 2."), 0u) << outcome.err;
+}
+
+TEST(Follow, ThePictureShowsTheRun) {
+  const TemporaryFolder folder;
+  const Outcome outcome = follow({"--path", circle(folder, "4"), "--seconds", "6", "--png",
+                                  folder / "run.png", "--blind", "2,3"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.json()["png"], folder / "run.png");
+  EXPECT_EQ(contentOf(folder / "run.png").substr(1, 3), "PNG");
+  EXPECT_NE(outcome.err.find("open loop, for the picture: 6 of 6 s"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace helix_arm::test
