@@ -35,6 +35,31 @@ json settleJson(const procedures::FollowFigures& figures) {
   return times;
 }
 
+json spreadJson(const char* name, const estimation::TipSpread& spread) {
+  json rows = json::array();
+  for (int i = 0; i < 3; ++i) {
+    rows.push_back(toJson(Eigen::VectorXd(spread.covariance.row(i).transpose())));
+  }
+  return {{"name", name}, {"sd_m", spread.deviation()}, {"covariance_m2", rows}};
+}
+
+json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
+  if (!budget) return nullptr;
+  json parts = json::array();
+  for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
+    const auto part = static_cast<estimation::BudgetPart>(i);
+    parts.push_back(spreadJson(nameOf(part), budget->part(part)));
+  }
+  parts.push_back(spreadJson("predicted", budget->predicted));
+  parts.push_back(spreadJson("open_loop", budget->open_loop));
+  return {{"time_s", budget->time},
+          {"parts", parts},
+          {"error_m", toJson(Eigen::VectorXd(budget->error))},
+          {"distance2", budget->distance2},
+          {"limit", budget->limit},
+          {"state", nameOf(budget->state)}};
+}
+
 void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
                     CsvTable::Row& row) {
   const char* const axes[] = {"x_m", "y_m", "z_m"};
@@ -151,7 +176,7 @@ json toJson(const FollowReport& report) {
           {"unreachable", figures.unreachable},
           {"states", statesJson(report.result)},
           {"alarms", json::array()},  // nothing watches for contacts
-          {"budget", nullptr},        // nothing keeps one
+          {"budget", budgetJson(report.result.budget)},
           {"out", nullable(report.out)},
           {"png", nullable(report.png)}};
 }
@@ -187,6 +212,11 @@ void printText(const FollowReport& report) {
   for (const procedures::FollowState& change : report.result.states) {
     std::cout << " " << nameOf(change.state) << " from " << std::fixed << std::setprecision(2)
               << change.time << " s" << (&change == &report.result.states.back() ? "\n" : ",");
+  }
+  if (const auto& budget = report.result.budget) {
+    std::cout << "standard deviation of the predicted tip "
+              << millimetres(budget->predicted.deviation()) << ", of the open loop's "
+              << millimetres(budget->open_loop.deviation()) << "\n";
   }
   const std::string failure = failureOf(report);
   if (!failure.empty()) std::cout << failure << "\n";
