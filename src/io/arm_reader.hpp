@@ -17,7 +17,7 @@ struct ArmParts {
   model::Arm arm;
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;
-  std::vector<double> K_eps;  ///< per section [N]; empty if one has none and no load needs it
+  std::vector<double> K_eps;  ///< per section [N]; empty if one has none
 };
 
 /// Reads `arm`; nothing if faults leave no arm.

@@ -70,6 +70,14 @@ statics::PointLoad readPoint(const MapReader& keys, const ArmParts* arm,
   return point;
 }
 
+std::optional<statics::Load> onlyStiffness(const ArmParts* arm) {
+  if (arm == nullptr || arm->K_eps.empty()) return std::nullopt;
+  statics::Load load;
+  load.mass.assign(arm->K_eps.size(), 0.0);
+  load.K_eps = arm->K_eps;
+  return load;
+}
+
 bool isWeightless(const statics::Load& load) {
   const auto none = [](double mass) { return mass == 0; };
   return std::all_of(load.mass.begin(), load.mass.end(), none) &&
@@ -83,7 +91,7 @@ bool isWeightless(const statics::Load& load) {
 std::optional<statics::Load> readLoad(const MapReader& scene, const Value& document,
                                       const ArmParts* arm, FaultList& faults) {
   const Value* value = document.find("load");
-  if (value == nullptr) return std::nullopt;
+  if (value == nullptr) return onlyStiffness(arm);
   const std::size_t faults_before = faults.count();
   const MapReader keys(*value, scene.path("load"), {"gravity_m_s2", "mass_kg", "tip", "points"},
                        faults);

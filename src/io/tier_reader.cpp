@@ -19,12 +19,13 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
   return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
 }
 
-void checkSceneAllows(const MapReader& scene, statics::Tier tier, bool planar) {
+void checkSceneAllows(const MapReader& scene, statics::Tier tier, const ArmParts& arm) {
+  const bool planar = arm.planar.has_value();
   if (tier == statics::Tier::kPlanar && !planar) {
     scene.fault("tier", "auto, linear, loaded or exact, for arm.geometry is spatial");
   }
   const bool needs_load = statics::takesLoad(tier);
-  if (needs_load && !scene.has("load")) {
+  if (needs_load && !scene.has("load") && arm.K_eps.empty()) {
     scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
                             " or linear, for the scene has no key load; or give it one");
   }
@@ -43,7 +44,7 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
     tier = word.value_or(tier);
     request.tier = statics::tierNamed(tier);
   }
-  if (request.tier && arm) checkSceneAllows(scene, *request.tier, arm->planar.has_value());
+  if (request.tier && arm) checkSceneAllows(scene, *request.tier, *arm);
   if (scene.has("order")) {
     if (const auto order = scene.integer("order", statics::kLeastOrder, statics::kMostOrder)) {
       request.order = static_cast<int>(*order);

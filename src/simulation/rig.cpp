@@ -11,24 +11,39 @@
 namespace helix_arm::simulation {
 namespace {
 
-statics::ArmModel deviate(const statics::ArmModel& model, const ArmDeviation& deviation) {
+constexpr statics::TierSetting kExact{statics::Tier::kExact, 0};
+
+std::optional<statics::Load> deviate(std::optional<statics::Load> load,
+                                     const ArmDeviation& deviation) {
   deviation.validate();
-  model::Arm deviating =
-      model.arm().scaledStiffness({deviation.K_gamma_scale, 1.0, deviation.K_kappa_scale});
-  if (!model.load() || model.load()->empty()) return statics::ArmModel(std::move(deviating));
-  statics::Load load = *model.load();
-  for (double& K_eps : load.K_eps) K_eps *= deviation.K_eps_scale;
-  return {std::move(deviating), std::nullopt, std::move(load),
-          statics::TierSetting{statics::Tier::kExact, 0}};
+  if (!load) return load;
+  for (double& K_eps : load->K_eps) K_eps *= deviation.K_eps_scale;
+  return load;
 }
 
-std::string describe(const statics::Load& load) {
+statics::ArmModel deviate(const model::Arm& arm, const std::optional<statics::Load>& load,
+                          const ArmDeviation& deviation) {
+  model::Arm deviating =
+      arm.scaledStiffness({deviation.K_gamma_scale, 1.0, deviation.K_kappa_scale});
+  if (!load || load->empty()) return statics::ArmModel(std::move(deviating));
+  return {std::move(deviating), std::nullopt, load, kExact};
+}
+
+std::string text(const Eigen::Vector3d& vector) {
+  std::ostringstream out;
+  out << "(" << vector.x() << ", " << vector.y() << ", " << vector.z() << ")";
+  return out.str();
+}
+
+std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force) {
+  const std::string force = "the force " + text(tip_force) + " N at the tip";
+  if (load.empty()) return force;
   double mass = 0.0;
   for (const double m : load.mass) mass += m;
   std::ostringstream out;
-  out << "the load of " << mass << " kg along the arm at gravity (" << load.gravity.x() << ", "
-      << load.gravity.y() << ", " << load.gravity.z() << ") m/s^2 and " << load.points.size()
-      << (load.points.size() == 1 ? " point" : " points");
+  out << "the load of " << mass << " kg along the arm at gravity " << text(load.gravity)
+      << " m/s^2 and " << load.points.size() << (load.points.size() == 1 ? " point" : " points");
+  if (!tip_force.isZero(0)) out << ", and " << force;
   return out.str();
 }
 
@@ -46,16 +61,37 @@ void ArmDeviation::validate() const {
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
-    : model_(deviate(model, deviation)), length_scale_(deviation.length_scale) {}
+    : load_(deviate(model.load(), deviation)),
+      model_(deviate(model.arm(), load_, deviation)),
+      length_scale_(deviation.length_scale) {}
+
+void TrueArm::setTipForce(const Eigen::Vector3d& force) {
+  basics::require(force.allFinite(), "true arm: the force at the tip is ", text(force),
+                  " N; expected finite numbers");
+  if (force.isZero(0)) {
+    pulled_.reset();
+  } else {
+    basics::require(load_.has_value(),
+                    "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
+                    "section, for a force at the tip of the true arm needs it");
+    statics::Load load = *load_;
+    statics::PointLoad tip;
+    tip.section = arm().sectionCount() - 1;
+    tip.force = force;
+    load.points.push_back(tip);
+    pulled_.emplace(arm(), std::nullopt, std::move(load), kExact);
+  }
+  tip_force_ = force;
+}
 
 model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   const Eigen::VectorXd clamped = arm().clamped(pressure);
-  const statics::Solution solution = model_.solveLengths(length_scale_ * arm().lengths(clamped));
+  const statics::Solution solution = model().solveLengths(length_scale_ * arm().lengths(clamped));
   if (!solution.converged()) {
     std::ostringstream message;
     message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "
-            << describe(*model_.load()) << " (" << statics::nameOf(solution.status) << ", residual "
-            << solution.residual << "); lighten the load or raise K_eps";
+            << describe(*load_, tip_force_) << " (" << statics::nameOf(solution.status)
+            << ", residual " << solution.residual << "); lower the load or raise K_eps";
     throw std::runtime_error(message.str());
   }
   return solution.shape;

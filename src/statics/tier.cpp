@@ -286,7 +286,8 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
   basics::require(request.tier != Tier::kPlanar || planar,
                   "tier: planar needs arm.geometry: planar; this arm is spatial, use tier: linear");
   if (load) load->validate(arm.sectionCount());
-  if (!load || (load->empty() && !request.tier)) return chooseUnloaded(arm, planar, request);
+  const bool solves_load = request.tier && takesLoad(*request.tier);
+  if (!load || (load->empty() && !solves_load)) return chooseUnloaded(arm, planar, request);
 
   basics::require(
       request.tier != Tier::kPlanar || inPlane(*load),

@@ -43,7 +43,7 @@ std::vector<ArmModel> stifferModels(const ArmModel& model) {
     if (model.planar()) planar = model.planar()->scaledStiffness(factor);
     out.emplace_back(model.arm().scaledStiffness(factor), std::move(planar), model.load(), setting);
   }
-  if (model.load()) {
+  if (model.load() && !model.load()->empty()) {
     Load load = *model.load();
     for (double& K_eps : load.K_eps) K_eps *= kOnePercentMore;
     out.emplace_back(model.arm(), model.planar(), std::move(load), setting);

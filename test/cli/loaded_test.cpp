@@ -55,7 +55,8 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
       EXPECT_TRUE(result["order"].is_null());
     }
     EXPECT_EQ(result["tier_reason"], model.choice().reason);
-    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().relative_tip_error, 1e-12);
+    EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().relative_tip_error,
+                1e-12);
     EXPECT_EQ(result["status"], "converged");
     EXPECT_EQ(result["iterations"], expected.iterations);
     EXPECT_LT((positionOf(result["tip"]) - expected.tip.translation).norm(), 1e-14);
@@ -217,7 +218,7 @@ TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
       "tier asked for keeps within");
   expectCallerError(forward("loaded", {"--budget", "1e-3"}),
                     "--budget cannot be had with scene loaded: budget.time_us: the cheapest");
-  expectCallerError(forward("demo", {"--set", "load.mass_kg=0.2"}),
+  expectCallerError(forward("helical_50", {"--set", "load.mass_kg=0.2"}),
                     "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N]");
 }
 

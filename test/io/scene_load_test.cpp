@@ -90,7 +90,35 @@ TEST(SceneLoad, ASectionsK_epsIsItsOwnOrTheArms) {
   EXPECT_EQ(load(kLoadedScene).model.load()->K_eps, (std::vector<double>{900, 900}));
   const Scene own = load(kLoadedScene, {{"arm.sections.1.stiffness.K_eps_n", "700"}});
   EXPECT_EQ(own.model.load()->K_eps, (std::vector<double>{900, 700}));
-  EXPECT_FALSE(load(kSpatialScene, {{"arm.stiffness.K_eps_n", "900"}}).model.load());
+}
+
+// A force that comes later needs it.
+TEST(SceneLoad, K_epsIsKeptWhereNothingLoadsTheArm) {
+  const Scene scene = load(kRod), without = load(replaced(kRod, ", K_eps_n: 900", ""));
+  EXPECT_FALSE(without.model.load());
+  ASSERT_TRUE(scene.model.load());
+  EXPECT_TRUE(scene.model.load()->empty());
+  EXPECT_EQ(scene.model.load()->K_eps, std::vector<double>{900});
+  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kLinear);
+  const Eigen::VectorXd q = scene.arm.inputAt(0.3);
+  EXPECT_EQ(scene.model.solve(q).shape.pieces(), without.model.solve(q).shape.pieces());
+  const Scene planar =
+      load(replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}"));
+  ASSERT_TRUE(planar.model.load());
+  EXPECT_EQ(planar.model.choice().setting.tier, statics::Tier::kPlanar);
+  EXPECT_TRUE(planar.vision.fit.planar);
+  // A force acts on all sections.
+  const Scene one_of_two =
+      load(replaced(kSpatialScene, "K_kappa_m2: 2.0e-4}", "K_kappa_m2: 2.0e-4, K_eps_n: 700}"));
+  ASSERT_EQ(one_of_two.arm.sectionCount(), 2);
+  EXPECT_FALSE(one_of_two.model.load());
+}
+
+TEST(SceneLoad, WithoutGravityALoadedArmWeighsNothing) {
+  const Scene scene = load(kLoadedScene, {{"load", "{gravity_m_s2: [0, 0, 0], mass_kg: 0.3}"}});
+  ASSERT_TRUE(scene.model.load());
+  EXPECT_TRUE(scene.model.load()->empty());
+  EXPECT_EQ(scene.model.load()->K_eps, (std::vector<double>{900, 900}));
 }
 
 TEST(SceneLoad, GravityPullsDownTheWorldWhereNothingElseIsSaid) {
@@ -150,6 +178,7 @@ TEST(SceneTier, IsTheOneThatIsAskedFor) {
   EXPECT_EQ(tier(kPlanarScene, {{"tier", "planar"}}), statics::Tier::kPlanar);
   EXPECT_EQ(tier(kPlanarScene, {{"tier", "auto"}}), statics::Tier::kPlanar);
   EXPECT_EQ(tier(kSpatialScene, {{"tier", "auto"}}), statics::Tier::kLinear);
+  EXPECT_EQ(tier(kRod, {{"tier", "exact"}}), statics::Tier::kExact);
 }
 
 TEST(SceneTier, AccuracyIsInPercentOfTheArm) {

@@ -164,10 +164,15 @@ TEST(ShippedScenes, TheSafetyCoreTakesThem) {
 }
 
 TEST(ShippedScenes, OnlyTwoAreLoaded) {
-  for (const char* name : {"demo", "helical_50", "planar_101", "planar_50", "planar_76",
-                           "spatial_101", "spatial_50"}) {
+  for (const char* name :
+       {"helical_50", "planar_101", "planar_50", "planar_76", "spatial_101", "spatial_50"}) {
     EXPECT_FALSE(loadScene(scenePath(name)).model.load()) << name;
   }
+  const Scene demo = loadScene(scenePath("demo"));
+  ASSERT_TRUE(demo.model.load());
+  EXPECT_TRUE(demo.model.load()->empty());
+  EXPECT_EQ(demo.model.load()->K_eps, std::vector<double>{900});
+  EXPECT_EQ(demo.model.choice().setting.tier, statics::Tier::kLinear);
   const Scene scene = loadScene(scenePath("loaded"));
   ASSERT_TRUE(scene.model.load());
   EXPECT_EQ(scene.model.load()->mass, std::vector<double>{0.2});

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -176,6 +177,59 @@ TEST(Conversions, TheOrientationOfAPositionTargetIsNotLookedAt) {
   EXPECT_TRUE(std::holds_alternative<TipGoal>(fromMsg(target, "arm_base")));
   target.mode = TipTarget::POSE;
   EXPECT_TRUE(std::holds_alternative<control::Refusal>(fromMsg(target, "arm_base")));
+}
+
+geometry_msgs::WrenchStamped wrenchOf(const Eigen::Vector3d& force) {
+  geometry_msgs::WrenchStamped out;
+  out.wrench.force.x = force.x();
+  out.wrench.force.y = force.y();
+  out.wrench.force.z = force.z();
+  return out;
+}
+
+void expectRefusal(const geometry_msgs::WrenchStamped& wrench, control::Fault fault,
+                   const std::string& message) {
+  const auto checked = fromMsg(wrench, "arm_base");
+  const auto* refusal = std::get_if<control::Refusal>(&checked);
+  ASSERT_NE(refusal, nullptr) << message;
+  EXPECT_EQ(refusal->fault, fault);
+  EXPECT_EQ(refusal->message, message);
+}
+
+TEST(Conversions, AForceAtTheTipIsTakenUpToItsLimit) {
+  for (const Eigen::Vector3d& force :
+       {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(0.1, -0.2, 0.3), Eigen::Vector3d(60, 0, -80)}) {
+    for (const char* frame : {"", "arm_base"}) {
+      geometry_msgs::WrenchStamped wrench = wrenchOf(force);
+      wrench.header.frame_id = frame;
+      const auto checked = fromMsg(wrench, "arm_base");
+      ASSERT_TRUE(std::holds_alternative<Eigen::Vector3d>(checked));
+      EXPECT_EQ(std::get<Eigen::Vector3d>(checked), force);
+    }
+  }
+}
+
+TEST(Conversions, AWrenchThatIsNoForceAtTheTipIsRefused) {
+  using control::Fault;
+  constexpr double kHuge = std::numeric_limits<double>::max();
+  expectRefusal(wrenchOf({60, 0, 80.1}), Fault::kOutOfRange,
+                "the force is (60, 0, 80.1) N; send at most 100 N");
+  expectRefusal(wrenchOf({kHuge, kHuge, 0}), Fault::kOutOfRange,
+                "the force is (1.79769e+308, 1.79769e+308, 0) N; send at most 100 N");
+  expectRefusal(wrenchOf({0, std::nan(""), 0}), Fault::kNotFinite,
+                "the force is (0, nan, 0) N; send finite numbers");
+  geometry_msgs::WrenchStamped wrench = wrenchOf({0.1, 0, 0});
+  wrench.wrench.torque.y = 0.01;
+  expectRefusal(wrench, Fault::kOutOfRange,
+                "the torque is (0, 0.01, 0) N m; send 0, for only a force acts on the tip");
+  wrench.wrench.torque.y = std::nan("");
+  expectRefusal(wrench, Fault::kOutOfRange,
+                "the torque is (0, nan, 0) N m; send 0, for only a force acts on the tip");
+  wrench = wrenchOf({0.1, 0, 0});
+  wrench.header.frame_id = "world";
+  expectRefusal(wrench, Fault::kWrongFrame,
+                "the force is seen from 'world'; transform it to 'arm_base', or leave frame_id "
+                "empty");
 }
 
 TEST(Conversions, TheConstantsOfSafetyStateAreTheNamesOfTheStates) {

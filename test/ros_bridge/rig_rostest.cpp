@@ -3,10 +3,13 @@
 #include <map>
 #include <memory>
 
+#include <geometry_msgs/WrenchStamped.h>
 #include <gtest/gtest.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/rig.hpp"
 #include "support/process.hpp"
 #include "support/vision_rig.hpp"
 
@@ -126,6 +129,42 @@ TEST_F(Loop, TheOverlayIsDrawnForWhoeverLooks) {
   }
   EXPECT_GT(coloured, picture.data.size() / 3 / 1000);
   EXPECT_LT(coloured, picture.data.size() / 3 / 4);
+}
+
+// Its tip moves to where the true arm has it under that force, and back.
+TEST_F(Loop, AForceAtTheTipMovesTheTruth) {
+  ros::Publisher publisher = eye_.node.advertise<geometry_msgs::WrenchStamped>(
+      std::string(names::kSimulatedRigNode) + "/" + names::kTipForce, 10);
+  ASSERT_TRUE(waitFor([&] { return publisher.getNumSubscribers() > 0; }));
+  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  simulation::TrueArm truth(scene.model, scene.simulation.arm);
+  const auto tipUnder = [&](const Eigen::Vector3d& force) {
+    truth.setTipForce(force);
+    return model::tipPose(truth.shape(Eigen::Vector3d::Zero())).translation;
+  };
+  const auto isAt = [&](const Eigen::Vector3d& tip) {
+    return truth_.next([&](const ArmShape& shape) { return (tipOf(shape) - tip).norm() < 1e-5; });
+  };
+  const Eigen::Vector3d force(0, 0.3, -0.2), free = tipUnder({0, 0, 0}), pulled = tipUnder(force);
+  ASSERT_GT((pulled - free).norm(), 1e-3);
+  rig_.keepOn();
+  ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
+  ASSERT_TRUE(isAt(free));
+  geometry_msgs::WrenchStamped wrench;
+  wrench.wrench.force.y = force.y();
+  wrench.wrench.force.z = force.z();
+  publisher.publish(wrench);
+  ASSERT_TRUE(isAt(pulled));
+  wrench.wrench.force.y = 0;
+  wrench.wrench.torque.x = 0.01;
+  publisher.publish(wrench);
+  EXPECT_TRUE(waitFor([&] {
+    return rig_process_->outputNow().find("~tip_force: the torque is (0.01, 0, 0) N m") !=
+           std::string::npos;
+  }));
+  EXPECT_TRUE(isAt(pulled)) << "it stays";
+  publisher.publish(geometry_msgs::WrenchStamped());
+  EXPECT_TRUE(isAt(free));
 }
 
 TEST_F(Loop, ARigThatEndsIsToldAndOneThatComesBackIsMeasuredAgain) {

@@ -3,6 +3,9 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -118,6 +121,139 @@ TEST(TrueArm, ALoadThatPullsNothingIsNone) {
       without(arm, deviation);
   const Eigen::VectorXd q = arm.inputAt(0.3);
   EXPECT_EQ(with.shape(q).pieces(), without.shape(q).pieces());
+}
+
+// Nothing that loads an arm whose stiffness is known.
+statics::Load onlyStiffness(int sections = 1, double K_eps = 1000.0) {
+  return {Eigen::Vector3d::Zero(),
+          std::vector<double>(sections, 0.0),
+          std::vector<double>(sections, K_eps),
+          {}};
+}
+
+Eigen::Vector3d tipOf(const model::Shape& shape) { return model::tipPose(shape).translation; }
+
+TEST(TrueArm, AForceAlongAStraightArmStretchesItByHookesLaw) {
+  const model::Arm arm = ringArm(straightRing());
+  const double length_scale = 1.02, K_eps = 0.8 * 900.0, force = 2.0;
+  TrueArm truth(statics::ArmModel(arm, std::nullopt, onlyStiffness(1, 900.0)),
+                {1, 1, length_scale, 0.8});
+  const Eigen::Vector3d q = Eigen::Vector3d::Zero(), before = tipOf(truth.shape(q));
+  const double length = arm.restLength();
+  EXPECT_LT((before - Eigen::Vector3d(length_scale * length, 0, 0)).norm(), 1e-12);
+  truth.setTipForce({force, 0, 0});
+  const Eigen::Vector3d stretch(length * force / (3 * K_eps), 0, 0);  // three muscles
+  EXPECT_LT((tipOf(truth.shape(q)) - before - stretch).norm(), 1e-3 * stretch.norm());
+  truth.setTipForce({-force, 0, 0});
+  EXPECT_LT((tipOf(truth.shape(q)) - before + stretch).norm(), 1e-3 * stretch.norm());
+}
+
+TEST(TrueArm, AForceAtTheTipIsAPointLoadOnTopOfTheScenes) {
+  Ring ring = helicalRing();
+  const model::Arm arm = ringArm(ring, 2);
+  ring.stiffness.gamma *= 0.7;
+  ring.stiffness.kappa *= 1.4;
+  const model::Arm stiffer = ringArm(ring, 2);
+  for (const statics::Load& load : {onlyStiffness(2), horizontalLoad(2)}) {
+    TrueArm truth(statics::ArmModel(arm, std::nullopt, load), {0.7, 1.4, 1.02, 0.8});
+    Random random(5);
+    for (int i = 0; i < 10; ++i) {
+      const Eigen::Vector3d force = random.uniform(0.1, 2.0) * random.direction<3>();
+      statics::Load both = load;
+      for (double& K_eps : both.K_eps) K_eps *= 0.8;
+      both.points.push_back({1, 1.0, 0.0, force, {0, 0, 0}, {0, 0, 0}});
+      const statics::TierSetting exact{statics::Tier::kExact, 0};
+      const statics::ArmModel expected(stiffer, std::nullopt, both, exact);
+      const Eigen::VectorXd q = randomInput(arm, random);
+      const Eigen::Vector3d before = tipOf(truth.shape(q));
+      truth.setTipForce(force);
+      EXPECT_EQ(truth.tipForce(), force);
+      const Eigen::Vector3d displacement = tipOf(truth.shape(q)) - before;
+      EXPECT_LT(
+          (tipOf(truth.shape(q)) - expected.tipOfLengths(1.02 * stiffer.lengths(q)).tip.translation)
+              .norm(),
+          1e-8);
+      EXPECT_GT(displacement.dot(force), 0.0) << "it yields to the force";
+      truth.setTipForce(Eigen::Vector3d::Zero());
+    }
+  }
+}
+
+TEST(TrueArm, WithoutAForceAtTheTipNotABitChanges) {
+  const model::Arm arm = ringArm(helicalRing());
+  const ArmDeviation deviation{0.7, 1.4, 1.02, 0.8};
+  const statics::ArmModel unknown(arm), known(arm, std::nullopt, onlyStiffness()),
+      loaded(arm, std::nullopt, horizontalLoad());
+  for (const auto& [scene, plain] : {std::pair{known, unknown}, {known, known}, {loaded, loaded}}) {
+    TrueArm truth(scene, deviation);
+    const TrueArm untouched(plain, deviation);
+    Random random(6);
+    for (int i = 0; i < 10; ++i) {
+      const Eigen::VectorXd q = randomInput(arm, random);
+      EXPECT_EQ(truth.shape(q).pieces(), untouched.shape(q).pieces());
+      EXPECT_EQ(truth.model().choice().setting.name(), untouched.model().choice().setting.name());
+      truth.setTipForce({0, 0.5, 0});
+      EXPECT_GT((tipOf(truth.shape(q)) - tipOf(untouched.shape(q))).norm(), 1e-4);
+      truth.setTipForce({0, -0.0, 0});
+    }
+  }
+  TrueArm truth(unknown, deviation);
+  EXPECT_NO_THROW(truth.setTipForce(Eigen::Vector3d::Zero()));
+}
+
+TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
+  const model::Arm arm = ringArm(helicalRing());
+  TrueArm unknown(arm, {});
+  try {
+    unknown.setTipForce({0, 0.1, 0});
+    ADD_FAILURE() << "an arm without K_eps takes a force";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(),
+                 "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
+                 "section, for a force at the tip of the true arm needs it");
+  }
+  EXPECT_EQ(unknown.tipForce(), Eigen::Vector3d::Zero());
+  TrueArm known(statics::ArmModel(arm, std::nullopt, onlyStiffness()), {});
+  known.setTipForce({0, 0.1, 0});
+  const Eigen::VectorXd q = arm.inputAt(0.3);
+  const model::Shape before = known.shape(q);
+  for (const double wrong : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    EXPECT_THROW(known.setTipForce({0, wrong, 0}), std::invalid_argument);
+    EXPECT_EQ(known.tipForce(), Eigen::Vector3d(0, 0.1, 0));
+    EXPECT_EQ(known.shape(q).pieces(), before.pieces());
+  }
+}
+
+TEST(TrueArm, AForceThatNoShapeBalancesIsNamed) {
+  const model::Arm arm = ringArm(helicalRing());
+  TrueArm truth(statics::ArmModel(arm, std::nullopt, onlyStiffness(1, 1e-3)), {});
+  truth.setTipForce({-80, 3, 0});
+  try {
+    truth.shape(arm.inputAt(0.3));
+    ADD_FAILURE() << "a shape balances it";
+  } catch (const std::runtime_error& error) {
+    const std::string message = error.what();
+    EXPECT_NE(message.find("no shape holds the force (-80, 3, 0) N at the tip ("),
+              std::string::npos)
+        << message;
+  }
+}
+
+TEST(SimulatedRig, AForceAtTheTipBendsTheTrueArmAndThePressuresStay) {
+  const model::Arm arm = ringArm(helicalRing());
+  const statics::ArmModel known(arm, std::nullopt, onlyStiffness());
+  SimulatedRig rig(known, kRegulator, {}), untouched(known, kRegulator, {});
+  TrueArm truth(known, {});
+  const Eigen::Vector3d force(0.1, -0.3, 0.2);
+  rig.setTipForce(force);
+  truth.setTipForce(force);
+  for (SimulatedRig* one : {&rig, &untouched}) {
+    one->command(arm.inputAt(0.5));
+    one->step(0.1);
+  }
+  EXPECT_EQ(rig.pressure(), untouched.pressure());
+  EXPECT_EQ(rig.shape().pieces(), truth.shape(rig.pressure()).pieces());
+  EXPECT_GT((tipOf(rig.shape()) - tipOf(untouched.shape())).norm(), 1e-4);
 }
 
 TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {

@@ -52,7 +52,11 @@ TEST(TierChoice, WithoutLoadTheClosedFormsServe) {
   EXPECT_EQ(chooseTier(model::embed(test::planarArm()), test::planarArm(), {}, only(Tier::kLinear))
                 .setting.tier,
             Tier::kLinear);
-  EXPECT_EQ(chooseTier(arm, {}, weightIn(Eigen::Vector3d::Zero()), {}).setting.tier, Tier::kLinear);
+  const Load weightless = weightIn(Eigen::Vector3d::Zero());
+  EXPECT_EQ(chooseTier(arm, {}, weightless, {}).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(arm, {}, weightless, only(Tier::kLinear)).reason,
+            chooseTier(arm, {}, {}, only(Tier::kLinear)).reason);
+  EXPECT_EQ(chooseTier(arm, {}, weightless, only(Tier::kExact)).setting.tier, Tier::kExact);
 }
 
 TEST(TierChoice, KeepsWhatItPromisesAtInputsItHasNotSeen) {

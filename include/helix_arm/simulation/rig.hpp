@@ -18,21 +18,30 @@ struct ArmDeviation {
   double K_gamma_scale = 1.0;  ///< > 0
   double K_kappa_scale = 1.0;  ///< > 0
   double length_scale = 1.0;   ///< factor on the free lengths, > 0
-  double K_eps_scale = 1.0;    ///< > 0; no effect on an arm without load
+  double K_eps_scale = 1.0;    ///< > 0; no effect on an arm that nothing loads
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
 
-/// An arm that deviates from its scene, under the scene's load. If it is loaded, its shape is
-/// computed by the exact tier, whatever tier the scene asks for.
+/// An arm that deviates from its scene, under the scene's load and a force at its tip. If it is
+/// loaded, its shape is computed by the exact tier, whatever tier the scene asks for.
 class TrueArm {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
   TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation);
 
   const model::Arm& arm() const { return model_.arm(); }
-  const statics::ArmModel& model() const { return model_; }
+  /// The model under the scene's load and the force at the tip.
+  const statics::ArmModel& model() const { return pulled_ ? *pulled_ : model_; }
+
+  /// Sets a dead force at the end of the base curve, base frame [N], which adds to the scene's load
+  /// and stays until the next one. At first, and with zero, there is none.
+  /// @throws std::invalid_argument if it is not finite, or if it is not zero and the model has no
+  /// load that tells K_eps; the force in effect then stays.
+  void setTipForce(const Eigen::Vector3d& force);
+  const Eigen::Vector3d& tipForce() const { return tip_force_; }
+
   /// Shape at gauge pressures (n) [Pa], clamped to the limits.
   /// @throws std::invalid_argument on a wrong size, std::out_of_range on a pressure that is NaN,
   /// std::runtime_error naming pressures and load if no shape balances the load: there is then no
@@ -42,7 +51,10 @@ class TrueArm {
   model::Twists twists(const model::InputRef& pressure) const { return shape(pressure).twists(); }
 
  private:
-  statics::ArmModel model_;
+  std::optional<statics::Load> load_;        // the scene's, with the true K_eps
+  statics::ArmModel model_;                  // without the force at the tip
+  std::optional<statics::ArmModel> pulled_;  // with it, unless it is zero
+  Eigen::Vector3d tip_force_ = Eigen::Vector3d::Zero();
   double length_scale_;
 };
 
@@ -71,6 +83,8 @@ class SimulatedRig {
 
   /// Sets the set points: (n) gauge, finite [Pa]. Throws as SimulatedRegulator::command() does.
   void command(const model::InputRef& set_point) { regulator_.command(set_point); }
+  /// Sets a dead force at the true tip; as TrueArm::setTipForce(), and throws as it does.
+  void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
   /// Advances time by dt >= 0 [s]. Throws as SimulatedRegulator::step() does.
   void step(double dt) { regulator_.step(dt); }
 

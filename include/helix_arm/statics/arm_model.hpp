@@ -32,6 +32,7 @@ class ArmModel {
 
   const model::Arm& arm() const;
   const std::optional<model::PlanarArm>& planar() const;
+  /// Absent if K_eps of the arm is unknown; empty (Load::empty()) if only K_eps is known.
   const std::optional<Load>& load() const;
   const TierChoice& choice() const;
 

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
+#include <sstream>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -17,6 +18,12 @@ constexpr double kShortest = 1e-3;  // a curve [m]
 // Senders round to a few digits: pieces and mean twist that differ by more are of two shapes
 // [m, rad].
 constexpr double kPieceTolerance = 1e-3;
+
+std::string text(const Eigen::Vector3d& vector) {
+  std::ostringstream out;
+  out << "(" << vector.x() << ", " << vector.y() << ", " << vector.z() << ")";
+  return out.str();
+}
 
 // Why piece_twist is not taken.
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
@@ -188,6 +195,31 @@ control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& ba
   }
   return Refusal{Fault::kUnknownMode, "mode " + std::to_string(target.mode) +
                                           " is not known; send 0 (POSITION) or 1 (POSE)"};
+}
+
+control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wrench,
+                                          const std::string& base_frame) {
+  const std::string& frame = wrench.header.frame_id;
+  if (!frame.empty() && frame != base_frame) {
+    return Refusal{Fault::kWrongFrame, "the force is seen from '" + basics::quoted(frame) +
+                                           "'; transform it to '" + base_frame +
+                                           "', or leave frame_id empty"};
+  }
+  const auto& f = wrench.wrench.force;
+  const auto& t = wrench.wrench.torque;
+  const Eigen::Vector3d force(f.x, f.y, f.z), torque(t.x, t.y, t.z);
+  if (!force.allFinite()) {
+    return Refusal{Fault::kNotFinite, "the force is " + text(force) + " N; send finite numbers"};
+  }
+  if (!torque.isZero(0)) {
+    return Refusal{Fault::kOutOfRange, "the torque is " + text(torque) +
+                                           " N m; send 0, for only a force acts on the tip"};
+  }
+  if (force.stableNorm() > kMostTipForce) {
+    return Refusal{Fault::kOutOfRange, "the force is " + text(force) + " N; send at most " +
+                                           std::to_string(std::lround(kMostTipForce)) + " N"};
+  }
+  return force;
 }
 
 }  // namespace helix_arm::ros_bridge

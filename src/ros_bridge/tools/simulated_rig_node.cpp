@@ -66,6 +66,8 @@ SimulatedRigNode::SimulatedRigNode()
   truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
   command_subscriber_ =
       listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+  force_subscriber_ =
+      listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
   loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
   const bool seen = scene_.camera && scene_.tags;
   if (seen) {
@@ -104,6 +106,25 @@ void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
   }
 }
 
+void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
+  const auto checked = fromMsg(*wrench, options_.frame_prefix + names::kBaseFrame);
+  std::string fault;
+  if (const auto* force = std::get_if<Eigen::Vector3d>(&checked)) {
+    try {
+      true_arm_.setTipForce(*force);
+      return;
+    } catch (const std::invalid_argument& error) {
+      fault = error.what();
+    }
+  } else {
+    fault = std::get<control::Refusal>(checked).message;
+  }
+  if (bad_forces_.add()) {
+    ROS_WARN("~%s: %s (dropped, %lu so far)", names::kTipForce, fault.c_str(),
+             static_cast<unsigned long>(bad_forces_.total()));
+  }
+}
+
 void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
   if (silent_ || now - last_command_ <= ros::WallDuration(options_.command_timeout)) return;
   silent_ = true;
@@ -133,7 +154,7 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     moment = Moment{header.stamp, true_arm_.shape(regulator_.pressure())};
   } catch (const std::runtime_error& fault) {
     if (no_truths_.add()) {
-      ROS_WARN("%s (%lu times so far): neither truth nor picture until another command",
+      ROS_WARN("%s (%lu times so far): neither truth nor picture until another command or force",
                fault.what(), static_cast<unsigned long>(no_truths_.total()));
     }
   }

@@ -4,6 +4,7 @@
 
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
+#include <geometry_msgs/WrenchStamped.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
@@ -62,5 +63,14 @@ struct TipGoal {
 
 /// @param base_frame  the only accepted frame_id, besides an empty one.
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame);
+
+/// Largest force that a message may put on the tip [N].
+inline constexpr double kMostTipForce = 100.0;
+
+/// The force at the tip, base frame [N], of a wrench without torque.
+///
+/// @param base_frame  the only accepted frame_id, besides an empty one.
+control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wrench,
+                                          const std::string& base_frame);
 
 }  // namespace helix_arm::ros_bridge

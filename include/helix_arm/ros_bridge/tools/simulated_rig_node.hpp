@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include <geometry_msgs/WrenchStamped.h>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
 
@@ -40,12 +41,15 @@ struct SimulatedRigOptions {
 /// Subscribes
 /// - pressure_command (PressureArray): gauge [Pa]; omitted names keep their command, and all 0
 ///   vents. If it stops, the regulator vents by itself
+/// - ~tip_force (geometry_msgs/WrenchStamped): dead force on the true tip, base frame [N], at most
+///   kMostTipForce, without torque; it adds to the scene's load and stays until the next message,
+///   even if its publisher ends. A force needs arm.stiffness.K_eps_n
 ///
 /// Publishes
 /// - pressure_measured (PressureArray): with every loop [Pa]
-/// - truth (ArmShape): with every loop, the shape that the arm has under the scene's load, with the
-///   stamp of that pressure_measured. If no shape balances the load, neither it nor a picture is
-///   published; this is counted and warned of at intervals
+/// - truth (ArmShape): with every loop, the shape that the arm has under the scene's load and the
+///   force at its tip, with the stamp of that pressure_measured. If no shape balances them, neither
+///   it nor a picture is published; this is counted and warned of at intervals
 /// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
 ///   each rendered only while it has subscribers; with the stamp of the truth that it shows
 /// - camera_info (sensor_msgs/CameraInfo): just before each picture
@@ -56,7 +60,8 @@ struct SimulatedRigOptions {
 ///
 /// ~rate and ~camera_rate are on a steady clock, independent of ~time_factor.
 ///
-/// A bad command is dropped, counted and warned of at intervals; the set points stay.
+/// A bad command or force is dropped, counted and warned of at intervals; the set points or the
+/// force stay.
 ///
 /// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter.
 class SimulatedRigNode {
@@ -75,6 +80,7 @@ class SimulatedRigNode {
   };
 
   void onCommand(const PressureArrayConstPtr& command);
+  void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench);
   void onLoop(const ros::SteadyTimerEvent& event);
   void ventWhenSilent(const ros::SteadyTime& now);
   void publishClock();
@@ -84,18 +90,18 @@ class SimulatedRigNode {
   const SimulatedRigOptions options_;
   const io::Scene scene_;
   regulator::SimulatedRegulator regulator_;
-  const simulation::TrueArm true_arm_;
+  simulation::TrueArm true_arm_;
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;  ///< of the regulator
   ros::SteadyTime last_command_;
   bool silent_ = true;  ///< no commands arrive, and it is vented
   ros::Time clock_;     ///< if ~time_factor is set
-  FaultCount bad_commands_, no_truths_;
+  FaultCount bad_commands_, bad_forces_, no_truths_;
 
-  ros::NodeHandle node_;
+  ros::NodeHandle node_, private_node_{"~"};
   ros::Publisher measured_publisher_, truth_publisher_, clock_publisher_;
   ros::Publisher image_publisher_, compressed_publisher_, info_publisher_;
-  ros::Subscriber command_subscriber_;
+  ros::Subscriber command_subscriber_, force_subscriber_;
   ros::SteadyTimer loop_timer_;
 
   basics::Mutex mutex_;
