@@ -7,6 +7,7 @@
 #include "follow_figures.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
+#include "scene_sight.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -63,6 +64,15 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   return row;
 }
 
+// Adds what the loop says of contacts in one turn.
+void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
+              std::vector<FollowAlarm>& alarms) {
+  if (!load.contact) return;
+  if (!touched) alarms.push_back({time, load.onset, load.force, load.covariance, load.normalised});
+  alarms.back().force = load.force;
+  alarms.back().covariance = load.covariance;
+}
+
 }  // namespace
 
 follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
@@ -70,6 +80,7 @@ follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
   out.filter.planar = scene.planar.has_value();
   out.time_constant = scene.safety.rules.time_constant;
   out.reading_noise = regulatorOf(scene, 1).noise;
+  out.sight = placedSightOf(scene);
   return out;
 }
 
@@ -79,6 +90,10 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
                        "the duration [s]", plan.seconds, "a finite value > 0");
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
+  if (plan.force) {
+    basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
+                         plan.force->time, "a finite value");
+  }
   simulation::Lockstep lockstep = lockstepOf(scene, plan);
   follow::SightLoop& loop = lockstep.loop();
   if (plan.open) loop.close(false);
@@ -88,11 +103,18 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
   const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / 0.01));
   const auto tips = static_cast<std::int64_t>(plan.tips.size());
   double last_stamp = -1.0, told = 0.0;
+  bool pulled = false, touched = false;
   for (std::int64_t k = 0; k < turns; ++k) {
     if (tips > 0 && (k == 0 || k * tips / turns != (k - 1) * tips / turns)) {
       loop.aimAt(plan.tips[static_cast<std::size_t>(k * tips / turns)]);
     }
+    if (plan.force && !pulled && lockstep.time() >= plan.force->time) {
+      lockstep.rig().setTipForce(plan.force->force);
+      pulled = true;
+    }
     lockstep.advance();
+    addAlarm(lockstep.time(), loop.load(), touched, out.alarms);
+    touched = loop.load().contact;
     const follow::Turn& turn = loop.turn();
     out.rows.push_back(rowOf(lockstep, turn, lockstep.rig().pressure(), last_stamp));
     if (out.rows.back().measured) last_stamp = out.rows.back().measured_time;
