@@ -7,7 +7,6 @@
 #include "follow_figures.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
-#include "scene_sight.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -80,7 +79,6 @@ follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
   out.filter.planar = scene.planar.has_value();
   out.time_constant = scene.safety.rules.time_constant;
   out.reading_noise = regulatorOf(scene, 1).noise;
-  out.sight = placedSightOf(scene);
   return out;
 }
 
