@@ -35,12 +35,28 @@ json settleJson(const procedures::FollowFigures& figures) {
   return times;
 }
 
-json spreadJson(const char* name, const estimation::TipSpread& spread) {
+json rowsJson(const Eigen::Matrix3d& matrix) {
   json rows = json::array();
-  for (int i = 0; i < 3; ++i) {
-    rows.push_back(toJson(Eigen::VectorXd(spread.covariance.row(i).transpose())));
+  for (int i = 0; i < 3; ++i) rows.push_back(toJson(Eigen::VectorXd(matrix.row(i).transpose())));
+  return rows;
+}
+
+// Of an arm whose K_eps is unknown, forces are known per K_eps alone.
+json alarmsJson(const FollowResult& result) {
+  json alarms = json::array();
+  for (const procedures::FollowAlarm& alarm : result.alarms) {
+    alarms.push_back(
+        {{"time_s", alarm.time},
+         {"onset_s", alarm.onset},
+         {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(Eigen::VectorXd(alarm.force))},
+         {"covariance", rowsJson(alarm.covariance)}});
   }
-  return {{"name", name}, {"sd_m", spread.deviation()}, {"covariance_m2", rows}};
+  return alarms;
+}
+
+json spreadJson(const char* name, const estimation::TipSpread& spread) {
+  return {
+      {"name", name}, {"sd_m", spread.deviation()}, {"covariance_m2", rowsJson(spread.covariance)}};
 }
 
 json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
@@ -175,7 +191,7 @@ json toJson(const FollowReport& report) {
           {"settle_s", settleJson(figures)},
           {"unreachable", figures.unreachable},
           {"states", statesJson(report.result)},
-          {"alarms", json::array()},  // nothing watches for contacts
+          {"alarms", alarmsJson(report.result)},
           {"budget", budgetJson(report.result.budget)},
           {"out", nullable(report.out)},
           {"png", nullable(report.png)}};

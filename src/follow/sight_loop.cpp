@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "aim.hpp"
+#include "contact_watch.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
@@ -55,6 +56,8 @@ const SightLoopConfig& checked(const SightLoopConfig& config) {
 
 void SightLoopConfig::validate() const {
   filter.validate();
+  contact.validate();
+  if (sight) sight->validate();
   const auto positive = [](const char* what, double value) {
     basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
                          "a finite value > 0");
@@ -88,6 +91,8 @@ struct SightLoop::Workspace {
         tracker(given, config.filter),
         watch(given, watchOptions(config)),
         budget(given, watchOptions(config), config.sight),
+        contact(given, config),
+        on_contact(config.on_contact),
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         aim(given),
@@ -98,6 +103,7 @@ struct SightLoop::Workspace {
     at_picture = {turn.pressure, turn.pressure};
   }
 
+  bool yields() const { return on_contact != OnContact::kReport && contact.load().contact; }
   bool tracks(double now) const;
   bool maySee(double now) const;
   LoopState nextState(double now) const;
@@ -114,11 +120,13 @@ struct SightLoop::Workspace {
   const model::Arm arm;
   estimation::ArmFilter tracker, watch;
   estimation::ErrorBudget budget;
+  ContactWatch contact;
+  OnContact on_contact;
   statics::CorrectedModel estimated;  // with all that the tracker knows
   control::PressureObserver observer;
   Aim aim;
 
-  bool enabled = false, closed = true, yields = false, diverged = false;
+  bool enabled = false, closed = true, diverged = false;
   bool fades = false;                                            // the correction goes to 0
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
 
@@ -140,7 +148,7 @@ struct SightLoop::Workspace {
 
 // Whether what the pictures teach goes into the command.
 bool SightLoop::Workspace::tracks(double now) const {
-  if (!closed || yields || diverged) return false;
+  if (!closed || yields() || diverged) return false;
   return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
 }
 
@@ -152,7 +160,7 @@ bool SightLoop::Workspace::maySee(double now) const {
 LoopState SightLoop::Workspace::nextState(double now) const {
   if (!enabled || !target) return LoopState::kIdle;
   if (diverged) return LoopState::kDiverging;
-  if (yields) return LoopState::kYielding;
+  if (yields()) return LoopState::kYielding;
   if (!closed) return LoopState::kOpen;
   const double unseen = now - accepted_at[0];
   const bool was_closed = turn.state == LoopState::kClosed;
@@ -296,6 +304,7 @@ void SightLoop::reset() {
   w.tracker.reset();
   w.watch.reset();
   w.budget.reset();
+  w.contact.reset();
   w.estimated.set(w.tracker.correction());
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
@@ -305,7 +314,7 @@ void SightLoop::reset() {
   w.fade();
 }
 
-void SightLoop::yield(bool yields) { work_->yields = yields; }
+void SightLoop::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
 
 const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
                                const Eigen::VectorXd& reading) {
@@ -344,16 +353,19 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
 }
 
 estimation::Sighting SightLoop::picture(double stamp, double now, const model::Twists& twists,
-                                        const Eigen::MatrixXd& covariance) {
+                                        const Eigen::MatrixXd& covariance,
+                                        const std::optional<std::vector<int>>& tags) {
   Workspace& w = *work_;
   estimation::Sighting out;
   if (!w.findPressures(stamp, now, out.fault)) return out;
   const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
                                            twists, covariance};
-  w.watch.see(input);
+  const bool touched = w.contact.load().contact;
+  w.contact.see(input, tags, w.watch);
+  if (!touched && w.contact.load().contact && w.on_contact == OnContact::kStop) hold();
   out = w.tracker.see(input);
   if (!out.accepted()) return out;
-  w.budget.update(w.watch, input);
+  if (!w.contact.load().contact) w.budget.update(w.watch, input, tags);
   w.estimated.set(w.tracker.correction());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
@@ -373,6 +385,7 @@ const estimation::ArmFilter& SightLoop::watch() const { return work_->watch; }
 const std::optional<estimation::TipErrorBudget>& SightLoop::budget() const {
   return work_->budget.current();
 }
+const estimation::ExternalLoad& SightLoop::load() const { return work_->contact.load(); }
 std::optional<double> SightLoop::error() const { return work_->error; }
 double SightLoop::tipDeviation() const { return work_->tip_deviation; }
 

@@ -73,8 +73,8 @@ void readFilter(const MapReader& keys, follow::SightLoopConfig& loop) {
   }
 }
 
-void readContact(const MapReader& keys, FollowConfig& config) {
-  config.contact_limit = keys.number("contact_limit", kContactLimit, config.contact_limit);
+void readContact(const MapReader& keys, follow::SightLoopConfig& loop) {
+  loop.contact.limit = keys.number("contact_limit", kContactLimit, loop.contact.limit);
   if (!keys.has("on_contact")) return;
   std::vector<std::string> words;
   for (const follow::OnContact reaction : follow::kContactReactions) {
@@ -82,22 +82,23 @@ void readContact(const MapReader& keys, FollowConfig& config) {
   }
   const auto word = keys.choice("on_contact", words);
   for (const follow::OnContact reaction : follow::kContactReactions) {
-    if (word == nameOf(reaction)) config.on_contact = reaction;
+    if (word == nameOf(reaction)) loop.on_contact = reaction;
   }
 }
 
 }  // namespace
 
-FollowConfig readFollow(const MapReader& scene, const Value& document, const SafetyConfig& safety,
-                        const std::optional<regulator::Config>& regulator, FaultList& faults) {
-  FollowConfig config;
-  follow::SightLoopConfig& loop = config.loop;
+follow::SightLoopConfig readFollow(const MapReader& scene, const Value& document,
+                                   const SafetyConfig& safety,
+                                   const std::optional<regulator::Config>& regulator,
+                                   FaultList& faults) {
+  follow::SightLoopConfig loop{};
   loop.time_constant = safety.rules.time_constant;
   loop.reading_noise = usualNoise(regulator);
   const bool hardware = regulator && regulator::isHardware(*regulator);
-  if (hardware) config.on_contact = follow::OnContact::kYield;
+  if (hardware) loop.on_contact = follow::OnContact::kYield;
   const Value* value = document.find("follow");
-  if (value == nullptr) return config;
+  if (value == nullptr) return loop;
   const MapReader keys(*value, scene.path("follow"),
                        {"smoothing_s", "mode_hz", "mode_damping", "stale_s", "coast_s",
                         "hysteresis", "creep", "bias_translation_m", "bias_rotation_deg",
@@ -107,8 +108,8 @@ FollowConfig readFollow(const MapReader& scene, const Value& document, const Saf
   loop.stale_after = keys.number("stale_s", kTime, loop.stale_after);
   loop.coast_time = keys.number("coast_s", kTime, loop.coast_time);
   readFilter(keys, loop);
-  readContact(keys, config);
-  return config;
+  readContact(keys, loop);
+  return loop;
 }
 
 }  // namespace helix_arm::io

@@ -24,8 +24,8 @@ regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uin
   if (simulated != nullptr) {
     out = *simulated;
   } else {
-    out.time_constant = scene.follow.loop.time_constant;
-    out.noise = scene.follow.loop.reading_noise;
+    out.time_constant = scene.follow.time_constant;
+    out.noise = scene.follow.reading_noise;
     out.supply_pressure = scene.arm.inputAt(1.0).maxCoeff();
   }
   out.seed = seed;
@@ -70,6 +70,15 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   return row;
 }
 
+// Adds what the loop says of contacts in one turn.
+void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
+              std::vector<FollowAlarm>& alarms) {
+  if (!load.contact) return;
+  if (!touched) alarms.push_back({time, load.onset, load.force, load.covariance, load.normalised});
+  alarms.back().force = load.force;
+  alarms.back().covariance = load.covariance;
+}
+
 }  // namespace
 
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path) {
@@ -92,6 +101,10 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
   const double least = kLeastTipTime * static_cast<double>(tips);
   basics::requireValue(plan.seconds >= least, "follow", "the duration [s]", plan.seconds,
                        "at least 1 s for each tip");
+  if (plan.force) {
+    basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
+                         plan.force->time, "a finite value");
+  }
   simulation::Lockstep lockstep = lockstepOf(scene, plan);
   follow::SightLoop& loop = lockstep.loop();
   if (plan.open) loop.close(false);
@@ -100,11 +113,18 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
   FollowResult out;
   const auto turns = static_cast<std::int64_t>(std::llround(plan.seconds / kTurn));
   double last_stamp = -1.0, told = 0.0;
+  bool pulled = false, touched = false;
   for (std::int64_t k = 0; k < turns; ++k) {
     if (tips > 0 && (k == 0 || k * tips / turns != (k - 1) * tips / turns)) {
       loop.aimAt(plan.tips[static_cast<std::size_t>(k * tips / turns)]);
     }
+    if (plan.force && !pulled && lockstep.time() >= plan.force->time) {
+      lockstep.rig().setTipForce(plan.force->force);
+      pulled = true;
+    }
     lockstep.advance();
+    addAlarm(lockstep.time(), loop.load(), touched, out.alarms);
+    touched = loop.load().contact;
     const follow::Turn& turn = loop.turn();
     out.rows.push_back(rowOf(lockstep, turn, lockstep.rig().pressure(), last_stamp));
     if (out.rows.back().measured) last_stamp = out.rows.back().measured_time;

@@ -43,7 +43,7 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
 follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
   basics::require(!scene.safety.channels.empty(), "scene ", scene.name,
                   " has actuators that no pressure drives; a loop over sight needs pressures");
-  follow::SightLoopConfig out = scene.follow.loop;
+  follow::SightLoopConfig out = scene.follow;
   out.filter.planar = scene.vision.fit.planar;
   out.sight = placedSightOf(scene);
   if (scene.calibration) startFrom(*scene.calibration, out.filter);

@@ -79,8 +79,8 @@ void Lockstep::deliver() {
   const double now = time();
   while (!waiting_.empty() && waiting_.front().due <= now + kRounding) {
     const Waiting& next = waiting_.front();
-    const auto sighting =
-        parts_.loop.picture(next.stamp, now, next.shape.twists, next.shape.covariance);
+    const auto sighting = parts_.loop.picture(next.stamp, now, next.shape.twists,
+                                              next.shape.covariance, next.shape.tags);
     ++(sighting.accepted() ? accepted_ : refused_);
     measured_ = MeasuredTip{next.stamp, model::tipPose(next.shape.twists)};
     waiting_.pop_front();

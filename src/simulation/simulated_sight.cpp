@@ -1,5 +1,6 @@
 #include "helix_arm/simulation/simulated_sight.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <utility>
@@ -14,7 +15,12 @@ namespace {
 constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
-  return MeasuredShape{fit.twists, fit.covariance};
+  MeasuredShape out{fit.twists, fit.covariance, {}};
+  for (const estimation::TagResidual& tag : fit.tags) {
+    if (!tag.outlier) out.tags.push_back(tag.tag);
+  }
+  std::sort(out.tags.begin(), out.tags.end());
+  return out;
 }
 
 }  // namespace

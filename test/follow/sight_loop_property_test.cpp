@@ -58,7 +58,9 @@ TEST(SightLoop, StaysSoundThroughRandomTurns) {
         bench.loop.close(random.integer(0, 2) > 0);
         break;
       case 6:
-        bench.loop.yield(random.integer(0, 2) == 0);
+        bench.loop.setOnContact(static_cast<OnContact>(random.integer(0, 2)));
+        bench.options.push.setZero();
+        if (random.integer(0, 2) == 0) bench.options.push.tail<3>() = 0.05 * random.direction<3>();
         break;
       case 7:
         if (random.integer(0, 4) == 0) bench.loop.reset();

@@ -39,6 +39,9 @@ class Loop : public ::testing::Test {
     ASSERT_EQ(state(), LoopState::kClosed);
   }
 
+  void touch() { bench_.options.push << 0, 0, 0, 0, 0.06, -0.04; }
+  void letGo() { bench_.options.push.setZero(); }
+
   const ArmModel model_ = helicalModel();
   const Eigen::Vector3d here_ = tipAt(0.3, 0.5, 0.4), there_ = tipAt(0.6, 0.3, 0.4);
   LoopBench bench_{model_, truthOf(model_.arm()), LoopBench::config(), {}};
@@ -95,29 +98,60 @@ TEST_F(Loop, ClosesAgainFromCoastingAfterThreePictures) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
-TEST_F(Loop, StandsStillWhileItYields) {
+TEST_F(Loop, StandsStillWhileSomethingTouchesTheArm) {
+  bench_.loop.setOnContact(OnContact::kYield);
   close();
-  bench_.loop.yield(true);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kYielding);
+  bench_.run(12);  // contacts are found after ten seconds of pictures
+  ASSERT_FALSE(bench_.loop.load().contact);
+  touch();
+  bench_.run(1);
+  ASSERT_EQ(state(), LoopState::kYielding);
+  EXPECT_TRUE(bench_.loop.load().contact);
   const Eigen::VectorXd held = bench_.loop.turn().pressure;
-  bench_.options.gain = 0.9;  // something pushes
   bench_.run(2);
   EXPECT_LE((bench_.loop.turn().pressure - held).norm(), 1.0);
-  bench_.loop.yield(false);
-  bench_.run(2);
+  letGo();
+  bench_.run(4);
   EXPECT_EQ(state(), LoopState::kClosed);
   EXPECT_LT(bench_.error(), 1e-3);
 }
 
-TEST_F(Loop, HoldsThePathWhileItYields) {
-  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {4.0, there_, {}, {}}}));
-  bench_.run(6);
-  const auto before = bench_.loop.turn().path_time;
-  ASSERT_TRUE(before);
-  bench_.loop.yield(true);
+TEST_F(Loop, PushesOnWhereContactsAreReportedAlone) {
+  bench_.loop.setOnContact(OnContact::kReport);
+  close();
+  bench_.run(12);
+  touch();
+  bench_.run(2);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_TRUE(bench_.loop.load().contact);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_F(Loop, HoldsThePathWhileSomethingTouchesTheArm) {
+  bench_.loop.setOnContact(OnContact::kYield);
+  close();
+  bench_.run(12);
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
+  bench_.run(2);
+  touch();
   bench_.run(1);
-  EXPECT_NEAR(*bench_.loop.turn().path_time, *before, 0.011);
+  const auto before = bench_.loop.turn().path_time;
+  ASSERT_EQ(state(), LoopState::kYielding);
+  ASSERT_TRUE(before);
+  bench_.run(1);
+  EXPECT_EQ(bench_.loop.turn().path_time, before);
+}
+
+TEST_F(Loop, EndsThePathAtAContactThatIsToStopIt) {
+  bench_.loop.setOnContact(OnContact::kStop);
+  close();
+  bench_.run(12);
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
+  bench_.run(2);
+  touch();
+  bench_.run(1);
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+  EXPECT_TRUE(bench_.loop.turn().commands) << "the command is held";
 }
 
 // The model bends the wrong way: the correction pushes the arm farther from a still target.
@@ -177,10 +211,6 @@ TEST_F(Loop, NeverJumps) {
   };
   run(1, true);
   run(5, false);
-  run(1, true);
-  bench_.loop.yield(true);
-  run(1, true);
-  bench_.loop.yield(false);
   run(1, true);
   const double quiet = most;
   EXPECT_LT(quiet, 2e3);  // of 414 kPa

@@ -85,8 +85,8 @@ const BrokenRule kRules[] = {
 INSTANTIATE_TEST_SUITE_P(Follow, FollowRules, testing::ValuesIn(kRules));
 
 TEST(FollowScene, IsInSi) {
-  const FollowConfig config = load(kFollowScene).follow;
-  const follow::SightLoopConfig& loop = config.loop;
+  const follow::SightLoopConfig config = load(kFollowScene).follow;
+  const follow::SightLoopConfig& loop = config;
   EXPECT_EQ(loop.smoothing, 0.4);
   EXPECT_EQ(loop.stale_after, 0.5);
   EXPECT_EQ(loop.coast_time, 5);
@@ -99,33 +99,32 @@ TEST(FollowScene, IsInSi) {
   EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
   EXPECT_NEAR(loop.filter.settling_time, 1 / (2 * basics::kPi * 4 * 0.2), 1e-15);
   EXPECT_EQ(config.on_contact, OnContact::kStop);
-  EXPECT_EQ(config.contact_limit, 40);
+  EXPECT_EQ(config.contact.limit, 40);
   EXPECT_NO_THROW(loop.validate());
 }
 
 TEST(FollowScene, WhatIsNotSaidIsTheLoopsOwn) {
   const follow::SightLoopConfig usual{};
-  const FollowConfig config = load(kPlanarScene).follow;
-  EXPECT_EQ(config.loop.smoothing, usual.smoothing);
-  EXPECT_EQ(config.loop.stale_after, usual.stale_after);
-  EXPECT_EQ(config.loop.coast_time, usual.coast_time);
-  EXPECT_EQ(config.loop.watch_creep, usual.watch_creep);
-  EXPECT_EQ(config.loop.filter.hysteresis, usual.filter.hysteresis);
-  EXPECT_EQ(config.loop.filter.creep, usual.filter.creep);
-  EXPECT_EQ(config.loop.filter.settling_time, usual.filter.settling_time);
-  EXPECT_EQ(config.loop.time_constant, control::SafetyRules().time_constant);
-  EXPECT_EQ(config.contact_limit, 32);
-  EXPECT_NO_THROW(config.loop.validate());
+  const follow::SightLoopConfig config = load(kPlanarScene).follow;
+  EXPECT_EQ(config.smoothing, usual.smoothing);
+  EXPECT_EQ(config.stale_after, usual.stale_after);
+  EXPECT_EQ(config.coast_time, usual.coast_time);
+  EXPECT_EQ(config.watch_creep, usual.watch_creep);
+  EXPECT_EQ(config.filter.hysteresis, usual.filter.hysteresis);
+  EXPECT_EQ(config.filter.creep, usual.filter.creep);
+  EXPECT_EQ(config.filter.settling_time, usual.filter.settling_time);
+  EXPECT_EQ(config.time_constant, control::SafetyRules().time_constant);
+  EXPECT_EQ(config.contact.limit, 32);
+  EXPECT_NO_THROW(config.validate());
 }
 
 TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
-  EXPECT_EQ(load(kSpatialScene).follow.loop.reading_noise, 2e3);
-  EXPECT_EQ(
-      load(kPlanarScene + "regulator: {simulated: {noise_kpa: 7}}\n").follow.loop.reading_noise,
-      7e3);
-  EXPECT_EQ(load(kPlanarScene + kSerialRegulator).follow.loop.reading_noise, 2e3);
+  EXPECT_EQ(load(kSpatialScene).follow.reading_noise, 2e3);
+  EXPECT_EQ(load(kPlanarScene + "regulator: {simulated: {noise_kpa: 7}}\n").follow.reading_noise,
+            7e3);
+  EXPECT_EQ(load(kPlanarScene + kSerialRegulator).follow.reading_noise, 2e3);
   const Scene silent = load(kPlanarScene + "regulator: {simulated: {noise_kpa: 0}}\n");
-  EXPECT_NO_THROW(silent.follow.loop.validate()) << "an observer needs some";
+  EXPECT_NO_THROW(silent.follow.validate()) << "an observer needs some";
 }
 
 TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
@@ -140,7 +139,7 @@ TEST(FollowScene, HardwareYieldsUnlessToldOtherwise) {
 // The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.
 TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
   const auto smoothing = [](const std::vector<Override>& changes) {
-    return load(kPlanarScene, changes).follow.loop.smoothing;
+    return load(kPlanarScene, changes).follow.smoothing;
   };
   const double least = follow::smoothingFor(1.5, 0.1, 0.2);
   ASSERT_GT(least, 0.2);

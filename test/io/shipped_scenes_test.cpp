@@ -304,20 +304,21 @@ TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
 }
 
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
-  const FollowConfig shown = loadScene(scenePath("annotated")).follow,
-                     defaults = loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
-  EXPECT_EQ(shown.loop.smoothing, defaults.loop.smoothing);
-  EXPECT_EQ(shown.loop.stale_after, defaults.loop.stale_after);
-  EXPECT_EQ(shown.loop.coast_time, defaults.loop.coast_time);
-  EXPECT_EQ(shown.loop.watch_creep, defaults.loop.watch_creep);
-  EXPECT_EQ(shown.loop.reading_noise, defaults.loop.reading_noise);
-  EXPECT_EQ(shown.loop.filter.hysteresis, defaults.loop.filter.hysteresis);
-  EXPECT_EQ(shown.loop.filter.creep, defaults.loop.filter.creep);
-  EXPECT_EQ(shown.loop.filter.settling_time, defaults.loop.filter.settling_time);
-  EXPECT_EQ(shown.loop.filter.bias_translation, defaults.loop.filter.bias_translation);
-  EXPECT_NEAR(shown.loop.filter.bias_rotation, defaults.loop.filter.bias_rotation, 1e-4);
+  const follow::SightLoopConfig shown = loadScene(scenePath("annotated")).follow,
+                                defaults =
+                                    loadScene(scenePath("annotated"), {{"follow", "{}"}}).follow;
+  EXPECT_EQ(shown.smoothing, defaults.smoothing);
+  EXPECT_EQ(shown.stale_after, defaults.stale_after);
+  EXPECT_EQ(shown.coast_time, defaults.coast_time);
+  EXPECT_EQ(shown.watch_creep, defaults.watch_creep);
+  EXPECT_EQ(shown.reading_noise, defaults.reading_noise);
+  EXPECT_EQ(shown.filter.hysteresis, defaults.filter.hysteresis);
+  EXPECT_EQ(shown.filter.creep, defaults.filter.creep);
+  EXPECT_EQ(shown.filter.settling_time, defaults.filter.settling_time);
+  EXPECT_EQ(shown.filter.bias_translation, defaults.filter.bias_translation);
+  EXPECT_NEAR(shown.filter.bias_rotation, defaults.filter.bias_rotation, 1e-4);
   EXPECT_EQ(shown.on_contact, defaults.on_contact);
-  EXPECT_EQ(shown.contact_limit, defaults.contact_limit);
+  EXPECT_EQ(shown.contact.limit, defaults.contact.limit);
 }
 
 }  // namespace

@@ -18,12 +18,13 @@ class LoopBench {
   static constexpr double kStep = 0.01;  // [s]
 
   struct Options {
-    double latency = 0.06;        // [s]
-    double time_constant = 0.15;  // [s]
-    double gain = 1.0;            // of the true arm's motion over the model's
-    double reading_noise = 2e3;   // [Pa]
-    double twist_noise_v = 1e-4;  // [m]
-    double twist_noise_w = 1e-3;  // [rad]
+    double latency = 0.06;                     // [s]
+    double time_constant = 0.15;               // [s]
+    double gain = 1.0;                         // of the true arm's motion over the model's
+    double reading_noise = 2e3;                // [Pa]
+    double twist_noise_v = 1e-4;               // [m]
+    double twist_noise_w = 1e-3;               // [rad]
+    lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
     unsigned seed = 1;
   };
 

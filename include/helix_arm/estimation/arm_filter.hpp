@@ -101,6 +101,10 @@ class ArmFilter {
   void reset();
   /// Forgets the time of the last picture, keeps what was learnt.
   void forgetTime();
+  /// Replaces what was learnt, as by a filter that ran beside this one and knows better.
+  /// @param state  [theta; b] and its covariance, as state().
+  /// @throws std::invalid_argument on another size, or values that are not finite.
+  void setState(const Gaussian& state);
 
   int parameterCount() const;
   /// "K_gamma", "K_kappa", "K_tau", "K_eps", "length of muscle_1" or "lengths of section 1".

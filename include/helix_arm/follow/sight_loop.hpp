@@ -10,6 +10,9 @@
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/estimation/arm_filter.hpp"
 #include "helix_arm/estimation/error_budget.hpp"
+#include "helix_arm/estimation/load_forks.hpp"
+#include "helix_arm/estimation/placed_sight.hpp"
+#include "helix_arm/follow/on_contact.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -29,8 +32,11 @@ struct SightLoopConfig {
   double coast_time = 3.0;   ///< then it is open, > 0 [s]
   double time_constant;      ///< of the regulator's lag, > 0 [s]
   double reading_noise;      ///< standard deviation of a pressure reading, > 0 [Pa]
-  /// How the arm is seen, for its error budget; nothing: placements count as exact.
+  /// How the arm is seen, for its error budget and its loads; nothing: placements count as exact,
+  /// and shapes as the mean of the strain.
   std::optional<estimation::PlacedSight> sight = {};
+  estimation::LoadForksOptions contact;       ///< what counts as contact
+  OnContact on_contact = OnContact::kReport;  ///< may change with each target
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -104,8 +110,8 @@ class SightLoop {
   void close(bool closed);
   /// Forgets what was learnt; the correction fades over a second.
   void reset();
-  /// Something touches the arm, and the loop is to yield.
-  void yield(bool yields);
+  /// What to do while something touches the arm, from now on.
+  void setOnContact(OnContact reaction);
 
   /// One turn. @param set_point  (n) in force since the last turn [Pa]. @param reading  (n) [Pa].
   const Turn& reading(double time, const Eigen::VectorXd& set_point,
@@ -113,8 +119,11 @@ class SightLoop {
 
   /// A measured shape. @param stamp  time of the picture [s]. @param now  present time [s].
   /// @param twists  (6 x sections). @param covariance  (6 sections x 6 sections) of their errors.
+  /// @param tags    indices in the layout of the tags that were fitted; nothing if unknown.
+  /// @throws std::invalid_argument on a tag that the layout does not have.
   estimation::Sighting picture(double stamp, double now, const model::Twists& twists,
-                               const Eigen::MatrixXd& covariance);
+                               const Eigen::MatrixXd& covariance,
+                               const std::optional<std::vector<int>>& tags = std::nullopt);
 
   LoopState state() const;
   const Turn& turn() const;  ///< the last one
@@ -122,6 +131,8 @@ class SightLoop {
   const estimation::ArmFilter& watch() const;
   /// Of the watch, at the last accepted picture; nothing before the first.
   const std::optional<estimation::TipErrorBudget>& budget() const;
+  /// What acts on the arm, as of the last picture.
+  const estimation::ExternalLoad& load() const;
   /// Distance of the measured tip from the wanted one at the time of the last picture [m]; nothing
   /// if none was wanted then.
   std::optional<double> error() const;

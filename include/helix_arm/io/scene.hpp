@@ -8,7 +8,6 @@
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/follow/on_contact.hpp"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/override.hpp"
 #include "helix_arm/io/provenance.hpp"
@@ -46,15 +45,6 @@ struct SafetyConfig {
   std::vector<control::ChannelRules> channels;  ///< (actuators); empty for an arm with tendons
 };
 
-/// The loop that is closed over sight.
-struct FollowConfig {
-  /// Its rules, with lag and noise of the scene's regulator. What the filter knows at the start is
-  /// not of this section: procedures::loopConfigOf() adds it.
-  follow::SightLoopConfig loop{};
-  follow::OnContact on_contact = follow::OnContact::kReport;
-  double contact_limit = 32.0;  ///< score from which on something touches the arm, > 0
-};
-
 /// The content of one scene file: an arm and its rig. What the file omits is absent here.
 struct Scene {
   std::string name;
@@ -77,7 +67,9 @@ struct Scene {
   vision::LocalizerConfig vision;
   SimulationConfig simulation;
   SafetyConfig safety;
-  FollowConfig follow;
+  /// The loop that is closed over sight, with lag and noise of the scene's regulator. What it knows
+  /// at the start is not of its section: procedures::loopConfigOf() adds it.
+  helix_arm::follow::SightLoopConfig follow{};
   std::optional<Provenance> calibration;  ///< where it was calibrated
   /// SHA-256 of the bytes read from its file, without overrides; empty if it is not from a file.
   std::string sha256;

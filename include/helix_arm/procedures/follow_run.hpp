@@ -70,12 +70,22 @@ struct FollowState {
   follow::LoopState state;
 };
 
+/// A contact that the loop found. Force and covariance are of the last picture of the contact.
+struct FollowAlarm {
+  double time;                 ///< when it was found [s]
+  double onset;                ///< when it began, by estimate [s]
+  Eigen::Vector3d force;       ///< base frame [N], or per K_eps if normalised
+  Eigen::Matrix3d covariance;  ///< of the force
+  bool normalised;             ///< the scene has no K_eps
+};
+
 struct FollowResult {
   std::vector<FollowRow> rows;
   FollowFigures figures;  ///< nothing if the run ended early
   /// Why the run ended early: the safety core's reason to vent the arm; empty if it did not.
   std::string vented;
   std::vector<FollowState> states;
+  std::vector<FollowAlarm> alarms;
   int pictures = 0;  ///< accepted
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;

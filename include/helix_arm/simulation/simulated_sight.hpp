@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/model/shape.hpp"
@@ -29,6 +30,7 @@ struct SimulatedSightConfig {
 struct MeasuredShape {
   model::Twists twists;        ///< (6 x sections)
   Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections)
+  std::vector<int> tags;       ///< indices in the layout of those that fit
 };
 
 /// Measures simulated shapes as the vision node does, without node or clock. The same seeds and

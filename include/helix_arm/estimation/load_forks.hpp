@@ -1,0 +1,76 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+
+#include "helix_arm/estimation/arm_filter.hpp"
+#include "helix_arm/estimation/tip_compliance.hpp"
+
+namespace helix_arm::estimation {
+
+/// What LoadForks assume.
+struct LoadForksOptions {
+  /// Score beyond which something touches the arm, > 0. A lower one finds lighter contacts, and
+  /// more that are none.
+  double limit = 32.0;
+  double deviation = 1.0;  ///< standard deviation of each entry of a force, > 0 [N]
+  double creep = 0.05;     ///< of the force, >= 0 [N s^-1/2]
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// A force on the arm that the model does not know.
+struct ExternalLoad {
+  bool contact = false;
+  /// Twice the log likelihood ratio of a force against none: the largest of all times of onset or,
+  /// during contact, that of the force.
+  double score = 0.0;
+  double onset = 0.0;  ///< of the contact [s]
+  /// Base frame [N], or force per K_eps if it is normalised; of a dead force at `place` or, if that
+  /// is not determined, at the tip. Zero without contact.
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  /// (3 x 0 to 3) unit vectors along which the force exceeds three standard deviations.
+  Eigen::Matrix3Xd determined = Eigen::Matrix3Xd(3, 0);
+  /// Where it acts; nothing if the pictures do not tell.
+  std::optional<ForcePlace> place;
+  bool normalised = false;  ///< K_eps of the arm is unknown
+};
+
+/// Finds contacts: copies a filter that watches the arm every few pictures, with a force from then
+/// on, and compares "a force since then" with "none" at every later picture. This is a generalised
+/// likelihood ratio test over the time of onset.
+///
+/// During contact the watch gets its state from the filter of the force, since it would take the
+/// force for a difference of the arm from its model.
+class LoadForks {
+ public:
+  /// @throws std::invalid_argument naming the value and its rule.
+  explicit LoadForks(const LoadForksOptions& options);
+  ~LoadForks();
+  LoadForks(LoadForks&&) noexcept;
+  LoadForks& operator=(LoadForks&&) noexcept;
+
+  /// After each picture of which the watch has made a step, even if it found it an outlier.
+  /// @param time           of the picture [s].
+  /// @param tip_deviation  standard deviation of the tip that the watch predicts, along its worst
+  ///     direction [m]; contacts are found while it is below 3 mm.
+  /// @param compliance     moved to the arm's pressures.
+  void see(double time, double tip_deviation, ArmFilter& watch, TipCompliance& compliance);
+  /// Adds to the covariance of b, (d x d) of the measured rows, in the watch too: other tags are
+  /// seen, which err otherwise.
+  void growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch);
+  /// Forgets forks and contact; contacts are found again after ten seconds of pictures.
+  void reset();
+
+  /// After the last picture.
+  const ExternalLoad& load() const;
+
+ private:
+  struct Workspace;
+  std::unique_ptr<Workspace> work_;
+};
+
+}  // namespace helix_arm::estimation

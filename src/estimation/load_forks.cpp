@@ -1,0 +1,220 @@
+#include "helix_arm/estimation/load_forks.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "helix_arm/basics/requirement.hpp"
+#include "load_fork.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr char kCulprit[] = "contact";
+constexpr int kForkPeriod = 3;        // pictures
+constexpr int kLeastAge = 2;          // pictures of a fork whose score counts
+constexpr double kArmingTime = 10.0;  // of pictures [s]
+constexpr double kLongestGap = 0.3;   // between pictures; a longer one counts as this [s]
+constexpr double kSureTip = 0.003;    // [m]
+constexpr double kGone = 7.8;         // 95 % point of chi-square, 3 degrees
+constexpr double kGoneTime = 0.5;     // [s]
+constexpr double kDetermined = 3.0;   // standard deviations
+constexpr double kPlaceLead = 4.5;    // of log likelihoods
+
+// Young forks find what begins now; old ones are few, since they are sure that there was no force.
+bool isKept(std::int64_t age, std::int64_t number) {
+  if (age <= 12) return true;
+  if (age <= 48) return number % 4 == 0;
+  return age < 192 && number % 16 == 0;
+}
+
+Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
+                                      const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
+  Eigen::Matrix3Xd out(3, 0);
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = axes.eigenvectors().col(i);
+    const double variance = axes.eigenvalues()[i], along = axis.dot(force);
+    if (along * along <= kDetermined * kDetermined * variance) continue;
+    out.conservativeResize(3, out.cols() + 1);
+    out.rightCols<1>() = along < 0 ? Eigen::Vector3d(-axis) : axis;
+  }
+  return out;
+}
+
+}  // namespace
+
+void LoadForksOptions::validate() const {
+  basics::requireValue(std::isfinite(limit) && limit > 0, kCulprit, "the limit of the score", limit,
+                       "a finite value > 0");
+  basics::requireValue(std::isfinite(deviation) && deviation > 0, kCulprit,
+                       "the deviation of forces [N]", deviation, "a finite value > 0");
+  basics::requireValue(std::isfinite(creep) && creep >= 0, kCulprit,
+                       "the creep of forces [N s^-1/2]", creep, "a finite value >= 0");
+}
+
+struct LoadForks::Workspace {
+  struct Fork {
+    LoadFork state;
+    LoadFork origin;  // the same without the pictures since
+    double time;      // [s]
+    std::int64_t number, picture;
+  };
+  // A force at one place.
+  struct Hypothesis {
+    LoadFork state;
+    double log_likelihood;
+  };
+
+  void search(double time, ArmFilter& watch, TipCompliance& compliance, bool armed);
+  void begin(const Fork& found, const LoadFork& before, std::size_t places);
+  void follow(double time, const ArmFilter::Step& step, const std::vector<int>& rows,
+              TipCompliance& compliance);
+  std::size_t likeliest() const;
+  void report(const TipCompliance& compliance);
+
+  LoadForksOptions options;
+  std::vector<Fork> forks;             // oldest first
+  std::vector<Hypothesis> hypotheses;  // during contact, one per place; the last is the tip
+  std::int64_t pictures = 0;
+  double seen_time = 0.0;
+  std::optional<double> gone_since;
+  ExternalLoad load;
+};
+
+// Has something begun to touch the arm?
+void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& compliance,
+                                  bool armed) {
+  const ArmFilter::Step& step = *watch.lastStep();
+  const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
+  std::size_t best = 0;
+  load.score = 0.0;
+  for (std::size_t i = 0; i < forks.size(); ++i) {
+    Fork& fork = forks[i];
+    fork.origin.predict(step, options.creep);
+    fork.state.predict(step, options.creep);
+    fork.state.update(fork.state.expect(step, by_force));
+    const double score = fork.state.score();
+    if (pictures - fork.picture < kLeastAge || score <= load.score) continue;
+    best = i;
+    load.score = score;
+  }
+  if (armed && load.score > options.limit) {
+    // The copy before the one that found the force has not seen it.
+    begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
+    watch.setState(hypotheses.back().state.withoutForce());
+    return;
+  }
+  const auto tooOld = [this](const Fork& fork) {
+    return !isKept(pictures - fork.picture, fork.number);
+  };
+  forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
+  if (pictures % kForkPeriod == 0) {
+    const LoadFork fork(watch.state(), options.deviation);
+    forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures});
+  }
+}
+
+void LoadForks::Workspace::begin(const Fork& found, const LoadFork& before, std::size_t places) {
+  hypotheses.assign(places, {before, 0.0});
+  load.contact = true;
+  load.onset = found.time;
+  gone_since.reset();
+  forks.clear();
+}
+
+// How large is the force, where does it act, and does it last?
+void LoadForks::Workspace::follow(double time, const ArmFilter::Step& step,
+                                  const std::vector<int>& rows, TipCompliance& compliance) {
+  for (std::size_t i = 0; i < hypotheses.size(); ++i) {
+    Hypothesis& hypothesis = hypotheses[i];
+    hypothesis.state.predict(step, options.creep);
+    const auto picture = hypothesis.state.expect(step, compliance.at(i)(rows, Eigen::all));
+    hypothesis.log_likelihood += hypothesis.state.logLikelihood(picture);
+    hypothesis.state.update(picture);
+  }
+  load.score = hypotheses.back().state.score();
+  if (load.score >= kGone) {
+    gone_since.reset();
+  } else if (!gone_since || time < *gone_since) {  // or the clock was set back
+    gone_since = time;
+  }
+  load.contact = !gone_since || time - *gone_since < kGoneTime;
+}
+
+std::size_t LoadForks::Workspace::likeliest() const {
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < hypotheses.size(); ++i) {
+    if (hypotheses[i].log_likelihood > hypotheses[best].log_likelihood) best = i;
+  }
+  return best;
+}
+
+void LoadForks::Workspace::report(const TipCompliance& compliance) {
+  const double score = load.score, onset = load.onset;
+  const bool contact = load.contact;
+  load = {};
+  load.score = score;
+  load.normalised = compliance.normalised();
+  if (!contact) return;
+  load.contact = true;
+  load.onset = onset;
+  const std::size_t place = likeliest();
+  const auto isClose = [&](const Hypothesis& other) {
+    return hypotheses[place].log_likelihood - other.log_likelihood < kPlaceLead;
+  };
+  const bool named =
+      hypotheses.size() > 1 && std::count_if(hypotheses.begin(), hypotheses.end(), isClose) == 1;
+  if (named) load.place = compliance.places()[place];
+  const LoadFork& force = (named ? hypotheses[place] : hypotheses.back()).state;
+  const double unit = load.normalised ? TipCompliance::kTypicalStiffness : 1.0;
+  load.force = force.force() / unit;
+  load.covariance = force.forceCovariance() / (unit * unit);
+  load.determined = determinedDirections(load.force, load.covariance);
+}
+
+LoadForks::LoadForks(const LoadForksOptions& options) : work_(std::make_unique<Workspace>()) {
+  options.validate();
+  work_->options = options;
+}
+LoadForks::~LoadForks() = default;
+LoadForks::LoadForks(LoadForks&&) noexcept = default;
+LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
+
+void LoadForks::see(double time, double tip_deviation, ArmFilter& watch,
+                    TipCompliance& compliance) {
+  Workspace& w = *work_;
+  ++w.pictures;
+  w.seen_time += std::min(watch.lastStep()->dt, kLongestGap);
+  if (w.load.contact) {
+    w.follow(time, *watch.lastStep(), watch.rows(), compliance);
+    watch.setState(w.hypotheses.back().state.withoutForce());
+    if (!w.load.contact) w.hypotheses.clear();
+  } else {
+    w.search(time, watch, compliance, w.seen_time >= kArmingTime && tip_deviation < kSureTip);
+  }
+  w.report(compliance);
+}
+
+void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
+  for (Workspace::Fork& fork : work_->forks) {
+    fork.state.growBias(covariance);
+    fork.origin.growBias(covariance);
+  }
+  for (Workspace::Hypothesis& hypothesis : work_->hypotheses) hypothesis.state.growBias(covariance);
+  Gaussian state = watch.state();
+  state.covariance.bottomRightCorner(covariance.rows(), covariance.cols()) += covariance;
+  watch.setState(state);
+}
+
+void LoadForks::reset() {
+  const LoadForksOptions options = work_->options;
+  *work_ = {};
+  work_->options = options;
+}
+
+const ExternalLoad& LoadForks::load() const { return work_->load; }
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "helix_arm/estimation/arm_filter.hpp"
+#include "helix_arm/estimation/load_forks.hpp"
+#include "helix_arm/estimation/tip_compliance.hpp"
+#include "helix_arm/follow/sight_loop.hpp"
+
+namespace helix_arm::follow {
+
+/// Finds loads on the arm from the pictures of a filter that watches it.
+class ContactWatch {
+ public:
+  ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config);
+
+  /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
+  void see(const estimation::ArmFilter::Input& picture, const std::optional<std::vector<int>>& tags,
+           estimation::ArmFilter& watch);
+  /// Forgets the pictures.
+  void reset();
+
+  const estimation::ExternalLoad& load() const { return forks_.load(); }
+
+ private:
+  void takeTags(const estimation::ArmFilter::Input& picture, const std::vector<int>& tags,
+                estimation::ArmFilter& watch);
+
+  const model::Arm arm_;
+  const std::optional<estimation::PlacedSight> sight_;
+  estimation::TipCompliance compliance_;
+  estimation::LoadForks forks_;
+  std::optional<std::vector<int>> tags_;  // of the last picture
+};
+
+}  // namespace helix_arm::follow
