@@ -11,7 +11,6 @@
 #include "contact_watch.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "time_ring.hpp"
@@ -209,6 +208,7 @@ void SightLoop::Workspace::command() {
   const statics::InverseResult& result = aim.solve(*target, false);
   turn.status = result.status;
   turn.residual = result.residual;
+  turn.position_error = result.position_error;
   turn.limits = result.limits;
   turn.pressure = aim.led(velocity, config.time_constant);
 }
@@ -380,6 +380,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
 
 LoopState SightLoop::state() const { return work_->turn.state; }
 const Turn& SightLoop::turn() const { return work_->turn; }
+const control::PressureObserver& SightLoop::observer() const { return work_->observer; }
 const estimation::ArmFilter& SightLoop::tracker() const { return work_->tracker; }
 const estimation::ArmFilter& SightLoop::watch() const { return work_->watch; }
 const std::optional<estimation::TipErrorBudget>& SightLoop::budget() const {

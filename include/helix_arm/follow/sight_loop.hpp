@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/control/tip_approach.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/estimation/arm_filter.hpp"
@@ -68,7 +69,8 @@ struct Turn {
   Eigen::VectorXd pressure;  ///< (n) inside the limits [Pa]
   /// Of the corrected model at the wanted place.
   statics::InverseStatus status = statics::InverseStatus::kReached;
-  double residual = 0.0;  ///< [m]
+  double residual = 0.0;        ///< norm of the weighted error [m]
+  double position_error = 0.0;  ///< distance from its tip to the wanted place [m]
   /// Limits at which the actuators are, (n).
   std::vector<statics::Limit> limits;
   lie::SE3 wanted;                    ///< tip at this time
@@ -127,6 +129,7 @@ class SightLoop {
 
   LoopState state() const;
   const Turn& turn() const;  ///< the last one
+  const control::PressureObserver& observer() const;
   const estimation::ArmFilter& tracker() const;
   const estimation::ArmFilter& watch() const;
   /// Of the watch, at the last accepted picture; nothing before the first.

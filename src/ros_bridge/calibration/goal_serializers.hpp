@@ -1,65 +1,12 @@
 #pragma once
 
-#include <cstdint>
-#include <stdexcept>
-#include <string>
-
-#include <actionlib_msgs/GoalID.h>
-#include <ros/serialization.h>
-
 #include "helix_arm/RunCalibrationActionGoal.h"
-#include "helix_arm/ros_bridge/common/checked_stream.hpp"
-#include "helix_arm/ros_bridge/common/clock_gate.hpp"
+#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 
-/// How the server of run_calibration reads what clients send. Every source that instantiates the
-/// server includes it.
 namespace ros::serialization {
 
-// actionlib subscribes by itself, and nothing catches what its callbacks throw. A goal or
-// cancellation whose stamp would make them throw is therefore refused while it is read.
 template <>
-struct Serializer<actionlib_msgs::GoalID> {
-  using GoalID = actionlib_msgs::GoalID;
-  template <class Stream>
-  static void read(Stream& stream, GoalID& goal) {
-    stream.next(goal.stamp);
-    stream.next(goal.id);
-    if (helix_arm::ros_bridge::ClockGate::isSound(goal.stamp)) return;
-    throw std::runtime_error("its stamp is " + std::to_string(goal.stamp.sec) + " s and " +
-                             std::to_string(goal.stamp.nsec) + " ns; expected less than 2^31 s");
-  }
-  template <class Stream>
-  static void write(Stream& stream, const GoalID& goal) {
-    stream.next(goal.stamp);
-    stream.next(goal.id);
-  }
-  static std::uint32_t serializedLength(const GoalID& goal) {
-    return serializationLength(goal.stamp) + serializationLength(goal.id);
-  }
-};
-
-// Goals are read with the checks of all other messages (CheckedStream).
-template <>
-struct Serializer<helix_arm::RunCalibrationActionGoal> {
-  using Goal = helix_arm::RunCalibrationActionGoal;
-  template <class Stream>
-  static void read(Stream& stream, Goal& goal) {
-    helix_arm::ros_bridge::CheckedStream checked(stream.getData(), stream.getLength());
-    checked.next(goal.header);
-    checked.next(goal.goal_id);
-    checked.next(goal.goal);
-    stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
-  }
-  template <class Stream>
-  static void write(Stream& stream, const Goal& goal) {
-    stream.next(goal.header);
-    stream.next(goal.goal_id);
-    stream.next(goal.goal);
-  }
-  static std::uint32_t serializedLength(const Goal& goal) {
-    return serializationLength(goal.header) + serializationLength(goal.goal_id) +
-           serializationLength(goal.goal);
-  }
-};
+struct Serializer<helix_arm::RunCalibrationActionGoal>
+    : helix_arm::ros_bridge::GoalSerializer<helix_arm::RunCalibrationActionGoal> {};
 
 }  // namespace ros::serialization

@@ -1,9 +1,6 @@
 #include "helix_arm/ros_bridge/vision/vision_markers.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
@@ -23,8 +20,6 @@ constexpr int kPoints = 32;            // of a curve, a section; even, since das
 constexpr double kLine = 0.010;        // width of the measured curve [m]
 constexpr double kTextHeight = 0.025;  // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
-constexpr double kSigmas = 2.0;
-constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
 
 std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   std::vector<geometry_msgs::Point> points;
@@ -32,21 +27,6 @@ std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
     points.push_back(toPointMsg(point.X.translation));
   }
   return points;
-}
-
-// An ellipsoid: the principal axes of the covariance, right-handed.
-void shapeLike(const Eigen::Matrix3d& covariance, const Eigen::Vector3d& centre, Marker& ball) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
-  Eigen::Matrix3d axes = solver.eigenvectors();
-  if (axes.determinant() < 0) axes.col(0) *= -1.0;
-  ball.pose = toPoseMsg({axes, centre});
-  const auto diameter = [&](int axis) {
-    const double sigma = std::sqrt(std::max(0.0, solver.eigenvalues()[axis]));
-    return std::max(kThinnest, 2.0 * kSigmas * sigma);
-  };
-  ball.scale.x = diameter(0);
-  ball.scale.y = diameter(1);
-  ball.scale.z = diameter(2);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@ namespace helix_arm::ros_bridge::names {
 inline constexpr char kPressureTarget[] = "pressure_target";
 inline constexpr char kShapeTarget[] = "shape_target";
 inline constexpr char kTipTarget[] = "tip_target";
+inline constexpr char kTipPose[] = "tip_pose";
 inline constexpr char kPressureCommand[] = "pressure_command";
 inline constexpr char kPressureMeasured[] = "pressure_measured";
 inline constexpr char kSafetyState[] = "safety_state";
@@ -26,9 +27,14 @@ inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kWorkspace[] = "workspace";
+inline constexpr char kEstimate[] = "estimate";
+inline constexpr char kSightLoopStatus[] = "loop_status";
+inline constexpr char kLoopMarkers[] = "loop_markers";
 /// Namespace of the interactive marker's topics.
 inline constexpr char kTipHandle[] = "tip_handle";
 inline constexpr char kClock[] = "/clock";              ///< of simulated time
+inline constexpr char kTf[] = "/tf";                    ///< one for all robots
+inline constexpr char kStaticTf[] = "/tf_static";       ///< latched
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
 
 // Services and actions, below the names of their nodes.
@@ -43,6 +49,9 @@ inline constexpr char kRecordSample[] = "record_sample";
 inline constexpr char kClearSamples[] = "clear_samples";
 inline constexpr char kSave[] = "save";
 inline constexpr char kRunCalibration[] = "run_calibration";
+inline constexpr char kCloseLoop[] = "close_loop";
+inline constexpr char kReset[] = "reset";
+inline constexpr char kFollowTipPath[] = "follow_tip_path";
 
 // Nodes.
 inline constexpr char kPressureCommandNode[] = "pressure_command";
@@ -52,6 +61,8 @@ inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
 inline constexpr char kWorkspaceCloudNode[] = "workspace_cloud";
+inline constexpr char kSightLoopNode[] = "sight_loop";
+inline constexpr char kFollowPathNode[] = "follow_path";
 
 // Name of the commander when the interactive marker is dragged in any rviz.
 inline constexpr char kInteractiveMarker[] = "interactive_marker";
@@ -76,6 +87,10 @@ inline constexpr char kModelCurveNs[] = "model_curve";
 inline constexpr char kTagsNs[] = "tags";
 inline constexpr char kTipErrorNs[] = "tip_error";
 inline constexpr char kTipCovarianceNs[] = "tip_covariance";
+inline constexpr char kWantedTipNs[] = "wanted_tip";
+inline constexpr char kPredictedTipNs[] = "predicted_tip";
+inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
+inline constexpr char kLoopStateNs[] = "loop_state";
 
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kTargetsStatus[] = "targets";
@@ -86,6 +101,7 @@ inline constexpr char kRegulatorStatus[] = "regulator";
 inline constexpr char kChannelStatus[] = "channel ";  ///< followed by the actuator
 inline constexpr char kCameraStatus[] = "camera";
 inline constexpr char kMeasurementStatus[] = "measurement";
+inline constexpr char kCorrectionStatus[] = "correction";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`
 inline constexpr char kDroppedPrefix[] = "dropped_";
 inline constexpr char kReachedKey[] = "reached";
@@ -102,5 +118,8 @@ inline constexpr char kSolveStatusKey[] = "solve_status";
 inline constexpr char kUnsolvedKey[] = "unsolved";
 inline constexpr char kPictureRateKey[] = "pictures_hz";
 inline constexpr char kMeasuredRateKey[] = "measured_hz";
+inline constexpr char kStateKey[] = "state";
+inline constexpr char kAcceptedKey[] = "accepted";
+inline constexpr char kRefusedPrefix[] = "refused_";  ///< followed by the fault
 
 }  // namespace helix_arm::ros_bridge::names

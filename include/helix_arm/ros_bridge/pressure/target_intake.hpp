@@ -10,13 +10,11 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/ShapeTarget.h"
-#include "helix_arm/TargetStatus.h"
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
-#include "helix_arm/ros_bridge/pressure/target_ledger.hpp"
+#include "helix_arm/ros_bridge/pressure/target_admission.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -48,43 +46,24 @@ class TargetIntake {
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt();
 
-  /// The status `<node>: targets`: WARN if a target was dropped or out of reach since the last
-  /// call.
+  /// As TargetAdmission::status().
   diagnostic_msgs::DiagnosticStatus status(const std::string& node);
 
  private:
-  /// Who sent which target.
-  struct Sender {
-    std::string topic;
-    std::string commander;
-    ros::Time stamp;
-  };
-
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
-  void aimTip(const Sender& sender, const control::Checked<TipGoal>& checked);
-  /// What was checked, unless its stamp says that it waited in some queue.
-  template <class T>
-  control::Checked<T> fresh(const Sender& sender, control::Checked<T> checked) const;
+  void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked);
 
-  /// The target's value when it is sound and its sender may command; else drops it and returns
-  /// null.
-  template <class T>
-  const T* admit(const Sender& sender, const control::Checked<T>& checked);
-  void drop(const Sender& sender, const control::Refusal& refusal);
-  void follow(const Sender& sender, const statics::InverseResult& result);
+  void follow(const TargetSender& sender, const statics::InverseResult& result);
   /// Commands it; else drops the target and returns false.
-  bool command(const Sender& sender, const Eigen::VectorXd& pressure);
-  TargetStatus answerTo(const Sender& sender) const;
+  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
 
   const io::Scene& scene_;
   const std::string base_frame_;
   const Commands commands_;
   statics::InverseSolver solver_;
-  control::CommanderLease lease_;
-  TargetLedger ledger_;
-  ros::Publisher status_publisher_;
+  TargetAdmission admission_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
 };
 

@@ -1,0 +1,106 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <future>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <actionlib/server/action_server.h>
+#include <ros/node_handle.h>
+#include <ros/time.h>
+
+#include "helix_arm/FollowTipPathAction.h"
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/frame_lookup.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/follow/command_link.hpp"
+#include "helix_arm/ros_bridge/follow/goal_watch.hpp"
+#include "helix_arm/ros_bridge/follow/loop_targets.hpp"
+#include "helix_arm/ros_bridge/follow/path_goal.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Serves the action ~follow_tip_path: checks a goal, lets the loop follow its path, and decides
+/// how it ends. Afterwards the last wanted place is held for a time.
+///
+/// A new goal replaces the running one once it is accepted. A running goal holds the lease of the
+/// loop's commanders. All of it belongs to the thread of the node's callback queue; a check of a
+/// path has a thread of its own.
+class FollowAction {
+ public:
+  /// Why the arm cannot follow a path; empty if it can. Runs in a thread of its own.
+  using PathCheck = std::function<std::string()>;
+  /// Makes the check of a path, with a tolerance of its positions [m].
+  using MakePathCheck = std::function<PathCheck(const control::TipPath& path, double tolerance)>;
+
+  /// @param scene, frames, targets  Outlive this.
+  FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
+               LoopTargets& targets, MakePathCheck make_check);
+  ~FollowAction();
+  FollowAction(const FollowAction&) = delete;
+  FollowAction& operator=(const FollowAction&) = delete;
+
+  /// A goal runs, or waits for its start or for the arm.
+  bool runs() const { return run_.has_value(); }
+  /// The arm is to be commanded: a goal runs, or its last place is held.
+  bool wants() const;
+  /// No longer holds the last place of a goal: another command has come.
+  void endHold() { hold_since_.reset(); }
+
+  /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
+  void prepare(double time, follow::SightLoop& loop, const CommandLink& link);
+  /// After a turn in which the loop commands.
+  void watch(double time, const follow::Turn& turn);
+  /// After a picture that the loop used.
+  /// @param X_BT            measured tip.
+  /// @param tip_covariance  of the predicted tip's position, base frame [m^2].
+  void picture(const ros::Time& stamp, const lie::SE3& X_BT, const Eigen::Matrix3d& tip_covariance);
+  /// The arm cannot be commanded: refuses or aborts the goal, and ends a hold.
+  void abandon(const std::string& reason);
+
+ private:
+  using Server = actionlib::ActionServer<FollowTipPathAction>;
+  using Handle = Server::GoalHandle;
+
+  /// A goal whose path is being checked.
+  struct Candidate {
+    Handle handle;
+    PathGoal goal;
+    std::future<std::string> check;
+  };
+  /// An accepted goal.
+  struct Run {
+    Handle handle;
+    PathGoal goal;
+    GoalWatch watch;
+    bool follows = false;  ///< the arm follows its path
+  };
+
+  void onGoal(Handle handle);
+  void onCancel(Handle handle);
+  static void reject(Handle& handle, const GoalEnding& refusal);
+  void discardCandidate();
+  void takeCandidate();
+  void begin(double time, follow::SightLoop& loop);
+  void end(const GoalEnding& ending);
+  void cancel(const std::string& reason);
+  void leave();
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  LoopTargets& targets_;
+  const MakePathCheck make_check_;
+  std::optional<Candidate> candidate_;
+  std::vector<std::future<std::string>> discarded_;  ///< checks of replaced goals
+  std::optional<Run> run_;
+  std::optional<ros::SteadyTime> hold_since_;
+  double hold_time_ = 0.0;  ///< [s]
+  FaultGuard guard_{"a goal of follow_tip_path"};
+  std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/follow/calibration_watch.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Counts pictures, and says how the loop is doing.
+class LoopDiagnostics {
+ public:
+  /// Notes what became of a picture. @param filter  the loop's tracker.
+  void saw(double time, const estimation::Sighting& sighting, const estimation::ArmFilter& filter);
+  /// Notes a `measured` that is not of this arm.
+  void sawForeign(const std::string& why);
+
+  std::uint64_t accepted() const { return accepted_; }
+  std::uint64_t refused() const { return refused_; }
+
+  /// The status `<node>: loop`: its state, and pictures by their faults.
+  diagnostic_msgs::DiagnosticStatus loop(const std::string& node, const follow::SightLoop& loop,
+                                         const std::string& message) const;
+  /// The status `<node>: correction`: how the arm differs from its model; WARN if it is to be
+  /// calibrated again.
+  diagnostic_msgs::DiagnosticStatus correction(const std::string& node,
+                                               const follow::SightLoop& loop) const;
+
+ private:
+  std::uint64_t accepted_ = 0, refused_ = 0;
+  std::array<std::uint64_t, estimation::kSightingFaultCount> by_fault_ = {};
+  FaultCount foreign_;
+  CalibrationWatch calibration_;
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <visualization_msgs/MarkerArray.h>
+
+#include "helix_arm/lie/se3.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Draws for rviz what a loop over sight wants and predicts, seen from the arm's base frame, in
+/// stable namespaces and ids.
+///
+/// - wanted_tip: a ball at the wanted tip
+/// - predicted_tip: a ball at the tip of the corrected model
+/// - predicted_covariance: where that tip is within two standard deviations, an ellipsoid
+/// - loop_state: the loop's state and error, as text below the predicted tip
+class LoopMarkers {
+ public:
+  /// The tips at one time, base frame. What is absent is removed from the screen.
+  struct Tips {
+    std::optional<Eigen::Vector3d> wanted;     ///< [m]
+    std::optional<Eigen::Vector3d> predicted;  ///< [m]
+    Eigen::Matrix3d covariance;                ///< of predicted [m^2]
+    std::string text;
+  };
+
+  /// @param lifetime  longer than the period of drawing [s].
+  LoopMarkers(std::string base_frame, double lifetime);
+
+  visualization_msgs::MarkerArray draw(const ros::Time& stamp, const Tips& tips) const;
+
+ private:
+  visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
+  visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
+                                  const std::optional<Eigen::Vector3d>& centre, double size) const;
+
+  std::string base_frame_;
+  ros::Duration lifetime_;
+};
+
+}  // namespace helix_arm::ros_bridge

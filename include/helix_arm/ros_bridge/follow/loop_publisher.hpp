@@ -1,0 +1,63 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/time.h>
+
+#include "helix_arm/LoopStatus.h"
+#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
+#include "helix_arm/ros_bridge/follow/loop_markers.hpp"
+#include "helix_arm/ros_bridge/follow/sight_loop_options.hpp"
+#include "helix_arm/ros_bridge/pressure/tip_handle.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Publishes loop_status, estimate and loop_markers, and holds the tip handle at the wanted tip.
+/// For the thread of the node's callback queue.
+class LoopPublisher {
+ public:
+  /// The loop after a turn.
+  struct View {
+    ros::Time stamp;  ///< of the turn
+    const follow::SightLoop& loop;
+    std::optional<ros::Time> last_picture;  ///< that the loop used
+    std::string commander;                  ///< empty if nobody commands
+    std::string message;                    ///< why it is in its state
+    const LoopDiagnostics& pictures;
+  };
+
+  /// @param scene      Kept by reference.
+  /// @param on_target  As TipHandle's; without ~handle it is not called.
+  LoopPublisher(ros::NodeHandle& node, const io::Scene& scene, const SightLoopOptions& options,
+                std::string base_frame, TipHandle::OnTarget on_target);
+
+  /// Publishes status and estimate: at a change of state, else at ~rate.
+  void publish(const View& view);
+  /// Draws what was published last.
+  void draw();
+  /// Nothing is measured any more: the next drawing removes all.
+  void clear() { status_ = {}; }
+  /// Covariance of the predicted tip's position, base frame [m^2].
+  static Eigen::Matrix3d tipCovariance(const View& view);
+
+ private:
+  bool isDue(const View& view) const;
+  LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const;
+  void publishEstimate(const View& view);
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  const double period_;  ///< of the status [s]
+  LoopMarkers markers_;
+  LoopStatus status_;  ///< the last one
+  ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_;
+  std::unique_ptr<TipHandle> handle_;
+};
+
+}  // namespace helix_arm::ros_bridge

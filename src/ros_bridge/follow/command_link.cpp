@@ -1,0 +1,122 @@
+#include "helix_arm/ros_bridge/follow/command_link.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+#include <variant>
+
+#include <ros/console.h>
+#include <ros/this_node.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using control::Fault;
+
+constexpr double kFresh = 1.0;         // an older pressure_command is of a node that has ended [s]
+constexpr double kPatience = 1.0;      // beyond the lease of another commander [s]
+constexpr double kLongestLease = 5.0;  // that is waited for [s]
+constexpr std::size_t kLongestMessage = 1000;  // of another node
+constexpr char kSilent[] = "pressure_command does not come; is its node up?";
+
+}  // namespace
+
+CommandLink::CommandLink(ros::NodeHandle& node, const io::Scene& scene)
+    : scene_(scene),
+      target_publisher_(node.advertise<PressureArray>(names::kPressureTarget, 10)),
+      command_subscriber_(listen(node, names::kPressureCommand, 10, &CommandLink::onCommand, this)),
+      safety_subscriber_(listen(node, names::kSafetyState, 10, &CommandLink::onSafety, this)),
+      status_subscriber_(listen(node, names::kTargetStatus, 100, &CommandLink::onStatus, this)) {}
+
+bool CommandLink::isFresh() const {
+  return !last_command_.isZero() &&
+         ros::SteadyTime::now() - last_command_ < ros::WallDuration(kFresh);
+}
+
+bool CommandLink::follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
+
+void CommandLink::send(const Eigen::VectorXd& pressure) { publish(pressure); }
+
+void CommandLink::ask() {
+  publish(scene_.arm.clamped(set_point_ ? *set_point_ : scene_.arm.inputAt(0)));
+}
+
+void CommandLink::publish(const Eigen::VectorXd& pressure) {
+  if (!speaks_ || follows()) asks_since_ = ros::SteadyTime::now();
+  std_msgs::Header header;
+  header.stamp = ros::Time::now();
+  if (!speaks_ || header.stamp < first_stamp_) first_stamp_ = header.stamp;
+  speaks_ = true;
+  target_publisher_.publish(toPressureMsg(header, scene_.arm, pressure));
+}
+
+void CommandLink::fallSilent() {
+  speaks_ = accepted_ = false;
+  passing_.reset();
+  lasting_.reset();
+}
+
+std::optional<control::Refusal> CommandLink::refusal() const {
+  if (!speaks_ || follows()) return std::nullopt;
+  if (lasting_) return lasting_;
+  const double patience = kPatience + std::min(scene_.safety.commander_timeout, kLongestLease);
+  if (ros::SteadyTime::now() - asks_since_ < ros::WallDuration(patience)) return std::nullopt;
+  if (passing_ && isFresh()) return passing_;
+  return control::Refusal{Fault::kNotEnabled, whyNot()};
+}
+
+std::string CommandLink::whyNot() const {
+  if (!isFresh()) return kSilent;
+  if (lasting_) return lasting_->message;
+  if (passing_) return passing_->message;
+  if (!enabled_ && !safety_reason_.empty()) return safety_reason_;
+  return "pressure_command does not answer on target_status";
+}
+
+void CommandLink::onCommand(const PressureArrayConstPtr& command) {
+  auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
+  if (auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+    set_point_ = std::move(*pressure);
+    last_command_ = ros::SteadyTime::now();
+  } else if (bad_commands_.add()) {
+    ROS_WARN("a pressure_command is dropped (%lu so far): %s",
+             static_cast<unsigned long>(bad_commands_.total()),
+             std::get<control::Refusal>(checked).message.c_str());
+  }
+}
+
+void CommandLink::onSafety(const SafetyStateConstPtr& state) {
+  enabled_ = state->state == SafetyState::ENABLED;
+  safety_reason_ = basics::quoted(state->reason, kLongestMessage);
+  if (!enabled_) accepted_ = false;
+}
+
+void CommandLink::onStatus(const TargetStatusConstPtr& status) {
+  if (!speaks_ || status->commander != ros::this_node::getName() ||
+      status->topic != names::kPressureTarget || status->target_stamp < first_stamp_) {
+    return;
+  }
+  if (status->outcome != TargetStatus::DROPPED) {
+    accepted_ = true;
+    passing_.reset();
+    return;
+  }
+  const auto is = [&](Fault fault) { return status->fault == control::nameOf(fault); };
+  const Fault fault = is(Fault::kOtherCommander) ? Fault::kOtherCommander : Fault::kNotEnabled;
+  const control::Refusal refusal{fault, basics::quoted(status->message, kLongestMessage)};
+  if (is(Fault::kStale)) {
+    passing_ = refusal;
+    return;
+  }
+  // Whoever had the arm and lost it to another does not wait for it again.
+  const bool passes = is(Fault::kOtherCommander) && !accepted_;
+  accepted_ = false;
+  (passes ? passing_ : lasting_) = refusal;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,215 @@
+#include "helix_arm/ros_bridge/follow/follow_action.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+#include <variant>
+
+#include <ros/console.h>
+
+#include "goal_serializers.hpp"
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using Result = FollowTipPathResult;
+
+constexpr double kCheckTolerance = 0.002;  // of a path without a tolerance [m]
+
+Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
+  Result out;
+  out.error_code = ending.code;
+  out.error_string = ending.message;
+  out.rms_m = figures.rms;
+  out.max_m = figures.max;
+  out.pictures = figures.pictures;
+  return out;
+}
+
+bool isReady(const std::future<std::string>& check) {
+  return check.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
+
+}  // namespace
+
+FollowAction::FollowAction(ros::NodeHandle& private_node, const io::Scene& scene,
+                           const FrameLookup& frames, LoopTargets& targets,
+                           MakePathCheck make_check)
+    : scene_(scene),
+      frames_(frames),
+      targets_(targets),
+      make_check_(std::move(make_check)),
+      server_(std::make_unique<Server>(
+          private_node, names::kFollowTipPath,
+          [this](const Handle& handle) { guard_.run("", [&] { onGoal(handle); }); },
+          [this](const Handle& handle) { guard_.run("", [&] { onCancel(handle); }); }, false)) {
+  server_->start();
+}
+
+FollowAction::~FollowAction() = default;
+
+bool FollowAction::wants() const {
+  if (run_) return true;
+  return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
+}
+
+void FollowAction::onGoal(Handle handle) {
+  const FollowTipPathGoal& message = *handle.getGoal();
+  auto checked = fromMsg(message, frames_, scene_.safety.rules.target_timeout);
+  if (const auto* refusal = std::get_if<GoalEnding>(&checked)) {
+    reject(handle, *refusal);
+    return;
+  }
+  if (candidate_) {
+    candidate_->handle.setCanceled(resultOf({Result::SUCCESSFUL, "replaced by a newer goal"}));
+    discardCandidate();
+  }
+  auto& goal = std::get<PathGoal>(checked);
+  const double tolerance = message.path_tolerance > 0 ? message.path_tolerance : kCheckTolerance;
+  auto check = std::async(std::launch::async, make_check_(goal.path, tolerance));
+  candidate_.emplace(Candidate{std::move(handle), std::move(goal), std::move(check)});
+}
+
+void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
+  ROS_WARN("follow_tip_path: %s", refusal.message.c_str());
+  handle.setRejected(resultOf(refusal), refusal.message);
+}
+
+void FollowAction::onCancel(Handle handle) {
+  if (candidate_ && candidate_->handle == handle) {
+    handle.setCanceled(resultOf({Result::SUCCESSFUL, "cancelled before it began"}));
+    discardCandidate();
+  } else if (run_ && run_->handle == handle) {
+    cancel("cancelled: the arm stays where it was wanted");
+  }
+}
+
+// Without waiting for the end of its check.
+void FollowAction::discardCandidate() {
+  discarded_.push_back(std::move(candidate_->check));
+  candidate_.reset();
+}
+
+void FollowAction::takeCandidate() {
+  discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(), isReady), discarded_.end());
+  if (!candidate_ || !isReady(candidate_->check)) return;
+  Candidate next = std::move(*candidate_);
+  candidate_.reset();
+  GoalEnding refusal{Result::INVALID_GOAL, {}};
+  try {
+    refusal.message = next.check.get();
+  } catch (const std::exception& fault) {
+    refusal.message = fault.what();
+  }
+  if (refusal.message.empty()) {
+    const auto other = targets_.claim(names::kFollowTipPath);
+    if (other) refusal = {Result::NOT_ENABLED, other->message};
+  }
+  if (!refusal.message.empty()) {
+    reject(next.handle, refusal);
+    return;
+  }
+  if (run_) cancel("replaced by a newer goal");
+  next.handle.setAccepted("accepted");
+  const GoalWatch watch(next.goal.rules, next.goal.path.lastTime());
+  run_.emplace(Run{std::move(next.handle), std::move(next.goal), watch});
+}
+
+void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLink& link) {
+  takeCandidate();
+  if (!run_) {
+    if (!link.follows()) endHold();
+    loop.hold();
+    return;
+  }
+  if (const auto other = targets_.claim(names::kFollowTipPath)) {
+    end({Result::NOT_ENABLED, other->message});
+  } else if (const auto refusal = link.refusal()) {
+    end({Result::NOT_ENABLED, refusal->message});
+  } else if (link.follows() && !run_->follows) {
+    begin(time, loop);
+  } else if (run_->follows && !link.follows()) {
+    end({Result::NOT_ENABLED, link.whyNot()});
+  }
+}
+
+void FollowAction::begin(double time, follow::SightLoop& loop) {
+  const ros::Time& start = run_->goal.start;
+  if (start.isZero() || time >= start.toSec()) {
+    run_->follows = true;
+    loop.follow(run_->goal.path);
+  } else if (!loop.hasTarget() && loop.turn().predicted) {
+    loop.aimAt(loop.turn().predicted->translation);
+  }
+}
+
+void FollowAction::watch(double time, const follow::Turn& turn) {
+  if (!run_ || !run_->follows) return;
+  if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
+}
+
+void FollowAction::picture(const ros::Time& stamp, const lie::SE3& X_BT,
+                           const Eigen::Matrix3d& tip_covariance) {
+  if (!run_ || !run_->follows) return;
+  const auto moment = run_->watch.momentOf(stamp.toSec());
+  if (!moment) return;
+  const Eigen::Vector3d error = X_BT.translation - moment->wanted.translation;
+  const Eigen::Vector3d direction = error.stableNormalized();
+  FollowTipPathFeedback feedback;
+  feedback.header.stamp = stamp;
+  feedback.header.frame_id = frames_.baseFrame();
+  feedback.desired = toPoseMsg(moment->wanted);
+  feedback.measured = toPoseMsg(X_BT);
+  if (moment->predicted) feedback.predicted = toPoseMsg(*moment->predicted);
+  feedback.error = error.norm();
+  feedback.sd = std::sqrt(std::max(0.0, direction.dot(tip_covariance * direction)));
+  feedback.state = follow::nameOf(moment->state);
+  feedback.time_from_start = ros::Duration(moment->path_time);
+  run_->handle.publishFeedback(feedback);
+  if (const auto ending = run_->watch.picture(*moment, X_BT.translation)) end(*ending);
+}
+
+void FollowAction::abandon(const std::string& reason) {
+  if (candidate_) {
+    reject(candidate_->handle, {Result::NOT_ENABLED, reason});
+    discardCandidate();
+  }
+  if (run_) end({Result::NOT_ENABLED, reason});
+  endHold();
+}
+
+void FollowAction::end(const GoalEnding& ending) {
+  const Result result = resultOf(ending, run_->watch.figures());
+  if (ending.code == Result::SUCCESSFUL) {
+    ROS_INFO("follow_tip_path: %s", ending.message.c_str());
+    run_->handle.setSucceeded(result, ending.message);
+  } else {
+    ROS_WARN("follow_tip_path: %s", ending.message.c_str());
+    run_->handle.setAborted(result, ending.message);
+  }
+  leave();
+}
+
+void FollowAction::cancel(const std::string& reason) {
+  const GoalFigures figures = run_->watch.figures();
+  run_->handle.setCanceled(resultOf({Result::SUCCESSFUL, reason}, figures), reason);
+  leave();
+}
+
+// The last place is held, if the arm went there.
+void FollowAction::leave() {
+  const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
+  const double usual =
+      simulated ? std::numeric_limits<double>::infinity() : scene_.safety.rules.target_timeout;
+  hold_time_ = run_->goal.hold.value_or(usual);
+  if (run_->follows) hold_since_ = ros::SteadyTime::now();
+  run_.reset();
+}
+
+}  // namespace helix_arm::ros_bridge

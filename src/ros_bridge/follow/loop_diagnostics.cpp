@@ -1,0 +1,103 @@
+#include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
+
+#include <cmath>
+#include <cstddef>
+
+#include <ros/console.h>
+
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using follow::LoopState;
+
+std::uint8_t levelOf(LoopState state) {
+  switch (state) {
+    case LoopState::kOpen:
+    case LoopState::kCoasting:
+    case LoopState::kYielding:
+      return DiagnosticStatus::WARN;
+    case LoopState::kDiverging:
+      return DiagnosticStatus::ERROR;
+    case LoopState::kIdle:
+    case LoopState::kClosed:
+      break;
+  }
+  return DiagnosticStatus::OK;
+}
+
+std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm), 2); }
+
+}  // namespace
+
+void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
+                          const estimation::ArmFilter& filter) {
+  if (!sighting.accepted()) {
+    ++refused_;
+    ++by_fault_[static_cast<std::size_t>(sighting.fault)];
+    return;
+  }
+  ++accepted_;
+  const int count = filter.parameterCount();
+  const estimation::Gaussian& state = filter.state();
+  calibration_.note(time,
+                    {filter.parameterNames(), state.mean.head(count),
+                     state.covariance.diagonal().head(count).cwiseSqrt(), filter.parameterPrior()});
+}
+
+void LoopDiagnostics::sawForeign(const std::string& why) {
+  ++refused_;
+  if (!foreign_.add()) return;
+  ROS_WARN("a measured is not used (%lu so far): %s", static_cast<unsigned long>(foreign_.total()),
+           why.c_str());
+}
+
+DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::SightLoop& loop,
+                                       const std::string& message) const {
+  DiagnosticStatus out;
+  out.name = statusName(node, names::kLoopStatus);
+  out.level = levelOf(loop.state());
+  out.message = message;
+  addValue(out, names::kStateKey, follow::nameOf(loop.state()));
+  addValue(out, names::kAcceptedKey, std::to_string(accepted_));
+  for (int i = 1; i < estimation::kSightingFaultCount; ++i) {
+    const auto fault = static_cast<estimation::SightingFault>(i);
+    addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),
+             std::to_string(by_fault_[static_cast<std::size_t>(i)]));
+  }
+  addValue(out, names::kRefusedPrefix + std::string("foreign"), std::to_string(foreign_.total()));
+  addValue(out, "tip_sd_mm", fixed(1e3 * loop.tipDeviation(), 2));
+  addValue(out, "error_mm", loop.error() ? fixed(1e3 * *loop.error(), 2) : "");
+  return out;
+}
+
+DiagnosticStatus LoopDiagnostics::correction(const std::string& node,
+                                             const follow::SightLoop& loop) const {
+  const estimation::ArmFilter& filter = loop.tracker();
+  const estimation::Gaussian& state = filter.state();
+  DiagnosticStatus out;
+  out.name = statusName(node, names::kCorrectionStatus);
+  const std::string& advice = calibration_.advice();
+  out.level = advice.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN;
+  out.message =
+      advice.empty() ? "the arm is as its calibration says" : "calibrate again: " + advice;
+  const int count = filter.parameterCount();
+  for (int i = 0; i < count; ++i) {
+    addValue(out, filter.parameterNames()[static_cast<std::size_t>(i)] + " [%]",
+             percent(state.mean[i]) + " +- " +
+                 percent(std::sqrt(std::max(0.0, state.covariance(i, i)))));
+  }
+  const auto& rows = filter.rows();
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const bool moves = rows[k] % 6 < 3;
+    addValue(out,
+             "bias of section " + std::to_string(rows[k] / 6 + 1) + ", " + (moves ? "v_" : "w_") +
+                 "xyz"[rows[k] % 3] + (moves ? " [mm]" : " [mrad]"),
+             fixed(1e3 * state.mean[count + static_cast<Eigen::Index>(k)], 2));
+  }
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,65 @@
+#include "helix_arm/ros_bridge/follow/loop_markers.hpp"
+
+#include <utility>
+
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/marker_parts.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using visualization_msgs::Marker;
+
+constexpr double kWantedSize = 0.016;     // [m]
+constexpr double kPredictedSize = 0.008;  // [m]
+constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
+constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
+
+}  // namespace
+
+LoopMarkers::LoopMarkers(std::string base_frame, double lifetime)
+    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+
+Marker LoopMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
+  std_msgs::Header header;
+  header.frame_id = base_frame_;
+  header.stamp = stamp;
+  return makeMarker(header, ns, 0, type, lifetime_);
+}
+
+Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
+                         const std::optional<Eigen::Vector3d>& centre, double size) const {
+  Marker out = marker(stamp, ns, Marker::SPHERE);
+  if (!centre) {
+    out.action = Marker::DELETE;
+    return out;
+  }
+  out.pose.position = toPointMsg(*centre);
+  out.scale.x = out.scale.y = out.scale.z = size;
+  return out;
+}
+
+visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const Tips& tips) const {
+  visualization_msgs::MarkerArray out;
+  Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
+  wanted.color = color(1.0, 0.3, 0.9, 0.7);
+  Marker predicted = ball(stamp, names::kPredictedTipNs, tips.predicted, kPredictedSize);
+  predicted.color = color(0.2, 0.9, 1.0);
+  Marker ellipsoid = ball(stamp, names::kPredictedCovarianceNs, tips.predicted, kPredictedSize);
+  ellipsoid.color = color(0.2, 0.9, 1.0, 0.35);
+  Marker text = marker(stamp, names::kLoopStateNs, Marker::TEXT_VIEW_FACING);
+  if (tips.predicted) {
+    shapeLike(tips.covariance, *tips.predicted, ellipsoid);
+    text.pose.position = toPointMsg(*tips.predicted + Eigen::Vector3d(kTextOffset, 0, 0));
+    text.scale.z = kTextHeight;
+    text.color = color(0.2, 0.9, 1.0);
+    text.text = tips.text;
+  } else {
+    text.action = Marker::DELETE;
+  }
+  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid), std::move(text)};
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

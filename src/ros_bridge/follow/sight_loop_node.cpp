@@ -1,0 +1,277 @@
+#include "helix_arm/ros_bridge/follow/sight_loop_node.hpp"
+
+#include <algorithm>
+#include <utility>
+#include <variant>
+
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <ros/console.h>
+#include <ros/this_node.h>
+
+#include "goal_serializers.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/follow/path_check.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/follow_run.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/pneumatics.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using follow::LoopState;
+
+constexpr double kFresh = 1.0;  // pressures silent for longer end a command [s]
+constexpr char kNoReadings[] = "pressure_measured does not come; is the regulator's node up?";
+
+ros::console::Level levelOf(LoopState state, LoopState before) {
+  if (state == LoopState::kDiverging) return ros::console::levels::Error;
+  const bool lost =
+      state == LoopState::kCoasting || (state == LoopState::kOpen && before != LoopState::kIdle);
+  return lost ? ros::console::levels::Warn : ros::console::levels::Info;
+}
+
+// Twists of a `measured` with their covariance, or why they cannot be used.
+control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
+  const auto size = static_cast<Eigen::Index>(6) * sections;
+  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
+    return control::Refusal{control::Fault::kWrongSize,
+                            std::to_string(shape.twist_covariance.size()) +
+                                " numbers in twist_covariance; send " +
+                                std::to_string(size * size) + ", the covariance of `twist`"};
+  }
+  return Eigen::MatrixXd(
+      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
+}
+
+}  // namespace
+
+SightLoopNode::SightLoopNode()
+    : options_(SightLoopOptions::load()),
+      scene_(requirePneumatic(io::loadScene(options_.scene))),
+      loop_(scene_.model, procedures::loopConfigOf(scene_)),
+      frames_(node_, options_.frame_prefix + names::kBaseFrame),
+      link_(node_, scene_),
+      targets_(node_, scene_, frames_),
+      publisher_(node_, scene_, options_, frames_.baseFrame(),
+                 [this](const TipTarget& target) { targets_.takeFromHandle(target); }),
+      action_(private_node_, scene_, frames_, targets_,
+              [this](const control::TipPath& path, double tolerance) {
+                return checkOf(path, tolerance);
+              }),
+      diagnostics_publisher_(
+          node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
+      reading_subscriber_(
+          listen(node_, names::kPressureMeasured, 10, &SightLoopNode::onReading, this)),
+      measured_subscriber_(listen(node_, names::kMeasured, 10, &SightLoopNode::onMeasured, this)),
+      close_server_(serve(private_node_, names::kCloseLoop, &SightLoopNode::onCloseLoop, this)),
+      reset_server_(serve(private_node_, names::kReset, &SightLoopNode::onReset, this)),
+      reload_(private_node_, options_.scene, options_.scene_folder,
+              [this](io::Scene next) { adopt(std::move(next)); }),
+      draw_timer_(
+          repeat(node_, "the drawing", 1.0 / options_.draw_rate, &SightLoopNode::onDraw, this)),
+      diagnose_timer_(repeat(node_, "the diagnostics", 1.0, &SightLoopNode::onDiagnose, this)) {
+  ROS_INFO("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
+           scene_.arm.actuatorCount());
+}
+
+SightLoopNode::~SightLoopNode() = default;
+
+void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
+  const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    if (!bad_readings_.add()) return;
+    ROS_WARN("a pressure_measured is dropped (%lu so far): %s",
+             static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
+    return;
+  }
+  last_reading_ = ros::SteadyTime::now();
+  const ros::Time& stamp = message->header.stamp;
+  turn(stamp.isZero() ? ros::Time::now() : stamp, std::get<Eigen::VectorXd>(checked));
+}
+
+void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
+  const LoopState before = loop_.state();
+  stamp_ = stamp;
+  const double time = stamp.toSec();
+  loop_.enable(link_.follows());
+  action_.prepare(time, loop_, link_);
+  aim();
+  const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
+  command(turn);
+  if (turn.commands) action_.watch(time, turn);
+  tellState(before);
+  publisher_.publish(view());
+}
+
+void SightLoopNode::aim() {
+  const auto& target = targets_.target();
+  const bool changed = targets_.takeChange();
+  if (target && action_.runs()) {
+    targets_.refuse({control::Fault::kOtherCommander,
+                     "a goal of ~follow_tip_path commands the arm; cancel it first"});
+  } else if (target && link_.follows() && (changed || !loop_.hasTarget())) {
+    action_.endHold();
+    loop_.aimAt(*target);
+  }
+  if (!isWanted()) letGo();
+}
+
+void SightLoopNode::command(const follow::Turn& turn) {
+  if (turn.commands) {
+    link_.send(turn.pressure);
+    if (targets_.areUnanswered()) {
+      targets_.answer({turn.status, turn.residual, turn.position_error, turn.limits});
+    }
+    return;
+  }
+  if (!isWanted()) return;
+  if (const auto refusal = link_.refusal()) {
+    targets_.refuse(*refusal);
+    letGo();
+  } else {
+    link_.ask();
+  }
+}
+
+void SightLoopNode::letGo() {
+  loop_.release();
+  link_.fallSilent();
+}
+
+void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
+  const int sections = scene_.arm.sectionCount();
+  const auto checked = fromMsg(*shape, sections, frames_.baseFrame());
+  const auto covariance = covarianceOf(*shape, sections);
+  for (const auto* refusal :
+       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
+    if (refusal == nullptr) continue;
+    pictures_.sawForeign(refusal->message);
+    return;
+  }
+  const ros::Time& stamp = shape->header.stamp;
+  const auto& measured = std::get<model::Shape>(checked);
+  // Simulated time may reach this node later than the readings that it stamps.
+  const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
+  const estimation::Sighting sighting =
+      loop_.picture(stamp.toSec(), now, measured.twists(), std::get<Eigen::MatrixXd>(covariance));
+  pictures_.saw(now, sighting, loop_.tracker());
+  if (!sighting.accepted()) return;
+  last_picture_ = stamp;
+  if (action_.runs()) {
+    action_.picture(stamp, model::tipPose(measured), LoopPublisher::tipCovariance(view()));
+  }
+}
+
+// With copies of all that the loop knows now, since it runs in a thread of its own.
+FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
+                                               double tolerance) const {
+  follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
+  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+    rules.slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
+  }
+  const Eigen::VectorXd start =
+      scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
+  return [path, rules, start, model = scene_.model,
+          correction = loop_.tracker().correction()]() -> std::string {
+    statics::InverseSolver solver(model);
+    solver.correct(correction);
+    const auto refusal = follow::checkPath(path, model.arm(), solver, start, rules);
+    return refusal ? refusal->reason : std::string();
+  };
+}
+
+bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& response) {
+  closes_ = request.data;
+  loop_.close(closes_);
+  response.success = true;
+  response.message = closes_ ? "the loop closes when the arm is seen"
+                             : "the loop stays open: the correction fades out within a second";
+  ROS_INFO("close_loop: %s", response.message.c_str());
+  return true;
+}
+
+bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
+  loop_.reset();
+  response.success = true;
+  response.message = "what the pictures taught is forgotten: the correction fades within a second";
+  ROS_INFO("reset: %s", response.message.c_str());
+  return true;
+}
+
+void SightLoopNode::adopt(io::Scene next) {
+  next = requirePneumatic(std::move(next));
+  requireSameRig(scene_, next);
+  basics::require(!isWanted(),
+                  "the loop commands the arm; cancel its goal, or send it no target for ",
+                  scene_.safety.rules.target_timeout, " s, and reload again");
+  follow::SightLoop loop(next.model, procedures::loopConfigOf(next));
+  loop.close(closes_);
+  scene_ = std::move(next);
+  loop_ = std::move(loop);
+  targets_.adopt();
+}
+
+LoopPublisher::View SightLoopNode::view() {
+  return {stamp_, loop_, last_picture_, commander(), reason(), pictures_};
+}
+
+std::string SightLoopNode::commander() {
+  if (action_.wants()) return names::kFollowTipPath;
+  return targets_.commander();
+}
+
+std::string SightLoopNode::reason() {
+  switch (loop_.state()) {
+    case LoopState::kIdle:
+      return isWanted() ? "waits for the arm: " + link_.whyNot() : "nobody commands the loop";
+    case LoopState::kOpen:
+      if (!closes_) return "kept open by ~close_loop";
+      return last_picture_ ? "the arm is not seen; look at vision_status, and at the refused "
+                             "pictures in the diagnostics"
+                           : "no measured has been used yet; is vision up?";
+    case LoopState::kClosed:
+      return "follows what is seen";
+    case LoopState::kCoasting:
+      return "the arm is not seen for the moment: the correction is held";
+    case LoopState::kYielding:
+      return "something touches the arm: path and correction stand still; clear the arm";
+    case LoopState::kDiverging:
+      break;
+  }
+  return "the tip moves away from a target that is said to be within reach: the arm bends "
+         "otherwise than its model; look for swapped hoses, tags and signs, then call ~reset";
+}
+
+void SightLoopNode::tellState(LoopState before) {
+  const LoopState state = loop_.state();
+  if (state == before) return;
+  ROS_LOG(levelOf(state, before), ROSCONSOLE_DEFAULT_NAME, "%s: %s", follow::nameOf(state),
+          reason().c_str());
+}
+
+void SightLoopNode::onDraw(const ros::SteadyTimerEvent&) {
+  const bool measures =
+      !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
+  if (!measures) {
+    targets_.refuse({control::Fault::kNotEnabled, kNoReadings});
+    action_.abandon(kNoReadings);
+    letGo();
+    publisher_.clear();
+  }
+  publisher_.draw();
+}
+
+void SightLoopNode::onDiagnose(const ros::SteadyTimerEvent&) {
+  const std::string& node = ros::this_node::getName();
+  diagnostic_msgs::DiagnosticArray msg;
+  msg.header.stamp = ros::Time::now();
+  msg.status = {pictures_.loop(node, loop_, reason()), pictures_.correction(node, loop_),
+                targets_.status(node)};
+  for (auto& status : msg.status) status.hardware_id = scene_.name;
+  diagnostics_publisher_.publish(msg);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,134 @@
+#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
+
+#include <cstddef>
+#include <vector>
+
+#include <ros/console.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+#include "helix_arm/ros_bridge/common/parameters.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr double kTick = 0.1;                  // [s]
+constexpr double kWordPeriod = 1.0;            // between two lines of the log [s]
+constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+
+FollowTipPathGoal goalOf(const FollowPathOptions& options) {
+  FollowTipPathGoal out;
+  out.path.header.frame_id = options.frame;
+  for (const control::TipWayPoint& point : io::loadTipPath(io::loadDataSet(options.path))) {
+    trajectory_msgs::MultiDOFJointTrajectoryPoint place;
+    place.transforms.push_back(toTransformMsg({Eigen::Matrix3d::Identity(), point.position}));
+    place.time_from_start = ros::Duration(point.time);
+    out.path.points.push_back(place);
+  }
+  out.mode = FollowTipPathGoal::POSITION;
+  out.path_tolerance = options.path_tolerance;
+  out.goal_tolerance = options.goal_tolerance;
+  out.require_sight = options.require_sight;
+  out.hold_s = options.hold;
+  return out;
+}
+
+}  // namespace
+
+FollowPathOptions FollowPathOptions::load() {
+  ParameterReader reader{ros::NodeHandle("~")};
+  FollowPathOptions out;
+  out.path = reader.file("path", "config/paths", ".csv");
+  out.action =
+      reader.text("action", std::string(names::kSightLoopNode) + "/" + names::kFollowTipPath);
+  out.frame = reader.frame("frame", "");
+  out.path_tolerance = 1e-3 * reader.number("path_tolerance_mm", 0.0, {0.0, 1000.0});
+  out.goal_tolerance = 1e-3 * reader.number("goal_tolerance_mm", 0.0, {0.0, 1000.0});
+  out.require_sight = reader.flag("require_sight", out.require_sight);
+  out.hold = reader.number("hold_s", out.hold, {0.0, 86400.0});
+  out.patience = reader.number("patience_s", out.patience, {0.0, 3600.0});
+  reader.finish();
+  return out;
+}
+
+FollowPathNode::FollowPathNode()
+    : options_(FollowPathOptions::load()),
+      goal_(goalOf(options_)),
+      client_(node_, options_.action, false),
+      timer_(repeat(node_, "the watch of the goal", kTick, &FollowPathNode::onTick, this)) {}
+
+void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
+  if (sent_ && !done_ && !cancelled_ && EndRequest::made()) {
+    cancelled_ = true;
+    client_.cancelGoal();
+  }
+  if (isBusy() && !client_.isServerConnected()) {
+    done_ = true;
+    ROS_FATAL("%s has ended before the path", node_.resolveName(options_.action).c_str());
+    endWith(kFailed);
+  }
+  if (sent_) return;
+  if (client_.isServerConnected()) {
+    send();
+  } else if (ros::SteadyTime::now() - start_ > ros::WallDuration(options_.patience)) {
+    ROS_FATAL("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
+              node_.resolveName(options_.action).c_str(), options_.patience);
+    endWith(kFailed);
+  }
+}
+
+void FollowPathNode::send() {
+  sent_ = true;
+  ROS_INFO("%s: %zu points, %.1f s", options_.path.c_str(), goal_.path.points.size(),
+           goal_.path.points.back().time_from_start.toSec());
+  client_.sendGoal(
+      goal_,
+      [this](const actionlib::SimpleClientGoalState& state,
+             const FollowTipPathResultConstPtr& result) {
+        guard_.run("", [&] { onDone(state, result.get()); });
+      },
+      Client::SimpleActiveCallback(),
+      [this](const FollowTipPathFeedbackConstPtr& feedback) {
+        guard_.run("", [&] { onFeedback(*feedback); });
+      });
+}
+
+void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (now - last_word_ < ros::WallDuration(kWordPeriod)) return;
+  last_word_ = now;
+  ROS_INFO("%.1f s: the tip is %.2f mm off, the loop %s", feedback.time_from_start.toSec(),
+           1e3 * feedback.error, basics::quoted(feedback.state).c_str());
+}
+
+void FollowPathNode::onDone(const actionlib::SimpleClientGoalState& state,
+                            const FollowTipPathResult* result) {
+  done_ = true;
+  if (result == nullptr) {
+    ROS_FATAL("the goal has ended without a result; is sight_loop still up?");
+    return endWith(kFailed);
+  }
+  const std::string message = basics::quoted(result->error_string, kLongestMessage);
+  if (state == actionlib::SimpleClientGoalState::SUCCEEDED) {
+    ROS_INFO("the path was followed: %.2f mm RMS, at most %.2f mm, in %u pictures; %s",
+             1e3 * result->rms_m, 1e3 * result->max_m, result->pictures, message.c_str());
+    return endWith(kDone);
+  }
+  if (cancelled_) {
+    ROS_INFO("%s", message.c_str());
+    return endWith(kDone);
+  }
+  ROS_ERROR("the path was not followed (%s, error_code %d): %s", state.toString().c_str(),
+            result->error_code, message.c_str());
+  endWith(kFailed);
+}
+
+void FollowPathNode::endWith(int verdict) {
+  verdict_ = verdict;
+  EndRequest::make();
+}
+
+}  // namespace helix_arm::ros_bridge
