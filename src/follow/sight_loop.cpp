@@ -315,6 +315,7 @@ void SightLoop::reset() {
 }
 
 void SightLoop::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
+double SightLoop::contactLimit() const { return work_->config.contact.limit; }
 
 const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
                                const Eigen::VectorXd& reading) {

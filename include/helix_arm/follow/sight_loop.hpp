@@ -114,6 +114,8 @@ class SightLoop {
   void reset();
   /// What to do while something touches the arm, from now on.
   void setOnContact(OnContact reaction);
+  /// Score from which on something touches the arm.
+  double contactLimit() const;
 
   /// One turn. @param set_point  (n) in force since the last turn [Pa]. @param reading  (n) [Pa].
   const Turn& reading(double time, const Eigen::VectorXd& set_point,

@@ -32,6 +32,20 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   return out;
 }
 
+// What a goal asks for, or the scene if it does not.
+follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
+  switch (on_contact) {
+    case FollowTipPathGoal::REPORT:
+      return follow::OnContact::kReport;
+    case FollowTipPathGoal::YIELD:
+      return follow::OnContact::kYield;
+    case FollowTipPathGoal::STOP:
+      return follow::OnContact::kStop;
+    default:
+      return usual;
+  }
+}
+
 bool isReady(const std::future<std::string>& check) {
   return check.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
@@ -125,6 +139,7 @@ void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLi
   takeCandidate();
   if (!run_) {
     if (!link.follows()) endHold();
+    loop.setOnContact(scene_.follow.on_contact);
     loop.hold();
     return;
   }
@@ -143,6 +158,7 @@ void FollowAction::begin(double time, follow::SightLoop& loop) {
   const ros::Time& start = run_->goal.start;
   if (start.isZero() || time >= start.toSec()) {
     run_->follows = true;
+    loop.setOnContact(reactionTo(run_->goal.on_contact, scene_.follow.on_contact));
     loop.follow(run_->goal.path);
   } else if (!loop.hasTarget() && loop.turn().predicted) {
     loop.aimAt(loop.turn().predicted->translation);

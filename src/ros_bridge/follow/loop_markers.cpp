@@ -13,6 +13,7 @@ using visualization_msgs::Marker;
 
 constexpr double kWantedSize = 0.016;     // [m]
 constexpr double kPredictedSize = 0.008;  // [m]
+constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
 constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
 
@@ -40,6 +41,20 @@ Marker LoopMarkers::ball(const ros::Time& stamp, const char* ns,
   return out;
 }
 
+Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
+  Marker out = marker(stamp, names::kTipForceNs, Marker::ARROW);
+  if (!tips.force || !tips.predicted) {
+    out.action = Marker::DELETE;
+    return out;
+  }
+  const Eigen::Vector3d along = kArrowLength * tips.force->stableNormalized();
+  out.points = {toPointMsg(*tips.predicted - along), toPointMsg(*tips.predicted)};
+  out.scale.x = 0.006;
+  out.scale.y = 0.016;
+  out.color = color(1.0, 0.2, 0.1);
+  return out;
+}
+
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const Tips& tips) const {
   visualization_msgs::MarkerArray out;
   Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
@@ -58,7 +73,8 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   } else {
     text.action = Marker::DELETE;
   }
-  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid), std::move(text)};
+  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid), std::move(text),
+                 arrow(stamp, tips)};
   return out;
 }
 

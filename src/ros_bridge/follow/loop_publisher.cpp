@@ -78,10 +78,22 @@ Eigen::Matrix3d LoopPublisher::tipCovariance(const View& view) {
 }
 
 void LoopPublisher::publish(const View& view) {
+  const estimation::ExternalLoad& load = view.loop.load();
+  force_ = load.contact ? std::optional(load.force) : std::nullopt;
+  force_text_.clear();
+  if (load.contact) {
+    force_text_ = load.normalised ? "contact" : "contact, " + fixed(load.force.norm(), 2) + " N";
+  }
   if (!isDue(view)) return;
   publishEstimate(view);
   status_ = statusOf(view, tipCovariance(view));
   status_publisher_.publish(status_);
+}
+
+void LoopPublisher::clear() {
+  status_ = {};
+  force_.reset();
+  force_text_.clear();
 }
 
 void LoopPublisher::publishEstimate(const View& view) {
@@ -136,7 +148,9 @@ void LoopPublisher::draw() {
   tips.predicted = positionOf(status_.has_predicted, status_.predicted);
   tips.covariance = Eigen::Map<const Eigen::Matrix3d>(status_.predicted_covariance.data());
   tips.text = status_.state;
+  tips.force = force_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
+  if (!force_text_.empty()) tips.text += "\n" + force_text_;
   marker_publisher_.publish(markers_.draw(ros::Time::now(), tips));
   if (!handle_) return;
   if (const auto& at = tips.wanted ? tips.wanted : tips.predicted) {

@@ -57,6 +57,7 @@ SightLoopNode::SightLoopNode()
       targets_(node_, scene_, frames_),
       publisher_(node_, scene_, options_, frames_.baseFrame(),
                  [this](const TipTarget& target) { targets_.takeFromHandle(target); }),
+      load_publisher_(node_, frames_.baseFrame()),
       action_(private_node_, scene_, frames_, targets_,
               [this](const control::TipPath& path, double tolerance) {
                 return checkOf(path, tolerance);
@@ -160,6 +161,7 @@ void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
   pictures_.saw(now, sighting, loop_.tracker());
   if (!sighting.accepted()) return;
   last_picture_ = stamp;
+  load_publisher_.publish(stamp, loop_);
   if (action_.runs()) {
     action_.picture(stamp, model::tipPose(measured), LoopPublisher::tipCovariance(view()));
   }

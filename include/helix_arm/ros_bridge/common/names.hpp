@@ -28,6 +28,8 @@ inline constexpr char kOverlay[] = "overlay";
 inline constexpr char kMeasuredMarkers[] = "measured_markers";
 inline constexpr char kWorkspace[] = "workspace";
 inline constexpr char kEstimate[] = "estimate";
+inline constexpr char kErrorBudget[] = "error_budget";
+inline constexpr char kExternalLoad[] = "external_load";
 inline constexpr char kSightLoopStatus[] = "loop_status";
 inline constexpr char kLoopMarkers[] = "loop_markers";
 /// Namespace of the interactive marker's topics.
@@ -89,6 +91,7 @@ inline constexpr char kTipErrorNs[] = "tip_error";
 inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 inline constexpr char kWantedTipNs[] = "wanted_tip";
 inline constexpr char kPredictedTipNs[] = "predicted_tip";
+inline constexpr char kTipForceNs[] = "tip_force";
 inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
 inline constexpr char kLoopStateNs[] = "loop_state";
 

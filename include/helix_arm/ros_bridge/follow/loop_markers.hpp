@@ -15,6 +15,7 @@ namespace helix_arm::ros_bridge {
 /// - wanted_tip: a ball at the wanted tip
 /// - predicted_tip: a ball at the tip of the corrected model
 /// - predicted_covariance: where that tip is within two standard deviations, an ellipsoid
+/// - tip_force: an arrow to the predicted tip along the force that touches the arm
 /// - loop_state: the loop's state and error, as text below the predicted tip
 class LoopMarkers {
  public:
@@ -23,6 +24,7 @@ class LoopMarkers {
     std::optional<Eigen::Vector3d> wanted;     ///< [m]
     std::optional<Eigen::Vector3d> predicted;  ///< [m]
     Eigen::Matrix3d covariance;                ///< of predicted [m^2]
+    std::optional<Eigen::Vector3d> force;      ///< on the arm, while something touches it [N]
     std::string text;
   };
 
@@ -35,6 +37,7 @@ class LoopMarkers {
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
                                   const std::optional<Eigen::Vector3d>& centre, double size) const;
+  visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
   std::string base_frame_;
   ros::Duration lifetime_;

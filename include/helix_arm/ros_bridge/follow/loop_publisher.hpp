@@ -42,7 +42,7 @@ class LoopPublisher {
   /// Draws what was published last.
   void draw();
   /// Nothing is measured any more: the next drawing removes all.
-  void clear() { status_ = {}; }
+  void clear();
   /// Covariance of the predicted tip's position, base frame [m^2].
   static Eigen::Matrix3d tipCovariance(const View& view);
 
@@ -55,7 +55,9 @@ class LoopPublisher {
   const std::string base_frame_;
   const double period_;  ///< of the status [s]
   LoopMarkers markers_;
-  LoopStatus status_;  ///< the last one
+  LoopStatus status_;                     ///< the last one
+  std::optional<Eigen::Vector3d> force_;  ///< on the arm, while something touches it [N]
+  std::string force_text_;
   ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_;
   std::unique_ptr<TipHandle> handle_;
 };

@@ -19,6 +19,7 @@
 #include "helix_arm/ros_bridge/common/run_node.hpp"
 #include "helix_arm/ros_bridge/follow/command_link.hpp"
 #include "helix_arm/ros_bridge/follow/follow_action.hpp"
+#include "helix_arm/ros_bridge/follow/load_publisher.hpp"
 #include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
 #include "helix_arm/ros_bridge/follow/loop_publisher.hpp"
 #include "helix_arm/ros_bridge/follow/loop_targets.hpp"
@@ -42,6 +43,7 @@ namespace helix_arm::ros_bridge {
 /// - target_status (TargetStatus): result of each target
 /// - loop_status (LoopStatus); estimate (ArmShape, tier `estimated`, with covariance): the shape of
 ///   the corrected model at the measured pressures
+/// - error_budget (ErrorBudget), 5 Hz; external_load (ExternalLoad), latched
 /// - loop_markers (visualization_msgs/MarkerArray): LoopMarkers; tip_handle/update and
 ///   tip_handle/update_full
 /// - /diagnostics: `<node>: loop`, `<node>: correction`, `<node>: targets`, 1 Hz
@@ -110,6 +112,7 @@ class SightLoopNode {
   CommandLink link_;
   LoopTargets targets_;
   LoopPublisher publisher_;
+  LoadPublisher load_publisher_;
   FollowAction action_;
   ros::Publisher diagnostics_publisher_;
   ros::Subscriber reading_subscriber_, measured_subscriber_;
