@@ -9,8 +9,6 @@
 
 #include "aim.hpp"
 #include "contact_watch.hpp"
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "time_ring.hpp"
@@ -18,7 +16,6 @@
 namespace helix_arm::follow {
 namespace {
 
-constexpr char kCulprit[] = "sight loop";
 constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
 constexpr double kClosingTime = 0.5;       // [s]
 constexpr double kSureTip = 0.01;          // least certain prediction that closes it [m]
@@ -52,30 +49,6 @@ const SightLoopConfig& checked(const SightLoopConfig& config) {
 }
 
 }  // namespace
-
-void SightLoopConfig::validate() const {
-  filter.validate();
-  contact.validate();
-  if (sight) sight->validate();
-  const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                         "a finite value > 0");
-  };
-  positive("the smoothing time [s]", smoothing);
-  positive("the time after which it coasts [s]", stale_after);
-  positive("the time for which it coasts [s]", coast_time);
-  positive("the regulator's time constant [s]", time_constant);
-  positive("the noise of a reading [Pa]", reading_noise);
-  basics::requireValue(std::isfinite(watch_creep) && watch_creep >= 0, kCulprit,
-                       "the creep of the watch [s^-1/2]", watch_creep, "a finite value >= 0");
-}
-
-double smoothingFor(double frequency, double damping, double time_constant) {
-  const double turn = 2 * basics::kPi * frequency;
-  const double lagged = turn * time_constant;
-  const double gain2 = 1 / (damping * damping) / (1 + lagged * lagged);
-  return std::sqrt(std::max(0.0, gain2 - 1)) / turn;
-}
 
 const char* nameOf(LoopState state) {
   static constexpr std::array<const char*, kLoopStateCount> kNames = {

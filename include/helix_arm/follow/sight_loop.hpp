@@ -12,40 +12,12 @@
 #include "helix_arm/estimation/arm_filter.hpp"
 #include "helix_arm/estimation/error_budget.hpp"
 #include "helix_arm/estimation/load_forks.hpp"
-#include "helix_arm/estimation/placed_sight.hpp"
-#include "helix_arm/follow/on_contact.hpp"
+#include "helix_arm/follow/sight_loop_config.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::follow {
-
-/// Rules of a SightLoop.
-struct SightLoopConfig {
-  /// Of the filter that the control uses.
-  estimation::ArmFilterOptions filter;
-  /// Creep of the filter that watches for loads, which must not swallow them [s^-1/2].
-  double watch_creep = 0.05;
-  /// Time constant with which the control takes over what the filter learns, > 0 [s]. Must exceed
-  /// the rule of smoothingFor() if the arm vibrates.
-  double smoothing = 0.2;
-  double stale_after = 0.3;  ///< without a picture the loop coasts, > 0 [s]
-  double coast_time = 3.0;   ///< then it is open, > 0 [s]
-  double time_constant;      ///< of the regulator's lag, > 0 [s]
-  double reading_noise;      ///< standard deviation of a pressure reading, > 0 [Pa]
-  /// How the arm is seen, for its error budget and its loads; nothing: placements count as exact,
-  /// and shapes as the mean of the strain.
-  std::optional<estimation::PlacedSight> sight = {};
-  estimation::LoadForksOptions contact;       ///< what counts as contact
-  OnContact on_contact = OnContact::kReport;  ///< may change with each target
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
-};
-
-/// Least smoothing time with which an arm that vibrates at `frequency` [Hz] with a damping ratio
-/// stays stable behind a regulator with this lag [s].
-double smoothingFor(double frequency, double damping, double time_constant);
 
 enum class LoopState {
   kIdle,       ///< no target, or the arm is not enabled: nothing is commanded

@@ -8,7 +8,7 @@
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/sight_loop_config.hpp"
 #include "helix_arm/io/override.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/section_look.hpp"

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "helix_arm/follow/sight_loop.hpp"
+#include "helix_arm/follow/sight_loop_config.hpp"
 #include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::procedures {

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "helix_arm/model/actuator.hpp"
+
+namespace helix_arm::estimation {
+
+/// What an ArmFilter assumes. The defaults are those of a McKibben arm with a webcam.
+struct ArmFilterOptions {
+  /// Part of a motion that hysteresis may leave behind, >= 0.
+  double hysteresis = 0.2;
+  /// Creep of the bias, in its standard deviations per square root of a second, >= 0 [s^-1/2].
+  double creep = 0.5;
+  double bias_translation = 0.002;  ///< standard deviation of the bias, each entry of v, > 0 [m]
+  double bias_rotation = 0.03;      ///< of each entry of w, > 0 [rad]
+  /// Time in which a vibration of the arm dies out, 1 / (2 pi f zeta), > 0 [s].
+  double settling_time = 0.3;
+  /// Standard deviations of the logarithms of the stiffness ratios, > 0.
+  model::Stiffness stiffness_deviation = {0.3, 0.3, 0.3};
+  double K_eps_deviation = 0.3;    ///< likewise of K_eps
+  double length_deviation = 0.02;  ///< likewise of each length scale
+  bool planar = false;             ///< measurements hold v_z, w_x and w_y at 0
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+}  // namespace helix_arm::estimation

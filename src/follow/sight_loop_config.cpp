@@ -1,0 +1,40 @@
+#include "helix_arm/follow/sight_loop_config.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+constexpr char kCulprit[] = "sight loop";
+
+}  // namespace
+
+void SightLoopConfig::validate() const {
+  filter.validate();
+  contact.validate();
+  if (sight) sight->validate();
+  const auto positive = [](const char* what, double value) {
+    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
+                         "a finite value > 0");
+  };
+  positive("the smoothing time [s]", smoothing);
+  positive("the time after which it coasts [s]", stale_after);
+  positive("the time for which it coasts [s]", coast_time);
+  positive("the regulator's time constant [s]", time_constant);
+  positive("the noise of a reading [Pa]", reading_noise);
+  basics::requireValue(std::isfinite(watch_creep) && watch_creep >= 0, kCulprit,
+                       "the creep of the watch [s^-1/2]", watch_creep, "a finite value >= 0");
+}
+
+double smoothingFor(double frequency, double damping, double time_constant) {
+  const double turn = 2 * basics::kPi * frequency;
+  const double lagged = turn * time_constant;
+  const double gain2 = 1 / (damping * damping) / (1 + lagged * lagged);
+  return std::sqrt(std::max(0.0, gain2 - 1)) / turn;
+}
+
+}  // namespace helix_arm::follow
