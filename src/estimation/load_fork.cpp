@@ -1,6 +1,7 @@
 #include "load_fork.hpp"
 
 #include <Eigen/Cholesky>
+#include <cmath>
 
 namespace helix_arm::estimation {
 
@@ -20,7 +21,11 @@ void LoadFork::growBias(const Eigen::MatrixXd& covariance) {
 
 void LoadFork::predict(const ArmFilter::Step& step, double creep) {
   growBias(step.bias_growth);
-  state_.covariance.diagonal().tail<3>().array() += creep * creep * step.dt;
+  renewForce(creep * std::sqrt(step.dt));
+}
+
+void LoadFork::renewForce(double deviation) {
+  state_.covariance.diagonal().tail<3>().array() += deviation * deviation;
 }
 
 Gaussian::Measurement LoadFork::expect(const ArmFilter::Step& step,

@@ -15,12 +15,17 @@ class LoadFork {
 
   /// What happens between two pictures. @param creep  of the force [N s^-1/2].
   void predict(const ArmFilter::Step& step, double creep);
+  /// The force may be another one by this much [N].
+  void renewForce(double deviation);
   /// Adds to the covariance of b, (d x d).
   void growBias(const Eigen::MatrixXd& covariance);
   /// The fork's expectation of a picture, linear about the step's theta.
   /// @param by_force  (d x 3) change of the measured twists with f.
   Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const;
   void update(const Gaussian::Measurement& measurement) { state_.update(measurement); }
+  double distance2(const Gaussian::Measurement& measurement) const {
+    return state_.distance2(measurement);
+  }
   double logLikelihood(const Gaussian::Measurement& measurement) const {
     return state_.logLikelihood(measurement);
   }

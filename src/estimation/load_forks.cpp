@@ -21,6 +21,7 @@ constexpr double kSureTip = 0.003;    // [m]
 constexpr double kGone = 7.8;         // 95 % point of chi-square, 3 degrees
 constexpr double kGoneTime = 0.5;     // [s]
 constexpr double kDetermined = 3.0;   // standard deviations
+constexpr int kMostOutliers = 2;      // in a row: a third one is another force
 constexpr double kPlaceLead = 4.5;    // of log likelihoods
 
 // Young forks find what begins now; old ones are few, since they are sure that there was no force.
@@ -72,6 +73,7 @@ struct LoadForks::Workspace {
   void begin(const Fork& found, const LoadFork& before, std::size_t places);
   void follow(double time, const ArmFilter::Step& step, const std::vector<int>& rows,
               TipCompliance& compliance);
+  bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force);
   std::size_t likeliest() const;
   void report(const TipCompliance& compliance);
 
@@ -80,6 +82,7 @@ struct LoadForks::Workspace {
   std::vector<Hypothesis> hypotheses;  // during contact, one per place; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
+  int outliers = 0;  // in a row, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
 };
@@ -121,16 +124,32 @@ void LoadForks::Workspace::begin(const Fork& found, const LoadFork& before, std:
   hypotheses.assign(places, {before, 0.0});
   load.contact = true;
   load.onset = found.time;
+  outliers = 0;
   gone_since.reset();
   forks.clear();
+}
+
+// An outlier is not used; several in a row are another force.
+bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) {
+  const LoadFork& tip = hypotheses.back().state;
+  if (tip.distance2(tip.expect(step, by_force)) <=
+      outlierLimit(static_cast<int>(by_force.rows()))) {
+    outliers = 0;
+    return true;
+  }
+  if (++outliers <= kMostOutliers) return false;
+  outliers = 0;
+  for (Hypothesis& hypothesis : hypotheses) hypothesis.state.renewForce(options.deviation);
+  return true;
 }
 
 // How large is the force, where does it act, and does it last?
 void LoadForks::Workspace::follow(double time, const ArmFilter::Step& step,
                                   const std::vector<int>& rows, TipCompliance& compliance) {
+  for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, options.creep);
+  if (!isUsable(step, compliance.atTip()(rows, Eigen::all))) return;
   for (std::size_t i = 0; i < hypotheses.size(); ++i) {
     Hypothesis& hypothesis = hypotheses[i];
-    hypothesis.state.predict(step, options.creep);
     const auto picture = hypothesis.state.expect(step, compliance.at(i)(rows, Eigen::all));
     hypothesis.log_likelihood += hypothesis.state.logLikelihood(picture);
     hypothesis.state.update(picture);
