@@ -28,7 +28,7 @@ void addKnown(const ArmFilter& filter, const ArmFilter::Linearisation& model,
   const Eigen::Index parameters = H.cols(), biases = H.rows();
   const Eigen::MatrixXd shared = H * P.topRightCorner(parameters, biases);
   const auto tipOf = [&](const Eigen::MatrixXd& measured_rows) {
-    const Eigen::Index size = 6 * shape.sectionCount();
+    const int size = 6 * shape.sectionCount();
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
     covariance(filter.rows(), filter.rows()) = measured_rows;
     return tipCovariance(shape, covariance);
@@ -126,7 +126,7 @@ bool ErrorBudget::renew(const Eigen::VectorXd& pressure, const model::Shape& sha
   }
   auto scene = start_.linearise(pressure);
   if (!scene) return false;
-  const Eigen::Index size = 6 * arm_.sectionCount();
+  const int size = 6 * arm_.sectionCount();
   std::optional<Eigen::MatrixXd> placement;
   if (sight_ && !seen.empty()) placement = placementCovariance(*sight_, arm_, shape, seen);
   if (!placement) placement = slow_ ? slow_->placement : Eigen::MatrixXd::Zero(size, size);

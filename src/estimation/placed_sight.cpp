@@ -93,13 +93,14 @@ std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, con
   FitPoint point;
   equations.start(shape.twists(), point);
   std::vector<CornerObservation> seen;
+  seen.reserve(tags.size());
   for (const int tag : tags) seen.push_back(observe(sight.view, point.shape, tag));
   NormalEquations<Eigen::Dynamic> system;
   equations.evaluate(corners, seen, -1, point, system);
   if (!std::isfinite(point.cost)) return std::nullopt;
 
   const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
-  const Eigen::Index size = 6 * sight.view.sections;
+  const int size = 6 * sight.view.sections;
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, size);
   const auto add = [&](const Eigen::MatrixXd& gradient, const lie::Vector6& deviations) {
     const Eigen::MatrixXd by_placement = factors.solve(gradient).topRows(size);

@@ -1,0 +1,318 @@
+#include "helix_arm/estimation/error_budget.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "support/loaded_arm.hpp"
+#include "support/sample_view.hpp"
+#include "support/tip_spread.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using statics::ArmModel;
+using statics::CorrectedModel;
+using statics::Correction;
+using test::Random;
+
+constexpr double kPressureNoise = 300.0;  // [Pa]
+constexpr double kDegree = test::kPi / 180;
+
+ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
+ArmModel twoSections() { return ArmModel(test::ringArm(test::helicalRing(), 2)); }
+ArmModel loadedModel() {
+  return ArmModel(test::softHelicalArm(), std::nullopt,
+                  test::weight(test::Posture::kHanging, 0.2, 900.0),
+                  statics::TierSetting{statics::Tier::kLoaded, 5});
+}
+
+// Deviations so small that the tip is linear in them, and an arm that is always at rest.
+ArmFilterOptions smallDeviations() {
+  ArmFilterOptions out;
+  out.hysteresis = 0;
+  out.settling_time = 1e-9;
+  out.stiffness_deviation = {0.03, 0.03, 0.03};
+  out.K_eps_deviation = 0.03;
+  out.length_deviation = 0.002;
+  out.bias_translation = 0.0005;
+  out.bias_rotation = 0.005;
+  return out;
+}
+
+PlacedSight sightOf(int sections = 1) {
+  TwistFitOptions fit;
+  fit.free_base = true;
+  fit.base_prior = {0.0005, 0.2 * kDegree};
+  const ArmView view = test::sampleView(0.8 * sections, sections, 32 / sections);
+  return {view, fit, {view.layout, {0.0003, 0.3 * kDegree}, fit.base_prior}};
+}
+
+ArmFilter::Input pictureOf(const Eigen::VectorXd& pressure, const model::Twists& twists,
+                           double time) {
+  lie::Vector6 deviation;
+  deviation << 2e-4, 2e-4, 2e-4, 2e-3, 2e-3, 2e-3;
+  return {time, pressure,
+          Eigen::VectorXd::Constant(pressure.size(), kPressureNoise * kPressureNoise), twists,
+          deviation.cwiseAbs2().replicate(twists.cols(), 1).asDiagonal()};
+}
+
+Correction correctionOf(const ArmModel& model, const Eigen::VectorXd& theta,
+                        const Eigen::VectorXd& bias) {
+  Correction out(model.arm());
+  const int n = model.arm().actuatorCount();
+  const auto stiffness = theta.size() - n;  // K_gamma and K_kappa, and K_eps under a load
+  out.stiffness_factors.gamma = std::exp(theta[0]);
+  out.stiffness_factors.kappa = std::exp(theta[1]);
+  if (stiffness == 3) out.K_eps_factor = std::exp(theta[2]);
+  out.length_scale = theta.tail(n).array().exp();
+  out.offset.reshaped() = bias;
+  return out;
+}
+
+// A filter of `model` that has seen a true arm at some pressures, and its budget at the last one.
+struct Watched {
+  explicit Watched(const ArmModel& given, unsigned seed = 1, int pictures = 20)
+      : model(given),
+        filter(model, smallDeviations()),
+        budget(model, smallDeviations(), sightOf(model.arm().sectionCount())) {
+    Random random(seed);
+    CorrectedModel truth(model);
+    truth.set(correctionOf(model, test::drawNormal(thetaPrior(), random),
+                           Eigen::VectorXd::Zero(6 * model.arm().sectionCount())));
+    for (int k = 0; k < pictures; ++k) {
+      const Eigen::VectorXd pressure = test::randomInput(model.arm(), random);
+      picture = pictureOf(pressure, truth.shape(model.arm().lengths(pressure))->twists(), k);
+      EXPECT_TRUE(filter.see(picture).accepted());
+    }
+    EXPECT_TRUE(budget.update(filter, picture));
+  }
+
+  Eigen::MatrixXd thetaPrior() const { return filter.parameterPrior().cwiseAbs2().asDiagonal(); }
+  const Eigen::Matrix3d& part(BudgetPart which) const {
+    return budget.current()->part(which).covariance;
+  }
+  // Tip for an error of the filter's state and of the pressures.
+  Eigen::Vector3d tipOf(const Eigen::VectorXd& state, const Eigen::VectorXd& pressure) const {
+    CorrectedModel corrected(model);
+    const int m = filter.parameterCount();
+    const Eigen::VectorXd all = filter.state().mean + state;
+    corrected.set(correctionOf(model, all.head(m), all.tail(all.size() - m)));
+    return model::tipPose(*corrected.shape(model.arm().lengths(model.arm().clamped(pressure))))
+        .translation;
+  }
+
+  ArmModel model;
+  ArmFilter filter;
+  ErrorBudget budget;
+  ArmFilter::Input picture;
+};
+
+double leastEigenvalue(const Eigen::Matrix3d& matrix) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(matrix).eigenvalues()[0];
+}
+
+struct ArmCase {
+  const char* name;
+  ArmModel (*model)();
+};
+std::string nameOfCase(const ::testing::TestParamInfo<ArmCase>& info) { return info.param.name; }
+
+class ErrorBudgetOf : public ::testing::TestWithParam<ArmCase> {};
+INSTANTIATE_TEST_SUITE_P(Arms, ErrorBudgetOf,
+                         ::testing::Values(ArmCase{"Helical", helicalModel},
+                                           ArmCase{"TwoSections", twoSections},
+                                           ArmCase{"Loaded", loadedModel}),
+                         nameOfCase);
+
+TEST_P(ErrorBudgetOf, ThePartsAddUpToThePrediction) {
+  const Watched watched(GetParam().model());
+  const TipErrorBudget& budget = *watched.budget.current();
+  const Eigen::Matrix3d sum =
+      watched.part(BudgetPart::kCalibration) + watched.part(BudgetPart::kUnexplained) +
+      watched.part(BudgetPart::kPressure) + watched.part(BudgetPart::kPlacement);
+  EXPECT_LT((budget.predicted.covariance - sum).norm(), 1e-12 * sum.norm());
+  EXPECT_GT(leastEigenvalue(sum), 0);
+  EXPECT_GT(leastEigenvalue(watched.part(BudgetPart::kCalibration) +
+                            watched.part(BudgetPart::kUnexplained)),
+            0);
+  for (const BudgetPart part : {BudgetPart::kCalibration, BudgetPart::kPressure,
+                                BudgetPart::kPlacement, BudgetPart::kCamera}) {
+    EXPECT_GT(leastEigenvalue(watched.part(part)), -1e-12 * sum.norm()) << nameOf(part);
+  }
+  // What was learnt takes uncertainty away.
+  EXPECT_GT(leastEigenvalue(budget.open_loop.covariance - budget.predicted.covariance), 0);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(sum);
+  EXPECT_NEAR(budget.predicted.deviation(), std::sqrt(axes.eigenvalues()[2]), 1e-12);
+  EXPECT_EQ(budget.time, watched.picture.time);
+  EXPECT_EQ(budget.limit, 16.27);
+}
+
+TEST_P(ErrorBudgetOf, ThePartsAreTheSpreadsOfTipsForTheErrorsThatTheyStandFor) {
+  const Watched watched(GetParam().model());
+  const Eigen::MatrixXd& P = watched.filter.state().covariance;
+  const int m = watched.filter.parameterCount();
+  const Eigen::VectorXd none = Eigen::VectorXd::Zero(P.rows());
+  constexpr int kSamples = 4000;
+  Random random(7);
+  const auto byState = [&](const Eigen::MatrixXd& covariance) {
+    return test::spreadOf(kSamples, [&] {
+      return watched.tipOf(test::drawNormal(covariance, random), watched.picture.pressure);
+    });
+  };
+  Eigen::MatrixXd theta = Eigen::MatrixXd::Zero(P.rows(), P.cols());
+  theta.topLeftCorner(m, m) = P.topLeftCorner(m, m);
+  test::expectSpread(byState(theta), watched.part(BudgetPart::kCalibration), 0.15);
+  test::expectSpread(
+      byState(P), watched.part(BudgetPart::kCalibration) + watched.part(BudgetPart::kUnexplained),
+      0.15);
+  test::expectSpread(test::spreadOf(kSamples,
+                                    [&] {
+                                      Eigen::VectorXd pressure = watched.picture.pressure;
+                                      for (double& p : pressure) {
+                                        p += kPressureNoise * random.normal();
+                                      }
+                                      return watched.tipOf(none, pressure);
+                                    }),
+                     watched.part(BudgetPart::kPressure), 0.15);
+  const model::Shape shape = *watched.filter.shape(watched.picture.pressure);
+  test::expectSpread(test::spreadOf(kSamples,
+                                    [&] {
+                                      model::Twists twists = shape.twists();
+                                      twists.reshaped() +=
+                                          test::drawNormal(watched.picture.covariance, random);
+                                      return model::tipPose(shape.about(twists)).translation;
+                                    }),
+                     watched.part(BudgetPart::kCamera), 0.15);
+}
+
+TEST_P(ErrorBudgetOf, PlacementsCountForTheTagsThatFaceTheCamera) {
+  const Watched watched(GetParam().model());
+  const PlacedSight sight = sightOf(watched.model.arm().sectionCount());
+  const model::Shape shape = *watched.filter.shape(watched.picture.pressure);
+  std::vector<int> tags;
+  for (const TagSight& one : visibleTags(sight.view, shape)) tags.push_back(one.tag);
+  const auto expected = placementCovariance(sight, watched.model.arm(), shape, tags);
+  EXPECT_EQ(watched.part(BudgetPart::kPlacement), tipCovariance(shape, *expected));
+}
+
+TEST(ErrorBudget, PlacementsCountForTheTagsThatAreNamed) {
+  Watched watched(helicalModel());
+  const double before = watched.part(BudgetPart::kPlacement).trace();
+  const std::vector<int> few = {0, 12, 24};
+  ASSERT_TRUE(watched.budget.update(watched.filter, watched.picture, few));
+  EXPECT_GT(watched.part(BudgetPart::kPlacement).trace(), 2 * before);
+  ASSERT_TRUE(watched.budget.update(watched.filter, watched.picture));
+  EXPECT_DOUBLE_EQ(watched.part(BudgetPart::kPlacement).trace(), before);
+}
+
+TEST(ErrorBudget, WithoutAViewPlacementsCountAsExact) {
+  const Watched watched(helicalModel());
+  ErrorBudget budget(watched.model, smallDeviations());
+  EXPECT_FALSE(budget.current());
+  ASSERT_TRUE(budget.update(watched.filter, watched.picture));
+  EXPECT_TRUE(budget.current()->part(BudgetPart::kPlacement).covariance.isZero(0));
+  EXPECT_EQ(budget.current()->part(BudgetPart::kPlacement).deviation(), 0.0);
+  EXPECT_EQ(budget.current()->part(BudgetPart::kCalibration).covariance,
+            watched.part(BudgetPart::kCalibration));
+  budget.reset();
+  EXPECT_FALSE(budget.current());
+}
+
+TEST(ErrorBudget, BeforeAnythingIsLearntThePredictionIsOpenLoop) {
+  const ArmModel model = helicalModel();
+  const ArmFilter fresh(model, {});
+  ErrorBudget budget(model, {}, sightOf());
+  const Eigen::VectorXd pressure = model.arm().inputAt(0.4);
+  const model::Shape shape = model.solve(pressure).shape;
+  model::Twists measured = shape.twists();
+  measured(0, 0) += 0.003;
+  ASSERT_TRUE(budget.update(fresh, pictureOf(pressure, measured, 0)));
+  const TipErrorBudget& out = *budget.current();
+  EXPECT_LT((out.predicted.covariance - out.open_loop.covariance).norm(),
+            1e-9 * out.open_loop.covariance.norm());
+  const Eigen::Vector3d tip = model::tipPose(shape).translation;
+  const Eigen::Vector3d error = model::tipPose(model::Shape(measured)).translation - tip;
+  EXPECT_LT((out.tip - tip).norm(), 1e-12);
+  EXPECT_LT((out.error - error).norm(), 1e-12);
+  const Eigen::Matrix3d whole = out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance;
+  EXPECT_NEAR(out.distance2, error.dot(whole.inverse() * error), 1e-9 * out.distance2);
+}
+
+// A measurement whose distance2 is this share of the limit.
+ArmFilter::Input pictureAt(const ArmModel& model, const ArmFilter& filter, ErrorBudget& scratch,
+                           double share, double time) {
+  const Eigen::VectorXd pressure = model.arm().inputAt(0.4);
+  const model::Twists expected = model.solve(pressure).shape.twists();
+  double offset = 1e-4;
+  for (int i = 0; i < 20; ++i) {
+    model::Twists measured = expected;
+    measured(1, 0) += offset;
+    scratch.update(filter, pictureOf(pressure, measured, time));
+    offset *= std::sqrt(share * scratch.current()->limit / scratch.current()->distance2);
+  }
+  model::Twists measured = expected;
+  measured(1, 0) += offset;
+  return pictureOf(pressure, measured, time);
+}
+
+TEST(ErrorBudget, ChangesItsStateAfterFivePicturesInARow) {
+  const ArmModel model = helicalModel();
+  const ArmFilter fresh(model, {});
+  ErrorBudget budget(model, {}), scratch(model, {});
+  const auto inside = pictureAt(model, fresh, scratch, 0.99, 0);
+  const auto outside = pictureAt(model, fresh, scratch, 1.01, 0);
+  const auto after = [&](const ArmFilter::Input& picture, int count) {
+    for (int i = 0; i < count; ++i) EXPECT_TRUE(budget.update(fresh, picture));
+    return budget.current()->state;
+  };
+  EXPECT_EQ(after(outside, 4), BudgetState::kInside);
+  EXPECT_EQ(after(inside, 1), BudgetState::kInside);
+  EXPECT_EQ(after(outside, 4), BudgetState::kInside);
+  EXPECT_EQ(after(outside, 1), BudgetState::kOutside);
+  EXPECT_EQ(after(inside, 4), BudgetState::kOutside);
+  EXPECT_EQ(after(outside, 1), BudgetState::kOutside);
+  EXPECT_EQ(after(inside, 5), BudgetState::kInside);
+  EXPECT_EQ(after(outside, 4), BudgetState::kInside);
+  budget.reset();
+  EXPECT_EQ(after(outside, 4), BudgetState::kInside);
+}
+
+TEST(ErrorBudget, OfAPlanarArmKnowsNoErrorAcrossThePlane) {
+  const ArmModel model(model::embed(test::planarArm()), test::planarArm());
+  ArmFilterOptions options;
+  options.planar = true;
+  const ArmFilter fresh(model, options);
+  ErrorBudget budget(model, options);
+  const Eigen::VectorXd pressure = model.arm().inputAt(Eigen::Vector2d(0.2, 0.7));
+  model::Twists measured = model.solve(pressure).shape.twists();
+  measured(5, 0) += 0.02;
+  auto picture = pictureOf(pressure, measured, 0);
+  for (const int row : {2, 3, 4}) picture.covariance(row, row) = 0;
+  ASSERT_TRUE(budget.update(fresh, picture));
+  const TipErrorBudget& out = *budget.current();
+  EXPECT_EQ(out.limit, 13.82);
+  const Eigen::Matrix2d plane =
+      (out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance).topLeftCorner<2, 2>();
+  const Eigen::Vector2d error = out.error.head<2>();
+  EXPECT_NEAR(out.distance2, error.dot(plane.inverse() * error), 1e-9 * out.distance2);
+}
+
+TEST(ErrorBudget, NamesItsPartsAndStates) {
+  EXPECT_STREQ(nameOf(BudgetPart::kCalibration), "calibration");
+  EXPECT_STREQ(nameOf(BudgetPart::kUnexplained), "unexplained");
+  EXPECT_STREQ(nameOf(BudgetPart::kPressure), "pressure");
+  EXPECT_STREQ(nameOf(BudgetPart::kPlacement), "placement");
+  EXPECT_STREQ(nameOf(BudgetPart::kCamera), "camera");
+  EXPECT_STREQ(nameOf(BudgetState::kInside), "inside");
+  EXPECT_STREQ(nameOf(BudgetState::kOutside), "outside");
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,196 @@
+#include "helix_arm/estimation/placed_sight.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+#include "support/loaded_arm.hpp"
+#include "support/refusal.hpp"
+#include "support/sample_view.hpp"
+#include "support/tip_spread.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using test::Random;
+
+constexpr double kDegree = test::kPi / 180;
+
+PlacedSight sightOf(const ArmView& view, const TwistFitOptions& fit, const TagPrior& tag,
+                    const BasePrior& base) {
+  return {view, fit, {view.layout, tag, base}};
+}
+
+// A rig whose placements are off by what a PlacedSight says of them.
+ArmView misplaced(const PlacedSight& sight, const model::Arm& arm, Random& random) {
+  const auto draw = [&random](const lie::Vector6& deviations) {
+    lie::Vector6 out;
+    for (int i = 0; i < 6; ++i) out[i] = deviations[i] * random.normal();
+    return out;
+  };
+  ArmView out = sight.view;
+  out.X_CB = out.X_CB * lie::SE3::exp(draw(sight.deviations.base));
+  for (std::size_t i = 0; i < out.layout.tags.size(); ++i) {
+    TagPlacement& tag = out.layout.tags[i];
+    tag = movedBy(tag, draw(sight.deviations.tags[i]), arm.restLength(tag.section));
+  }
+  return out;
+}
+
+// The tags `seen` as an exact camera sees them on another rig.
+std::vector<CornerObservation> lookAgain(const ArmView& view, const model::Shape& shape,
+                                         const std::vector<int>& seen) {
+  Random unused(0);
+  std::vector<TagSight> sights;
+  for (const TagSight& one : visibleTags(view, shape, 0.0)) {
+    if (std::find(seen.begin(), seen.end(), one.tag) != seen.end()) sights.push_back(one);
+  }
+  return test::observe(view, sights, 0.0, unused);
+}
+
+struct Case {
+  const char* name;
+  int sections;
+  bool free_base;
+  bool loaded;
+};
+std::string nameOfCase(const ::testing::TestParamInfo<Case>& info) { return info.param.name; }
+
+class PlacementCovariance : public ::testing::TestWithParam<Case> {};
+
+// Misplaced tags are fitted with the nominal placements; the errors are small enough for the linear
+// propagation and for the weights to stay near 1.
+TEST_P(PlacementCovariance, IsThatOfRepeatedFits) {
+  const auto [name, sections, free_base, loaded] = GetParam();
+  const model::Arm arm =
+      loaded ? test::softHelicalArm() : test::ringArm(test::helicalRing(), sections);
+  const statics::ArmModel model =
+      loaded
+          ? statics::ArmModel(arm, std::nullopt, test::weight(test::Posture::kHorizontal, 0.1, 900),
+                              statics::TierSetting{statics::Tier::kLoaded, 5})
+          : statics::ArmModel(arm);
+  TwistFitOptions fit;
+  fit.free_base = free_base;
+  fit.base_prior = {0.001, 0.3 * kDegree};
+  fit.robust_scale = 100;
+  const ArmView view = test::sampleView(0.8 * sections, sections, 32 / sections);
+  const PlacedSight sight = sightOf(view, fit, {0.0005, 0.5 * kDegree}, fit.base_prior);
+  sight.validate();
+  const model::Shape shape = model.solve(arm.inputAt(0.4)).shape;
+  EXPECT_EQ(shape.piecesPerSection() > 1, loaded);
+  std::vector<int> tags;
+  for (const TagSight& one : visibleTags(view, shape, 0.3)) tags.push_back(one.tag);
+  ASSERT_GE(tags.size(), 6U);
+  const auto covariance = placementCovariance(sight, arm, shape, tags);
+  ASSERT_TRUE(covariance);
+
+  TwistFitter fitter(view.layout, sections, fit);
+  Random random(11);
+  int fits = 0;
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(sight, arm, random);
+    const auto seen = lookAgain(truth, shape, tags);
+    const TwistFit& result = fitter.fit(seen, view.X_CB, view.camera.focal(), shape);
+    fits += result.status == FitStatus::kConverged && seen.size() == tags.size() ? 1 : 0;
+    return model::tipPose(result.shape).translation;
+  });
+  EXPECT_EQ(fits, 1500);
+  test::expectSpread(sampled, tipCovariance(shape, *covariance), 0.15);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, PlacementCovariance,
+                         ::testing::Values(Case{"FixedBase", 1, false, false},
+                                           Case{"FreeBase", 1, true, false},
+                                           Case{"TwoSections", 2, true, false},
+                                           Case{"UnderALoad", 1, true, true}),
+                         nameOfCase);
+
+TEST(PlacementCovariance, GrowsWithTheSquareOfTheDeviations) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  const std::vector<int> tags = {0, 4, 8, 12, 16, 20, 24, 28};
+  const auto of = [&](double factor) {
+    return *placementCovariance(
+        sightOf(view, {}, {factor * 0.001, factor * 0.01}, {factor * 0.001, factor * 0.01}), arm,
+        shape, tags);
+  };
+  const Eigen::MatrixXd once = of(1), twice = of(2);
+  EXPECT_LT((twice - 4 * once).norm(), 1e-9 * twice.norm());
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(once).eigenvalues().minCoeff(), 0);
+  EXPECT_TRUE(of(0).isZero(0));
+}
+
+TEST(PlacementCovariance, DependsOnTheFittedTagsAlone) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  PlacedSight sight = sightOf(view, {}, {0.001, 0.01}, {0.001, 0.01});
+  const Eigen::MatrixXd before = *placementCovariance(sight, arm, shape, {4, 12, 20, 28});
+  sight.deviations.tags[8] *= 100;
+  EXPECT_EQ(*placementCovariance(sight, arm, shape, {4, 12, 20, 28}), before);
+  EXPECT_GT(placementCovariance(sight, arm, shape, {4, 8, 12, 20, 28})->trace(), before.trace());
+  EXPECT_TRUE(placementCovariance(sight, arm, shape, {})->isZero(0));
+}
+
+TEST(PlacementCovariance, IsNothingBehindTheCamera) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  ArmView view = test::sampleView();
+  view.X_CB.translation.z() = -1;
+  EXPECT_FALSE(
+      placementCovariance(sightOf(view, {}, {}, {}), arm, arm.twists(arm.inputAt(0.5)), {0, 4, 8}));
+}
+
+TEST(PlacementCovariance, RefusesOtherTagsAndShapes) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const PlacedSight sight = sightOf(test::sampleView(), {}, {}, {});
+  const model::Shape shape = arm.twists(arm.inputAt(0.5));
+  EXPECT_EQ(test::refusal([&] { placementCovariance(sight, arm, shape, {32}); }),
+            "placed sight: the index of a tag is 32; expected one of the layout");
+  EXPECT_EQ(test::refusal([&] {
+              const model::Arm two = test::ringArm(test::helicalRing(), 2);
+              placementCovariance(sight, arm, two.twists(two.inputAt(0.5)), {0});
+            }),
+            "placed sight: the number of sections of the shape is 2; expected that of the view and "
+            "of the arm");
+}
+
+TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
+  TagLayout layout = test::sampleLayout(1, 4);
+  std::swap(layout.tags[0], layout.tags[2]);
+  ASSERT_EQ(layout.baseTag(), 2);
+  const PlacementDeviations deviations(layout, {0.002, 0.05}, {0.001, 0.01});
+  lie::Vector6 tag, base;
+  tag << 0.002, 0.002, 0.002, 0.05, 0.05, 0.05;
+  base << 0.001, 0.001, 0.001, 0.01, 0.01, 0.01;
+  for (const std::size_t i : {0U, 1U, 3U}) EXPECT_EQ(deviations.tags[i], tag);
+  EXPECT_TRUE(deviations.tags[2].isZero(0));
+  EXPECT_EQ(deviations.base, base);
+}
+
+TEST(PlacedSight, RefusesDeviationsThatMakeNoSense) {
+  const PlacedSight good = sightOf(test::sampleView(), {}, {}, {});
+  const auto said = [&good](const auto& change) {
+    PlacedSight sight = good;
+    change(sight);
+    return test::refusal([&sight] { sight.validate(); });
+  };
+  EXPECT_EQ(said([](PlacedSight&) {}), "accepted");
+  EXPECT_EQ(said([](PlacedSight& sight) { sight.deviations.tags.pop_back(); }),
+            "placed sight: the number of tags with deviations is 31; expected that of the layout");
+  EXPECT_EQ(
+      said([](PlacedSight& sight) { sight.deviations.tags[3][1] = -0.001; }),
+      "placed sight: a placement's deviation [m, rad] is -0.001; expected a finite value >= 0");
+  EXPECT_EQ(said([](PlacedSight& sight) {
+              sight.deviations.base[5] = std::numeric_limits<double>::quiet_NaN();
+            }),
+            "placed sight: a placement's deviation [m, rad] is nan; expected a finite value >= 0");
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

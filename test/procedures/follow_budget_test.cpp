@@ -1,0 +1,139 @@
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/procedures/follow_run.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+using estimation::BudgetPart;
+using estimation::TipErrorBudget;
+using test::Random;
+
+const std::string kDemo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
+
+// The demo rig with another true arm (a common length scale of 1.2 % is what 2 % for each muscle by
+// itself amount to), and tags and camera that are misplaced as its priors say.
+io::Scene drawScene(unsigned seed, Random& random) {
+  const auto text = [](double value) { return std::to_string(value); };
+  return io::loadScene(
+      kDemo, {{"simulation.arm.K_gamma_scale", text(std::exp(0.3 * random.normal()))},
+              {"simulation.arm.K_kappa_scale", text(std::exp(0.3 * random.normal()))},
+              {"simulation.arm.length_scale", text(std::exp(0.012 * random.normal()))},
+              {"simulation.mounts.tag_translation_m", "0.0005"},
+              {"simulation.mounts.tag_rotation_deg", "0.5"},
+              {"simulation.mounts.camera_translation_m", "0.001"},
+              {"simulation.mounts.camera_rotation_deg", "0.25"},
+              {"simulation.mounts.seed", std::to_string(seed)},
+              {"tags.placement_prior.translation_m", "0.0005"},
+              {"tags.placement_prior.rotation_deg", "0.5"},
+              {"vision.base_prior.translation_m", "0.001"},
+              {"vision.base_prior.rotation_deg", "0.25"},
+              // So that the noise of the first reading never keeps the arm from being enabled.
+              {"safety.vented_below_kpa", "30"}});
+}
+
+FollowPlan drawPlan(const io::Scene& scene, unsigned seed, Random& random) {
+  Eigen::VectorXd fraction(scene.arm.actuatorCount());
+  for (double& one : fraction) one = random.uniform(0.05, 0.95);
+  FollowPlan plan;
+  plan.tips = {scene.model.tip(scene.arm.inputAt(fraction)).tip.translation};
+  plan.seconds = 3.0;
+  plan.seed = seed;
+  return plan;
+}
+
+Eigen::Vector3d trueTipAt(const FollowResult& result, double time) {
+  const auto nearest = std::min_element(result.rows.begin(), result.rows.end(),
+                                        [time](const FollowRow& a, const FollowRow& b) {
+                                          return std::abs(a.time - time) < std::abs(b.time - time);
+                                        });
+  EXPECT_LT(std::abs(nearest->time - time), 0.005);
+  return nearest->true_tip;
+}
+
+// The prediction's covariance is right: the mean of e' P^-1 e of three degrees is 3, less where the
+// filter is careful.
+TEST(FollowBudget, CoversTheErrorOfThePredictedTip) {
+  constexpr int kRuns = 100;
+  double sum = 0, most = 0, square = 0, expected = 0;
+  int outside = 0;
+  for (unsigned seed = 1; seed <= kRuns; ++seed) {
+    Random random(seed);
+    const io::Scene scene = drawScene(seed, random);
+    const FollowResult result = runFollow(scene, drawPlan(scene, seed, random));
+    ASSERT_TRUE(result.budget) << seed;
+    const TipErrorBudget& budget = *result.budget;
+    const Eigen::Vector3d error = trueTipAt(result, budget.time) - budget.tip;
+    const double distance2 = error.dot(budget.predicted.covariance.llt().solve(error));
+    sum += distance2;
+    most = std::max(most, distance2);
+    square += error.squaredNorm();
+    expected += budget.predicted.covariance.trace();
+    outside += budget.state == estimation::BudgetState::kOutside ? 1 : 0;
+  }
+  std::printf(
+      "[  FIGURE  ] predicted tip of 100 rigs: error^2 %.2f of 3 in the mean, %.1f at most; "
+      "RMS %.2f mm, expected %.2f mm; outside %d\n",
+      sum / kRuns, most, 1e3 * std::sqrt(square / kRuns), 1e3 * std::sqrt(expected / kRuns),
+      outside);
+  EXPECT_GT(sum / kRuns, 0.5);
+  EXPECT_LT(sum / kRuns, 4.0);
+  EXPECT_LE(outside, 1);  // 0.1 expected
+}
+
+TEST(FollowBudget, IsThatOfTheLastPicture) {
+  Random random(3);
+  const io::Scene scene = drawScene(3, random);
+  FollowPlan plan = drawPlan(scene, 3, random);
+  const FollowResult result = runFollow(scene, plan);
+  ASSERT_TRUE(result.budget);
+  const auto last = std::find_if(result.rows.rbegin(), result.rows.rend(),
+                                 [](const FollowRow& row) { return row.measured.has_value(); });
+  ASSERT_NE(last, result.rows.rend());
+  EXPECT_DOUBLE_EQ(result.budget->time, last->measured_time);
+  EXPECT_GT(result.budget->part(BudgetPart::kPlacement).deviation(), 0);
+  EXPECT_LT(result.budget->predicted.deviation(), result.budget->open_loop.deviation());
+
+  plan.blind = model::Range{0.0, plan.seconds};
+  EXPECT_FALSE(runFollow(scene, plan).budget);
+}
+
+TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
+  io::Scene scene = io::loadScene(kDemo, {{"tags.placement_prior.translation_m", "0.003"},
+                                          {"tags.placement_prior.rotation_deg", "2"}});
+  const double degree = std::acos(-1.0) / 180;
+  const auto deviations = [&scene] { return loopConfigOf(scene).sight->deviations; };
+  EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);
+  EXPECT_NEAR(deviations().tags[7][4], 2 * degree, 1e-12);
+  EXPECT_TRUE(deviations().tags[0].isZero(0));
+  EXPECT_NEAR(deviations().base[0], 0.002, 1e-12);
+  EXPECT_NEAR(deviations().base[5], 0.5 * degree, 1e-12);
+
+  scene.calibration.emplace();
+  scene.calibration->parameters = {{"base_y", 0.001, 0.0004, true, "m"},
+                                   {"base_rz", 0.002, 0.003, true, "rad"},
+                                   {"tag_7_along", 0.001, 0.0005, true, "m"},
+                                   {"tag_7_ry", 0.01, 0.006, true, "rad"},
+                                   {"K_kappa", 1e-4, 1e-6, true, "m^2"}};
+  EXPECT_EQ(deviations().base[1], 0.0004);
+  EXPECT_EQ(deviations().base[5], 0.003);
+  EXPECT_NEAR(deviations().base[0], 0.002, 1e-12);
+  EXPECT_EQ(deviations().tags[7][0], 0.0005);
+  EXPECT_EQ(deviations().tags[7][4], 0.006);
+  EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);
+  EXPECT_NEAR(deviations().tags[8][0], 0.003, 1e-12);
+
+  scene.camera.reset();
+  EXPECT_FALSE(loopConfigOf(scene).sight);
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures
