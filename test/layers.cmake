@@ -31,7 +31,7 @@ set(others_estimation "Eigen|ceres")
 set(others_vision "Eigen|opencv2|apriltag")
 set(others_simulation "Eigen|modbus|opencv2")
 set(others_io "Eigen|openssl|yaml-cpp")
-set(others_cli "Eigen|CLI|nlohmann")
+set(others_cli "Eigen|CLI|cairo|nlohmann")
 set(others_nodes "")
 
 set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli)

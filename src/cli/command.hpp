@@ -45,6 +45,7 @@ Subcommand addLocalize(CLI::App& app);
 Subcommand addPath(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);
+Subcommand addTags(CLI::App& app);
 Subcommand addTrade(CLI::App& app);
 Subcommand addWorkspace(CLI::App& app);
 

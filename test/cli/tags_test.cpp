@@ -1,0 +1,342 @@
+// The PDF of `helix_arm tags`, rendered as a printer would and read back.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <regex>
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "command.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/tag_board.hpp"
+#include "helix_arm/vision/tag_detector.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using vision::TagDetection;
+
+constexpr double kDotsPerInch = 300;
+constexpr double kMillimetresPerPixel = 25.4 / kDotsPerInch;
+constexpr double kTolerance = 0.2;  // of sizes on paper [mm]
+constexpr double kRuler = 100;      // [mm]
+
+const std::map<std::string, cv::Size2d> kPaperSizes = {{"a4", {210, 297}},
+                                                       {"letter", {215.9, 279.4}}};
+
+void runTool(const std::string& command) {
+  if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
+}
+
+// A PDF that the command wrote.
+class Printed {
+ public:
+  explicit Printed(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "tags");
+    arguments.insert(arguments.end(), {"--out", path(), "--format", "json"});
+    const Outcome outcome = runCommand(arguments);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    report = outcome.json();
+    runTool("pdftoppm -gray -r " + std::to_string(kDotsPerInch) + " '" + path() + "' '" +
+            (folder_ / "page") + "'");
+    std::vector<fs::path> files;
+    for (const auto& entry : fs::directory_iterator(folder_.path())) {
+      if (entry.path().extension() == ".pgm") files.push_back(entry.path());
+    }
+    std::sort(files.begin(), files.end());
+    for (const fs::path& file : files) {
+      pages.push_back(cv::imread(file.string(), cv::IMREAD_GRAYSCALE));
+    }
+  }
+
+  std::string path() const { return folder_ / "tags.pdf"; }
+  std::string text() const {
+    runTool("pdftotext -layout '" + path() + "' '" + (folder_ / "text.txt") + "'");
+    return contentOf(folder_ / "text.txt");
+  }
+
+  json report;
+  std::vector<cv::Mat> pages;
+
+ private:
+  TemporaryFolder folder_;
+};
+
+// Corners [mm] from the top left of the page, y up.
+estimation::Corners onPaper(const TagDetection& tag) {
+  estimation::Corners corners = (tag.corners.array() + 0.5) * kMillimetresPerPixel;
+  corners.row(1) *= -1;
+  return corners;
+}
+
+void expectUprightSquare(const TagDetection& tag, double side, double& worst) {
+  const estimation::Corners corners = onPaper(tag);
+  for (int i = 0; i < 4; ++i) {
+    for (int j = 0; j < i; ++j) {
+      const double expected = (i - j == 2) ? std::sqrt(2) * side : side;
+      const double error = (corners.col(i) - corners.col(j)).norm() - expected;
+      EXPECT_NEAR(error, 0, kTolerance) << "tag " << tag.id;
+      worst = std::max(worst, std::abs(error));
+    }
+  }
+  EXPECT_NEAR(corners(1, 0), corners(1, 1), kTolerance) << "tag " << tag.id << " is not upright";
+  EXPECT_GT(corners(1, 2), corners(1, 1)) << "tag " << tag.id << " is upside down";
+}
+
+// Reads all tags of all pages, of this side [mm]. @return ids in order, repeated as they are read.
+std::vector<int> idsRead(const Printed& printed, const std::string& family, double side) {
+  vision::DetectorConfig config;
+  config.family = family;
+  vision::TagDetector detector(config);
+  std::vector<int> ids;
+  double worst = 0;
+  for (const cv::Mat& page : printed.pages) {
+    for (const TagDetection& tag : detector.detect(page)) {
+      EXPECT_EQ(tag.hamming, 0) << tag.id;
+      expectUprightSquare(tag, side, worst);
+      ids.push_back(tag.id);
+    }
+  }
+  std::cout << ids.size() << " tags " << family << " of " << side << " mm, off by at most " << worst
+            << " mm\n";
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+// Places of the dark lines that cross a row of pixels [px]: the middles of their darkness.
+std::vector<double> darkLines(const cv::Mat& row) {
+  constexpr int kDark = 64;  // below white [gray levels]
+  std::vector<double> lines;
+  double weight = 0, moment = 0;
+  for (int x = 0; x <= row.cols; ++x) {
+    const int darkness = x < row.cols ? 255 - row.at<unsigned char>(0, x) : 0;
+    if (darkness >= kDark) {
+      weight += darkness;
+      moment += static_cast<double>(darkness) * x;
+    } else if (weight > 0) {
+      lines.push_back(moment / weight);
+      weight = moment = 0;
+    }
+  }
+  return lines;
+}
+
+// Length of a ruler with its long ticks upright in this part of a page [mm]; 0 if there is none. A
+// row of pixels that crosses long ticks alone finds eleven lines at equal distances.
+double rulerIn(const cv::Mat& part) {
+  constexpr std::size_t kLongTicks = 11;
+  for (int y = 0; y < part.rows; ++y) {
+    const std::vector<double> lines = darkLines(part.row(y));
+    if (lines.size() != kLongTicks) continue;
+    const double length = lines.back() - lines.front();
+    double uneven = 0;
+    for (std::size_t i = 0; i < kLongTicks; ++i) {
+      uneven =
+          std::max(uneven, std::abs(lines[i] - lines[0] - length * static_cast<double>(i) / 10));
+    }
+    if (uneven < 2) return length * kMillimetresPerPixel;
+  }
+  return 0;
+}
+
+// The part of a page between these edges [mm].
+cv::Mat part(const cv::Mat& page, double left, double top, double right, double bottom) {
+  const auto pixel = [](double place) {
+    return static_cast<int>(std::lround(place / kMillimetresPerPixel));
+  };
+  return page(cv::Rect(cv::Point(pixel(left), pixel(top)), cv::Point(pixel(right), pixel(bottom))));
+}
+
+void expectRulers(const cv::Mat& page, const cv::Size2d& paper) {
+  const double across = rulerIn(part(page, 10, paper.height - 21, 125, paper.height - 10));
+  const double upright = rulerIn(part(page, 10, paper.height - 130, 20.5, paper.height - 20).t());
+  std::cout << "rulers of " << across << " mm and " << upright << " mm\n";
+  EXPECT_NEAR(across, kRuler, kTolerance);
+  EXPECT_NEAR(upright, kRuler, kTolerance);
+}
+
+std::vector<int> idsOf(const io::Scene& scene) {
+  std::vector<int> ids;
+  for (const auto& tag : scene.tags->tags) ids.push_back(tag.id);
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+// The actuator of the tag's section at the least distance.
+std::string muscleOf(const io::Scene& scene, const estimation::TagPlacement& tag) {
+  std::map<double, std::string> by_distance;
+  const int first = scene.arm.firstActuator(tag.section);
+  for (int i = first; i < scene.arm.firstActuator(tag.section + 1); ++i) {
+    const Eigen::Vector3d apart = scene.arm.actuator(i).X_O.translation - tag.X_ST.translation;
+    by_distance.emplace(apart.tail<2>().norm(), scene.arm.actuator(i).name);
+  }
+  return by_distance.begin()->second;
+}
+
+// s as on paper: up to four digits after the point, none of them a 0 at the end.
+std::string shortS(double s) {
+  std::string text = std::to_string(std::round(s * 1e4) / 1e4);
+  text.erase(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
+}
+
+void expectPlacement(const io::Scene& scene, const std::string& text) {
+  for (const auto& tag : scene.tags->tags) {
+    const std::string muscle = muscleOf(scene, tag), s = shortS(tag.s);
+    // The table: id, s, from base, muscle, and numbers.
+    const std::regex row("\n +" + std::to_string(tag.id) + " +" + s + " +-?[0-9.]+ +" + muscle +
+                         " +[0-9.]+ +");
+    EXPECT_TRUE(std::regex_search(text, row)) << tag.id << " " << s << " " << muscle;
+    EXPECT_NE(text.find(muscle + ", s " + s), std::string::npos) << "strip of " << tag.id;
+  }
+}
+
+std::vector<std::string> shippedScenes() {
+  std::vector<std::string> paths;
+  for (const auto& entry :
+       fs::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
+    if (entry.path().extension() == ".yaml") paths.push_back(entry.path().string());
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
+  int scenes = 0;
+  for (const std::string& path : shippedScenes()) {
+    const io::Scene scene = io::loadScene(path);
+    if (!scene.tags) continue;
+    ++scenes;
+    for (const auto& [paper, size] : kPaperSizes) {
+      SCOPED_TRACE(scene.name + " on " + paper);
+      const Printed printed({path, "--paper", paper});
+      ASSERT_EQ(printed.pages.size(), printed.report["pages"].get<std::size_t>());
+      for (const cv::Mat& page : printed.pages) {
+        EXPECT_NEAR(page.cols * kMillimetresPerPixel, size.width, 0.1);
+        EXPECT_NEAR(page.rows * kMillimetresPerPixel, size.height, 0.1);
+      }
+      expectRulers(printed.pages.front(), size);
+      EXPECT_EQ(idsRead(printed, scene.vision.detector.family, 1e3 * scene.tags->size),
+                idsOf(scene));
+      expectPlacement(scene, printed.text());
+    }
+  }
+  EXPECT_EQ(scenes, 4);
+}
+
+TEST(Tags, OtherFamiliesAndSizesAreReadBackToo) {
+  const std::string path = scenePath("helical_50");
+  for (const char* family : {"25h9", "36h10", "Circle21h7", "Standard41h12"}) {
+    for (const char* size : {"0.0123", "0.06"}) {
+      SCOPED_TRACE(std::string(family) + " of " + size);
+      const Printed printed({path, "--set", std::string("tags.family=") + family, "--set",
+                             std::string("tags.size_m=") + size});
+      EXPECT_EQ(idsRead(printed, family, 1e3 * std::stod(size)), idsOf(io::loadScene(path)));
+    }
+  }
+}
+
+TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
+  const vision::TagBoard board;
+  for (const auto& [paper, size] : kPaperSizes) {
+    const Printed printed({"--board", "--paper", paper});
+    ASSERT_EQ(printed.pages.size(), 1u);
+    expectRulers(printed.pages[0], size);
+    vision::DetectorConfig config;
+    config.family = board.family;
+    const auto tags = vision::TagDetector(config).detect(printed.pages[0]);
+    ASSERT_EQ(tags.size(), 30u);
+    Eigen::Matrix2Xd read(2, 120), expected(2, 120);
+    for (int i = 0; i < 30; ++i) {
+      EXPECT_EQ(tags[static_cast<std::size_t>(i)].id, board.first_id + i);
+      read.middleCols<4>(4 * i) = onPaper(tags[static_cast<std::size_t>(i)]);
+      expected.middleCols<4>(4 * i) = 1e3 * board.corners(board.first_id + i);
+    }
+    read.colwise() -= read.rowwise().mean().eval();
+    const double worst = (read - expected).colwise().norm().maxCoeff();
+    std::cout << "corners of the board off by at most " << worst << " mm\n";
+    EXPECT_LT(worst, kTolerance);
+  }
+}
+
+TEST(Tags, ABoardWithASceneIsOnePageMore) {
+  const Printed tags({scenePath("demo")}), both({scenePath("demo"), "--board"});
+  EXPECT_EQ(both.pages.size(), tags.pages.size() + 1);
+  EXPECT_NE(both.text().find("page 4 of 4"), std::string::npos);
+  EXPECT_NE(both.text().find("Calibration board"), std::string::npos);
+}
+
+TEST(Tags, FormatsTellWhatWasPrinted) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "tags.pdf";
+  const auto printed = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"tags", "--out", out});
+    const Outcome outcome = runCommand(more);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome;
+  };
+  const json demo = printed({scenePath("helical_50"), "--board", "--format", "json"}).json();
+  EXPECT_EQ(demo["scene"], "helical_50");
+  EXPECT_EQ(demo["family"], "36h11");
+  EXPECT_EQ(demo["size_m"], 0.031);
+  EXPECT_EQ(demo["ids"], json({10, 11, 30, 31, 6, 7, 8, 9}));
+  EXPECT_EQ(demo["board"], (json{{"family", "36h11"},
+                                 {"first_id", 557},
+                                 {"columns", 5},
+                                 {"rows", 6},
+                                 {"size_m", 0.028},
+                                 {"pitch_m", 0.036}}));
+  EXPECT_EQ(demo["paper"], "a4");
+  EXPECT_EQ(demo["pages"], 3);
+  EXPECT_EQ(demo["out"], out);
+  const json board = printed({"--board", "--paper", "letter", "--format", "json"}).json();
+  EXPECT_TRUE(board["scene"].is_null() && board["family"].is_null() && board["size_m"].is_null());
+  EXPECT_EQ(board["ids"], json::array());
+  EXPECT_EQ(board["paper"], "letter");
+  EXPECT_EQ(board["pages"], 1);
+  EXPECT_EQ(printed({scenePath("demo"), "--format", "csv"}).out,
+            "scene,tags,size_m,board,paper,pages,out\ndemo,21,0.031,0,a4,3," + out + "\n");
+  EXPECT_EQ(printed({scenePath("demo")}).out,
+            "21 tags 36h11 of 31 mm and where they are mounted: 3 pages a4 in " + out +
+                "\nPrint at 100 % (\"actual size\"); both rulers must then be 100 mm long.\n");
+  EXPECT_EQ(printed({"--board"}).out,
+            "a calibration board: 1 page a4 in " + out +
+                "\nPrint at 100 % (\"actual size\"); both rulers must then be 100 mm long.\n");
+}
+
+TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "tags.pdf";
+  const auto refused = [&](std::vector<std::string> arguments, const std::string& message) {
+    arguments.insert(arguments.begin(), "tags");
+    expectCallerError(runCommand(arguments), message);
+    EXPECT_TRUE(fs::is_empty(folder.path()));
+  };
+  refused({scenePath("demo")}, "--out is required");
+  refused({"--out", out}, "nothing to print: give a SCENE with tags, --board or both");
+  refused({scenePath("planar_50"), "--out", out},
+          "scene planar_50 has no tags; expected a scene with a section tags");
+  refused(
+      {scenePath("demo"), "--out", out, "--set", "tags.size_m=0.19"},
+      "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, and a4 leaves 179 mm; "
+      "expected at most 0.14 m");
+  refused({scenePath("demo"), "--out", out, "--paper", "a5"}, "--paper: a5 not in {a4,letter}");
+  refused({scenePath("demo"), "--out", folder / "tags.png"}, "tags.png does not end in .pdf");
+  refused({scenePath("demo"), "--out", folder / "none/tags.pdf"}, "none/tags.pdf");
+  refused({"--board", "--out", out, "--set", "tags.size_m=0.02"}, "none is given; leave out --set");
+  fs::create_directory(folder / "folder.pdf");
+  expectCallerError(runCommand({"tags", scenePath("demo"), "--out", folder / "folder.pdf"}),
+                    "folder.pdf");
+}
+
+}  // namespace
+}  // namespace helix_arm::test
