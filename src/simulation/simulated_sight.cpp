@@ -16,9 +16,7 @@ constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, {}};
-  for (const estimation::TagResidual& tag : fit.tags) {
-    if (!tag.outlier) out.tags.push_back(tag.tag);
-  }
+  for (const estimation::TagResidual& tag : fit.tags) out.tags.push_back(tag.tag);
   std::sort(out.tags.begin(), out.tags.end());
   return out;
 }

@@ -95,7 +95,8 @@ class SightLoop {
 
   /// A measured shape. @param stamp  time of the picture [s]. @param now  present time [s].
   /// @param twists  (6 x sections). @param covariance  (6 sections x 6 sections) of their errors.
-  /// @param tags    indices in the layout of the tags that were fitted; nothing if unknown.
+  /// @param tags    indices in the layout of the tags that were fitted, outliers too, ascending;
+  ///     nothing if unknown.
   /// @throws std::invalid_argument on a tag that the layout does not have.
   estimation::Sighting picture(double stamp, double now, const model::Twists& twists,
                                const Eigen::MatrixXd& covariance,

@@ -30,7 +30,7 @@ struct SimulatedSightConfig {
 struct MeasuredShape {
   model::Twists twists;        ///< (6 x sections)
   Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections)
-  std::vector<int> tags;       ///< indices in the layout of those that fit
+  std::vector<int> tags;       ///< indices in the layout, ascending; outliers too
 };
 
 /// Measures simulated shapes as the vision node does, without node or clock. The same seeds and
