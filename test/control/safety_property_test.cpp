@@ -68,8 +68,8 @@ struct Witness {
     const Cause cause = core.report().cause;
     const bool passes = cause == Cause::kNone || cause == Cause::kStaleTarget ||
                         cause == Cause::kStaleReading || cause == Cause::kRegulatorLost;
-    const bool rests = state == State::kDisabled || state == State::kVented;
-    ASSERT_TRUE(!core.mayEnableItself() || (rests && passes && !barred)) << core.reason();
+    const bool at_rest = state == State::kDisabled || state == State::kVented;
+    ASSERT_TRUE(!core.mayEnableItself() || (at_rest && passes && !barred)) << core.reason();
     if (state != State::kVented || !passes) return lookAtOrders(grave);
     ++(barred ? barred_turns : passed_turns);
     lookAtOrders(grave);
