@@ -1,0 +1,187 @@
+// What the board takes from its line, and what it answers: the profile `generic`.
+#include <random>
+#include <regex>
+
+#include <gtest/gtest.h>
+
+#include "board_kinds.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+class BoardLine : public testing::TestWithParam<BoardKind> {};
+
+TEST_P(BoardLine, EveryChannelIsReadVentedClosedAndRegulated) {
+  ReadyBoard board(GetParam());
+  for (int i = 0; i < board.channels(); ++i) {
+    const std::string name = "p" + std::to_string(i);
+    for (const char* order : {"?", "=vent", "=0.00", "=close", "=12.34", "=0", "=5."}) {
+      const std::string answer = board.ask(name + order);
+      EXPECT_TRUE(std::regex_match(answer, std::regex(name + "=-?[0-9]+\\.[0-9]{2} kPa")))
+          << name << order << " brings " << answer;
+    }
+  }
+  EXPECT_EQ(board.ask("p" + std::to_string(board.channels()) + "?"), "?");
+}
+
+TEST_P(BoardLine, ReadingsAreThePressures) {
+  ReadyBoard board(GetParam());
+  for (const int goal : {60, 250}) {
+    board.keep(std::to_string(goal), 1.5);
+    for (int i = 0; i < board.channels(); ++i) {
+      const double reading = std::stod(board.ask("p" + std::to_string(i) + "?").substr(3));
+      EXPECT_NEAR(reading, board.pressure(i) / 1e3, 1.0) << i;
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(, BoardLine, testing::ValuesIn(kBoardKinds), nameOfKind);
+
+TEST(BoardLines, WhatIsNoLineOfTheProfileIsRefusedAndChangesNothing) {
+  ReadyBoard board;
+  board.order(0, "close");
+  for (const char* line : {"p",
+                           "p0",
+                           "p0=",
+                           "p0 ?",
+                           "p0=-5",
+                           "p0=+5",
+                           "p0=1e2",
+                           "p0=1.2.3",
+                           "p0=12,5",
+                           "p0=.",
+                           "p0=nan",
+                           "p0=100kPa",
+                           "p0=123456",
+                           "p0==5",
+                           "P0?",
+                           "p9?",
+                           "p0=Vent",
+                           "p0=vented",
+                           "q0=100",
+                           "p00?",
+                           "p0=100p0=100",
+                           "p0=0000000000000000000000100",
+                           "hello",
+                           "\x01p0=100",
+                           "p0=10\xF0"
+                           "0"}) {
+    EXPECT_EQ(board.ask(line), "?") << line;
+  }
+  EXPECT_EQ(board.ask(""), "");
+  EXPECT_LT(board.air().peak(), 1.0);
+}
+
+TEST(BoardLines, BlanksAndReturnsAtTheEndAreIgnored) {
+  ReadyBoard board;
+  EXPECT_EQ(board.ask("p0=0.00  \r").substr(0, 3), "p0=");
+  EXPECT_EQ(board.ask("\r"), "");
+}
+
+TEST(BoardLines, SetPointsAboveTheLimitAreRefusedByName) {
+  ReadyBoard board;
+  EXPECT_EQ(board.order(1, "300.01"), "p1=fault above_limit");
+  EXPECT_EQ(board.order(1, "99999.99"), "p1=fault above_limit");
+  board.advance(0.2);
+  EXPECT_LT(board.pressure(1), 1.0);
+  EXPECT_NE(board.order(1, "300.00"), "p1=fault above_limit");
+  board.advance(0.2);
+  EXPECT_GT(board.pressure(1), 1e5);
+}
+
+// Else the end of a line that a dead host began would be put in front of the next one's.
+TEST(BoardLines, AHalfLineIsForgottenAfterAWhile) {
+  ReadyBoard board;
+  board.send("p0=1");
+  board.advance(0.05);
+  EXPECT_NE(board.ask("00.00"), "?") << "one line";
+  board.order(0, "vent");
+  board.send("p0=1");
+  board.advance(0.15);
+  EXPECT_EQ(board.ask("00.00"), "?");
+  board.send("p0=1");
+  board.advance(0.15);
+  EXPECT_EQ(board.ask("p1?").substr(0, 3), "p1=");
+}
+
+// simavr's receiver holds 64 bytes, so that it overruns only where they come too fast for it.
+TEST(BoardLines, ALineThatLostBytesIsRefused) {
+  ReadyBoard board;
+  board.receive();
+  std::string flood;
+  for (int i = 0; i < 40; ++i) flood += "p0=120.00\n";
+  for (const char byte : flood) board.chip().receive(static_cast<std::uint8_t>(byte));
+  board.advance(0.3);
+  const std::string answers = board.receive();
+  EXPECT_NE(answers.find("?\n"), std::string::npos) << answers;
+  EXPECT_EQ(board.ask("p0?").substr(0, 3), "p0=");
+}
+
+TEST(BoardLines, AnswersAreNeverCut) {
+  ReadyBoard board;
+  board.receive();
+  for (int i = 0; i < 100; ++i) board.send("p0?\n");
+  while (board.isReceiving()) board.advance(0.001);
+  board.advance(0.01);
+  std::string answers = board.receive();
+  int lines = 0;
+  for (std::size_t end = answers.find('\n'); end != std::string::npos; end = answers.find('\n')) {
+    const std::string line = answers.substr(0, end);
+    EXPECT_TRUE(std::regex_match(line, std::regex("p0=-?[0-9.]+ kPa"))) << line;
+    answers.erase(0, end + 1);
+    ++lines;
+  }
+  EXPECT_EQ(answers, "");
+  // Answers are four times as long as questions.
+  EXPECT_GE(lines, 20);
+}
+
+// Bytes of the protocol's own letters, so that some lines come close to it, or are of it.
+TEST(BoardLines, JunkNeitherStopsTheBoardNorRaisesAPressureAboveTheLimit) {
+  constexpr char kLetters[] = "p0123=?.\nventclos -e\r";
+  std::mt19937 generator(17);
+  std::uniform_int_distribution<int> byte(0, 255), letter(0, sizeof kLetters - 2);
+  for (const bool letters : {false, true}) {
+    ReadyBoard board;
+    for (int i = 0; i < 20000; ++i) {
+      board.send(std::string(
+          1, static_cast<char>(letters ? kLetters[letter(generator)] : byte(generator))));
+    }
+    while (board.isReceiving()) board.advance(0.01);
+    EXPECT_LT(board.air().peak(), 3.3e5) << letters;
+    EXPECT_EQ(board.chip().watchdogResets(), 0);
+    board.advance(0.2);
+    board.ask("");
+    EXPECT_EQ(board.ask("p0?").substr(0, 3), "p0=");
+  }
+}
+
+TEST(BoardLines, AFloodOfJunkHoldsNoPressure) {
+  ReadyBoard board;
+  board.keep("200", 0.5);
+  ASSERT_GT(board.pressure(0), 1.9e5);
+  const double begin = board.time();
+  std::string flood;
+  for (int i = 0; i < 1200; ++i) flood += "xyzzy\n\xFFp1?\n";
+  board.send(flood);
+  while (!board.allVent() && board.isReceiving()) board.advance(0.001);
+  EXPECT_NEAR(board.time() - begin, 0.5, 0.02);
+  while (board.isReceiving()) board.advance(0.01);
+  EXPECT_TRUE(board.allVent());
+  EXPECT_LT(board.highest(), 5e3);
+  EXPECT_EQ(board.chip().watchdogResets(), 0);
+}
+
+TEST(BoardLines, AFloodOfOrdersIsFollowed) {
+  ReadyBoard board;
+  std::string flood;
+  for (int i = 0; i < 1500; ++i) flood += "p0=150.00\n";
+  board.send(flood);
+  while (board.isReceiving()) board.advance(0.01);
+  EXPECT_NEAR(board.pressure(0), 1.5e5, 3e3);
+  EXPECT_LT(board.air().peak(), 1.6e5);
+  EXPECT_EQ(board.chip().watchdogResets(), 0);
+}
+
+}  // namespace
+}  // namespace helix_arm::test
