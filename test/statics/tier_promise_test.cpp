@@ -104,7 +104,8 @@ TEST(TierPromise, ARingOfSixIsSampledWhereItBends) {
     const double error =
         (model.tip(q).tip.translation - exact.solve(arm.twists(q)).tip.translation).norm() /
         arm.restLength();
-    EXPECT_LE(error, *request.relative_tip_error) << model.choice().setting.name() << ", corner " << i;
+    EXPECT_LE(error, *request.relative_tip_error)
+        << model.choice().setting.name() << ", corner " << i;
   }
 }
 
