@@ -111,6 +111,7 @@ struct ArmFilter::Workspace {
   Eigen::MatrixXd biasGrowth(const Eigen::VectorXd& motion, double dt) const;
   Eigen::MatrixXd jacobian() const;
   void learn(const Gaussian::Measurement& measurement);
+  Gaussian withinReason(Gaussian given) const;
   void followCorrection();
 
   const ArmFilterOptions options;
@@ -149,6 +150,16 @@ void ArmFilter::Workspace::learn(const Gaussian::Measurement& measurement) {
   } else {
     state.update(measurement, parameters.count());
   }
+}
+
+// The same with theta where the model is linear; the bias takes what theta may not.
+Gaussian ArmFilter::Workspace::withinReason(Gaussian given) const {
+  const Eigen::VectorXd bound = kFarthestTheta * parameters.deviations();
+  const Eigen::VectorXd theta = given.mean.head(parameters.count());
+  const Eigen::VectorXd kept = theta.cwiseMax(-bound).cwiseMin(bound);
+  given.mean.head(parameters.count()) = kept;
+  if (step) given.mean.tail(biasCount()) += step->model.by_theta * (theta - kept);
+  return given;
 }
 
 void ArmFilter::Workspace::followCorrection() {
@@ -305,7 +316,7 @@ void ArmFilter::setState(const Gaussian& state) {
                        "one entry per parameter and per measured entry of the twists");
   basics::require(state.mean.allFinite() && state.covariance.allFinite(), kCulprit,
                   ": a state is not finite");
-  work_->state = state;
+  work_->state = work_->withinReason(state);
   work_->followCorrection();
 }
 

@@ -51,8 +51,10 @@ class LoopBench {
   model::Twists trueTwists() const {
     const model::Arm& arm = model_.arm();
     const model::Twists rest = truth_.shape(arm.lengths(arm.inputAt(0.0)))->twists();
-    return rest +
-           options.gain * (truth_.shape(arm.lengths(arm.clamped(pressure_)))->twists() - rest);
+    model::Twists out =
+        rest + options.gain * (truth_.shape(arm.lengths(arm.clamped(pressure_)))->twists() - rest);
+    out.col(0) += options.push;
+    return out;
   }
   Eigen::Vector3d trueTip() const { return model::tipPose(trueTwists()).translation; }
   const Eigen::VectorXd& pressure() const { return pressure_; }
