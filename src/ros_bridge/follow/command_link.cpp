@@ -52,6 +52,8 @@ void CommandLink::publish(const Eigen::VectorXd& pressure) {
   header.stamp = ros::Time::now();
   if (!speaks_ || header.stamp < first_stamp_) first_stamp_ = header.stamp;
   speaks_ = true;
+  rests_ = false;
+  trace_.sent(header.stamp);
   target_publisher_.publish(toPressureMsg(header, scene_.arm, pressure));
 }
 
@@ -59,6 +61,19 @@ void CommandLink::fallSilent() {
   speaks_ = accepted_ = false;
   passing_.reset();
   lasting_.reset();
+}
+
+void CommandLink::rest() {
+  rests_ = rests_ || follows();
+  fallSilent();
+}
+
+void CommandLink::restIfDue() {
+  if (!rests_) return;
+  const bool commands = trace_.commands();
+  if (commands && !trace_.isAnswered()) return;
+  rests_ = false;
+  if (commands) requestRest();
 }
 
 std::optional<control::Refusal> CommandLink::refusal() const {
@@ -97,8 +112,10 @@ void CommandLink::onSafety(const SafetyStateConstPtr& state) {
 }
 
 void CommandLink::onStatus(const TargetStatusConstPtr& status) {
+  if (status->topic != names::kPressureTarget) return;  // such as the answers of this node
+  trace_.answered(*status);
   if (!speaks_ || status->commander != ros::this_node::getName() ||
-      status->topic != names::kPressureTarget || status->target_stamp < first_stamp_) {
+      status->target_stamp < first_stamp_) {
     return;
   }
   if (status->outcome != TargetStatus::DROPPED) {

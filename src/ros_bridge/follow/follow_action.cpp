@@ -68,9 +68,16 @@ FollowAction::FollowAction(ros::NodeHandle& private_node, const io::Scene& scene
 
 FollowAction::~FollowAction() = default;
 
-bool FollowAction::wants() const {
-  if (run_) return true;
+bool FollowAction::isHeld() const {
   return hold_since_ && (ros::SteadyTime::now() - *hold_since_).toSec() < hold_time_;
+}
+
+bool FollowAction::wants() const { return run_.has_value() || isHeld(); }
+
+bool FollowAction::takeEndOfHold() {
+  if (!hold_since_ || wants()) return false;
+  endHold();
+  return true;
 }
 
 void FollowAction::onGoal(Handle handle) {

@@ -24,7 +24,6 @@ namespace {
 using follow::LoopState;
 
 constexpr double kFresh = 1.0;  // pressures silent for longer end a command [s]
-constexpr char kNoReadings[] = "pressure_measured does not come; is the regulator's node up?";
 
 ros::console::Level levelOf(LoopState state, LoopState before) {
   if (state == LoopState::kDiverging) return ros::console::levels::Error;
@@ -81,6 +80,7 @@ SightLoopNode::SightLoopNode()
 SightLoopNode::~SightLoopNode() = default;
 
 void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
+  if (EndRequest::made()) return;
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
@@ -117,7 +117,9 @@ void SightLoopNode::aim() {
     action_.endHold();
     loop_.aimAt(*target);
   }
-  if (!isWanted()) letGo();
+  if (isWanted()) return;
+  if (action_.takeEndOfHold()) link_.rest();
+  letGo();
 }
 
 void SightLoopNode::command(const follow::Turn& turn) {
@@ -254,15 +256,25 @@ void SightLoopNode::tellState(LoopState before) {
           reason().c_str());
 }
 
+void SightLoopNode::giveUp(const std::string& reason) {
+  targets_.refuse({control::Fault::kNotEnabled, reason});
+  action_.abandon(reason);
+}
+
 void SightLoopNode::onDraw(const ros::SteadyTimerEvent&) {
   const bool measures =
       !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
   if (!measures) {
-    targets_.refuse({control::Fault::kNotEnabled, kNoReadings});
-    action_.abandon(kNoReadings);
+    giveUp("pressure_measured does not come; is the regulator's node up?");
     letGo();
     publisher_.clear();
   }
+  if (EndRequest::made()) {
+    giveUp("the loop's node is about to end");
+    link_.rest();
+    letGo();
+  }
+  link_.restIfDue();
   publisher_.draw();
 }
 

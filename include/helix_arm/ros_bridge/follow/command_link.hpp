@@ -13,6 +13,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/rest_request.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -39,8 +40,15 @@ class CommandLink {
   void send(const Eigen::VectorXd& pressure);
   /// Sends a target that keeps the arm where it is.
   void ask();
-  /// Sends nothing from now on.
+  /// Sends nothing from now on. Without another commander the arm then vents, as after a fault.
   void fallSilent();
+  /// Sends nothing from now on, and asks for rest once the last target is answered: the loop is
+  /// done. Until it sends again, or another commands the arm.
+  void rest();
+  /// Asks for the rest that is due. To be called regularly; waits for the answer.
+  void restIfDue();
+  /// Commands the arm, or is to bring it to rest.
+  bool isBusy() const { return follows() || rests_; }
 
   /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
   std::optional<control::Refusal> refusal() const;
@@ -65,6 +73,8 @@ class CommandLink {
   bool accepted_ = false;       ///< by the last answer to them
   ros::SteadyTime asks_since_;  ///< targets are sent that the arm does not follow
   std::optional<control::Refusal> passing_, lasting_;  ///< last refusals
+  CommandTrace trace_;
+  bool rests_ = false;  ///< rest is asked for when the last target is answered
   FaultCount bad_commands_;
 
   ros::Publisher target_publisher_;

@@ -48,6 +48,8 @@ class FollowAction {
   bool runs() const { return run_.has_value(); }
   /// The arm is to be commanded: a goal runs, or its last place is held.
   bool wants() const;
+  /// Whether a hold has run out since the last call.
+  bool takeEndOfHold();
   /// No longer holds the last place of a goal: another command has come.
   void endHold() { hold_since_.reset(); }
 
@@ -89,6 +91,7 @@ class FollowAction {
   void end(const GoalEnding& ending);
   void cancel(const std::string& reason);
   void leave();
+  bool isHeld() const;
 
   const io::Scene& scene_;
   const FrameLookup& frames_;

@@ -61,7 +61,8 @@ namespace helix_arm::ros_bridge {
 /// One turn per pressure_measured, whose stamp is the turn's time; the node has no timer of its own
 /// that moves the arm. Silence of commanders goes by a steady clock: whoever sends no target for
 /// safety.target_timeout lets go of the arm, which then vents, unless somebody else commands it. A
-/// running goal counts as a commander. Nothing here enables the arm, except that a target may
+/// running goal counts as a commander. After the hold of a goal, and where the node is asked to
+/// end, it asks pressure_command for rest. Nothing here enables the arm, except that a target may
 /// enable a simulated one.
 ///
 /// Ends with 0 when asked to, 1 when the ROS master is lost, 2 on a bad scene or parameter. All of
@@ -73,6 +74,8 @@ class SightLoopNode {
   ~SightLoopNode();
 
   int finish() const { return kDone; }
+  /// The arm follows the loop: it is to be brought to rest first.
+  bool isBusy() const { return link_.isBusy(); }
 
  private:
   using Trigger = std_srvs::Trigger;
@@ -91,6 +94,7 @@ class SightLoopNode {
   void command(const follow::Turn& turn);
   bool isWanted() { return action_.wants() || targets_.target().has_value(); }
   void letGo();
+  void giveUp(const std::string& reason);
   FollowAction::PathCheck checkOf(const control::TipPath& path, double tolerance) const;
   LoopPublisher::View view();
   std::string commander();
@@ -120,5 +124,7 @@ class SightLoopNode {
   ReloadServer reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
 };
+
+inline bool mayEnd(const SightLoopNode& node) { return !node.isBusy(); }
 
 }  // namespace helix_arm::ros_bridge

@@ -1,0 +1,260 @@
+// Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
+#include <csignal>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "support/loop_rig.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using Result = FollowTipPathResult;
+
+class FollowTipPath : public LoopRig {
+ protected:
+  int refusal(const FollowTipPathGoal& goal) {
+    send(goal);
+    const int code = endOfGoal();
+    EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::REJECTED) << code;
+    return code;
+  }
+};
+
+TEST_F(FollowTipPath, MovesTheTipAlongAPath) {
+  send(goalAlong({kMiddle, kBeside, kMiddle}, 1.0));
+  EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL);
+  EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::SUCCEEDED);
+  const Result& result = *client_->getResult();
+  EXPECT_GT(result.pictures, 5U);
+  EXPECT_LT(result.rms_m, 0.005) << result.error_string;
+  EXPECT_LE(result.rms_m, result.max_m);
+  ASSERT_GT(feedback_.size(), 5U);
+  EXPECT_LT(feedback_.front().time_from_start.toSec(), feedback_.back().time_from_start.toSec());
+  for (const FollowTipPathFeedback& feedback : feedback_) {
+    EXPECT_NEAR(feedback.error, (tipOf(feedback.desired) - tipOf(feedback.measured)).norm(), 1e-9);
+    EXPECT_GT(feedback.sd, 0);
+    EXPECT_EQ(feedback.header.frame_id, "arm_base");
+  }
+}
+
+TEST_F(FollowTipPath, ABadGoalIsRefusedWithWhatIsWrong) {
+  const std::vector<Eigen::Vector3d> sound = {kMiddle, kBeside};
+  struct Fault {
+    const char* words;
+    std::function<void(FollowTipPathGoal&)> plant;
+  };
+  const Fault faults[] = {
+      {"point 2", [](auto& g) { g.path.points[1].transforms[0].translation.x = std::nan(""); }},
+      {"point 2", [](auto& g) { g.path.points[1].time_from_start = ros::Duration(0); }},
+      {"2 transforms", [](auto& g) { g.path.points[0].transforms.resize(2); }},
+      {"joint_names", [](auto& g) { g.path.joint_names = {"elbow"}; }},
+      {"'nowhere'", [](auto& g) { g.path.header.frame_id = "nowhere"; }},
+      {"moves relative to", [](auto& g) { g.path.header.frame_id = "model_tip"; }},
+      {"mode 2", [](auto& g) { g.mode = 2; }},
+      {"point 1",
+       [](auto& g) {
+         g.mode = FollowTipPathGoal::POSE, g.path.points[0].transforms[0].rotation.w = 2;
+       }},
+      {"on_contact 4", [](auto& g) { g.on_contact = 4; }},
+      {"path_tolerance", [](auto& g) { g.path_tolerance = -1e-3; }},
+      {"hold_s", [](auto& g) { g.hold_s = std::nan(""); }},
+      {"leaves the arm's reach",
+       [](auto& g) { g.path.points[1].transforms[0].translation.y = 0.3; }},
+      {"too fast", [](auto& g) { g.path.points[1].time_from_start = ros::Duration(0.01); }},
+      {"at most 60 s",
+       [](auto& g) { g.path.header.stamp = ros::Time::now() + ros::Duration(100); }},
+      {"1 points", [](auto& g) { g.path.points.resize(1); }},
+  };
+  for (const Fault& fault : faults) {
+    FollowTipPathGoal goal = goalAlong(sound, 1.0);
+    fault.plant(goal);
+    EXPECT_EQ(refusal(goal), Result::INVALID_GOAL) << fault.words;
+    EXPECT_NE(client_->getResult()->error_string.find(fault.words), std::string::npos)
+        << fault.words << ": " << client_->getResult()->error_string;
+  }
+  FollowTipPathGoal old = goalAlong(sound, 1.0);
+  old.path.header.stamp = ros::Time::now() - ros::Duration(5);
+  EXPECT_EQ(refusal(old), Result::OLD_HEADER_TIMESTAMP) << client_->getResult()->error_string;
+  EXPECT_EQ(loop_.last().state, LoopStatus::IDLE) << "nothing moves by them";
+}
+
+TEST_F(FollowTipPath, ABadGoalLeavesTheRunningOneAlone) {
+  send(goalAlong({kMiddle, kBeside, kMiddle}, 3.0));
+  ASSERT_TRUE(isUnderWay());
+  Client other("sight_loop/follow_tip_path", false);
+  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
+  other.sendGoal(goalAlong({kMiddle}, 1.0));
+  EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }));
+  EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::REJECTED);
+  EXPECT_FALSE(client_->getState().isDone());
+  EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL);
+}
+
+TEST_F(FollowTipPath, ANewGoalReplacesTheRunningOne) {
+  send(goalAlong({kMiddle, kBeside}, 20.0));
+  ASSERT_TRUE(isUnderWay());
+  Client other("sight_loop/follow_tip_path", false);
+  ASSERT_TRUE(waitFor([&] { return other.isServerConnected(); }));
+  other.sendGoal(goalAlong({kBeside, kMiddle}, 1.0));
+  EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
+  EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::PREEMPTED);
+  EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60));
+  EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
+      << other.getState().getText();
+}
+
+TEST_F(FollowTipPath, ACancelledGoalHoldsTheArmWhereItIsWanted) {
+  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 20.0);
+  goal.hold_s = 0;  // simulated: without end
+  send(goal);
+  ASSERT_TRUE(isUnderWay());
+  client_->cancelGoal();
+  EXPECT_TRUE(waitFor([&] { return client_->getState().isDone(); }));
+  EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::PREEMPTED);
+  ASSERT_TRUE(loop_.next([](const LoopStatus& status) { return std::isnan(status.path_time); }));
+  const Eigen::Vector3d held = tipOf(loop_.last().wanted);
+  // For longer than the watchdogs of the loop and of pressure_command.
+  const ros::SteadyTime start = ros::SteadyTime::now();
+  ASSERT_TRUE(waitFor([&] { return ros::SteadyTime::now() - start > ros::WallDuration(3); }));
+  EXPECT_EQ(loop_.last().state, LoopStatus::CLOSED);
+  EXPECT_LT((tipOf(loop_.last().wanted) - held).norm(), 1e-9);
+  EXPECT_EQ(loop_.last().commander, names::kFollowTipPath);
+  // A target ends it, and its own silence ends the command.
+  EXPECT_TRUE(tipComesTo(kMiddle, 0.005, targetAt(kMiddle)));
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+}
+
+TEST_F(FollowTipPath, ARunningGoalKeepsTargetsAway) {
+  send(goalAlong({kMiddle, kBeside}, 3.0));
+  ASSERT_TRUE(isUnderWay());
+  tip_target_.publish(targetAt(kMiddle));
+  const TargetStatus answer = answerOn(names::kTipTarget);
+  EXPECT_EQ(answer.fault, "other_commander");
+  EXPECT_NE(answer.message.find(names::kFollowTipPath), std::string::npos) << answer.message;
+  EXPECT_EQ(endOfGoal(), Result::SUCCESSFUL);
+}
+
+TEST_F(FollowTipPath, AVentAbortsTheGoalAndRefusesTheNext) {
+  send(goalAlong({kMiddle, kBeside}, 20.0));
+  ASSERT_TRUE(isUnderWay());
+  ASSERT_TRUE(call("pressure_command/vent"));
+  EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
+  EXPECT_NE(client_->getResult()->error_string.find("vent"), std::string::npos)
+      << client_->getResult()->error_string;
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+  send(goalAlong({kMiddle, kBeside}, 1.0));
+  EXPECT_EQ(endOfGoal(), Result::NOT_ENABLED);
+  EXPECT_NE(client_->getResult()->error_string.find("enable"), std::string::npos)
+      << client_->getResult()->error_string;
+}
+
+TEST_F(FollowTipPath, APathThatTheArmDoesNotKeepIsGivenUp) {
+  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 3.0);
+  goal.path_tolerance = 1e-3;
+  // The loop stays open, and the true arm of the demo is more than 1 mm off.
+  ASSERT_TRUE(closeLoop(false));
+  ASSERT_TRUE(call("sight_loop/reset"));
+  send(goal);
+  EXPECT_EQ(endOfGoal(), Result::PATH_TOLERANCE_VIOLATED);
+  goal.path_tolerance = 0;
+  goal.goal_tolerance = 1e-3;
+  send(goal);
+  EXPECT_EQ(endOfGoal(), Result::GOAL_TOLERANCE_VIOLATED);
+  goal.require_sight = true;
+  send(goal);
+  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  ASSERT_TRUE(closeLoop(true));
+}
+
+TEST_F(FollowTipPath, SightThatIsLostAbortsAGoalThatRequiresIt) {
+  FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 20.0);
+  goal.require_sight = true;
+  send(goal);
+  ASSERT_TRUE(isUnderWay());
+  ASSERT_TRUE(comesTo(LoopStatus::CLOSED));
+  vision_->signal(SIGKILL);
+  EXPECT_EQ(endOfGoal(), Result::SIGHT_LOST);
+  startVision();
+}
+
+TEST_F(FollowTipPath, AnotherCommanderKeepsTheArm) {
+  PressureArray hold;
+  hold.pressure.assign(3, 5e4);
+  const auto keepOn = [&] {
+    hold.header.stamp = ros::Time::now();
+    pressure_target_.publish(hold);
+  };
+  ASSERT_TRUE(waitFor([&] {
+    keepOn();
+    return waitFor(
+        [this] {
+          return !status_.all().empty() && status_.last().topic == names::kPressureTarget &&
+                 status_.last().outcome == TargetStatus::REACHED;
+        },
+        0.1);
+  }));
+  send(goalAlong({kMiddle, kBeside}, 1.0));
+  EXPECT_TRUE(waitFor([&] {
+    keepOn();
+    return waitFor([this] { return client_->getState().isDone(); }, 0.1);
+  }));
+  ASSERT_TRUE(client_->getResult());
+  EXPECT_EQ(client_->getResult()->error_code, Result::NOT_ENABLED);
+  EXPECT_NE(client_->getResult()->error_string.find(ros::this_node::getName()), std::string::npos)
+      << client_->getResult()->error_string;
+}
+
+// A path file along a line in y from the middle, in this time [s].
+std::string pathFile(double length, double seconds) {
+  std::ostringstream out;
+  out << "time_s,x_m,y_m,z_m\n";
+  for (const double part : {0.0, 0.5, 1.0}) {
+    out << part * seconds << ",0.366," << 0.0035 + part * length << ",0.0088\n";
+  }
+  return out.str();
+}
+
+class FollowPath : public LoopRig {
+ protected:
+  static std::unique_ptr<Process> start(const TemporaryFile& path) {
+    return std::make_unique<Process>(std::vector<std::string>{
+        HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(), "_goal_tolerance_mm:=5", "_hold_s:=0.1"});
+  }
+};
+
+TEST_F(FollowPath, EndsWithItsPath) {
+  const TemporaryFile file(pathFile(0.015, 2), ".csv");
+  const auto node = start(file);
+  EXPECT_EQ(node->exitCode(60), 0) << node->output();
+  EXPECT_NE(node->output().find("the path was followed"), std::string::npos) << node->output();
+}
+
+TEST_F(FollowPath, APathThatIsRefusedEndsItWith1) {
+  const TemporaryFile file(pathFile(0.4, 20), ".csv");
+  const auto node = start(file);
+  EXPECT_EQ(node->exitCode(60), 1) << node->output();
+  EXPECT_NE(node->output().find("leaves the arm's reach"), std::string::npos) << node->output();
+}
+
+TEST_F(FollowPath, AFileThatIsNoPathEndsItWith2) {
+  const TemporaryFile file("time_s,x_m,y_m,z_m\n0,0.366,0,0\n0,0.366,0.01,0\n", ".csv");
+  const auto node = start(file);
+  EXPECT_EQ(node->exitCode(60), 2) << node->output();
+}
+
+TEST_F(FollowPath, CancelsItsGoalWhenAskedToEnd) {
+  const TemporaryFile file(pathFile(0.015, 40), ".csv");
+  const auto node = start(file);
+  ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
+  node->signal(SIGINT);
+  EXPECT_EQ(node->exitCode(30), 0) << node->output();
+  EXPECT_NE(node->output().find("cancelled"), std::string::npos) << node->output();
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) { return helix_arm::test::runRostest(argc, argv); }
