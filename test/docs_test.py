@@ -337,6 +337,8 @@ PLANTS = (
     ("docs/scene.md", "\n```\ncat scripts/gone\n```", "path scripts/gone"),
     ("docs/scene.md", "\n`config/gone/*.yaml`", "path config/gone/*.yaml"),
     ("docs/scene.md", "\n`examples/gone.cpp`", "path examples/gone.cpp"),
+    ("docs/board.md", "\n`firmware/gone.c`", "path firmware/gone.c"),
+    ("docs/board.md", "\n`BoardFaults.Gone`", "no test case BoardFaults.Gone"),
     ("README.md", '\n```\n#include "helix_arm/io/gone.hpp"\n```', "includes helix_arm/io/gone.hpp"),
     ("docs/accuracy.md", "\n`gone.test`", "names gone.test"),
     ("docs/nodes.md", "\n```\nroslaunch helix_arm gone.launch\n```", "names gone.launch"),
