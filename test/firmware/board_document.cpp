@@ -75,7 +75,7 @@ io::Scene readScene(const std::string& device) {
   }
   const std::size_t first = begin + sizeof kBegin - 1;
   const std::string part = document.substr(first, document.find(kEnd, first) - first);
-  const std::regex placeholder("/dev/serial/by-id/[^ ,]+");
+  const std::regex placeholder("/dev/serial/by-id/[^ ,\n]+");
   if (!std::regex_search(part, placeholder)) {
     throw std::runtime_error(std::string(kDocument) + " has a scene without a device");
   }

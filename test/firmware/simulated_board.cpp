@@ -21,6 +21,7 @@ SimulatedBoard::SimulatedBoard(const BoardKind& kind, const Pneumatics::Config& 
       air_(kind.channels(), muscles, kind.valves == "proportional"),
       drives_(static_cast<std::size_t>(kind.channels())) {
   chip_.connect([this](int channel) { return sensor(channel); });
+  isLit();  // a pin is watched from the first look on
 }
 
 // A pin without a sensor is pulled to ground.
