@@ -5,12 +5,11 @@
 #include <system_error>
 #include <utility>
 
-#include <ros/console.h>
-
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -19,8 +18,8 @@ void makeFolder(const std::string& folder) {
   std::error_code fault;
   std::filesystem::create_directories(folder, fault);
   if (fault) {
-    ROS_WARN("the folder %s is not there and cannot be made (%s): services find no files in it",
-             folder.c_str(), fault.message().c_str());
+    logWarning("the folder %s is not there and cannot be made (%s): services find no files in it",
+               folder.c_str(), fault.message().c_str());
   }
 }
 

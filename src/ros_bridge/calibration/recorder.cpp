@@ -4,14 +4,13 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "answers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
@@ -61,8 +60,8 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     times = static_cast<unsigned long>(foreign_pressures_.total());
   }
   // Without the lock: a terminal that blocks must not stall the run.
-  ROS_WARN("%s is not of scene %s: %s (%lu times so far)", topic, scene.c_str(), fault.c_str(),
-           times);
+  logWarning("%s is not of scene %s: %s (%lu times so far)", topic, scene.c_str(), fault.c_str(),
+             times);
 }
 
 void Recorder::onMeasured(const PressureArrayConstPtr& measured) {

@@ -9,7 +9,6 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/this_node.h>
 
@@ -22,6 +21,7 @@
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -63,22 +63,16 @@ void RunAction::onStatus(const TargetStatusConstPtr& status) {
     return;
   }
   const std::string message = basics::quoted(status->message, kLongestMessage);
-  {
-    const basics::MutexLock lock(mutex_);
-    if (!motion_) return;
-    if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
-      motion_->run.yield(message);
-      return;
-    }
-    if (status->fault != control::nameOf(control::Fault::kStale)) {
-      motion_->run.end(procedures::RunEnd::kAborted,
-                       "pressure_command refused a target: " + message);
-      return;
-    }
+  const basics::MutexLock lock(mutex_);
+  if (!motion_) return;
+  if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
+    motion_->run.yield(message);
+  } else if (status->fault != control::nameOf(control::Fault::kStale)) {
+    motion_->run.end(procedures::RunEnd::kAborted, "pressure_command refused a target: " + message);
+  } else if (stale_targets_.add()) {
+    // The next target may be in time. If none is, the arm vents, and that ends the run.
+    logWarning("%s", message.c_str());
   }
-  // The next target may be in time. If none is, the arm vents, and that ends the run.
-  // Without the lock: a terminal that blocks must not stall the run.
-  ROS_WARN_THROTTLE(1, "%s", message.c_str());
 }
 
 void RunAction::onGoal(const RunCalibrationGoal& goal) {
@@ -218,7 +212,7 @@ void RunAction::conclude(const RunCalibrationGoal& goal, const Ending& ending) {
   result.held_out_error = std::numeric_limits<double>::quiet_NaN();
   if (ending.verdict != procedures::RunEnd::kCompleted) {
     result.message = ending.reason;
-    ROS_WARN("run_calibration: %s", result.message.c_str());
+    logWarning("run_calibration: %s", result.message.c_str());
     if (ending.verdict == procedures::RunEnd::kPreempted) {
       server_->setPreempted(result, result.message);
     } else {

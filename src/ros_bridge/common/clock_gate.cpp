@@ -3,12 +3,12 @@
 #include <cstdint>
 #include <vector>
 
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -58,7 +58,7 @@ void ClockGate::onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
   if (isSound(time)) {
     ros::Time::setNow(time);
   } else if (bad_times_.add()) {
-    ROS_WARN(
+    logWarning(
         "%s says %u s and %u ns, beyond what ROS can count with (2^31 s): the time stays as it was "
         "(%lu times so far); stop the node that says so",
         names::kClock, time.sec, time.nsec, static_cast<unsigned long>(bad_times_.total()));

@@ -2,7 +2,7 @@
 
 #include <exception>
 
-#include <ros/console.h>
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -22,7 +22,8 @@ std::string reason() {
 
 FaultGuard::FaultGuard(std::string source, Log log)
     : source_(std::move(source)),
-      log_(log ? std::move(log) : [](const std::string& line) { ROS_WARN("%s", line.c_str()); }) {}
+      log_(log ? std::move(log) : [](const std::string& line) { logWarning("%s", line.c_str()); }) {
+}
 
 void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
   try {

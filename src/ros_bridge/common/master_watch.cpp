@@ -3,13 +3,13 @@
 #include <string>
 
 #include <poll.h>
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -83,8 +83,8 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
     if (missed >= misses && ros::ok()) {
       lost_ = true;
       EndRequest::make();
-      ROS_FATAL("the ROS master at %s %s: this node ends", ros::master::getURI().c_str(),
-                textOf(answer));
+      logFatal("the ROS master at %s %s: this node ends", ros::master::getURI().c_str(),
+               textOf(answer));
       return;
     }
     lock.lock();

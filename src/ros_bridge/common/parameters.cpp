@@ -4,8 +4,9 @@
 #include <cmath>
 #include <sstream>
 
-#include <ros/console.h>
 #include <ros/package.h>
+
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -137,7 +138,7 @@ void ParameterReader::finish() {
   const std::string mine = node_.getNamespace() + "/";
   for (const std::string& name : set) {
     if (name.compare(0, mine.size(), mine) == 0 && known_.count(name) == 0) {
-      ROS_WARN("nobody reads the parameter %s: is it misspelt?", name.c_str());
+      logWarning("nobody reads the parameter %s: is it misspelt?", name.c_str());
     }
   }
   if (faults_.empty()) return;

@@ -4,7 +4,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/console.h>
 #include <ros/package.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -12,6 +11,7 @@
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
@@ -62,11 +62,11 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     }
     response.success = true;
     response.message = "scene " + name + " of " + path;
-    ROS_INFO("reload: %s", response.message.c_str());
+    logInfo("reload: %s", response.message.c_str());
   } catch (const std::exception& fault) {
     response.success = false;
     response.message = fault.what();
-    ROS_WARN("reload, nothing has changed: %s", response.message.c_str());
+    logWarning("reload, nothing has changed: %s", response.message.c_str());
   }
   return true;
 }

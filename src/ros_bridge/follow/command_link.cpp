@@ -5,12 +5,12 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -99,9 +99,9 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
     set_point_ = std::move(*pressure);
     last_command_ = ros::SteadyTime::now();
   } else if (bad_commands_.add()) {
-    ROS_WARN("a pressure_command is dropped (%lu so far): %s",
-             static_cast<unsigned long>(bad_commands_.total()),
-             std::get<control::Refusal>(checked).message.c_str());
+    logWarning("a pressure_command is dropped (%lu so far): %s",
+               static_cast<unsigned long>(bad_commands_.total()),
+               std::get<control::Refusal>(checked).message.c_str());
   }
 }
 

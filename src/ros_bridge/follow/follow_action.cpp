@@ -8,11 +8,10 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "goal_serializers.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -98,7 +97,7 @@ void FollowAction::onGoal(Handle handle) {
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
-  ROS_WARN("follow_tip_path: %s", refusal.message.c_str());
+  logWarning("follow_tip_path: %s", refusal.message.c_str());
   handle.setRejected(resultOf(refusal), refusal.message);
 }
 
@@ -210,10 +209,10 @@ void FollowAction::abandon(const std::string& reason) {
 void FollowAction::end(const GoalEnding& ending) {
   const Result result = resultOf(ending, run_->watch.figures());
   if (ending.code == Result::SUCCESSFUL) {
-    ROS_INFO("follow_tip_path: %s", ending.message.c_str());
+    logInfo("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setSucceeded(result, ending.message);
   } else {
-    ROS_WARN("follow_tip_path: %s", ending.message.c_str());
+    logWarning("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setAborted(result, ending.message);
   }
   leave();

@@ -5,7 +5,6 @@
 #include <variant>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "goal_serializers.hpp"
@@ -15,6 +14,7 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 
@@ -73,8 +73,8 @@ SightLoopNode::SightLoopNode()
       draw_timer_(
           repeat(node_, "the drawing", 1.0 / options_.draw_rate, &SightLoopNode::onDraw, this)),
       diagnose_timer_(repeat(node_, "the diagnostics", 1.0, &SightLoopNode::onDiagnose, this)) {
-  ROS_INFO("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
-           scene_.arm.actuatorCount());
+  logInfo("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
+          scene_.arm.actuatorCount());
 }
 
 SightLoopNode::~SightLoopNode() = default;
@@ -84,8 +84,8 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
-    ROS_WARN("a pressure_measured is dropped (%lu so far): %s",
-             static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
+    logWarning("a pressure_measured is dropped (%lu so far): %s",
+               static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
     return;
   }
   last_reading_ = ros::SteadyTime::now();
@@ -193,7 +193,7 @@ bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& re
   response.success = true;
   response.message = closes_ ? "the loop closes when the arm is seen"
                              : "the loop stays open: the correction fades out within a second";
-  ROS_INFO("close_loop: %s", response.message.c_str());
+  logInfo("close_loop: %s", response.message.c_str());
   return true;
 }
 
@@ -201,7 +201,7 @@ bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
   loop_.reset();
   response.success = true;
   response.message = "what the pictures taught is forgotten: the correction fades within a second";
-  ROS_INFO("reset: %s", response.message.c_str());
+  logInfo("reset: %s", response.message.c_str());
   return true;
 }
 
@@ -252,8 +252,7 @@ std::string SightLoopNode::reason() {
 void SightLoopNode::tellState(LoopState before) {
   const LoopState state = loop_.state();
   if (state == before) return;
-  ROS_LOG(levelOf(state, before), ROSCONSOLE_DEFAULT_NAME, "%s: %s", follow::nameOf(state),
-          reason().c_str());
+  logLine(levelOf(state, before), "%s: %s", follow::nameOf(state), reason().c_str());
 }
 
 void SightLoopNode::giveUp(const std::string& reason) {

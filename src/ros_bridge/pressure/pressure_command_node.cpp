@@ -4,13 +4,13 @@
 #include <utility>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
@@ -60,8 +60,8 @@ PressureCommandNode::PressureCommandNode()
   using Node = PressureCommandNode;
   draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Node::onDraw, this);
   diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onDiagnose, this);
-  ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
-           scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
+  logInfo("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
+          scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
   tellTier();
 }
 
@@ -80,7 +80,7 @@ void PressureCommandNode::refuseSimulatedTime() const {
                          " drives hardware; end the recording or simulation that sets it, or set "
                          "~allow_sim_time to true where that is meant");
   }
-  ROS_WARN("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
+  logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
 }
 
 // Wanted, never required; without it a busy machine is the only one that suffers.
@@ -89,11 +89,10 @@ void PressureCommandNode::tellRealtime(bool hardware) const {
   if (priority == 0) return;
   const auto tell = [hardware](const std::string& refusal, const char* success) {
     if (refusal.empty()) {
-      ROS_INFO("%s", success);
+      logInfo("%s", success);
     } else {
-      ROS_LOG(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
-              ROSCONSOLE_DEFAULT_NAME, "%s; without it other programs may delay a vent",
-              refusal.c_str());
+      logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
+              "%s; without it other programs may delay a vent", refusal.c_str());
     }
   };
   tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
@@ -102,8 +101,8 @@ void PressureCommandNode::tellRealtime(bool hardware) const {
 
 void PressureCommandNode::tellTier() const {
   const statics::TierChoice& choice = scene_.model.choice();
-  ROS_INFO("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
-           choice.reason.c_str());
+  logInfo("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
+          choice.reason.c_str());
 }
 
 void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
@@ -141,7 +140,7 @@ void PressureCommandNode::adopt(io::Scene next) {
 void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
   if (line.last_error.empty() || line.last_error == told_line_error_) return;
   told_line_error_ = line.last_error;
-  ROS_WARN("regulator: %s", line.last_error.c_str());
+  logWarning("regulator: %s", line.last_error.c_str());
 }
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
@@ -172,7 +171,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
 void PressureCommandNode::replaceGuard() {
   const bool tell = guard_losses_.add();
   if (tell) {
-    ROS_ERROR(
+    logError(
         "the guard, which vents where this node is killed, has ended or stands still (%lu times so "
         "far): the arm vents, and another guard is started",
         static_cast<unsigned long>(guard_losses_.total()));
@@ -183,7 +182,7 @@ void PressureCommandNode::replaceGuard() {
     loop_->guardedBy(next);
     guard_ = std::move(next);
   } catch (const std::runtime_error& error) {
-    if (tell) ROS_ERROR("%s; the arm stays vented until one can be", error.what());
+    if (tell) logError("%s; the arm stays vented until one can be", error.what());
   }
 }
 

@@ -6,11 +6,11 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
-#include <ros/console.h>
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -61,7 +61,7 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::Pres
   return out;
 }
 
-LogThread::Level levelOf(const control::SafetyReport& report) {
+LogLevel levelOf(const control::SafetyReport& report) {
   const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
   if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
   if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
@@ -84,24 +84,20 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
       reading_spinner_(1, &reading_queue_),
       take_guard_("a reading") {
   node.setCallbackQueue(&queue_);
-  // Nothing here waits for the log.
-  const FaultGuard::Log log = [this](const std::string& line) {
-    log_.write(ros::console::levels::Warn, line);
-  };
   if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
   } else {
     ros::NodeHandle other = node;
     other.setCallbackQueue(&reading_queue_);
     reading_subscriber_ =
-        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this, log);
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this);
   }
   ros::NodeHandle below("~");
   below.setCallbackQueue(&queue_);
-  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
-  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this, log);
-  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
-  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
+  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this);
   reading_spinner_.start();
   thread_.start([this] { run(); });
 }
@@ -223,7 +219,7 @@ void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
   if (refusal) {
     if (!bad_readings_.add()) return;
-    log_.write(ros::console::levels::Warn, "a pressure_measured is dropped: " + refusal->message);
+    logWarning("a message on pressure_measured was dropped: %s", refusal->message.c_str());
     return;
   }
   const auto& measured = std::get<Eigen::VectorXd>(checked);
@@ -255,7 +251,7 @@ void PressureLoop::noteChanges(const ros::Time& stamp) {
   changes_noted_ = report.changes;
   const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
   safety_publisher_.publish(message);
-  log_.write(levelOf(report), message.reason);
+  logLine(levelOf(report), "%s", message.reason.c_str());
 }
 
 void PressureLoop::post(Reading reading) {

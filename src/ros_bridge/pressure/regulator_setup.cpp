@@ -8,10 +8,9 @@
 #include <variant>
 #include <vector>
 
-#include <ros/console.h>
-
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/pressure_path.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -26,9 +25,10 @@ void warnOfShortSupply(const model::Arm& arm, const regulator::SimulatedRegulato
     const model::Actuator& actuator = arm.actuator(i);
     const model::Range& limits = actuator.limits;
     if (limits.lower < 0 || limits.upper > config.supply_pressure) {
-      ROS_WARN("%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
-               actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
-               config.supply_pressure / 1e3);
+      logWarning(
+          "%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+          actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+          config.supply_pressure / 1e3);
     }
   }
 }
@@ -63,11 +63,11 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
   rules.order_timeout = kPatience * longestGap(rate);
   rules.realtime_priority = realtime_priority;
   const int channels = scene.arm.actuatorCount();
-  ROS_INFO("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
+  logInfo("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   auto driver = regulator::makeDriver(config, channels);
   if (std::isfinite(driver->watchdog())) {
-    ROS_INFO("%s: its profile says that it vents by itself when no line comes for %g s; try it out",
-             scene.name.c_str(), driver->watchdog());
+    logInfo("%s: its profile says that it vents by itself when no line comes for %g s; try it out",
+            scene.name.c_str(), driver->watchdog());
   }
   if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {
     warnOfShortSupply(scene.arm, *simulated);

@@ -5,10 +5,9 @@
 #include <sstream>
 #include <utility>
 
-#include <ros/console.h>
-
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
@@ -55,7 +54,7 @@ void ShapePublisher::solve() {
   if (solution_.converged() || !unsolved_.add()) return;
   std::ostringstream at;
   at << (1e-3 * pressure).transpose();
-  ROS_WARN(
+  logWarning(
       "%s: the %s model finds no shape that holds the load at %s kPa (%s, residual %.2g; %lu times "
       "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
@@ -85,7 +84,7 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
   if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
-      ROS_WARN(
+      logWarning(
           "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no frames are "
           "given for it; set the clocks alike",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
@@ -112,7 +111,7 @@ void ShapePublisher::draw() {
     if (drawn_) {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
       if (!measures() && losses_.add()) {
-        ROS_WARN(
+        logWarning(
             "nothing was measured for %g s (%lu times so far): %s; the arm is drawn again once it "
             "is",
             kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());

@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <vector>
 
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -14,13 +13,13 @@
 #include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kReminder = 10;  // between two words of what keeps the series waiting [s]
 constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
 // A refusal, and a command of another arm, ends the series only where it is no single message: so
 // many of them, for so long, and nothing better in between.
@@ -39,8 +38,8 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
     if (data.find(column) < 0) without += (without.empty() ? "" : ", ") + arm.actuator(i).name;
   }
   if (!without.empty()) {
-    ROS_WARN("%s has no column for %s: they rest at 0; is it of another arm?", options.data.c_str(),
-             without.c_str());
+    logWarning("%s has no column for %s: they rest at 0; is it of another arm?",
+               options.data.c_str(), without.c_str());
   }
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
   std::ostringstream faults;
@@ -98,9 +97,9 @@ bool PressureSeriesNode::Trouble::goesOn() {
 }
 
 void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
-  if (trouble.warnings.add()) ROS_WARN("%s", what.c_str());
+  if (trouble.warnings.add()) logWarning("%s", what.c_str());
   if (!trouble.goesOn() || verdict_ != kDone) return;
-  ROS_FATAL("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
+  logFatal("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
   verdict_ = kFailed;
   EndRequest::make();
 }
@@ -122,12 +121,12 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const std::string message = basics::quoted(status->message, kLongestMessage);
   if (mine && passes(status->fault)) {
     refused_.messages = 0;
-    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", message.c_str());
+    if (waits_.add()) logWarning("the series waits: %s", message.c_str());
     held_back_ = true;
     return;
   }
   if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
-    ROS_INFO("the arm takes targets: the series goes on");
+    logInfo("the arm takes targets: the series goes on");
     held_back_ = false;
     if (player_) player_->resume(command_);
   }
@@ -141,7 +140,7 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
     refused_.messages = 0;
   }
   if (!waits) return;
-  if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");
+  if (!yielding_) logInfo("someone else wants the arm: the series waits");
   yielding_ = true;
   last_of_others_ = ros::SteadyTime::now();
 }
@@ -154,7 +153,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
   if (yielding_) {
     if ((now - last_of_others_).toSec() < options_.resume_after) return;
-    ROS_INFO("the series goes on");
+    logInfo("the series goes on");
     yielding_ = false;
     player_->resume(command_);
   } else if (!held_back_) {
@@ -165,12 +164,12 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     static const Eigen::IOFormat kPlain(4, Eigen::DontAlignCols, " ");
     std::ostringstream text;
     text << (1e-3 * rows_.row(told_row_)).format(kPlain);
-    ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
-             text.str().c_str());
+    logInfo("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
+            text.str().c_str());
   }
   publishTarget();
   over_ = player_->finished();
-  if (over_) ROS_INFO("the series is over");
+  if (over_) logInfo("the series is over");
 }
 
 void PressureSeriesNode::publishTarget() {

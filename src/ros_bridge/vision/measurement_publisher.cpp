@@ -3,9 +3,9 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
-#include <ros/console.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/vision/overlay.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
@@ -43,7 +43,7 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
   const ros::Time& stamp = measurement.stamp;
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
-      ROS_WARN(
+      logWarning(
           "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no frames are given "
           "for them; set the clocks alike",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));

@@ -4,8 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include <ros/console.h>
-
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -23,7 +22,7 @@ model::Shape restingShape(const io::Scene& scene) {
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
   const statics::Solution solution = scene.model.solve(rest);
   if (!solution.converged()) {
-    ROS_WARN(
+    logWarning(
         "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
         "where they are without load until a model comes",
         scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
@@ -74,7 +73,7 @@ ModelMatcher::LookUp ModelMatcher::lookUp(const ros::Time& stamp) {
 
 void ModelMatcher::warnOfLag(double lag) {
   if (!late_models_.add()) return;
-  ROS_WARN(
+  logWarning(
       "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
       "up, and are the clocks of the camera's and the arm's computers synchronised? Where no "
       "shape holds the scene's load it gives no model: see `%s` in its diagnostics",

@@ -7,9 +7,8 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -97,7 +96,7 @@ void PictureSource::onPicture(const boost::shared_ptr<const Message>& picture, c
   if (stamp.isZero()) {
     stamp = ros::Time::now();
     if (unstamped_.add()) {
-      ROS_WARN(
+      logWarning(
           "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
           "were taken; let the camera's node stamp them",
           topic, static_cast<unsigned long>(unstamped_.total()));

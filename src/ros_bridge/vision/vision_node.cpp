@@ -5,9 +5,8 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -61,9 +60,9 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     end();  // the destructor is not called, and those of the members wait for their threads
     throw;
   }
-  ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
-           static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
-           options_.source.c_str());
+  logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
+          static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
+          options_.source.c_str());
 }
 
 VisionNode::~VisionNode() { end(); }
@@ -92,8 +91,7 @@ void VisionNode::onFailure() {
   stop();
   // For good: the other thread may still be at a picture.
   status_.fail("vision has failed and stopped: load its nodelet again");
-  ROS_FATAL("%s has failed and stopped; its manager goes on. Load the nodelet again",
-            name_.c_str());
+  logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again", name_.c_str());
 }
 
 void VisionNode::onModel(const ArmShapeConstPtr& model) {
