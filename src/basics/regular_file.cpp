@@ -26,7 +26,7 @@ const char* kindOf(mode_t mode) {
     case S_IFSOCK:
       return "a socket";
     default:
-      return "no regular file";
+      return "a special file";
   }
 }
 

@@ -43,9 +43,8 @@ std::vector<std::string> wordsOf(const std::string& list) {
 std::vector<std::string> partsOfAlso(const std::string& text) {
   std::vector<std::string> parts = wordsOf(text);
   if (parts.size() < 2) {
-    throw CallerError(
-        "--also " + text +
-        " is not SCENE,DATA.csv: the scene of another arm and what was measured of it");
+    throw CallerError("--also " + text +
+                      " is not SCENE,DATA.csv: the scene of another arm and its data set");
   }
   return parts;
 }
@@ -70,8 +69,7 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
   for (const std::string& input : inputs) {
     std::error_code ignored;  // one of them is not there
     if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
-    throw CallerError("--out " + options.out +
-                      " is an input; expected the path of a file of its own");
+    throw CallerError("--out " + options.out + " is an input; expected the path of another file");
   }
 }
 

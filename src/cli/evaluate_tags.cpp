@@ -87,7 +87,7 @@ std::string reasonForNoModel(const TagComparison& c) {
   const auto lacking = std::find_if(c.captures.begin(), c.captures.end(), [](const auto& capture) {
     return !capture.measured.model.converged();
   });
-  return "the model has no shape for any sound capture: " +
+  return "the model finds no shape for any valid capture: " +
          reasonForNoShape(lacking->measured.model.status);
 }
 

@@ -52,7 +52,7 @@ statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
   if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
-    throw CallerError("--cocontraction goes with --prefer cocontract");
+    throw CallerError("--cocontraction needs --prefer cocontract");
   }
   options.cocontraction = arguments.cocontraction;
   return options;
@@ -82,10 +82,11 @@ std::string reasonFor(const InverseResult& result) {
               "residual of "
            << result.residual << " m";
   } else if (!std::isfinite(result.residual)) {
-    reason << "no shape holds the load at the inputs that were tried; lower the key load, or start "
-              "elsewhere with --start-kpa";
+    reason << "no shape balances the load at any input that was tried; lower the load, or give "
+              "another "
+              "start with --start-kpa";
   } else if (result.status == InverseStatus::kNotConverged) {
-    reason << "the search did not come to rest; the best found leaves a residual of "
+    reason << "the search did not converge; the best inputs found leave a residual of "
            << result.residual << " m";
   }
   return reason.str();

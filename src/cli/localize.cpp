@@ -161,9 +161,9 @@ class Locator {
     }
     if (sight.state == SightState::kNoTags) {
       if (!sight.repeated_ids.empty())
-        return "the tags of the scene in sight are there more than once";
+        return "each visible tag of the scene appears more than once";
       if (!sight.unusable_ids.empty())
-        return "the tags of the scene lie where the lens folds the picture";
+        return "the visible tags of the scene are where the lens distortion cannot be inverted";
       return "no tag of the scene is in sight";
     }
     if (static_cast<int>(used.size()) < scene_.vision.min_tags) {
@@ -320,10 +320,11 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
     name("does not fit", frame.outlier_tags);
     name("not in the scene", frame.unknown_tags);
     name("seen more than once", frame.repeated_tags);
-    name("where the lens folds the picture", frame.unusable_tags);
+    name("where the lens distortion cannot be inverted", frame.unusable_tags);
     for (const Suspicion& suspicion : frame.suspicious) {
       std::cout << "; suspicious: " << suspicion.parameter << " is " << std::setprecision(1)
-                << suspicion.deviations << " deviations off its prior: " << suspicion.remedy;
+                << suspicion.deviations
+                << " standard deviations from its prior: " << suspicion.remedy;
     }
     if (!frame.reason.empty()) std::cout << "; " << frame.reason;
     std::cout << "\n";

@@ -20,7 +20,7 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
     case estimation::FitStatus::kConverged:
       return {};
     case estimation::FitStatus::kNotConverged:
-      return "the search for a shape that fits its tags came to no end" + check;
+      return "the fit of a shape to its tags did not converge" + check;
     case estimation::FitStatus::kUnexplained:
       return "no shape of the arm fits more than half of its tags" + check;
     case estimation::FitStatus::kUnderdetermined:
@@ -113,7 +113,7 @@ std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
   };
   if (any([](const FittedCapture& capture) { return capture.sound(); })) return {};
   if (any([](const FittedCapture& capture) { return capture.converged(); })) {
-    return "no capture is sound: each that could be fitted holds tags that do not fit";
+    return "no capture is valid: each that could be fitted has tags that do not fit";
   }
   // The reason of most captures.
   std::map<std::string, int> counts;
@@ -135,8 +135,8 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
                std::to_string(counts[k]) + (counts[k] == 1 ? " tag" : " tags") + " in sight";
   }
   if (!lacking.empty()) return lacking + "; expected at least " + std::to_string(needed);
-  return "the tags in sight do not determine the arm's shape; tags farther apart and on different "
-         "sides of the arm would";
+  return "the visible tags do not determine the arm's shape; place tags farther apart and on "
+         "different sides of the arm";
 }
 
 std::optional<double> median(std::vector<double> values) {

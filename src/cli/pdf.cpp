@@ -30,7 +30,7 @@ cairo_status_t append(void* bytes, const unsigned char* data, unsigned int size)
 
 void check(cairo_status_t status) {
   if (status == CAIRO_STATUS_SUCCESS) return;
-  throw std::runtime_error(std::string("the PDF cannot be made: ") +
+  throw std::runtime_error(std::string("the PDF cannot be created: ") +
                            cairo_status_to_string(status));
 }
 

@@ -28,13 +28,14 @@ class ReportFile {
   explicit ReportFile(const nlohmann::json& report)
       : path_((fs::temp_directory_path() / "helix_arm_report_XXXXXX").string()) {
     const int file = mkstemp(path_.data());
-    if (file < 0) throw CallerError(path_ + " cannot be made; set TMPDIR to a folder with room");
+    if (file < 0)
+      throw CallerError(path_ + " cannot be created; set TMPDIR to a folder with free space");
     close(file);
     std::ofstream stream(path_);
     stream << report;
     if (!stream.flush()) {
       fs::remove(path_);
-      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with room");
+      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with free space");
     }
   }
   ~ReportFile() {
@@ -80,7 +81,7 @@ void drawJsonReport(const nlohmann::json& report, const std::string& picture,
 void checkPicture(const std::string& png, const std::string& out) {
   if (png.empty()) return;
   if (!out.empty() && samePlace(out, png)) {
-    throw CallerError("--png " + png + " is the file of --out; name another one");
+    throw CallerError("--png " + png + " is the file of --out, too; give another path");
   }
   const io::AtomicFile trial(png);  // throws where none can be written; leaves nothing
 }

@@ -58,7 +58,7 @@ regulator::SimulatedRegulatorConfig valvesOf(const io::Scene& scene) {
 
 Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) {
   if (config.host != "127.0.0.1" && config.host != "localhost") {
-    throw CallerError("emulate stands at 127.0.0.1, but the scene's regulator is at " +
+    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
                       config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
   }
   simulation::ModbusDeviceConfig device;
@@ -85,8 +85,8 @@ Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) 
 
 [[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
   throw CallerError("scene " + scene.name +
-                    " has a simulated regulator: there is no device to stand in for; emulate is "
-                    "for ascii_serial and modbus_tcp");
+                    " has a simulated regulator, hence no device to emulate; expected "
+                    "regulator.ascii_serial or regulator.modbus_tcp");
 }
 
 const char* wordOf(Valve valve) {
@@ -122,8 +122,8 @@ void obey(const std::string& word, const Emulated& emulated) {
     std::cout << "fault: " << word << std::endl;
     return;
   }
-  std::cerr << "there is no fault " << word << "; expected one of "
-            << simulation::deviceFaultNames() << "\n";
+  std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
+            << "\n";
 }
 
 // The lines of stdin, as they come; at its end no more.
@@ -153,7 +153,8 @@ class Lines {
 }  // namespace
 
 int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  if (global.format != Format::kText) throw CallerError("emulate prints text alone");
+  if (global.format != Format::kText)
+    throw CallerError("emulate prints only text; leave out --format");
   const io::Scene scene = loadRegulatedScene(options, global);
   const InterruptWatch watch;
   const Emulated emulated =

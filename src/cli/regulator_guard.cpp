@@ -91,15 +91,15 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   const double begin = steadyNow();
   const Vented result = vent(*driver, scene);
   std::ostringstream line;
-  line << "guard: whoever moved the arm "
-       << (end == End::kStandsStill ? "stood still and was killed; "
-                                    : "has ended without venting it; ")
+  line << "guard: the process that moved the arm "
+       << (end == End::kStandsStill ? "did not respond and was killed; "
+                                    : "ended without venting it; ")
        << regulator::describe(*scene.regulator);
   if (result.reason.empty()) {
     line << " is vented, after " << steadyNow() - begin << " s\n";
   } else {
     line << " is NOT vented: " << result.reason
-         << "; pressure may stand in the arm: shut the supply, open the relief valve by hand, then "
+         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
             "`helix_arm regulator "
          << options.scene << " vent`\n";
   }

@@ -147,7 +147,7 @@ void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::V
     table.print(std::cout);
   }
   if (format == Format::kText) {
-    std::cout << "it had " << pressureText(scene, outcome.pressure) << "; now "
+    std::cout << "reached " << pressureText(scene, outcome.pressure) << ", then "
               << control::nameOf(outcome.state) << "\n";
   }
 }
@@ -169,8 +169,8 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd target =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
   if (regulator::isHardware(*scene.regulator) && !options.yes) {
-    throw CallerError("set moves air at " + regulator::describe(*scene.regulator) +
-                      "; say --yes once nobody is within the arm's reach");
+    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
+                      "; add --yes once nobody is within the arm's reach");
   }
   const InterruptWatch watch;
   std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is no reason to leave the pressure

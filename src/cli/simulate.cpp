@@ -55,8 +55,8 @@ fs::path makeDirectory(const std::string& out) {
     error.clear();
     fs::create_directories(directory, error);
     if (!error) return directory;
-    throw CallerError("--out " + out + " cannot be made: " + error.message() +
-                      "; choose another place");
+    throw CallerError("--out " + out + " cannot be created: " + error.message() +
+                      "; choose another folder");
   }
   if (!error && !fs::is_directory(status)) {
     throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
@@ -64,7 +64,7 @@ fs::path makeDirectory(const std::string& out) {
   const bool empty = !error && fs::is_empty(directory, error);
   if (error) {
     throw CallerError("--out " + out + " cannot be read: " + error.message() +
-                      "; choose another place");
+                      "; choose another folder");
   }
   if (!empty) {
     throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
@@ -91,7 +91,7 @@ class OutputFile {
     if (file_) return;
     throw CallerError(path_.string() +
                       " cannot be written: " + std::strerror(errno == 0 ? EIO : errno) +
-                      "; make room, or choose another place with --out");
+                      "; free disk space, or choose another folder with --out");
   }
 
   fs::path path_;
@@ -208,7 +208,7 @@ std::string poseComment(const io::Scene& scene) {
 
 std::string cornerComment(const io::Scene& scene) {
   return "Corners of the tags found in the pictures of scene " + scene.name +
-         ", in the order left below, right below, right above, left above as one reads the tag.\n"
+         ", in the order bottom left, bottom right, top right, top left as one reads the tag.\n"
          "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
 }
 

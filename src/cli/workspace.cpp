@@ -33,7 +33,7 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
   if (maps.empty()) {
     throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
                       std::to_string(summary.points()) +
-                      (summary.points() == 1 ? " tip is" : " tips keep to") +
+                      (summary.points() == 1 ? " tip is" : " tips lie on") +
                       " a line or a point; sample more with --count, or leave out --png");
   }
   const json report{{"scene", scene},
@@ -50,7 +50,7 @@ std::string checkCount(const std::string& text) {
   const std::optional<double> number = digits ? io::parseNumber(text) : std::nullopt;
   if (number && *number >= 1 && *number <= static_cast<double>(kMostCount)) return {};
   return text + " is not a whole number from 1 to " + std::to_string(kMostCount) +
-         ", in digits as 1000000";
+         ", in digits such as 1000000";
 }
 
 statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {

@@ -19,7 +19,7 @@ constexpr std::size_t kCountWidth = 20;  // digits of the largest count
 bool isPly(const std::string& path) {
   const std::string end = std::filesystem::path(path).extension().string();
   if (end != ".ply" && end != ".csv") {
-    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; name one of them");
+    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; expected one of them");
   }
   return end == ".ply";
 }

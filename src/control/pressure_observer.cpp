@@ -21,7 +21,7 @@ PressureObserver::PressureObserver(int channels, double time_constant, double no
   basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
   basics::requireValue(std::isfinite(time_constant) && time_constant > 0, kCulprit,
                        "the time constant [s]", time_constant, "a finite value > 0");
-  basics::requireValue(std::isfinite(noise) && noise > 0, kCulprit, "the noise of a reading [Pa]",
+  basics::requireValue(std::isfinite(noise) && noise > 0, kCulprit, "the noise of readings [Pa]",
                        noise, "a finite value > 0");
   now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
   history_.assign(kMostMoments, {0.0, now_});

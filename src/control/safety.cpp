@@ -62,7 +62,7 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
     basics::require(
         std::isfinite(limits.lower) && std::isfinite(limits.upper) && limits.lower <= limits.upper,
         name, ": the limits [Pa] are ", limits.lower, " to ", limits.upper,
-        "; expected finite ones, the lower first");
+        "; expected finite values, the lower first");
     basics::requireValue(channel.slew > 0, name, "slew [Pa/s]", channel.slew, "a value > 0");
     // Else a reading could be a fault and no pressure at once.
     const double nearest = std::min(highestReading(channel, rules), -lowestReading(channel, rules));
@@ -119,18 +119,18 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
   rules.validate();
   checkChannels(channels, rules);
   basics::require(channels.size() == channels_.size(), channels.size(), " channels for a core of ",
-                  channels_.size(), "; expected the same ones");
+                  channels_.size(), "; expected the same channels");
   for (int i = 0; i < count(); ++i) {
     const ChannelRules& channel = channels[i];
     basics::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
-                    channels_[i].name, "; expected the same ones");
+                    channels_[i].name, "; expected the same channels");
     if (orders_.valve[i] != Valve::kRegulate) continue;
     const bool inside = (report_.resting || channel.limits.contains(goal_[i])) &&
                         onTheWay(channel.limits).contains(orders_.set_point[i]);
     basics::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
                     1e-3 * orders_.set_point[i], ", outside the new limits of ",
                     1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
-                    " kPa; command it inside them first");
+                    " kPa; command a pressure inside them first");
   }
   channels_ = std::move(channels);
   rules_ = rules;

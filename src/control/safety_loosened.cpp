@@ -72,7 +72,7 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
   }
   constexpr double kNone = -std::numeric_limits<double>::infinity();
   if (next.min_supply.value_or(kNone) < rules.min_supply.value_or(kNone)) {
-    return "safety.min_supply_kpa would be lower, or gone";
+    return "safety.min_supply_kpa would be lower, or absent";
   }
   return {};
 }

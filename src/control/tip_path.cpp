@@ -68,7 +68,7 @@ Eigen::Matrix3Xd splineVelocities(const std::vector<TipWayPoint>& points) {
 TipPath::TipPath(const std::vector<TipWayPoint>& points) {
   require(points.size() >= kFewestWayPoints && points.size() <= kMostWayPoints, "tip path: has ",
           points.size(), " points; expected ", kFewestWayPoints, " to ", kMostWayPoints,
-          ": send a single place as a target, and a longer path in parts");
+          ": send a single position as a target, and a longer path in parts");
   for (std::size_t i = 0; i < points.size(); ++i) checkPoint(points, i);
   has_rotations_ = points.front().rotation.has_value();
   Eigen::Matrix3Xd spline;

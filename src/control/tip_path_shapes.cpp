@@ -75,7 +75,7 @@ Turn turnOf(TipShape shape) {
 }
 
 void check(const ShapedPath& path) {
-  constexpr char kCulprit[] = "shape of a path";
+  constexpr char kCulprit[] = "path shape";
   constexpr double kShortestPeriod = 2.0 * kPointsPerTurn * kShortestStep;
   requireWithinReach(path.centre, "centre", "m", kCulprit);
   const double reach = path.centre.cwiseAbs().maxCoeff() + path.radius;

@@ -12,7 +12,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "filter of the arm";
+constexpr char kCulprit[] = "arm filter";
 constexpr double kStiffnessStep = 1e-3;  // of logarithms, in central differences
 // A pressure's error lasts for about half a second, which is fifteen pictures.
 constexpr double kPressurePersistence = 15.0;

@@ -158,8 +158,8 @@ void addHeldOut(const CalibrationFit& fit, const Groups& groups, CrossValidation
   }
   if (!left_out.complete) {
     out.warnings.push_back(
-        "some of the fits without one pressure came to no end: held-out errors are of where they "
-        "stopped");
+        "some fits without one pressure did not converge: held-out errors are those of their last "
+        "iteration");
   }
   out.by_pressure = std::move(left_out.by_pressure);
   out.by_arm = std::move(left_out.by_arm);
@@ -173,8 +173,8 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
   std::vector<std::string> warnings;
   const std::size_t pressures = groups.pressure.size();
   if (pressures < kFewestPressures) {
-    warnings.push_back(text("there are captures at ", pressures,
-                            " pressures only: standard errors are of the noise alone"));
+    warnings.push_back(text("there are captures at only ", pressures,
+                            " pressures: standard errors reflect the noise alone"));
   }
   for (const Parameter& one : fit.held) {
     warnings.push_back(text("the captures do not determine ", one.name, ": it stays at ",
@@ -195,13 +195,13 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
     warnings.push_back("captures that do not fit the others: " + outliers);
   }
   if (!idle.empty()) {
-    warnings.push_back("captures at these pressures say nothing new: " + idle +
-                       "; captures at the pressures suggested would say more");
+    warnings.push_back("captures at these pressures add no information: " + idle +
+                       "; capture at the suggested pressures instead");
   }
   if (fit.noise_scale > kNoisy) {
-    warnings.push_back(text("readings are ", std::round(10 * fit.noise_scale) / 10,
-                            " times as far off as their noise: something that is not fitted is "
-                            "wrong, and standard errors are raised in proportion"));
+    warnings.push_back(text("residuals are ", std::round(10 * fit.noise_scale) / 10,
+                            " times as large as the noise: a parameter that is not fitted is "
+                            "wrong; standard errors are scaled accordingly"));
   }
   return warnings;
 }
@@ -215,16 +215,17 @@ std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
   if (outliers * 2 <= static_cast<std::ptrdiff_t>(comparisons.size())) return std::nullopt;
   return Verdict{CalibrationStatus::kUnexplained,
                  text(outliers, " of ", comparisons.size(),
-                      " readings do not fit, whatever the parameters; check where the scene "
-                      "has camera and tags, and that the captures are of this arm")};
+                      " readings fit no values of the parameters; check the poses of camera and "
+                      "tags in the scene, and that the captures are of this arm")};
 }
 
 std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
   if (std::none_of(parameters.begin(), parameters.end(),
                    [](const Parameter& one) { return one.identifiable; })) {
-    return Verdict{CalibrationStatus::kNotIdentifiable,
-                   "the captures say nothing of what was to be fitted; capture at pressures that "
-                   "bend the arm farther, or fit other parameters"};
+    return Verdict{
+        CalibrationStatus::kNotIdentifiable,
+        "the captures determine none of the parameters to fit; capture at pressures that "
+        "bend the arm farther, or fit other parameters"};
   }
   return std::nullopt;
 }
@@ -309,10 +310,11 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
                stiffnessHolds(*one.problem, left_out.variance);
       });
   if (!fit.converged) {
-    return refused(std::move(out),
-                   {CalibrationStatus::kNotConverged,
-                    "the search came to no end; check where the scene has camera and tags, and "
-                    "that the captures are of this arm"});
+    return refused(
+        std::move(out),
+        {CalibrationStatus::kNotConverged,
+         "the fit did not converge; check the poses of camera and tags in the scene, and "
+         "that the captures are of this arm"});
   }
   addFit(fit, out);
   comparisons = fit.problem->compare(fit.noise_scale);

@@ -186,7 +186,7 @@ std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bo
   const std::vector<std::string> known = fitWords();
   for (const std::string& word : asked) {
     if (std::find(known.begin(), known.end(), word) != known.end()) continue;
-    throw std::invalid_argument("there is no \"" + word + "\" to fit; expected some of " +
+    throw std::invalid_argument("\"" + word + "\" is not a parameter to fit; expected some of " +
                                 joined(known));
   }
   std::set<FitParameter> out;

@@ -227,7 +227,7 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
     return Failure{ContractionFitStatus::kTooFewPressures,
-                   textOf("pressures that differ: ", n, "; expected at least ", kCoefficients,
+                   textOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
                           " for a quintic: measure at more, or fit a table")};
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
@@ -242,10 +242,9 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const Matrix6 R = decomposition.matrixQR().topRows<kCoefficients>();
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
-    return Failure{
-        ContractionFitStatus::kTooFewPressures,
-        textOf(n, " pressures, but so close together that they do not tell the ", kCoefficients,
-               " coefficients of a quintic apart: spread them, or fit a table")};
+    return Failure{ContractionFitStatus::kTooFewPressures,
+                   textOf(n, " pressures, too close together to determine the ", kCoefficients,
+                          " coefficients of a quintic: spread them, or fit a table")};
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
 
@@ -337,18 +336,18 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
     const char* const where = options.branch == Branch::kBoth     ? ""
                               : options.branch == Branch::kRising ? " on the rising branch"
                                                                   : " on the falling branch";
-    return failed(options.kind, {ContractionFitStatus::kTooFewPressures,
-                                 textOf("pressures that differ", where, ": ", knots.size(),
-                                        "; expected at least ", quintic ? kCoefficients : 2,
-                                        ": measure at more")});
+    return failed(options.kind,
+                  {ContractionFitStatus::kTooFewPressures,
+                   textOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+                          quintic ? kCoefficients : 2, ": measure at more")});
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
         options.kind,
         {ContractionFitStatus::kNoTrend,
-         textOf("the lengths neither rise nor fall with pressure; expected a line through "
-                "them to slope by at least ",
+         textOf("the lengths neither rise nor fall with pressure; expected a linear trend of "
+                "at least ",
                 kLeastTrend, " of its standard errors: check which column is which")});
   }
   Solution solution = quintic ? fitQuintic(knots, trend) : fitTable(knots, trend);

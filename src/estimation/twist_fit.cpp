@@ -158,7 +158,7 @@ struct TwistFitter::Workspace {
       require((before & bit) == 0, "a tag that is seen twice", layout().tags[tag].id,
               "each at most once");
       before |= bit;
-      require(isFinite(observation), "a tag whose place is not finite", layout().tags[tag].id,
+      require(isFinite(observation), "a tag whose pose is not finite", layout().tags[tag].id,
               "finite numbers");
     }
   }
@@ -286,7 +286,7 @@ void TwistFitOptions::validate() const {
   positive("the robust scale", robust_scale);
   positive("the model's prior of v [m]", model_prior.translation);
   positive("the model's prior of w [rad]", model_prior.rotation);
-  positive("the prior of the base's place [m]", base_prior.translation);
+  positive("the prior of the base's position [m]", base_prior.translation);
   positive("the prior of the base's rotation [rad]", base_prior.rotation);
   positive("the prior of the bleed [m]", bleed_prior);
   require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");

@@ -11,7 +11,7 @@
 namespace helix_arm::follow {
 namespace {
 
-constexpr char kCulprit[] = "check of a path";
+constexpr char kCulprit[] = "path check";
 constexpr double kStep = 0.01;  // [s]
 constexpr int kMostPlaces = 200'000;
 constexpr int kPlacesBeyond = 200;  // that are searched for the worst one, once one is out of reach
@@ -83,11 +83,11 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
   text << "the path leaves the arm's reach after " << since << " s; farthest after "
        << placeText(out.time, out.position) << ": ";
   if (!std::isfinite(out.residual)) {
-    text << "no shape of the arm holds its load there; move the path or lower the load";
+    text << "no shape of the arm balances its load there; move the path or lower the load";
     out.reason = text.str();
     return out;
   }
-  text << 1e3 * out.residual << " mm from the closest that the arm reaches, and "
+  text << 1e3 * out.residual << " mm from the closest reachable position, and "
        << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
   out.reason = text.str();
   return out;
@@ -129,7 +129,7 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
   if (jumps) {
     text << "the pressure of " << name << " has to jump by " << std::abs(step.change) / 1e3
          << " kPa after " << placeText(time, out.position)
-         << ", where the arm passes from one shape to another; move the path";
+         << ", where the arm snaps from one shape to another; move the path";
   } else {
     out.stretch = step.excess;
     text << "the path is too fast after " << placeText(time, out.position) << ": " << name

@@ -40,8 +40,8 @@ std::vector<double> extensionalStiffness(const MapReader& scene, const Value& ar
     report(faults, (stiffness == nullptr ? arm : *stiffness).place,
            joinPath(scene.path("arm"), "stiffness.K_eps_n") +
                " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
-               "actuator, for the key load needs it; without it there or in a stiffness of their "
-               "own: sections " +
+               "actuator, which the key load needs; missing there and in their own stiffness: "
+               "sections " +
                lacking);
   }
   if (values.size() != sections.size()) values.clear();
@@ -89,7 +89,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
                     std::move(K_eps)};
   } catch (const std::invalid_argument& error) {
-    arm.complain("sections", std::string("make no arm: ") + error.what());
+    arm.complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;
   }
 }

@@ -35,9 +35,9 @@ const char* remedyOf(int error) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-      return "make room, or choose another place";
+      return "free disk space, or choose another path";
     default:
-      return "choose another place";
+      return "choose another path";
   }
 }
 
@@ -177,21 +177,21 @@ Target targetOf(const std::string& path) {
   // Written to, it would be replaced by a file; followed, it would make one where nobody said so.
   struct stat link {};
   if (!exists && ::lstat(path.c_str(), &link) == 0) {
-    refuse(path, "it is a link to a file that is not there",
+    refuse(path, "it is a link to a file that does not exist",
            "remove the link, or name the file that it leads to");
   }
   if (exists && S_ISDIR(present.st_mode)) {
     refuse(path, "it is a folder", "expected the path of a file");
   }
   if (exists && !S_ISREG(present.st_mode)) {
-    refuse(path, "it is no regular file", "expected the path of one, or a free one");
+    refuse(path, "it is not a regular file", "expected the path of a regular file, or a new one");
   }
   // A file whose owner forbade writing is kept, even where the rules of the system would let it be
   // replaced: its folder decides that, and root may do anything.
   constexpr mode_t kWritable = S_IWUSR | S_IWGRP | S_IWOTH;
   if (exists && ((present.st_mode & kWritable) == 0 ||
                  ::faccessat(AT_FDCWD, path.c_str(), W_OK, AT_EACCESS) != 0)) {
-    refuse(path, "it is read-only", "allow writing to it, or choose another place");
+    refuse(path, "it is read-only", "allow writing to it, or choose another path");
   }
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);

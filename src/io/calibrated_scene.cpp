@@ -74,7 +74,7 @@ void putStiffness(const model::Stiffness& stiffness, Value& document) {
 
 void putK_eps(const Scene& scene, double K_eps, Value& document) {
   basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
-                  "nothing loads scene ", scene.name, "; expected one with a load");
+                  "scene ", scene.name, " has no load; expected one with a load");
   for (Value* const one : stiffnessesOf(document)) {
     if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
   }
@@ -368,7 +368,7 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
   FaultList faults(path);
   auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
   if (!sha256.empty() && read_sha256 != sha256) {
-    throw DocumentError(path + " was written to while it was calibrated; calibrate it again");
+    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
   }
   const Scene scene = makeScene(document, faults);
   putCalibration({scene, calibration, document, faults});

@@ -86,8 +86,8 @@ std::optional<CameraConfig> readCamera(const MapReader& scene, const Value& docu
     camera.model.cy = (*centre)[1];
   }
   camera.model.distortion = readDistortion(keys);
-  keys.required("position_m", "where the camera stands in the world [m]");
-  keys.required("rpy_deg", "where its x axis, the optical axis, points [degrees]");
+  keys.required("position_m", "the position of the camera in the world [m]");
+  keys.required("rpy_deg", "the rotation of its frame, whose x axis is the optical axis [degrees]");
   camera.X_WC = readPose(keys, kPlace);
   camera.X_WC.rotation *= kOpticalInBody;
   if (const Value* webcam = value->find("webcam")) {

@@ -86,7 +86,7 @@ class TableReader {
       const std::string_view name = takeCell(content);
       if (name.size() > kLongestName) {
         return refuse(line, "column " + std::to_string(i + 1) + " " +
-                                atMost(name.size(), " letters in its name", kLongestName));
+                                atMost(name.size(), " characters in its name", kLongestName));
       }
       data_.columns.emplace_back(name);
     }
@@ -112,20 +112,20 @@ class TableReader {
   void readRow(std::string_view content, int line) {
     if (rows_ == kMostRows) {
       return refuse(line, "is row " + std::to_string(rows_ + 1) + "; expected at most " +
-                              std::to_string(kMostRows) + " rows: give part of them");
+                              std::to_string(kMostRows) + " rows: split the file");
     }
     const std::size_t columns = data_.columns.size();
     if ((rows_ + 1) * columns > kMostCells) {
       return refuse(line, "is row " + std::to_string(rows_ + 1) + " of " + std::to_string(columns) +
                               " columns; expected at most " + std::to_string(kMostCells) +
-                              " cells: give part of the rows");
+                              " cells: split the file");
     }
     ++rows_;
     data_.lines.push_back(line);
     const std::size_t count = cellCount(content);
     if (count != columns) {
       faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
-                            std::to_string(columns) + ", one for each column");
+                            std::to_string(columns) + ", one per column");
     }
     // The number of cells of a sound table, whatever the row holds.
     for (std::size_t i = 0; i < columns; ++i) {
@@ -140,13 +140,13 @@ class TableReader {
     };
     if (cell.empty()) return complain("is empty; expected a finite number");
     if (cell.size() > kLongestCell) {
-      return complain(atMost(cell.size(), " letters", kLongestCell));
+      return complain(atMost(cell.size(), " characters", kLongestCell));
     }
     cell_.assign(cell);
     const std::optional<double> number = parseNumber(cell_);
-    if (!number) return complain("is no finite number; expected one");
+    if (!number) return complain("is not a finite number; expected one");
     if (std::abs(*number) > kLargest) {
-      return complain("is too large a number; expected at most " + formatNumber(kLargest));
+      return complain("is too large; expected at most " + formatNumber(kLargest));
     }
     return *number;
   }
@@ -198,8 +198,8 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
     if (std::find(names.begin(), names.end(), column) != names.end()) continue;
-    faults.add(
-        0, columnText(data.columns, i) + " is of no actuator; expected pressures in " + expected);
+    faults.add(0, columnText(data.columns, i) + " belongs to no actuator; expected pressures in " +
+                      expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();

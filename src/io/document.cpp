@@ -131,7 +131,7 @@ struct Conversion {
     if (name.size() > kLongestKey) {
       report(faults, here,
              nameOf(path) + " has a key of " + std::to_string(name.size()) +
-                 " letters; expected a name of at most " + std::to_string(kLongestKey));
+                 " characters; expected a name of at most " + std::to_string(kLongestKey));
       return;
     }
     if (!names.insert(name).second) {
@@ -156,7 +156,7 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
     if (text.size() > kMostBytes || markCount(text) > kMostMarks) throw TooLarge();
     if (const std::optional<YAML::Mark> second = secondDocument(text)) {
       const Place place{second->line + 1, {}};
-      report(faults, override_key ? start : place, "begins another document; expected one");
+      report(faults, override_key ? start : place, "begins a second document; expected only one");
       return std::nullopt;
     }
     // What ends the conversion stands for all that came before it.
@@ -313,7 +313,7 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
   std::string path;
   for (const std::string& part : splitKey(change.key)) {
     if (part.empty()) {
-      report(faults, place, "is not a key; expected words and numbers joined by dots");
+      report(faults, place, "is not a key; expected words and numbers separated by dots");
       return;
     }
     if (target->kind == Value::Kind::kList) {
@@ -321,14 +321,14 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
       if (entry == nullptr) {
         report(faults, place,
                nameOf(path) + " has " + std::to_string(target->entries.size()) +
-                   " entries; expected the number of one of them, from 0, not " + part);
+                   " entries; expected an index from 0, not " + part);
         return;
       }
       target = entry;
       path += "[" + part + "]";
     } else if (target->kind == Value::Kind::kText) {
       report(faults, place,
-             nameOf(path) + " is " + target->describe() + "; expected a map or a list to go into");
+             nameOf(path) + " is " + target->describe() + "; expected a map or a list");
       return;
     } else {
       target->kind = Value::Kind::kMap;

@@ -40,7 +40,7 @@ void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
   const double damping = keys.number("mode_damping", kDamping, kUsualDamping);
   if (!keys.has("mode_hz")) {
     if (keys.has("mode_damping")) {
-      keys.complain("mode_damping", "has no mode_hz beside it; expected both or none");
+      keys.complain("mode_damping", "is given without mode_hz; expected both or none");
     }
     return;
   }
@@ -50,8 +50,8 @@ void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
   const double least = follow::smoothingFor(*frequency, damping, loop.time_constant);
   if (given && *given < least) {
     keys.fault("smoothing_s", "at least " + formatNumber(std::ceil(100 * least) / 100) +
-                                  " s, or the loop shakes an arm with this mode_hz and "
-                                  "mode_damping; leave smoothing_s out to get that");
+                                  " s, or the loop excites an arm with this mode_hz and "
+                                  "mode_damping; leave out smoothing_s to use that value");
   }
   loop.smoothing = std::max(loop.smoothing, least);
 }

@@ -58,8 +58,8 @@ std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<P
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
   if (!found) return std::nullopt;
   if (*found != kind) {
-    file.complain(*found, "is another kind of regulator than the scene's; expected a profile of " +
-                              std::string(kind));
+    file.complain(
+        *found, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
     return std::nullopt;
   }
   std::optional<Profile> profile =

@@ -87,8 +87,8 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   provenance.date =
       formedText(keys, "date", "a time in UTC such as 2026-01-31T12:00:00Z", isUtcTime);
   provenance.package_version =
-      keys.text("package_version", "the version that calibrated").value_or("");
-  provenance.from = keys.text("from", "the path of the scene it began with").value_or("");
+      keys.text("package_version", "the version of the package").value_or("");
+  provenance.from = keys.text("from", "the path of the scene before the calibration").value_or("");
   if (keys.has("from_sha256")) {
     provenance.from_sha256 = formedText(keys, "from_sha256", "64 hexadecimal digits", isHash);
   }

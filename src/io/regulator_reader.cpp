@@ -29,7 +29,7 @@ std::optional<regulator::Config> readSimulated(const Value& value, const std::st
 }
 
 std::string channels(const ArmParts& arm) {
-  return std::to_string(arm.arm.actuatorCount()) + " entries, one an actuator";
+  return std::to_string(arm.arm.actuatorCount()) + " entries, one per actuator";
 }
 
 // One word a channel, each once.
@@ -39,7 +39,7 @@ std::vector<std::string> readAddresses(const MapReader& keys, const Value& value
   std::vector<std::string> addresses;
   std::set<std::string> seen;
   if (value.kind != Value::Kind::kList) {
-    keys.fault("addresses", "a list of words, one an actuator");
+    keys.fault("addresses", "a list of words, one per actuator");
     return addresses;
   }
   for (std::size_t i = 0; i < value.entries.size(); ++i) {
@@ -52,7 +52,7 @@ std::vector<std::string> readAddresses(const MapReader& keys, const Value& value
                       std::all_of(entry.text.begin(), entry.text.end(),
                                   [](char c) { return c > ' ' && c <= '~'; });
     if (!word) {
-      complain("a word without blanks");
+      complain("a word without spaces");
     } else if (!seen.insert(entry.text).second) {
       complain("one that no other actuator has");
     }
@@ -78,10 +78,10 @@ std::optional<regulator::Config> readSerial(const Value& value, const std::strin
   const bool addressed = profile && profile->write.find("{address}") != std::string::npos;
   if (addressed && given == nullptr) {
     keys.complain("addresses", "is missing; profile " + profile->name +
-                                   " speaks to each channel by its address: expected " +
-                                   (arm == nullptr ? "one an actuator" : channels(*arm)));
+                                   " addresses each channel: expected " +
+                                   (arm == nullptr ? "one per actuator" : channels(*arm)));
   } else if (profile && !addressed && given != nullptr) {
-    keys.complain("addresses", "is of no use: the lines of profile " + profile->name +
+    keys.complain("addresses", "is not used: the lines of profile " + profile->name +
                                    " have no {address}; expected none");
   }
   if (!profile || !device) return std::nullopt;
@@ -101,7 +101,7 @@ std::vector<int> readSlots(const MapReader& keys, const ArmParts* arm) {
   const std::set<double> different(given->begin(), given->end());
   const bool whole = std::equal(slots.begin(), slots.end(), given->begin());
   if (!whole || different.size() != given->size()) {
-    keys.fault("slots", "whole numbers, no slot twice");
+    keys.fault("slots", "distinct whole numbers");
   }
   return slots;
 }
@@ -116,7 +116,7 @@ void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
     const model::Range& limits = actuator.limits;
     if (!model::isPressure(actuator.drive)) continue;
     if (takes.contains(limits.lower) && takes.contains(limits.upper)) continue;
-    keys.complain("profile", "is " + profile.name + ", which takes " +
+    keys.complain("profile", "is " + profile.name + ", which accepts " +
                                  formatNumber(kilopascals(takes.lower)) + " to " +
                                  formatNumber(kilopascals(takes.upper)) +
                                  " kPa; expected limits within that, not " + actuator.name +

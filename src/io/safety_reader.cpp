@@ -15,7 +15,7 @@ control::FaultAction actionNamed(const std::string& word) {
   for (const control::FaultAction action : control::kFaultActions) {
     if (word == control::nameOf(action)) return action;
   }
-  throw std::logic_error("no fault action is named " + word);
+  throw std::logic_error("unknown fault action " + word);
 }
 
 std::vector<std::string> actionWords() {
@@ -76,8 +76,9 @@ void readTargetTimeout(const MapReader& safety, bool simulated, control::SafetyR
   const double timeout =
       safety.number("target_timeout_s", seconds(kNotNegative), rules.target_timeout);
   if (timeout == 0 && !simulated) {
-    safety.fault("target_timeout_s",
-                 "a finite value > 0: only a simulated regulator may wait for targets for ever");
+    safety.fault(
+        "target_timeout_s",
+        "a finite value > 0: only a simulated regulator may wait for targets without limit");
   }
   rules.target_timeout = timeout > 0 ? timeout : std::numeric_limits<double>::infinity();
 }

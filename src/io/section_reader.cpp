@@ -105,7 +105,7 @@ std::string nextName(ArmContext& arm) { return "muscle_" + std::to_string(++arm.
 void claimName(const MapReader& keys, const std::optional<std::string>& name, ArmContext& arm) {
   if (!name || arm.actuator_names.insert(*name).second) return;
   keys.complain(keys.has("name") ? "name" : "",
-                "makes a second actuator named " + *name + "; expected names that differ");
+                "makes a second actuator named " + *name + "; expected distinct names");
 }
 
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
@@ -119,7 +119,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
   const Fitting fitting = readFitting(ring, arm);
   if (arm.planar && count && *count != 2) {
-    ring.fault("count", "2, the muscles that a planar arm's ring can have");
+    ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
   if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
   if (!count || !radius) return;
@@ -180,7 +180,8 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
     report(arm.faults, K_eps->place,
            keys.path("stiffness.K_eps_n") +
-               " is one actuator's; expected it in the stiffness of the section or of arm: K of a "
+               " is that of one actuator; expected it in the stiffness of the section or of arm: K "
+               "of a "
                "section is relative to one K_eps");
   }
   const Fitting fitting = readFitting(keys, arm);

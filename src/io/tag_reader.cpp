@@ -66,7 +66,7 @@ void readGroup(const MapReader& group, const std::string& family, int family_siz
   if (ids->empty()) group.complain("ids", "is empty; expected at least one tag");
   if (s && ids->size() != s->size()) {
     group.complain("s", "has " + std::to_string(s->size()) + " entries; expected " +
-                            std::to_string(ids->size()) + ", one for each of ids");
+                            std::to_string(ids->size()) + ", one per id");
   }
   for (std::size_t i = 0; i < ids->size(); ++i) {
     const int id = static_cast<int>((*ids)[i]);
@@ -75,8 +75,7 @@ void readGroup(const MapReader& group, const std::string& family, int family_siz
                                 std::to_string(family_size - 1) + ", the tags of " + family);
     }
     if (layout.find(id) >= 0) {
-      group.complain("ids",
-                     "places tag " + std::to_string(id) + " again; expected ids that differ");
+      group.complain("ids", "places tag " + std::to_string(id) + " again; expected distinct ids");
     }
     // A tag whose s is missing still counts: its id is taken.
     const double at = s && i < s->size() ? (*s)[i] : 0.0;

@@ -22,12 +22,12 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
 void checkSceneAllows(const MapReader& scene, statics::Tier tier, const ArmParts& arm) {
   const bool planar = arm.planar.has_value();
   if (tier == statics::Tier::kPlanar && !planar) {
-    scene.fault("tier", "auto, linear, loaded or exact, for arm.geometry is spatial");
+    scene.fault("tier", "auto, linear, loaded or exact, since arm.geometry is spatial");
   }
   const bool needs_load = statics::takesLoad(tier);
   if (needs_load && !scene.has("load") && arm.K_eps.empty()) {
     scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
-                            " or linear, for the scene has no key load; or give it one");
+                            " or linear, since the scene has no key load; or add it");
   }
 }
 
@@ -50,8 +50,8 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
       request.order = static_cast<int>(*order);
     }
     if (known && tier != "loaded") {
-      scene.complain("order", "is that of tier: loaded, but tier is " + tier +
-                                  "; expected tier: loaded beside it, or no order");
+      scene.complain("order", "applies to tier: loaded, but tier is " + tier +
+                                  "; expected tier: loaded, or no order");
     }
   }
   const auto percent =
@@ -60,13 +60,13 @@ statics::TierRequest readTierRequest(const MapReader& scene, const Value& docume
   const auto us = readOnly(scene, document, "budget", "time_us", kTime, faults);
   if (us) request.time = *us * 1e-6;
   if (scene.has("accuracy") && scene.has("budget")) {
-    scene.complain("budget", "stands beside accuracy; expected one of the two");
+    scene.complain("budget", "is given together with accuracy; expected only one");
   }
   const bool chosen = tier != statics::kAutoTier && (tier != "loaded" || scene.has("order"));
   for (const char* key : {"accuracy", "budget"}) {
     if (!scene.has(key) || !known || !chosen) continue;
     const std::string what = tier + (tier == "loaded" ? " with an order" : "");
-    scene.complain(key, "has nothing to choose, for tier is " + what +
+    scene.complain(key, "has no effect, since tier is " + what +
                             "; expected tier: auto, or loaded without an order");
   }
   return request;

@@ -91,7 +91,7 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients,
   const double u_max = max_pressure / reference_pressure;
   const std::vector<double> turns = signChanges(slope, 0.0, u_max);
   if (!turns.empty()) {
-    refuse("the pressure where the length turns back", turns.front() * reference_pressure,
+    refuse("the pressure where the length reverses", turns.front() * reference_pressure,
            "a length that is monotone up to the maximum pressure");
   }
   if (std::all_of(slope.begin(), slope.end(), [](double c) { return c == 0; })) {
@@ -101,7 +101,7 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients,
   change[0] = 0.0;
   Contraction curve(coefficients[0], {{0.0, 1.0 / reference_pressure, change}},
                     {0.0, max_pressure});
-  requirePositive("the least length", curve.length_range_.lower);
+  requirePositive("the smallest length", curve.length_range_.lower);
   return curve;
 }
 
@@ -110,7 +110,7 @@ Contraction Contraction::table(const std::vector<double>& pressure,
   const std::size_t n = pressure.size();
   if (n < 2 || length.size() != n) {
     refuse("the number of lengths", static_cast<double>(length.size()),
-           "one for each pressure, at least 2 (pressures: " + std::to_string(n) + ")");
+           "one per pressure, at least 2 (pressures: " + std::to_string(n) + ")");
   }
   std::vector<double> h(n - 1), secant(n - 1);
   for (std::size_t i = 0; i < n; ++i) {
@@ -119,10 +119,10 @@ Contraction Contraction::table(const std::vector<double>& pressure,
     requirePositive("length" + point, length[i]);
     if (i == 0) continue;
     h[i - 1] = pressure[i] - pressure[i - 1];
-    if (!(h[i - 1] > 0)) refuse("pressure" + point, pressure[i], "a value above the one before it");
+    if (!(h[i - 1] > 0)) refuse("pressure" + point, pressure[i], "a value above the previous one");
     secant[i - 1] = (length[i] - length[i - 1]) / h[i - 1];
     if (!(secant[i - 1] * secant[0] > 0)) {
-      refuse("length" + point, length[i], "lengths that only fall or only rise");
+      refuse("length" + point, length[i], "lengths that all fall or all rise");
     }
   }
   std::vector<double> slope(n);
@@ -150,7 +150,7 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
   requirePositive("length", length);
   requirePositive("radius", radius);
   requirePositive("max_angle", max_angle);
-  requirePositive("the least length", length - radius * max_angle);
+  requirePositive("the smallest length", length - radius * max_angle);
   return Contraction(length, {{0.0, 1.0, {0, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
 }
 

@@ -25,7 +25,7 @@ void checkStrands(const std::vector<Strand<Group>>& strands) {
     }
     if (!K.allFinite() || (K.array() < 0).any() || !(K[0] > 0)) {
       throw std::invalid_argument(
-          who + " has a stiffness that is not finite and >= 0, or none along its length");
+          who + " has a stiffness that is not finite and >= 0, or no extensional stiffness");
     }
   }
 }

@@ -82,7 +82,7 @@ std::optional<std::string> curveName(const io::Scene& scene, const std::string& 
   }
   if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.front();
   message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
-                                "; say which of them was measured"
+                                "; name the one that was measured"
                           : "scene " + scene.name + " has no contraction " + asked +
                                 "; expected one of " + names;
   return std::nullopt;
@@ -165,7 +165,7 @@ CalibrationOutcome runCalibration(const std::string& path,
                             one.data.warnings.end());
     if (!one.data.lengths.empty()) {
       return refused(outcome, "the data of " + one.scene.name +
-                                  " holds free lengths; give those of the scene alone");
+                                  " holds free lengths; give only those of the scene's own arm");
     }
   }
   if (const auto twice = repeatedSource(sources)) return refused(outcome, *twice);
@@ -176,7 +176,7 @@ CalibrationOutcome runCalibration(const std::string& path,
   const bool fits_curve = fitted.count(FitParameter::kContraction) > 0;
   if (!fits_curve && !data.lengths.empty()) {
     return refused(outcome,
-                   "the data holds free lengths, but no contraction is to be fitted; leave it out, "
+                   "the data holds free lengths, but no contraction is fitted; leave it out, "
                    "or fit contraction as well");
   }
   if (fits_curve) {
@@ -191,7 +191,9 @@ CalibrationOutcome runCalibration(const std::string& path,
     curves.contractions = outcome.contractions;
   }
   if (!fits_arm && !companions.empty()) {
-    return refused(outcome, "other arms share the stiffness, but none is to be fitted");
+    return refused(outcome,
+                   "other arms share the stiffness, but it is not fitted; fit it, or leave out the "
+                   "other arms");
   }
   io::SceneCalibration changes;
   if (fits_arm) {
@@ -200,13 +202,14 @@ CalibrationOutcome runCalibration(const std::string& path,
       curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
       if (!companions.empty()) {
-        outcome.warnings.push_back("the other arms keep the curves of their own scenes");
+        outcome.warnings.push_back(
+            "the other arms keep the contraction curves of their own scenes");
       }
     }
     addArm(scene, data.captures, outcome);
     for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
     for (const ArmCaptures& arm : outcome.arms) {
-      if (arm.captures.empty()) return refused(outcome, "there is no capture of " + arm.name);
+      if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
     const CalibrationOptions options = optionsOf(scene, request, fitted, data);
     outcome.calibration = estimation::calibrate(outcome.arms, options);

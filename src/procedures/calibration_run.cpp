@@ -27,7 +27,7 @@ const char* nameOf(RunPhase phase) { return kPhases[static_cast<std::size_t>(pha
 
 void RunRules::validate() const {
   basics::requireValue(captures >= 1 && captures <= kMaxCaptures, "a calibration run", "captures",
-                       captures, "1 to 5 a pressure");
+                       captures, "1 to 5 per pressure");
   requirePositive("ramp", ramp);
   requirePositive("patience", patience);
 }
@@ -80,8 +80,8 @@ void CalibrationRun::lookAt(double now, const Settling& settling, Order& order) 
 
 CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settling) {
   if (last_time_ && now < *last_time_) {
-    end(RunEnd::kAborted, "time has gone back by " + std::to_string(*last_time_ - now) +
-                              " s: was a clock set, or the node that gives /clock started anew?");
+    end(RunEnd::kAborted, "time went back by " + std::to_string(*last_time_ - now) +
+                              " s; was a clock set, or the node that publishes /clock restarted?");
   }
   const double dt = last_time_ ? std::clamp(now - *last_time_, 0.0, kLongestStep) : 0.0;
   last_time_ = now;

@@ -95,8 +95,8 @@ class TagReadings {
 LoadedCaptures curvaturesOf(const io::Scene& scene, const io::DataSet& data,
                             const Eigen::MatrixXd& pressures) {
   if (scene.arm.sectionCount() != 1) {
-    refuse(data.path, "holds curvatures, which are those of one section, but scene " + scene.name +
-                          " has " + std::to_string(scene.arm.sectionCount()));
+    refuse(data.path, "holds curvatures, which apply to arms of one section, but scene " +
+                          scene.name + " has " + std::to_string(scene.arm.sectionCount()));
   }
   io::FaultList faults(data.path);
   LoadedCaptures loaded;
@@ -132,8 +132,8 @@ std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera
     if (!direction) {
       const std::string number = std::to_string(i + 1);
       faults.add(tag.line, "x" + number + "_px, y" + number +
-                               "_px are not in the picture; expected a place where the camera's "
-                               "distortion can be undone");
+                               "_px are outside the picture; expected a point where the camera's "
+                               "distortion can be inverted");
       return std::nullopt;
     }
     directions.col(i) = *direction;
@@ -145,7 +145,7 @@ void requirePressures(const std::string& file, const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (model::isPressure(arm.actuator(i).drive)) continue;
     refuse(file, "gives pressures, but actuator " + arm.actuator(i).name +
-                     " of the scene is a tendon; expected an arm of pressure actuators");
+                     " of the scene is a tendon; expected an arm driven by pressure");
   }
 }
 
@@ -163,7 +163,8 @@ DataKind kindOf(const io::DataSet& data) {
     if (data.find(kind.column) < 0) continue;
     if (found != nullptr) {
       refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
-                            " and " + kind.column + " of " + kind.text + "; expected one of them");
+                            " and " + kind.column + " of " + kind.text +
+                            "; expected only one of them");
     }
     found = &kind;
   }
@@ -172,7 +173,7 @@ DataKind kindOf(const io::DataSet& data) {
   for (const NamedKind& kind : kKinds) {
     expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
   }
-  refuse(data.path, "has none of the columns that tell what it holds; expected " + expected);
+  refuse(data.path, "has none of the columns that identify its kind of data; expected " + expected);
 }
 
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {

@@ -35,7 +35,7 @@ regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uin
 simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) {
   auto camera = scene.cameraSetup();
   basics::require(camera.has_value(), "scene ", scene.name,
-                  " has no `camera` or no `tags`; a loop over sight needs both");
+                  " has no `camera` or no `tags`; the closed loop needs both");
   camera->config.seed = plan.seed;
   const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
   simulation::LockstepConfig config;

@@ -105,25 +105,25 @@ void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
 
 std::string SettleWatch::staleness(double now) const {
   const auto stale = [&](bool none, double time, const char* what, const char* remedy) {
-    if (none) return format("%s: none has come yet; %s", what, remedy);
+    if (none) return format("%s: none received yet; %s", what, remedy);
     const double age = now - time;
     if (age < -rules_.max_age) {
       return format(
-          "%s: the last are stamped %.2f s ahead of now (at most %g s); set the clocks alike", what,
-          -age, rules_.max_age);
+          "%s: the last are stamped %.2f s ahead of now (at most %g s); synchronise the clocks",
+          what, -age, rules_.max_age);
     }
     if (age <= rules_.max_age) return std::string();
-    return format("%s: none has come for %.2f s (at most %g s); %s", what, age, rules_.max_age,
+    return format("%s: none received for %.2f s (at most %g s); %s", what, age, rules_.max_age,
                   remedy);
   };
   std::string out = stale(readings_.empty(), readings_.empty() ? 0 : readings_.back().time,
-                          "measured pressures", "is the regulator's node up?");
+                          "measured pressures", "is the regulator's node running?");
   if (out.empty() && set_point_) {
-    out = stale(false, set_last_, "commanded pressures", "is pressure_command up?");
+    out = stale(false, set_last_, "commanded pressures", "is pressure_command running?");
   }
   if (out.empty()) {
     out = stale(sights_.empty(), sights_.empty() ? 0 : sights_.back().time, "tag detections",
-                "are camera and vision up?");
+                "are camera and vision running?");
   }
   return out;
 }
@@ -149,8 +149,7 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
     sums.col(half) += reading.pressure;
     counts[half] += 1;
   }
-  if ((counts == 0).any())
-    return "too few pressures were measured while the picture was waited for";
+  if ((counts == 0).any()) return "too few pressures were measured before the picture came";
   mean = sums.rowwise().sum() / counts.sum();
   const Eigen::VectorXd wanted = set_point_.value_or(mean);
   for (int half = 0; half < 2; ++half) {
@@ -173,7 +172,7 @@ std::string SettleWatch::motion(double begin) const {
   }
   for (std::size_t k = 0; k + 1 < sights_.size(); ++k) {
     const auto moved = distanceBetween(sights_[k].tags, sights_.back().tags);
-    if (!moved) return "other tags are in sight than before";
+    if (!moved) return "the set of visible tags changed";
     if (*moved <= rules_.corner_tolerance) continue;
     return format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
                   sights_.back().time - sights_[k].time, rules_.corner_tolerance);
@@ -195,7 +194,7 @@ Settling SettleWatch::at(double now) const {
   }
   if (sights_.back().tags.empty()) {
     out.state = SettleState::kNoTags;
-    out.reason = "no tag of the arm is in sight; look at the camera's picture";
+    out.reason = "no tag of the arm is in sight; check the camera's picture";
     return out;
   }
   out.reason = motion(begin);

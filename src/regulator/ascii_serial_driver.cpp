@@ -50,7 +50,7 @@ AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
   if (addressed) {
     basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
                          "the number of addresses", addresses.size(),
-                         "one a channel, " + std::to_string(channels));
+                         "one per channel, " + std::to_string(channels));
   } else {
     basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
                          "none: the profile's lines have no {address}");
@@ -62,10 +62,10 @@ AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
     const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
                                                       [](char c) { return c > ' ' && c <= '~'; });
     basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
-                    "\"; expected a word without blanks");
+                    "\"; expected a word without spaces");
     basics::require(std::find(addresses.begin(), addresses.end(), address) ==
                         addresses.begin() + static_cast<std::ptrdiff_t>(i),
-                    kCulprit, ": address ", address, " is given twice; expected one a channel");
+                    kCulprit, ": address ", address, " is given twice; expected one per channel");
   }
   channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
   for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
@@ -117,8 +117,8 @@ void AsciiSerialDriver::awaitQuiet() {
         port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
     if (port_.discardInput() || line) quiet = after(profile_.timeout);
     if (Clock::now() >= deadline) {
-      throw LinkError(device_ + " does not stop talking, but its profile " + profile_.name +
-                      " says that it speaks on being asked; switch its streaming off, or use "
+      throw LinkError(device_ + " keeps sending, but its profile " + profile_.name +
+                      " says that it only answers requests; switch off its streaming, or use "
                       "another profile");
     }
   }
@@ -162,7 +162,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   if (reply == nullptr) return {};
   const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
   if (!answer && !port_.unfinished().empty()) {
-    throw BadReply(device_ + " ends its answer to \"" + line + "\" half-way: \"" +
+    throw BadReply(device_ + " sent an incomplete answer to \"" + line + "\": \"" +
                    basics::quoted(port_.unfinished()) + "\"");
   }
   if (!answer) {
@@ -194,17 +194,17 @@ void AsciiSerialDriver::requireWatched() {
   }
   noteSilence();
   if (!lapsed_) return;
-  throw LinkError(device_ + " got no line for more than " +
+  throw LinkError(device_ + " received no line for more than " +
                   milliseconds(kWatchdogShare * profile_.watchdog) +
                   ", and may have vented by itself (watchdog_s of its profile " + profile_.name +
-                  "); is this machine too busy?");
+                  "); reduce the load of this machine");
 }
 
 double AsciiSerialDriver::reading(double number) const {
   const double pressure = profile_.toPascals(number);
   if (pressure >= kLowestPressure && pressure <= kHighestPressure) return pressure;
   throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
-                 " kPa (gauge), which no air has; check its sensor and its unit");
+                 " kPa (gauge), which is impossible; check its sensor and its unit");
 }
 
 void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
@@ -215,10 +215,10 @@ void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
     const double tolerance =
         std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
     if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
-      throw BadReply(device_ + " " + channel.address + " holds the set point " +
-                     std::to_string(*fields.set_point) + ", but was sent " +
-                     std::to_string(*channel.sent) +
-                     "; check its unit, its range and that it takes set points from the line");
+      throw BadReply(
+          device_ + " " + channel.address + " holds the set point " +
+          std::to_string(*fields.set_point) + ", but was sent " + std::to_string(*channel.sent) +
+          "; check its unit, its range and that it accepts set points from the serial line");
     }
   }
   if (fields.pressures.empty()) return;
@@ -304,7 +304,7 @@ void AsciiSerialDriver::write(const control::ValveOrders& orders) {
   const auto size = static_cast<std::size_t>(count_);
   basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
                        "ascii serial regulator", "the number of orders", orders.valve.size(),
-                       "one a channel");
+                       "one per channel");
   basics::require(orders.set_point.allFinite(),
                   "ascii serial regulator: a set point is not finite; expected pascals");
   if (!profile_.one_by_one) return writeTogether(orders);
@@ -359,8 +359,8 @@ void AsciiSerialDriver::overhear() {
   const Channel& all = channels_.front();
   if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
   if (!port_.unfinished().empty()) {
-    throw BadReply(device_ + " has ended no line for " + milliseconds(profile_.timeout) + ": \"" +
-                   basics::quoted(port_.unfinished()) + "\"");
+    throw BadReply(device_ + " has not completed a line for " + milliseconds(profile_.timeout) +
+                   ": \"" + basics::quoted(port_.unfinished()) + "\"");
   }
   throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
                   "; check its power and the profile " + profile_.name);
@@ -368,7 +368,7 @@ void AsciiSerialDriver::overhear() {
 
 void AsciiSerialDriver::read(Pressures& pressures) {
   basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
-                       "the number of readings", pressures.pressure.size(), "one a channel");
+                       "the number of readings", pressures.pressure.size(), "one per channel");
   pressures = Pressures(count_);
   std::exception_ptr error;
   try {

@@ -22,8 +22,9 @@ using Clock = std::chrono::steady_clock;
 constexpr int kBetweenLooks = 5;  // [ms]
 
 [[noreturn]] void fail(const std::string& what, int error) {
-  throw std::runtime_error("the guard that vents where this process is killed cannot be started: " +
-                           what + ": " + std::strerror(error));
+  throw std::runtime_error(
+      "the guard, which vents the arm if this process is killed, cannot be started: " + what +
+      ": " + std::strerror(error));
 }
 
 }  // namespace

@@ -37,12 +37,12 @@ const ModbusConfig& valid(const ModbusConfig& config) {
   const ModbusProfile& profile = config.profile;
   profile.validate();
   const std::string culprit = "regulator " + profile.name;
-  basics::require(!config.slots.empty(), culprit, ": slots are none; expected one a channel");
+  basics::require(!config.slots.empty(), culprit, ": there are no slots; expected one per channel");
   std::set<int> seen;
   for (const int place : config.slots) {
     basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
     basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
-                         "slots that differ");
+                         "distinct slots");
     const int last = profile.slot(place) + 1;
     basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
                              profile.input_base + last * profile.input_stride <= kHighestRegister,
@@ -202,7 +202,7 @@ void ModbusTcpDriver::Link::connect() {
       awaitStatus(profile_.app->ready, "get ready");
       commandAll(profile_.app->regulate);
       send();
-      awaitStatus(profile_.app->running, "start to regulate");
+      awaitStatus(profile_.app->running, "start regulating");
     } else {
       send();
     }
@@ -238,7 +238,7 @@ void ModbusTcpDriver::Link::awaitStatus(int status, const char* purpose) {
       text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
            << purpose << " within " << profile_.app->activation_time << " s: its status is "
            << hex(statusOf(*late)) << ", expected " << hex(status)
-           << "; is there such a slot, and has it a fault or a lock?";
+           << "; check that the slot exists and has no fault or lock";
       throw LinkError(text.str());
     }
     std::this_thread::sleep_for(kBetweenLooks);
@@ -258,8 +258,8 @@ double ModbusTcpDriver::Link::pressureOf(int place, std::uint16_t word) const {
   if (pressure < kVacuum) {
     std::ostringstream text;
     text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
-         << pressure / 1e3 << " kPa; expected no less than vacuum: are registers, count_pa and "
-         << "atmosphere_kpa the device's?";
+         << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
+         << "atmosphere_kpa of the profile";
     throw BadReply(text.str());
   }
   return pressure;
@@ -281,7 +281,7 @@ void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
                   "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
                   " channels; expected ", places_.size());
   basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
-                  ": a set point is not finite; expected all to be");
+                  ": a set point is not finite; expected finite pascals");
   context();
   clearOutputs();
   for (Slot& slot : slots_) {
@@ -329,9 +329,9 @@ void ModbusTcpDriver::Link::read(Pressures& pressures) {
     const int status = statusOf(slot);
     close();
     throw LinkError(tcp_.place() + ": slot " + std::to_string(slot.number) + " of " +
-                    profile_.name + " has stopped to regulate: its status is " + hex(status) +
+                    profile_.name + " has stopped regulating: its status is " + hex(status) +
                     ", expected " + hex(profile_.app->running) +
-                    "; look at its faults, and at air and power");
+                    "; check its faults, its air and its power");
   }
   for (std::size_t i = 0; i < places_.size(); ++i) {
     const int place = profile_.reading(places_[i]);
@@ -349,7 +349,7 @@ void ModbusTcpDriver::Link::send() {
 void ModbusTcpDriver::Link::send(const ModbusRegisters::Run& run) {
   const auto size = static_cast<int>(run.words.size());
   check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
-        "does not take set points");
+        "does not accept set points");
 }
 
 void ModbusTcpDriver::Link::fetch() {
@@ -368,14 +368,15 @@ void ModbusTcpDriver::Link::check(bool done, const char* what) {
       tcp_.place() + ": " + profile_.name + " " + what + ": " + modbus_strerror(error);
   if (isReply(error)) {
     modbus_flush(context());  // what is left of it would be taken for the next reply
-    throw BadReply(text + "; are its registers those of the profile, and is unit_id its own?");
+    throw BadReply(text + "; check the registers of the profile, and unit_id");
   }
   if (error == ETIMEDOUT) {
     lost_ = true;
   } else {
     close();
   }
-  throw LinkError(text + "; is it on, and does nobody else hold all of its connections?");
+  throw LinkError(text +
+                  "; check that it is switched on, and that no other client holds its connections");
 }
 
 ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)

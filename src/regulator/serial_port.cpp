@@ -30,13 +30,14 @@ std::string openingFault(int error) {
     case ENOENT:
     case ENODEV:
     case ENXIO:
-      return "is not there; plug it in, or name it as `ls /dev/serial/by-id` does";
+      return "does not exist; plug it in, or use a name that `ls /dev/serial/by-id` lists";
     case EACCES:
     case EPERM:
-      return "may not be opened; add yourself to the group dialout (sudo usermod -aG dialout "
+      return "cannot be opened without permission; add yourself to the group dialout (sudo usermod "
+             "-aG dialout "
              "$USER) and log in again";
     case EBUSY:
-      return "is held by another program; end that one (fuser tells which it is)";
+      return "is used by another program; end that one (fuser shows which it is)";
     case EISDIR:
       return "is a folder; expected a serial line such as /dev/ttyUSB0";
     default:
@@ -75,7 +76,8 @@ speed_t speedOf(int baud) {
     case 2000000:
       return B2000000;
     default:
-      basics::require(false, "serial port: baud is ", baud, "; expected a usual one, as 115200");
+      basics::require(false, "serial port: baud is ", baud,
+                      "; expected a standard rate such as 115200");
   }
   return B0;
 }
@@ -113,7 +115,7 @@ void SerialPort::open(const std::string& device, int baud) {
   termios settings{};
   if (tcgetattr(file_, &settings) != 0) {
     close();
-    fail("is no serial line; expected one such as /dev/ttyUSB0");
+    fail("is not a serial line; expected one such as /dev/ttyUSB0");
   }
   claim();
   cfmakeraw(&settings);
@@ -127,7 +129,7 @@ void SerialPort::open(const std::string& device, int baud) {
   if (cfsetspeed(&settings, speed) != 0 || tcsetattr(file_, TCSANOW, &settings) != 0) {
     const int error = errno;
     close();
-    fail("does not take " + std::to_string(baud) + " baud: " + std::strerror(error));
+    fail("does not support " + std::to_string(baud) + " baud: " + std::strerror(error));
   }
 }
 
@@ -165,8 +167,7 @@ void SerialPort::awaitSent() const noexcept {
 bool SerialPort::awaitInput(Clock::time_point deadline) const {
   pollfd line{file_, POLLIN, 0};
   const int ready = poll(&line, 1, millisecondsTo(deadline));
-  if (ready < 0 && errno != EINTR)
-    fail(std::string("cannot be waited for: ") + std::strerror(errno));
+  if (ready < 0 && errno != EINTR) fail(std::string("cannot be polled: ") + std::strerror(errno));
   if (ready <= 0) return false;
   if ((line.revents & POLLIN) == 0) fail(kUnplugged);
   return true;
@@ -216,7 +217,7 @@ void SerialPort::send(const std::string& bytes, Clock::time_point deadline) {
     const int ready = poll(&line, 1, millisecondsTo(deadline));
     if (ready > 0 && (line.revents & POLLOUT) == 0) fail(kUnplugged);
     if (ready <= 0 && Clock::now() >= deadline) {
-      fail("takes no more lines; check its cable and whether it is switched on");
+      fail("accepts no more lines; check its cable, and that it is switched on");
     }
   }
 }
@@ -234,7 +235,7 @@ std::optional<std::string> SerialPort::receiveLine(const std::string& terminator
     if (input_.size() > kLongestLine) {
       const std::string begin = basics::quoted(input_, 32);
       input_.clear();
-      throw BadReply(device_ + " sends a line of more than " + std::to_string(kLongestLine) +
+      throw BadReply(device_ + " sent a line of more than " + std::to_string(kLongestLine) +
                      " bytes: \"" + begin + "\"");
     }
     if (awaitInput(deadline)) {

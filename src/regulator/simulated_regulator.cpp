@@ -38,7 +38,7 @@ SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorCon
 
 void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_point) {
   require(set_point.size() == pressure_.size(), "the number of set points",
-          static_cast<double>(set_point.size()), "one a channel");
+          static_cast<double>(set_point.size()), "one per channel");
   for (int i = 0; i < set_point.size(); ++i) {
     require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }

@@ -49,11 +49,11 @@ int connectWithin(int socket, const sockaddr* address, socklen_t size, double ti
 const char* remedyOf(int error) {
   switch (error) {
     case ECONNREFUSED:
-      return "is its Modbus server on, and is this its port?";
+      return "check that its Modbus server runs, and on this port";
     case ETIMEDOUT:
     case EHOSTUNREACH:
     case ENETUNREACH:
-      return "is it switched on, and on this network?";
+      return "check that it is switched on, and on this network";
     default:
       return "check host, port and cable";
   }
@@ -117,8 +117,7 @@ void TcpLink::claim(const Address& address) {
   getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
   const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
   if (!holder || ignores_others_) return;
-  throw LinkError(place_ + " is driven by " + *holder +
-                  "; end that one first, or vent and stop the arm through it");
+  throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
 }
 
 int TcpLink::open(double timeout) {

@@ -136,7 +136,7 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
 const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
   basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
                        "the number of sections", shape.sectionCount(),
-                       "one a section of the arm in view");
+                       "one per section of the arm in view");
   basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
                        "finite twists");
   backdrop.copyTo(sharp);

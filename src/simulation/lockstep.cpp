@@ -30,7 +30,7 @@ void LockstepConfig::validate() const {
 Lockstep::Lockstep(Parts parts, const LockstepConfig& config)
     : parts_(std::move(parts)), config_(config) {
   config_.validate();
-  std::string refusal = "it was not read";
+  std::string refusal = "the regulator was not read";
   // Noise may look like pressure in one reading or another.
   for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
     reading_ = parts_.rig.measure();

@@ -24,9 +24,9 @@ const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   basics::requireValue(
       config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
       kCulprit, "the number of addresses", config.addresses.size(),
-      "one a channel where the profile has {address}, else none");
+      "one per channel if the profile has {address}, else none");
   basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kCulprit,
-                  ": the profile has no {address} to tell channels apart");
+                  ": the profile has no {address} to distinguish channels");
   basics::requireValue(config.period > 0, kCulprit, "the period [s]", config.period, "a value > 0");
   return config;
 }

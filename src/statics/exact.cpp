@@ -131,7 +131,7 @@ model::Shape ExactArm::Statics::unloadedShape(const model::Twists& unloaded) con
 
 void ExactArm::Statics::check(const model::Twists& unloaded) const {
   basics::requireValue(unloaded.cols() == rod_.sections(), "exact tier",
-                       "the number of unloaded twists", unloaded.cols(), "one for each section");
+                       "the number of unloaded twists", unloaded.cols(), "one per section");
   basics::require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
 }
 

@@ -189,7 +189,7 @@ void LocalizerConfig::validate() const {
   fit.validate();
   if (min_tags < 2) {
     throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
-                                "; expected at least 2: a single tag may stand either way");
+                                "; expected at least 2: the pose of a single tag is ambiguous");
   }
 }
 

@@ -57,7 +57,7 @@ class V4l2Device : public VideoDevice {
   std::optional<std::string> open() override {
     // OpenCV would say no more than that it failed, and that on stderr.
     if (access(config_.device.c_str(), F_OK) != 0) {
-      return "there is no such device; plug the camera in, or name another device";
+      return "the device does not exist; plug the camera in, or give another device";
     }
     if (access(config_.device.c_str(), R_OK | W_OK) != 0) {
       return "this user may not use the device; add the user to the group video";
@@ -76,7 +76,7 @@ class V4l2Device : public VideoDevice {
     if (fourcc != config_.fourcc || width != config_.width || height != config_.height) {
       return text("it gives ", width, " x ", height, " ", fourcc, " instead of ", config_.width,
                   " x ", config_.height, " ", config_.fourcc,
-                  "; choose one of the formats that it has");
+                  "; choose one of the formats that it supports");
     }
     constexpr double kManualExposure = 1;  // V4L2_EXPOSURE_MANUAL
     std::optional<std::string> fault =
@@ -90,7 +90,7 @@ class V4l2Device : public VideoDevice {
 
   Read read(cv::Mat& gray, std::string& fault) override {
     if (!capture_.grab() || !capture_.retrieve(raw_) || raw_.empty()) {
-      fault = "it gives no more pictures; plug it in again";
+      fault = "it delivers no more pictures; plug it in again";
       return Read::kGone;
     }
     if (config_.fourcc == "MJPG") {
@@ -225,7 +225,7 @@ class VideoFile : public FrameSource {
     begin(frame, path_ + "#" + std::to_string(number_));
     if (!capture_.isOpened() && !open()) {
       through_ = true;
-      return fail(frame, path_ + ": it is broken or no video");
+      return fail(frame, path_ + ": it is damaged or not a video");
     }
     if (const auto fault = sizeFault(size_, expected_)) {
       through_ = true;
@@ -348,7 +348,7 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
     return pictureFiles(std::move(pictures), expected);
   }
   if (!fs::is_regular_file(path, error)) {
-    throw std::invalid_argument(path + " is no file and no folder" +
+    throw std::invalid_argument(path + " is neither a file nor a folder" +
                                 (error ? ": " + error.message() : ""));
   }
   if (hasExtension(path, kPictures)) {

@@ -50,10 +50,10 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
   if (size == 0) return "no data; expected a JPEG";
   int width = 0, height = 0, subsampling = 0, colours = 0;
   if (tjDecompressHeader3(codec, data, size, &width, &height, &subsampling, &colours) != 0) {
-    return std::string("no sound JPEG header: ") + tjGetErrorStr2(codec);
+    return std::string("not a valid JPEG header: ") + tjGetErrorStr2(codec);
   }
   if (colours == TJCS_CMYK || colours == TJCS_YCCK) {
-    return "a JPEG in CMYK, which holds no gray; expected gray or YCbCr";
+    return "a JPEG in CMYK, which is not supported; expected gray or YCbCr";
   }
   const long pixels = static_cast<long>(width) * height;
   const std::string claim =
@@ -74,7 +74,7 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
                     TJPF_GRAY, TJFLAG_LIMITSCANS) != 0) {
     const std::string reason = tjGetErrorStr2(codec);
     const bool warned = tjGetErrorCode(codec) == TJERR_WARNING;
-    if (!warned || !isHarmless(reason)) return "a broken or truncated JPEG: " + reason;
+    if (!warned || !isHarmless(reason)) return "a damaged or truncated JPEG: " + reason;
   }
   return std::nullopt;
 }

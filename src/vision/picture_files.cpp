@@ -31,7 +31,7 @@ std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes,
   } catch (const cv::Exception& error) {
     return "it does not decode: " + error.err;
   }
-  if (gray.empty()) return "it is broken, truncated or no picture";
+  if (gray.empty()) return "it is damaged, truncated or not a picture";
   return std::nullopt;
 }
 
@@ -79,7 +79,7 @@ std::optional<std::string> sizeFault(const cv::Size& size,
   if (expected && size != *expected) return found + sizeText(*expected);
   if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
     return found + "at most " + std::to_string(estimation::Camera::kMaxSide) +
-           " px a side: make it smaller";
+           " px per side: make it smaller";
   }
   if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
     return found + "at most " + std::to_string(JpegDecoder::kMaxPixels) +

@@ -158,11 +158,11 @@ std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>&
   if (bytes.empty()) return "the file is empty";
   const std::optional<Claim> claim = claimOf(bytes);
   if (!claim) {
-    return "it begins as no picture does; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
+    return "it does not begin like a picture; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
   }
   constexpr std::uint64_t kMost = std::numeric_limits<int>::max();
   if (claim->width == 0 || claim->height == 0 || claim->width > kMost || claim->height > kMost) {
-    return "its header is broken, truncated or of no picture that can be read";
+    return "its header is damaged, truncated or of an unsupported kind";
   }
   return cv::Size(static_cast<int>(claim->width), static_cast<int>(claim->height));
 }

@@ -49,7 +49,7 @@ void DetectorConfig::validate() const {
           "; expected 0 to 3");
   require(2 * max_hamming < of.distance(), "max_hamming is ", max_hamming, "; tags of ", family,
           " differ in ", of.distance(), " bits, so that no more than ", (of.distance() - 1) / 2,
-          " can be put right");
+          " can be corrected");
   require(tableBytes(of, max_hamming) <= kMaxTableBytes, "max_hamming is ", max_hamming,
           ", which takes ", tableBytes(of, max_hamming) / 1e9, " GB for the ", of.count(),
           " tags of ", family, "; expected at most ", kMaxTableBytes / 1e9, " GB: lower it");
@@ -144,7 +144,7 @@ std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rec
           "; expected gray of 8 bits, CV_8UC1");
   // libapriltag aborts on larger ones.
   require(std::max(gray.cols, gray.rows) <= Camera::kMaxSide, "the picture has ", gray.cols, " x ",
-          gray.rows, " px; expected at most ", Camera::kMaxSide, " px a side");
+          gray.rows, " px; expected at most ", Camera::kMaxSide, " px per side");
   // Where the region begins on the grid of the whole picture, the same quads come out.
   const int grid = static_cast<int>(std::lround(kTile * config().quad_decimate));
   cv::Rect inside = region & cv::Rect({0, 0}, gray.size());

@@ -496,7 +496,7 @@ TEST_F(Refused, NumbersThatAreNone) {
 
 TEST_F(Refused, AnotherArm) {
   data_.captures[1].pressure = Eigen::VectorXd::Zero(2);
-  expect(CalibrationStatus::kBadData, "has 2 pressures, but the arm has 3 actuators");
+  expect(CalibrationStatus::kBadData, "has 2 pressures, not the arm has 3 actuators");
   data_ = twists(known_, known_, 1e-3);
   data_.captures[1].pressure[0] = 2 * kMaxPressure;
   expect(CalibrationStatus::kBadData, "muscle_1");
@@ -508,7 +508,7 @@ TEST_F(Refused, AnotherArm) {
 
 TEST_F(Refused, KindsThatAreMixed) {
   data_.captures[7].reading = CurvatureReading{0.5};
-  expect(CalibrationStatus::kBadData, "capture 8: is another kind");
+  expect(CalibrationStatus::kBadData, "capture 8: has another kind");
 }
 
 TEST_F(Refused, WhatReadingsCannotTell) {
@@ -517,7 +517,7 @@ TEST_F(Refused, WhatReadingsCannotTell) {
   expect(CalibrationStatus::kNothingToFit, "need captures of tags", options);
   options = {};
   options.K_kappa = options.K_gamma = false;
-  expect(CalibrationStatus::kNothingToFit, "nothing to fit", options);
+  expect(CalibrationStatus::kNothingToFit, "no parameter to fit", options);
 }
 
 TEST_F(Refused, StiffnessOfSeveralKinds) {

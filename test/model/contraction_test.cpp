@@ -90,7 +90,7 @@ TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
             std::string::npos);
   EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("least length"),
+            }).find("smallest length"),
             std::string::npos);
 }
 
@@ -153,7 +153,7 @@ TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
   EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
   EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
   EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("least length"),
+  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("smallest length"),
             std::string::npos);
 }
 

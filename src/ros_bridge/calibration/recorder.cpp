@@ -60,8 +60,8 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     times = static_cast<unsigned long>(foreign_pressures_.total());
   }
   // Without the lock: a terminal that blocks must not stall the run.
-  logWarning("%s is not of scene %s: %s (%lu times so far)", topic, scene.c_str(), fault.c_str(),
-             times);
+  logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
+             fault.c_str(), times);
 }
 
 void Recorder::onMeasured(const PressureArrayConstPtr& measured) {

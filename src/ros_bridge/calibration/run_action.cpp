@@ -115,11 +115,11 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
   basics::require(target_publisher_.getNumSubscribers() > 0,
-                  "nobody listens on pressure_target; is pressure_command up?");
-  basics::require(!EndRequest::made(), "the node is about to end");
+                  "pressure_target has no subscriber; is pressure_command running?");
+  basics::require(!EndRequest::made(), "the node is shutting down");
   const io::Scene scene = recorder_.scene();
   basics::require(scene.camera && scene.tags, "scene ", scene.name,
-                  " has no `camera` or no `tags`: nothing could be recorded; add them to it");
+                  " has no `camera` or no `tags`, so nothing can be recorded; add them to it");
   const auto plan = procedures::checkPlan(scene.arm, goal.plan);
   if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
     throw std::invalid_argument(refusal->message);
@@ -127,7 +127,7 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   const procedures::Settling state = recorder_.observe().settling;
   basics::require(!state.stale(), state.reason);
   basics::require(state.set_point.has_value(),
-                  "pressure_command has not come yet; is its node up?");
+                  "no pressure_command was received yet; is its node running?");
   const basics::MutexLock lock(mutex_);
   motion_.emplace(Motion{scene.arm,
                          {std::get<Eigen::MatrixXd>(plan), scene.arm.clamped(*state.set_point),
@@ -162,10 +162,11 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   const basics::MutexLock lock(mutex_);
   procedures::CalibrationRun& run = motion_->run;
   const auto [now, time_stands, state] = recorder_.observe();
-  if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "it was cancelled");
-  if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is to end");
+  if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "cancelled");
+  if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is shutting down");
   if (time_stands) {
-    run.end(RunEnd::kAborted, "ROS time stands still; is the node that gives /clock up?");
+    run.end(RunEnd::kAborted,
+            "ROS time does not advance; is the node that publishes /clock running?");
   }
   Turn out;
   if (run.ended()) {

@@ -59,8 +59,8 @@ void ClockGate::onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
     ros::Time::setNow(time);
   } else if (bad_times_.add()) {
     logWarning(
-        "%s says %u s and %u ns, beyond what ROS can count with (2^31 s): the time stays as it was "
-        "(%lu times so far); stop the node that says so",
+        "%s gives %u s and %u ns, beyond the range of ROS time (2^31 s): the message is ignored "
+        "(%lu times so far); stop the node that publishes it",
         names::kClock, time.sec, time.nsec, static_cast<unsigned long>(bad_times_.total()));
   }
 }

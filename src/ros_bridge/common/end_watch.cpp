@@ -17,8 +17,8 @@ constexpr double kPeriod = 0.1;  // between two looks [s]
 // Neither ROS nor the standard streams: they may be what hangs.
 [[noreturn]] void end() {
   constexpr char kText[] =
-      "this node could not end in time and was cut off: the ROS master does not answer (rosnode "
-      "cleanup forgets the node once it does), or a callback did not come back\n";
+      "this node could not end in time and exits at once: the ROS master does not answer (run "
+      "rosnode cleanup once it does), a callback does not return, or the log is blocked\n";
   pollfd ready{STDERR_FILENO, POLLOUT, 0};
   if (poll(&ready, 1, 0) > 0 && (ready.revents & POLLOUT) != 0) {
     const ssize_t written = write(STDERR_FILENO, kText, std::strlen(kText));

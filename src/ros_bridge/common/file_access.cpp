@@ -87,7 +87,7 @@ std::string FileAccess::toRead(const std::string& what, const std::string& given
   std::string path = resolved(what, given, endings);
   std::error_code ignored;
   basics::require(fs::is_regular_file(path, ignored), what, " is '",
-                  basics::quoted(given, kLongestPath), "', where there is no regular file");
+                  basics::quoted(given, kLongestPath), "', which is not a regular file");
   return path;
 }
 
@@ -99,10 +99,10 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
   const fs::file_type type = fs::symlink_status(path, ignored).type();
   if (type != fs::file_type::not_found) {
     basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                    "', which is there and is neither a calibrated scene nor recorded samples of "
+                    "', which exists and is neither a calibrated scene nor recorded samples of "
                     "this package; expected a new name, or that of one of these");
     basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
-                    "', which cannot be written over; expected another path");
+                    "', which cannot be overwritten; expected another path");
   }
   const std::string folder = fs::path(path).parent_path().string();
   const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;

@@ -14,7 +14,7 @@ std::string reason() {
   } catch (const std::exception& fault) {
     return fault.what();
   } catch (...) {
-    return "something that is no std::exception was thrown";
+    return "an exception was thrown that is not a std::exception";
   }
 }
 

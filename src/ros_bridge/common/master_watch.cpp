@@ -83,7 +83,7 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
     if (missed >= misses && ros::ok()) {
       lost_ = true;
       EndRequest::make();
-      logFatal("the ROS master at %s %s: this node ends", ros::master::getURI().c_str(),
+      logFatal("the ROS master at %s %s: this node exits", ros::master::getURI().c_str(),
                textOf(answer));
       return;
     }

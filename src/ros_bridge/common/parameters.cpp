@@ -138,7 +138,7 @@ void ParameterReader::finish() {
   const std::string mine = node_.getNamespace() + "/";
   for (const std::string& name : set) {
     if (name.compare(0, mine.size(), mine) == 0 && known_.count(name) == 0) {
-      logWarning("nobody reads the parameter %s: is it misspelt?", name.c_str());
+      logWarning("the node does not know the parameter %s; check its spelling", name.c_str());
     }
   }
   if (faults_.empty()) return;

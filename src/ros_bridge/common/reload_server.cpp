@@ -66,7 +66,7 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
   } catch (const std::exception& fault) {
     response.success = false;
     response.message = fault.what();
-    logWarning("reload, nothing has changed: %s", response.message.c_str());
+    logWarning("reload refused, nothing changed: %s", response.message.c_str());
   }
   return true;
 }
@@ -81,8 +81,8 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
     return out;
   };
   const auto require = [&](bool holds, const auto&... what) {
-    basics::require(holds, "scene ", next.name, " is not of the rig that runs: ", what...,
-                    "; end the nodes to change the rig");
+    basics::require(holds, "scene ", next.name, " is not of the running rig: ", what...,
+                    "; restart the nodes to change the rig");
   };
   require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
           " sections, expected ", now.sectionCount());
@@ -92,7 +92,7 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
   }
   for (int i = 0; i < now.actuatorCount(); ++i) {
     require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
-            " is driven otherwise");
+            " has another drive");
   }
   require(at_hand.camera.has_value() == next.camera.has_value() &&
               at_hand.tags.has_value() == next.tags.has_value(),

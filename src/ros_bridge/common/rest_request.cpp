@@ -51,7 +51,7 @@ void requestRest() {
   }
   // Nodes that are ended together need not find each other any more.
   logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
-          "%s is not there or does not answer: the arm vents when no target comes for "
+          "%s does not exist or does not answer: the arm vents once no target has come for "
           "safety.target_timeout_s, as after a fault",
           client.getService().c_str());
 }

@@ -22,7 +22,7 @@ constexpr double kFresh = 1.0;         // an older pressure_command is of a node
 constexpr double kPatience = 1.0;      // beyond the lease of another commander [s]
 constexpr double kLongestLease = 5.0;  // that is waited for [s]
 constexpr std::size_t kLongestMessage = 1000;  // of another node
-constexpr char kSilent[] = "pressure_command does not come; is its node up?";
+constexpr char kSilent[] = "no pressure_command is received; is its node running?";
 
 }  // namespace
 
@@ -99,7 +99,7 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
     set_point_ = std::move(*pressure);
     last_command_ = ros::SteadyTime::now();
   } else if (bad_commands_.add()) {
-    logWarning("a pressure_command is dropped (%lu so far): %s",
+    logWarning("a pressure_command was dropped (%lu so far): %s",
                static_cast<unsigned long>(bad_commands_.total()),
                std::get<control::Refusal>(checked).message.c_str());
   }

@@ -23,7 +23,7 @@ std::string text(const char* format, Values... values) {
 std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn) {
   if (!turn.path_time) {
     return GoalEnding{Result::CONTACT,
-                      "something touches the arm, and on_contact is STOP: the path was given up, "
+                      "contact with the arm, and on_contact is STOP: the path was aborted, "
                       "and the command is held; clear the arm, and send the goal again"};
   }
   if (!moments_.empty() && time < moments_.back().time) moments_.clear();  // a jump back in time
@@ -44,10 +44,9 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState 
   // The loop coasts before it is open again.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
-  return GoalEnding{
-      Result::SIGHT_LOST,
-      std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
-          "; look at vision_status and at ~close_loop, or set require_sight to false"};
+  return GoalEnding{Result::SIGHT_LOST,
+                    std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
+                        "; check vision_status and ~close_loop, or set require_sight to false"};
 }
 
 // The end of the path and the time allowed for it are over.

@@ -49,7 +49,7 @@ void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
 void LoopDiagnostics::sawForeign(const std::string& why) {
   ++refused_;
   if (!foreign_.add()) return;
-  logWarning("a measured is not used (%lu so far): %s",
+  logWarning("a message on measured was dropped (%lu so far): %s",
              static_cast<unsigned long>(foreign_.total()), why.c_str());
 }
 

@@ -84,7 +84,7 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
-    logWarning("a pressure_measured is dropped (%lu so far): %s",
+    logWarning("a pressure_measured was dropped (%lu so far): %s",
                static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
     return;
   }
@@ -200,7 +200,8 @@ bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& re
 bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
   loop_.reset();
   response.success = true;
-  response.message = "what the pictures taught is forgotten: the correction fades within a second";
+  response.message =
+      "what was learnt from pictures is cleared: the correction fades out within a second";
   logInfo("reset: %s", response.message.c_str());
   return true;
 }
@@ -230,23 +231,23 @@ std::string SightLoopNode::commander() {
 std::string SightLoopNode::reason() {
   switch (loop_.state()) {
     case LoopState::kIdle:
-      return isWanted() ? "waits for the arm: " + link_.whyNot() : "nobody commands the loop";
+      return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
     case LoopState::kOpen:
       if (!closes_) return "kept open by ~close_loop";
-      return last_picture_ ? "the arm is not seen; look at vision_status, and at the refused "
+      return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
                              "pictures in the diagnostics"
-                           : "no measured has been used yet; is vision up?";
+                           : "no message on measured was used yet; is vision running?";
     case LoopState::kClosed:
-      return "follows what is seen";
+      return "follows the measured shape";
     case LoopState::kCoasting:
       return "the arm is not seen for the moment: the correction is held";
     case LoopState::kYielding:
-      return "something touches the arm: path and correction stand still; clear the arm";
+      return "contact with the arm: path and correction are held; clear the arm";
     case LoopState::kDiverging:
       break;
   }
-  return "the tip moves away from a target that is said to be within reach: the arm bends "
-         "otherwise than its model; look for swapped hoses, tags and signs, then call ~reset";
+  return "the tip moves away from a target within the model's reach: the arm does not bend "
+         "as its model does; check for swapped hoses, tags and signs, then call ~reset";
 }
 
 void SightLoopNode::tellState(LoopState before) {
@@ -264,12 +265,12 @@ void SightLoopNode::onDraw(const ros::SteadyTimerEvent&) {
   const bool measures =
       !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
   if (!measures) {
-    giveUp("pressure_measured does not come; is the regulator's node up?");
+    giveUp("no pressure_measured is received; is the regulator's node running?");
     letGo();
     publisher_.clear();
   }
   if (EndRequest::made()) {
-    giveUp("the loop's node is about to end");
+    giveUp("the node of the loop is shutting down");
     link_.rest();
     letGo();
   }

@@ -78,7 +78,7 @@ void PressureCommandNode::refuseSimulatedTime() const {
   if (!options_.allow_sim_time) {
     throw ParameterError("/use_sim_time is true, but scene " + scene_.name +
                          " drives hardware; end the recording or simulation that sets it, or set "
-                         "~allow_sim_time to true where that is meant");
+                         "~allow_sim_time to true if that is intended");
   }
   logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
 }
@@ -113,15 +113,16 @@ void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
   };
   if (describe(scene_) != describe(next)) {
     throw std::invalid_argument("scene " + next.name + " has another regulator: " + describe(next) +
-                                ", expected " + describe(scene_) + "; end the nodes to change it");
+                                ", expected " + describe(scene_) +
+                                "; restart the nodes to change it");
   }
   if (!guard_) return;
   const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
                                                next.safety.channels, next.safety.rules);
   if (!looser.empty()) {
-    throw std::invalid_argument("scene " + next.name +
-                                " is less safe than the one this node began with: " + looser +
-                                "; end the nodes to change that");
+    throw std::invalid_argument(
+        "scene " + next.name + " is less safe than the one that this node started with: " + looser +
+        "; restart the nodes to change that");
   }
 }
 
@@ -172,8 +173,8 @@ void PressureCommandNode::replaceGuard() {
   const bool tell = guard_losses_.add();
   if (tell) {
     logError(
-        "the guard, which vents where this node is killed, has ended or stands still (%lu times so "
-        "far): the arm vents, and another guard is started",
+        "the guard, which vents the arm if this node is killed, has ended or does not respond (%lu "
+        "times so far): the arm vents, and another guard is started",
         static_cast<unsigned long>(guard_losses_.total()));
   }
   guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
@@ -182,7 +183,7 @@ void PressureCommandNode::replaceGuard() {
     loop_->guardedBy(next);
     guard_ = std::move(next);
   } catch (const std::runtime_error& error) {
-    if (tell) logError("%s; the arm stays vented until one can be", error.what());
+    if (tell) logError("%s; the arm stays vented until one is started", error.what());
   }
 }
 

@@ -100,7 +100,7 @@ DiagnosticStatus LoopRate::status(const std::string& node, const PressureLoop::S
   DiagnosticStatus out;
   out.name = statusName(node, names::kLoopStatus);
   out.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
-  out.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  out.message = slow ? "the loop is slower than ~rate" : "the loop keeps its rate";
   addValue(out, names::kRateKey, fixed(rate));
   addValue(out, names::kWantedRateKey, fixed(wanted_));
   addValue(out, names::kBadReadingsKey, std::to_string(path.bad_readings.total()));

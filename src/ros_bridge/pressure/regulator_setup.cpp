@@ -25,10 +25,9 @@ void warnOfShortSupply(const model::Arm& arm, const regulator::SimulatedRegulato
     const model::Actuator& actuator = arm.actuator(i);
     const model::Range& limits = actuator.limits;
     if (limits.lower < 0 || limits.upper > config.supply_pressure) {
-      logWarning(
-          "%s may be asked for %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
-          actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
-          config.supply_pressure / 1e3);
+      logWarning("%s has limits of %.0f to %.0f kPa, but the simulated supply gives 0 to %.0f kPa",
+                 actuator.name.c_str(), limits.lower / 1e3, limits.upper / 1e3,
+                 config.supply_pressure / 1e3);
     }
   }
 }
@@ -47,9 +46,8 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
   const regulator::Config& config = requireRegulator(scene);
   const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
   if (simulated == nullptr) {
-    throw std::invalid_argument("scene " + scene.name + " has a regulator of its own, " +
-                                regulator::describe(config) +
-                                "; only one with regulator.simulated can be simulated");
+    throw std::invalid_argument("scene " + scene.name + " has another regulator, " +
+                                regulator::describe(config) + "; expected regulator.simulated");
   }
   warnOfShortSupply(scene.arm, *simulated);
   return {scene.arm.actuatorCount(), *simulated};
@@ -66,7 +64,7 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
   logInfo("%s: regulator %s", scene.name.c_str(), regulator::describe(config).c_str());
   auto driver = regulator::makeDriver(config, channels);
   if (std::isfinite(driver->watchdog())) {
-    logInfo("%s: its profile says that it vents by itself when no line comes for %g s; try it out",
+    logInfo("%s: by its profile the regulator vents itself if no line comes for %g s; test this",
             scene.name.c_str(), driver->watchdog());
   }
   if (const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config)) {

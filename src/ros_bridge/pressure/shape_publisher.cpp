@@ -55,7 +55,8 @@ void ShapePublisher::solve() {
   std::ostringstream at;
   at << (1e-3 * pressure).transpose();
   logWarning(
-      "%s: the %s model finds no shape that holds the load at %s kPa (%s, residual %.2g; %lu times "
+      "%s: the %s model finds no shape that balances the load at %s kPa (%s, residual %.2g; %lu "
+      "times "
       "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
       statics::nameOf(solution_.status), solution_.residual,
@@ -85,8 +86,8 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
       logWarning(
-          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no frames are "
-          "given for it; set the clocks alike",
+          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no tf is "
+          "published for it; synchronise the clocks",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
     }
     return;
@@ -97,7 +98,7 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
 
 std::string ShapePublisher::unmeasuredText() const {
   return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
-                        : "pressure_measured has not come: is the regulator's node up?";
+                        : "no pressure_measured is received; is the regulator's node running?";
 }
 
 void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
@@ -112,8 +113,9 @@ void ShapePublisher::draw() {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
       if (!measures() && losses_.add()) {
         logWarning(
-            "nothing was measured for %g s (%lu times so far): %s; the arm is drawn again once it "
-            "is",
+            "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
+            "until "
+            "they are",
             kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());
       }
     }
@@ -130,9 +132,10 @@ DiagnosticStatus ShapePublisher::status(const std::string& node) const {
   const statics::TierChoice& choice = scene_.model.choice();
   const bool solved = solution_.converged();
   out.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
-  out.message = solved ? "the model finds the arm's shape"
-                       : "the model finds no shape that holds the load: none is published; check "
-                         "the scene's load and arm.stiffness.K_eps_n";
+  out.message = solved
+                    ? "the model finds the arm's shape"
+                    : "the model finds no shape that balances the load: none is published; check "
+                      "the scene's load and arm.stiffness.K_eps_n";
   addValue(out, names::kTierKey, statics::nameOf(choice.setting.tier));
   addValue(out, names::kOrderKey, std::to_string(choice.setting.order));
   addValue(out, names::kTierReasonKey, choice.reason);

@@ -31,7 +31,7 @@ void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
   for (const FaultCount& count : dropped_) total += count.total();
   status.level =
       news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
-  status.message = news_ ? last_fault_ : "targets are fine";
+  status.message = news_ ? last_fault_ : "no target was dropped or out of reach";
   addValue(status, names::kReachedKey, std::to_string(reached_));
   addValue(status, names::kUnreachableKey, std::to_string(unreachable_.total()));
   addValue(status, names::kDroppedKey, std::to_string(total));

@@ -38,7 +38,7 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
     if (data.find(column) < 0) without += (without.empty() ? "" : ", ") + arm.actuator(i).name;
   }
   if (!without.empty()) {
-    logWarning("%s has no column for %s: they rest at 0; is it of another arm?",
+    logWarning("%s has no column for %s: they stay at 0; is it for another arm?",
                options.data.c_str(), without.c_str());
   }
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
@@ -107,7 +107,8 @@ void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
 void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
   const auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    suffer(foreign_, "pressure_command is not of scene " + scene_.name + ": " + refusal->message);
+    suffer(foreign_,
+           "pressure_command does not match scene " + scene_.name + ": " + refusal->message);
     return;
   }
   foreign_.messages = 0;
@@ -126,7 +127,7 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
     return;
   }
   if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
-    logInfo("the arm takes targets: the series goes on");
+    logInfo("targets are accepted again: the series continues");
     held_back_ = false;
     if (player_) player_->resume(command_);
   }
@@ -140,7 +141,7 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
     refused_.messages = 0;
   }
   if (!waits) return;
-  if (!yielding_) logInfo("someone else wants the arm: the series waits");
+  if (!yielding_) logInfo("another commander sends targets: the series waits");
   yielding_ = true;
   last_of_others_ = ros::SteadyTime::now();
 }
@@ -153,7 +154,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
   if (yielding_) {
     if ((now - last_of_others_).toSec() < options_.resume_after) return;
-    logInfo("the series goes on");
+    logInfo("the series continues");
     yielding_ = false;
     player_->resume(command_);
   } else if (!held_back_) {
@@ -169,7 +170,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   }
   publishTarget();
   over_ = player_->finished();
-  if (over_) logInfo("the series is over");
+  if (over_) logInfo("the series has ended");
 }
 
 void PressureSeriesNode::publishTarget() {

@@ -43,7 +43,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   }
   if (out.time_factor != 0 && !ros::Time::isSimTime()) {
     throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
-                         ", but the nodes live in real time; set the parameter /use_sim_time to "
+                         ", but the nodes use real time; set the parameter /use_sim_time to "
                          "true before any of them starts");
   }
   return out;
@@ -131,7 +131,7 @@ void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
   regulator_.command(Eigen::VectorXd::Zero(command_.size()));
   logWarning(
       "no pressure_command for %g s (~command_timeout_s): the regulator vents by itself; is "
-      "pressure_command up?",
+      "pressure_command running?",
       options_.command_timeout);
 }
 

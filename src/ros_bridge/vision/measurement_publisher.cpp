@@ -44,8 +44,8 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
       logWarning(
-          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no frames are given "
-          "for them; set the clocks alike",
+          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
+          "for them; synchronise the clocks",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
     }
     return;

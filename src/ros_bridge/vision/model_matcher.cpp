@@ -23,8 +23,8 @@ model::Shape restingShape(const io::Scene& scene) {
   const statics::Solution solution = scene.model.solve(rest);
   if (!solution.converged()) {
     logWarning(
-        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
-        "where they are without load until a model comes",
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are expected "
+        "where they are without load until a model is received",
         scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
   }
   return statics::startingShape(scene.model, solution, rest);
@@ -74,9 +74,9 @@ ModelMatcher::LookUp ModelMatcher::lookUp(const ros::Time& stamp) {
 void ModelMatcher::warnOfLag(double lag) {
   if (!late_models_.add()) return;
   logWarning(
-      "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
-      "up, and are the clocks of the camera's and the arm's computers synchronised? Where no "
-      "shape holds the scene's load it gives no model: see `%s` in its diagnostics",
+      "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+      "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
+      "a shape that balances the load there is no model: see `%s` in its diagnostics",
       std::abs(lag), lag < 0 ? "after" : "before", static_cast<unsigned long>(late_models_.total()),
       names::kModelStatus);
 }

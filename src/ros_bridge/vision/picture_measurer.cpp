@@ -83,7 +83,7 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
   if (!equal(view.camera, current_.localizer->view().camera)) {
     if (adoptions_.add()) {
       logInfo(
-          "camera_info differs from the intrinsics at hand (%lu times so far): going by "
+          "camera_info differs from the intrinsics in use (%lu times so far): using "
           "camera_info%s",
           static_cast<unsigned long>(adoptions_.total()),
           source_.infoPublishers() > 1
@@ -101,10 +101,11 @@ void PictureMeasurer::follow(const ros::Time& stamp) {
   if (elapsed < 0 || elapsed > stale_after_) current_.localizer->reset();
   if (elapsed < 0) {
     if (jumps_.add()) {
-      logInfo("the pictures' time has jumped back by %.1f s (%lu times so far): starting anew%s",
-              -elapsed, static_cast<unsigned long>(jumps_.total()),
-              source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
-                                       : "");
+      logInfo(
+          "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",
+          -elapsed, static_cast<unsigned long>(jumps_.total()),
+          source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
+                                   : "");
     }
     models_.restart(current_.scene);
   }

@@ -142,7 +142,7 @@ void PictureSource::capture() {
     const auto due = steady_clock::now() + period;
     const vision::FrameStatus status = frames_->next(frame);
     if (status == vision::FrameStatus::kEnd) {
-      status_.enter(VisionStatus::ENDED, options_.source + " is through");
+      status_.enter(VisionStatus::ENDED, options_.source + " has ended");
       return;
     }
     if (status == vision::FrameStatus::kFault) {

@@ -70,9 +70,9 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
                               "'; send mono8, bgr8, rgb8, bgra8, rgba8 or an 8-bit Bayer pattern"};
   }
   if (image.width == 0 || image.height == 0) {
-    return PictureRefusal{
-        PictureFault::kWrongSize,
-        "the picture is of " + sizeText(image.width, image.height) + " pixels; send one with some"};
+    return PictureRefusal{PictureFault::kWrongSize,
+                          "the picture is of " + sizeText(image.width, image.height) +
+                              " pixels; send a picture that is not empty"};
   }
   const std::size_t row = static_cast<std::size_t>(image.width) * encoding->channels;
   if (image.step < row || image.data.size() / image.step < image.height) {
@@ -111,7 +111,7 @@ Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   if (std::all_of(info.K.begin(), info.K.end(), zero)) {
     return refuseInfo(
         "is empty (K = 0): the camera is not calibrated; calibrate it, or set ~use_camera_info to "
-        "false to go by the scene's intrinsics");
+        "false to use the scene's intrinsics");
   }
   const std::size_t coefficients = info.D.size();
   const bool none = coefficients == 0 || std::all_of(info.D.begin(), info.D.end(), zero);
@@ -126,7 +126,7 @@ Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   if (info.binning_x > 1 || info.binning_y > 1 || info.roi.x_offset != 0 ||
       info.roi.y_offset != 0 || (info.roi.width != 0 && info.roi.width != info.width) ||
       (info.roi.height != 0 && info.roi.height != info.height)) {
-    return refuseInfo("tells of binning or of a region of interest; send whole pictures");
+    return refuseInfo("states binning or a region of interest; send whole pictures");
   }
   estimation::Camera camera;
   constexpr std::uint32_t kLargest = 1U << 16U;  // a JPEG cannot be larger
@@ -140,7 +140,7 @@ Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   try {
     camera.validate();
   } catch (const std::invalid_argument& error) {
-    return refuseInfo(std::string("cannot be: ") + error.what());
+    return refuseInfo(std::string("is not valid: ") + error.what());
   }
   return camera;
 }

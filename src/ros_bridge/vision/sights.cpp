@@ -23,7 +23,7 @@ std::string unknownTags(const vision::Sight& sight) {
   if (!sight.unknown_ids.empty()) out += "; not of the scene: " + listOf(sight.unknown_ids);
   if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
   if (!sight.unusable_ids.empty()) {
-    out += "; where the camera's distortion folds the picture: " + listOf(sight.unusable_ids);
+    out += "; where the lens distortion cannot be inverted: " + listOf(sight.unusable_ids);
   }
   return out;
 }
@@ -115,18 +115,18 @@ std::string describe(const vision::Sight& sight, int tags, const vision::Localiz
     case vision::SightState::kMeasured:
       return summarise(sight, tags) + unknownTags(sight);
     case vision::SightState::kNoTags:
-      return "no tag of the arm is in sight: look after the view, the light, and the scene's "
+      return "no tag of the arm is in sight: check the view, the light, and the scene's "
              "tags.family" +
              unknownTags(sight);
     case vision::SightState::kTooFewTags:
       return countText(tags) + " in sight do not determine the shape; at least " +
              std::to_string(config.min_tags) +
-             " are wanted, on all sections: look after occlusion and light" + unknownTags(sight);
+             " are needed, on all sections: check occlusion and light" + unknownTags(sight);
     case vision::SightState::kNoFit:
       break;
   }
   return "no shape of the arm fits the " + countText(tags) +
-         " in sight: look after their size and places in the scene, and the camera's calibration" +
+         " in sight: check their size and poses in the scene, and the camera's calibration" +
          unknownTags(sight);
 }
 

@@ -21,7 +21,7 @@ const char* nameOfState(std::uint8_t state) {
 
 VisionLedger::VisionLedger(const std::string& waiting) {
   status_.state = VisionStatus::WAITING;
-  status_.message = "no picture has come yet from " + waiting;
+  status_.message = "no picture was received yet from " + waiting;
 }
 
 std::uint64_t& VisionLedger::counterOf(PictureFault fault) {
@@ -95,7 +95,9 @@ void VisionLedger::report(DiagnosticStatus& camera, DiagnosticStatus& measuremen
   camera.level = down            ? DiagnosticStatus::ERROR
                  : news || waits ? DiagnosticStatus::WARN
                                  : DiagnosticStatus::OK;
-  camera.message = down || waits ? status_.message : news ? status_.last_fault : "pictures come";
+  camera.message = down || waits ? status_.message
+                   : news        ? status_.last_fault
+                                 : "pictures are received";
   addValue(camera, names::kPictureRateKey, rate(status_.pictures, reported_.pictures));
   addValue(camera, "pictures", std::to_string(status_.pictures));
   addValue(camera, "skipped", std::to_string(status_.skipped));

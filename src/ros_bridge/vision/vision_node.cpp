@@ -100,7 +100,7 @@ void VisionNode::onModel(const ArmShapeConstPtr& model) {
     models_.add(model->header.stamp, *shape);
   } else {
     // Measured without it, all the same.
-    status_.count({PictureFault::kBadModel, "a model is not taken for scene " + scene_.name + ": " +
+    status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
                                                 std::get<control::Refusal>(checked).message});
   }
 }
@@ -131,7 +131,7 @@ void VisionNode::work() {
     const bool sound = picture_guard_.run(
         "", [&] { measure(*picture); }, &why);
     if (!sound) {
-      status_.enter(VisionStatus::CAMERA_FAULT, "a picture cannot be measured in: " + why);
+      status_.enter(VisionStatus::CAMERA_FAULT, "a picture could not be processed: " + why);
     }
     source_.done();
   }
