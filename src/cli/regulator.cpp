@@ -65,7 +65,7 @@ Probe probe(const io::Scene& scene, double seconds) {
   Probe result(scene.arm.actuatorCount());
   std::string bad_reply;
   try {
-    const auto driver = driverOf(scene);
+    const auto driver = makeDriver(scene);
     driver->connect();
     const double begin = steadyNow();
     while (!interrupted() && steadyNow() - begin < seconds) {
@@ -149,7 +149,7 @@ io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOption
   return scene;
 }
 
-std::unique_ptr<regulator::Driver> driverOf(const io::Scene& scene) {
+std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
   return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
 }
 
@@ -227,7 +227,7 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
   const io::Scene scene = loadRegulatedScene(options, global);
   Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
   try {
-    const auto driver = driverOf(scene);
+    const auto driver = makeDriver(scene);
     driver->connect();
     result = ventAll(*driver, scene);
   } catch (const regulator::LinkError& error) {

@@ -48,7 +48,7 @@ Emulated wrap(const std::shared_ptr<Device>& device, std::vector<int> channels) 
           [device](DeviceFault fault) { device->setFault(fault); }};
 }
 
-regulator::SimulatedRegulatorConfig valvesOf(const io::Scene& scene) {
+regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
   regulator::SimulatedRegulatorConfig config;
   config.supply_pressure =
       std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
@@ -64,7 +64,7 @@ Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) 
   simulation::ModbusDeviceConfig device;
   device.profile = config.profile;
   device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
-  device.regulator = valvesOf(scene);
+  device.regulator = emulatedConfigOf(scene);
   device.port = config.port;
   const auto made = std::make_shared<simulation::ModbusDevice>(device);
   return wrap(made, config.slots);
@@ -75,7 +75,7 @@ Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) 
   device.profile = config.profile;
   device.addresses = config.addresses;
   device.channels = scene.arm.actuatorCount();
-  device.regulator = valvesOf(scene);
+  device.regulator = emulatedConfigOf(scene);
   device.link = config.device;
   const auto made = std::make_shared<simulation::SerialDevice>(device);
   std::vector<int> channels;

@@ -80,8 +80,8 @@ Vented vent(regulator::Driver& driver, const io::Scene& scene) {
 int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
-  const auto driver = driverOf(scene);  // what it needs is there before it is needed
-  driver->ignoreOthers();               // its ward may be dying still, and hold the device
+  const auto driver = makeDriver(scene);  // what it needs is there before it is needed
+  driver->ignoreOthers();                 // its ward may be dying still, and hold the device
   // Once what takes long is done. Refused, it says nothing: who started it has said so.
   regulator::scheduleRealtime(options.realtime_priority);
   if (options.realtime_priority > 0) regulator::lockMemory();

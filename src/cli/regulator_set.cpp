@@ -46,8 +46,8 @@ class Session {
         guard_(std::move(guard)),
         talks_(talks),
         path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
-              std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
-                                                       regulator::ioRulesFor(scene.safety.rules))) {
+              std::make_unique<regulator::RegulatorIo>(makeDriver(scene), scene.arm.actuatorCount(),
+                                                       regulator::ioRulesOf(scene.safety.rules))) {
     path_.guardedBy(guard_);
   }
 

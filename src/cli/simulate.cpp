@@ -134,7 +134,7 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
 }
 
 // Of a scene without a simulated regulator, one that gives whatever the muscles stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene) {
   if (scene.regulator) {
     const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
     if (simulated != nullptr) return *simulated;
@@ -217,7 +217,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   requirePressureDriven(scene);
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
-  simulation::SimulatedRig rig(scene.model, regulatorOf(scene), scene.simulation.arm, camera);
+  simulation::SimulatedRig rig(scene.model, simulatedConfigOf(scene), scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);
   std::normal_distribution<double> normal;

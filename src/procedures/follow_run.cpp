@@ -16,7 +16,7 @@ constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
 // Of a scene without a simulated regulator, one that gives whatever the actuators stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uint32_t seed) {
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
                               ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
                               : nullptr;
@@ -44,7 +44,8 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) 
   config.blind = plan.blind;
   return simulation::Lockstep(
       {scene.model,
-       simulation::SimulatedRig(scene.model, regulatorOf(scene, plan.seed), scene.simulation.arm),
+       simulation::SimulatedRig(scene.model, simulatedConfigOf(scene, plan.seed),
+                                scene.simulation.arm),
        simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},

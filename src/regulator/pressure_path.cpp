@@ -12,7 +12,7 @@ constexpr double kJustThen = 2;  // between an error and the fault that it made 
 
 }  // namespace
 
-IoRules ioRulesFor(const control::SafetyRules& rules) {
+IoRules ioRulesOf(const control::SafetyRules& rules) {
   IoRules out;
   out.vented_below = rules.vented_below;
   out.vent_time = rules.vent_time;

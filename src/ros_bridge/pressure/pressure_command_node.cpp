@@ -38,12 +38,12 @@ PressureCommandNode::PressureCommandNode()
   const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
   if (hardware) {
     refuseSimulatedTime();
-    guard_ = startGuard(options_.scene, options_.realtime_priority);
+    guard_ = startGuardProcess(options_.scene, options_.realtime_priority);
   }
   tellRealtime(hardware);
   std::unique_ptr<regulator::RegulatorIo> io;
   try {
-    if (own) io = startRegulator(scene_, options_.rate, options_.realtime_priority);
+    if (own) io = startRegulatorIo(scene_, options_.rate, options_.realtime_priority);
   } catch (...) {
     if (guard_) guard_->dismiss();  // nothing was connected
     throw;
@@ -179,7 +179,7 @@ void PressureCommandNode::replaceGuard() {
   }
   guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
   try {
-    auto next = startGuard(options_.scene, options_.realtime_priority);
+    auto next = startGuardProcess(options_.scene, options_.realtime_priority);
     loop_->guardedBy(next);
     guard_ = std::move(next);
   } catch (const std::runtime_error& error) {

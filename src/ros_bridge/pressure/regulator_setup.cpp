@@ -42,7 +42,7 @@ const regulator::Config& requireRegulator(const io::Scene& scene) {
   return *scene.regulator;
 }
 
-regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
+regulator::SimulatedRegulator makeSimulatedRegulator(const io::Scene& scene) {
   const regulator::Config& config = requireRegulator(scene);
   const auto* const simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&config);
   if (simulated == nullptr) {
@@ -53,10 +53,10 @@ regulator::SimulatedRegulator makeRegulator(const io::Scene& scene) {
   return {scene.arm.actuatorCount(), *simulated};
 }
 
-std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
-                                                       int realtime_priority) {
+std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene, double rate,
+                                                         int realtime_priority) {
   const regulator::Config& config = requireRegulator(scene);
-  regulator::IoRules rules = regulator::ioRulesFor(scene.safety.rules);
+  regulator::IoRules rules = regulator::ioRulesOf(scene.safety.rules);
   rules.period = kShare / rate;
   rules.order_timeout = kPatience * longestGap(rate);
   rules.realtime_priority = realtime_priority;
@@ -75,8 +75,8 @@ std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, d
 
 double longestGap(double rate) { return std::max(kLongestGap, kMissedTurns / rate); }
 
-std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
-                                                    int realtime_priority) {
+std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& scene_path,
+                                                           int realtime_priority) {
   const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "helix_arm";
   return std::make_shared<regulator::GuardProcess>(
       std::vector<std::string>{program.string(), "regulator", scene_path, "guard",

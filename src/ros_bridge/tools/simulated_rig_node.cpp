@@ -52,7 +52,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
 SimulatedRigNode::SimulatedRigNode()
     : options_(SimulatedRigOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
-      regulator_(makeRegulator(scene_)),
+      regulator_(makeSimulatedRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
       last_step_(ros::SteadyTime::now()) {

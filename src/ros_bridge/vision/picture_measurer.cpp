@@ -26,9 +26,9 @@ void PictureMeasurer::adoptNext() {
   next_.reset();
 }
 
-Taken<Measurement> PictureMeasurer::measure(const Picture& picture) {
+CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
   adoptNext();
-  Taken<cv::Mat> taken = take(picture);
+  CheckedPicture<cv::Mat> taken = take(picture);
   if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
   const cv::Mat& gray = std::get<cv::Mat>(taken);
   follow(picture.stamp);
@@ -39,7 +39,7 @@ Taken<Measurement> PictureMeasurer::measure(const Picture& picture) {
       std::move(model), calibration_};
 }
 
-Taken<cv::Mat> PictureMeasurer::take(const Picture& picture) {
+CheckedPicture<cv::Mat> PictureMeasurer::take(const Picture& picture) {
   // What is not of the camera's size is not worth decoding, which may take long.
   if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
     const auto& data = (*jpeg)->data;
@@ -48,14 +48,14 @@ Taken<cv::Mat> PictureMeasurer::take(const Picture& picture) {
       if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
     }
   }
-  Taken<cv::Mat> taken = decode(picture);
+  CheckedPicture<cv::Mat> taken = decode(picture);
   if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
     if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
   }
   return taken;
 }
 
-Taken<cv::Mat> PictureMeasurer::decode(const Picture& picture) {
+CheckedPicture<cv::Mat> PictureMeasurer::decode(const Picture& picture) {
   if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
     return fromMsg(**raw, buffer_);
   }

@@ -78,7 +78,7 @@ void PictureSource::stop() { mailbox_.stop(); }
 
 void PictureSource::join() { capturer_.join(); }
 
-std::optional<Taken<estimation::Camera>> PictureSource::cameraInfo() const {
+std::optional<CheckedPicture<estimation::Camera>> PictureSource::cameraInfo() const {
   const basics::MutexLock lock(mutex_);
   return camera_info_;
 }
@@ -114,7 +114,7 @@ void PictureSource::onCompressed(const sensor_msgs::CompressedImageConstPtr& ima
 }
 
 void PictureSource::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  const Taken<estimation::Camera> camera = fromMsg(*info);
+  const CheckedPicture<estimation::Camera> camera = fromMsg(*info);
   {
     const basics::MutexLock lock(mutex_);
     camera_info_ = camera;

@@ -62,7 +62,7 @@ PictureRefusal refuseInfo(const std::string& message) {
 
 const char* nameOf(PictureFault fault) { return kNames[static_cast<std::size_t>(fault)]; }
 
-Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   const Encoding* encoding = find(image.encoding);
   if (encoding == nullptr) {
     return PictureRefusal{PictureFault::kWrongEncoding,
@@ -91,8 +91,8 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   return buffer;
 }
 
-Taken<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image, vision::JpegDecoder& decoder,
-                       cv::Mat& buffer) {
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image,
+                                vision::JpegDecoder& decoder, cv::Mat& buffer) {
   if (!saysJpeg(image.format)) {
     return PictureRefusal{PictureFault::kWrongEncoding, "the compressed picture's format is '" +
                                                             quoted(image.format) + "'; send JPEG"};
@@ -105,7 +105,7 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image, vision::JpegDe
   return buffer;
 }
 
-Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
+CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   namespace models = sensor_msgs::distortion_models;
   const auto zero = [](double value) { return value == 0.0; };
   if (std::all_of(info.K.begin(), info.K.end(), zero)) {

@@ -138,7 +138,7 @@ void VisionNode::work() {
 }
 
 void VisionNode::measure(const Picture& picture) {
-  const Taken<Measurement> taken = measurer_.measure(picture);
+  const CheckedPicture<Measurement> taken = measurer_.measure(picture);
   if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
     status_.refuse(*refusal);
   } else {
