@@ -59,7 +59,7 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
              " needs tiers to choose from; use --tier auto, or --tier loaded without --order");
 }
 
-// As a scene has them.
+// The range that scenes allow.
 constexpr model::Range kTipErrorPercent{2e-7, 100};
 constexpr model::Range kTimeUs{1e-3, 1e9};
 

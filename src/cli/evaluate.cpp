@@ -25,12 +25,12 @@ struct EvaluateOptions {
 struct CurvatureComparison {
   Eigen::MatrixXd pressures;  // (rows x actuators) [Pa]
   Eigen::VectorXd measured;
-  std::vector<std::optional<double>> model;  // none where it finds no shape
-  std::string reason;                        // why some have none
+  std::vector<std::optional<double>> model;  // (rows) absent if it finds no shape
+  std::string reason;                        // why some are absent
   std::optional<double> difference(int row) const {
     return model[row] ? std::optional(*model[row] - measured[row]) : std::nullopt;
   }
-  // Over the rows that have one; nothing where none has.
+  // Over the rows that have a model; absent if none has.
   std::optional<double> rms() const {
     double sum = 0;
     int count = 0;

@@ -99,7 +99,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   return plan;
 }
 
-// Tells on stderr how far a run is, every 10 %. False: interrupted.
+// Prints the progress on stderr, every 10 %. Returns false once interrupted.
 std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string& what) {
   const auto tenths = std::make_shared<int>(0);
   return [seconds = plan.seconds, what, tenths](double time) {

@@ -41,7 +41,7 @@ json rowsJson(const Eigen::Matrix3d& matrix) {
   return rows;
 }
 
-// Of an arm whose K_eps is unknown, forces are known per K_eps alone.
+// If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
   for (const procedures::FollowAlarm& alarm : result.alarms) {

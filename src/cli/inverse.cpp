@@ -29,7 +29,7 @@ struct InverseArguments {
 };
 
 lie::SE3 poseArgument(const std::string& text) {
-  constexpr double kNormTolerance = 1e-3;  // more than rounding to a few digits does
+  constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const std::vector<double> p = numberList("--pose", text, 7);
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
@@ -127,7 +127,7 @@ void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
   appendInputs(scene.arm, result.input, row);
   row.emplace_back("residual", exact(result.residual));
   row.emplace_back("position_error_m", exact(result.position_error));
-  std::string limits;  // one cell: actuator=limit, joined by blanks
+  std::string limits;  // one cell: actuator=limit, separated by spaces
   for (const json& limit : activeLimits(scene.arm, result)) {
     limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
               limit["limit"].get<std::string>();

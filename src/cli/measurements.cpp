@@ -28,7 +28,7 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   }
   std::vector<int> tags;
   for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
-  // Three places determine a section's twist, in a plane two, and one place with its rotation.
+  // Three points determine a section's twist, two in a plane; one pose counts as all of them.
   const int places = scene.vision.fit.planar ? 2 : 3;
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
@@ -115,7 +115,7 @@ std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
   if (any([](const FittedCapture& capture) { return capture.converged(); })) {
     return "no capture is valid: each that could be fitted has tags that do not fit";
   }
-  // The reason of most captures.
+  // The most frequent reason.
   std::map<std::string, int> counts;
   for (const FittedCapture& capture : captures) ++counts[capture.reason];
   const auto most =

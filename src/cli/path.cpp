@@ -26,7 +26,7 @@ struct PathArguments {
   int turns = 1;
 };
 
-// The names of shapes or planes.
+// Names of all shapes or planes, for the help.
 template <std::size_t kCount, class Named>
 std::vector<std::string> namesOf(const Named (&all)[kCount]) {
   std::vector<std::string> names;
@@ -34,7 +34,7 @@ std::vector<std::string> namesOf(const Named (&all)[kCount]) {
   return names;
 }
 
-// The one with a name that the option was checked to have.
+// The entry with a name that the option has already validated.
 template <std::size_t kCount, class Named>
 Named withName(const std::string& name, const Named (&all)[kCount]) {
   for (const Named named : all) {

@@ -15,14 +15,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where plot_report is: beside the command where it is installed, else among the sources.
+// plot_report is next to the command if installed, otherwise in the sources.
 fs::path plotReport() {
   std::error_code error;
   const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / "plot_report";
   return fs::exists(beside, error) ? beside : fs::path(HELIX_ARM_SCRIPTS_DIR) / "plot_report";
 }
 
-// A file for plot_report, which goes away with the object.
+// A temporary file for plot_report, removed by the destructor.
 class ReportFile {
  public:
   explicit ReportFile(const nlohmann::json& report)
@@ -50,7 +50,7 @@ class ReportFile {
   std::string path_;
 };
 
-// Whether both name one file, there or not.
+// Whether both paths name the same file, existing or not.
 bool samePlace(const std::string& one, const std::string& other) {
   std::error_code error;
   if (fs::equivalent(one, other, error)) return true;
@@ -83,7 +83,7 @@ void checkPicture(const std::string& png, const std::string& out) {
   if (!out.empty() && samePlace(out, png)) {
     throw CallerError("--png " + png + " is the file of --out, too; give another path");
   }
-  const io::AtomicFile trial(png);  // throws where none can be written; leaves nothing
+  const io::AtomicFile trial(png);  // throws if none can be written there; leaves no file
 }
 
 }  // namespace helix_arm::cli

@@ -26,7 +26,7 @@ constexpr double kLongest = 86400;  // [s]
 constexpr std::chrono::milliseconds kBetweenReadings(10);
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
-// Where a channel is in its device.
+// Position of a channel in its device.
 std::string addressOf(const regulator::Config& config, int channel) {
   const auto i = static_cast<std::size_t>(channel);
   if (const auto* serial = std::get_if<regulator::SerialConfig>(&config)) {
@@ -46,7 +46,7 @@ struct Probe {
   std::vector<int> readings;  // (channels)
   double supply = kNoReading;
   double seconds = 0;
-  std::string reason;  // what went wrong; empty: nothing
+  std::string reason;  // cause of failure; empty on success
 };
 
 void readOnce(regulator::Driver& driver, Probe& probe) {

@@ -26,13 +26,13 @@ using regulator::steadyNow;
 using simulation::DeviceFault;
 
 constexpr double kBetweenLines = 1;    // [s]
-constexpr double kSupplyAbove = 1.25;  // of what the muscles stand
+constexpr double kSupplyAbove = 1.25;  // relative to the largest pressure limit
 constexpr double kNoise = 500;         // [Pa]
 
-// An emulated device of either kind, as this command needs it.
+// An emulated device of either kind, through the functions that this command needs.
 struct Emulated {
   std::shared_ptr<void> device;
-  std::vector<int> channels;  // (actuators) where they are in the device
+  std::vector<int> channels;  // (actuators) positions in the device
   std::function<Eigen::VectorXd()> pressure, setPoint;
   std::function<std::vector<Valve>()> valves;
   std::function<void(DeviceFault)> setFault;
@@ -126,10 +126,10 @@ void obey(const std::string& word, const Emulated& emulated) {
             << "\n";
 }
 
-// The lines of stdin, as they come; at its end no more.
+// Reads stdin line by line, until its end.
 class Lines {
  public:
-  // Waits for some, for so long [s].
+  // Waits for lines, at most this long [s].
   std::vector<std::string> await(double seconds) {
     pollfd waited{open_ ? STDIN_FILENO : -1, POLLIN, 0};
     if (poll(&waited, 1, static_cast<int>(std::ceil(1e3 * std::max(seconds, 0.0)))) <= 0) return {};

@@ -72,7 +72,7 @@ fs::path makeDirectory(const std::string& out) {
   return directory;
 }
 
-// A file that is written piece by piece.
+// A file that is written in parts.
 class OutputFile {
  public:
   explicit OutputFile(const fs::path& path) : path_(path) {
@@ -98,7 +98,7 @@ class OutputFile {
   std::ofstream file_;
 };
 
-// A CSV that is written row by row, after a comment.
+// A CSV file that is written row by row, after a comment.
 class CsvFile {
  public:
   CsvFile(const fs::path& path, const std::string& comment) : file_(path) { file_.write(comment); }
@@ -115,7 +115,7 @@ class CsvFile {
   bool named_ = false;
 };
 
-// The scene with its overrides, and what was asked for beside it, which no scene file holds.
+// The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
   std::ostringstream text;
   text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
@@ -123,7 +123,7 @@ void writeScene(const fs::path& path, const SimulateOptions& options, const Glob
   OutputFile(path).write(text.str());
 }
 
-// Uniform within what the muscles stand.
+// Uniform within the limits of the muscles.
 Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) {
   Eigen::VectorXd pressure(arm.actuatorCount());
   for (int i = 0; i < pressure.size(); ++i) {
@@ -133,7 +133,7 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-// Of a scene without a simulated regulator, one that gives whatever the muscles stand.
+// For a scene without a simulated regulator: one that reaches all limits.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene) {
   if (scene.regulator) {
     const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
@@ -157,7 +157,7 @@ std::string pictureName(int capture) {
   return name.str();
 }
 
-// Of an instrument that sees all tags, as badly as vision.tag_position_noise_m says.
+// Measured by an instrument that sees all tags, with the noise vision.tag_position_noise_m.
 lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise,
                   std::mt19937_64& generator, std::normal_distribution<double>& normal) {
   Eigen::Vector3d shift;
@@ -171,7 +171,7 @@ lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise
   return pose;
 }
 
-// What the detector finds in a picture as it was written: tags of the scene that are there once.
+// Tags of the scene that the detector finds exactly once in a written picture.
 std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
                                      const std::vector<std::uint8_t>& jpeg,
                                      vision::TagDetector& detector) {

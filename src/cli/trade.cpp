@@ -21,8 +21,8 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr int kMostPictures = 10000;
-// Errors below this part of the arm's length are rounding: none of them is better than another.
-// plot_report has the same.
+// Errors below this fraction of the arm's length are rounding and count as equal. plot_report uses
+// the same.
 constexpr double kRounding = 1e-13;
 
 struct TradeOptions {
@@ -34,7 +34,7 @@ struct TradeOptions {
 struct Trade {
   std::string scene;
   std::vector<TradeRow> rows;
-  std::vector<std::string> notes;  // of what could not be measured
+  std::vector<std::string> notes;  // on parts that could not be measured
 };
 
 Trade measure(const io::Scene& scene, const TradeOptions& options) {

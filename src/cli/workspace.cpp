@@ -44,7 +44,7 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
   drawJsonReport(report, arguments.png, "leave out --png");
 }
 
-// What is wrong with a --count; empty where nothing is.
+// Fault of a --count; empty if it is valid.
 std::string checkCount(const std::string& text) {
   const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
   const std::optional<double> number = digits ? io::parseNumber(text) : std::nullopt;
@@ -85,7 +85,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
               << " inputs; nothing was written\n";
     return kInterrupted;
   }
-  // The summary comes all the same where the picture fails, and does not name it.
+  // If the picture fails, the summary is printed all the same, without it.
   std::exception_ptr fault;
   try {
     if (!arguments.png.empty() && summary.points() > 0) {

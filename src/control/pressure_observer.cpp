@@ -11,8 +11,8 @@ namespace {
 constexpr char kCulprit[] = "pressure observer";
 constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
 constexpr double kRestlessness =
-    50.0;  // standard deviation of what the lag leaves out, per turn [Pa]
-constexpr double kLagUncertainty = 0.2;  // of a move that the lag predicts
+    50.0;  // standard deviation, per turn, of what the lag does not model [Pa]
+constexpr double kLagUncertainty = 0.2;  // of a change that the lag predicts
 
 }  // namespace
 

@@ -4,7 +4,7 @@
 
 #include "helix_arm/control/safety.hpp"
 
-// What the safety core says of itself: culprit, value, rule and remedy.
+// Texts of the safety core: culprit, value, rule and remedy.
 
 namespace helix_arm::control {
 namespace {
@@ -115,7 +115,7 @@ std::string SafetyCore::refusal(double now) const {
   if (!link_up_) return "the regulator's link is down; check its power and cable";
   std::string unguarded = guardRefusal();
   if (!unguarded.empty()) return unguarded;
-  now = now >= now_ ? now : now_;  // as every other call has it; also where it is no number
+  now = now >= now_ ? now : now_;  // as in every other call; also if it is NaN
   for (int i = 0; i < count(); ++i) {
     std::string refused = channelRefusal(i, now);
     if (!refused.empty()) return refused;
@@ -185,7 +185,7 @@ std::string SafetyCore::actionText() const {
          (acting < count() ? ", the others vent" : "");
 }
 
-// What is said to a regulator that does not hear is not done.
+// A regulator without link has not carried out the order.
 std::string SafetyCore::ventText() const {
   if (link_up_) return "all channels vent";
   return "all channels will vent as soon as the regulator can be reached; until then shut the "

@@ -42,7 +42,7 @@ std::optional<model::Range> limitsAlone(const model::Range& limits) { return lim
 std::optional<model::Range> wayToLimits(const model::Range& limits) { return onTheWay(limits); }
 std::optional<model::Range> anywhere(const model::Range&) { return std::nullopt; }
 
-// The pressures (n) of an arm, of which those that `name` lists change.
+// The pressures (n) of the arm after a change of those that `name` lists.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
                                 const std::vector<std::string>& name,
                                 const std::vector<double>& pressure, Bounds bounds) {

@@ -18,9 +18,9 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Readings so many times farther off than expected are worth a warning.
+// Residuals larger than expected by this factor cause a warning.
 constexpr double kNoisy = 3.0;
-// With fewer pressures leaving one out says nothing of how sure the rest is.
+// With fewer pressures, leaving one out tells nothing about the certainty of the others.
 constexpr std::size_t kFewestPressures = 3;
 
 Calibration refused(Calibration so_far, const Verdict& verdict) {
@@ -55,7 +55,7 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   return out;
 }
 
-// Of the first parameters; those behind them are not fitted.
+// Of the first parameters; the others are not fitted.
 Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance, int fitted, int all) {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(all, all);
   for (int i = 0; i < fitted; ++i) {
@@ -66,7 +66,7 @@ Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance, int fitted, int
   return out;
 }
 
-// What was found, without how the captures agree with it.
+// Adds the estimates, without the agreement of the captures.
 void addFit(const CalibrationFit& fit, Calibration& out) {
   out.parameters = fittedParameters(fit);
   const int fitted = static_cast<int>(out.parameters.size());
@@ -89,7 +89,7 @@ bool isOutlier(const Comparison& one, double robust_scale) {
   return one.square > robust_scale * robust_scale * one.residuals;
 }
 
-// How the readings that fit agree with it, by capture and together.
+// Adds the agreement of the used readings, per capture and in total.
 void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem& problem,
                   const std::vector<Comparison>& comparisons, double robust_scale,
                   Calibration& out) {
@@ -128,8 +128,8 @@ void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem
   }
 }
 
-// The jackknife sees what the noise of single readings does not: a model that is wrong in its own
-// way at each pressure.
+// The jackknife shows what the noise of single readings does not: a model whose error differs
+// between pressures.
 void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd& variance,
                  std::vector<Parameter>& parameters) {
   for (Parameter& one : parameters) {
@@ -142,7 +142,7 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
   }
 }
 
-// Whether leaving out one pressure at a time leaves the stiffness identified, too.
+// Whether the stiffness stays identified if any one pressure is left out.
 bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& variance) {
   const std::vector<ParameterInfo>& infos = problem.parameters();
   for (std::size_t i = 0; i < problem.selection().stiffness.size(); ++i) {
@@ -206,7 +206,7 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
   return warnings;
 }
 
-// Why the readings do not fit a fit that converged.
+// Why the readings disagree with a fit that converged.
 std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
                                    double robust_scale) {
   const auto outliers =
@@ -296,7 +296,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   if (const auto verdict = unfit(read, options, kind)) return refused(std::move(out), *verdict);
 
   const Groups groups = groupByPressure(read);
-  // Shapes of their own predict nothing, and no pressure would say more of them than another.
+  // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes;
   const bool leave_out = predicts && options.held_out;
   std::vector<Comparison> comparisons;

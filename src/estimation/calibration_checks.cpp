@@ -9,7 +9,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Pressures that are no farther apart are the same one: regulators are no better [Pa].
+// Pressures that differ by less count as the same, since regulators are not more accurate [Pa].
 constexpr double kSamePressure = 5000.0;
 
 bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
@@ -85,7 +85,7 @@ std::string rigWords() {
   return out;
 }
 
-// Why such readings do not show what is asked for.
+// Why readings of this kind cannot determine the requested parameters.
 std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind) {
   const auto nothing = [](const std::string& reason) {
@@ -120,7 +120,7 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
   return std::nullopt;
 }
 
-// Why arms that are fitted together cannot share what is fitted.
+// Why arms that are fitted together cannot share the fitted parameters.
 std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                               const CalibrationOptions& options) {
   using Status = CalibrationStatus;

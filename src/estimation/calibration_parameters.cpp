@@ -203,7 +203,7 @@ void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& opt
   for (const FitParameterInfo& info : fitParameters()) {
     const bool fitted = parameters.count(info.parameter) > 0;
     if (info.flag != nullptr) options.*info.flag = fitted;
-    // The last one asked for: of each actuator rather than one for all.
+    // The last request wins: per actuator rather than one scale for all.
     if (info.scaling != LengthScaling::kNone && fitted) options.length_scale = info.scaling;
   }
 }

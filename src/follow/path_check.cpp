@@ -14,11 +14,11 @@ namespace {
 constexpr char kCulprit[] = "path check";
 constexpr double kStep = 0.01;  // [s]
 constexpr int kMostPlaces = 200'000;
-constexpr int kPlacesBeyond = 200;  // that are searched for the worst one, once one is out of reach
-constexpr int kHalvings = 6;        // of a step in which the pressures change too fast
-constexpr double kJumpPart = 0.5;  // of that change, if it stays within 1 / 2^kHalvings of the step
+constexpr int kPlacesBeyond = 200;  // examined after the first one out of reach
+constexpr int kHalvings = 6;        // of a step in which pressures change too fast
+constexpr double kJumpPart = 0.5;   // of that change within 1 / 2^kHalvings of the step: a jump
 
-// Inputs along a path, searched from each place to the next.
+// Inputs along a path, each position starting from the previous solution.
 class Walk {
  public:
   Walk(const control::TipPath& path, statics::InverseSolver& solver, Eigen::VectorXd start)
@@ -40,12 +40,12 @@ class Walk {
   Eigen::VectorXd input_;
 };
 
-// The fastest step of an actuator, as a multiple of what it may do.
+// The fastest step of an actuator, relative to its permitted change.
 struct Fastest {
   double excess = 0.0;
   int actuator = -1;
   double begin = 0.0, end = 0.0;  // [s]
-  Eigen::VectorXd from;           // inputs at its beginning
+  Eigen::VectorXd from;           // inputs at the beginning
   double change = 0.0;            // of the actuator [Pa]
 };
 
@@ -93,7 +93,7 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
   return out;
 }
 
-// Whether a fast step is a jump: halved again and again, it stays in one half.
+// Whether a fast step is a jump: if the step is halved repeatedly, the change stays in one half.
 bool isJump(const control::TipPath& path, statics::InverseSolver& solver, const Fastest& step) {
   double begin = step.begin, end = step.end;
   Eigen::VectorXd from = step.from;

@@ -25,7 +25,7 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
   return model::PlanarArm(std::move(planar));
 }
 
-// Of each section [N]; none under load is a fault.
+// Of each section [N]; missing values are faults under load.
 std::vector<double> extensionalStiffness(const MapReader& scene, const Value& arm,
                                          const std::vector<SectionParts>& sections,
                                          FaultList& faults) {
@@ -73,7 +73,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
                                  std::to_string(model::kMaxSections));
   }
   std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
-  // An unknown contraction leaves actuators out without a fault of their own.
+  // An unknown contraction omits its actuators, which is not a fault of their own.
   if (faults.count() != faults_before) return std::nullopt;
   std::vector<model::Section> sections;
   std::vector<SectionLook> looks;

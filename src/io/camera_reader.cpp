@@ -20,7 +20,7 @@ const NumberRule kPixels{"a whole number > 0", wholeAndPositive, 1, 20000, " px"
 const NumberRule kFocalLength = within(kPositive, 1, 1e6, " px");
 const NumberRule kPixelCoordinate = within(kFinite, -1e5, 1e5, " px");
 const NumberRule kDistortion = within(kFinite, -1e4, 1e4);
-// A camera that stands farther off stands there in mm.
+// A camera farther away than this was given in mm.
 const NumberRule kPlace = within(kFinite, -100, 100, " m");
 const NumberRule kFrameRate = within(kPositive, 0.01, 1000, " Hz");
 

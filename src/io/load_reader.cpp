@@ -43,7 +43,7 @@ std::vector<double> readMasses(const MapReader& load, const Value& value, const 
   return masses;
 }
 
-// What is broken has its fault; the point is then a stand-in.
+// Invalid values were reported; the point then has default values.
 statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
   statics::PointLoad point;
   point.mass = keys.number("mass_kg", kMass, point.mass);

@@ -13,7 +13,7 @@ constexpr std::size_t kHashDigits = 64;
 
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
 
-// A time as ISO 8601 writes it, in UTC; whether the month has that day is left open.
+// A UTC time in ISO 8601; the number of days of the month is not checked.
 bool isUtcTime(const std::string& text) {
   const std::string form = "0000-00-00T00:00:00Z";
   if (text.size() != form.size()) return false;
@@ -28,7 +28,7 @@ bool isHash(const std::string& text) {
          });
 }
 
-// A text that keeps a form; empty where it does not.
+// A text with a required format; empty if it does not match.
 std::string formedText(const MapReader& keys, const std::string& key, const std::string& expected,
                        bool (*keeps)(const std::string&)) {
   std::string text = keys.text(key, expected).value_or("");

@@ -32,7 +32,7 @@ std::string channels(const ArmParts& arm) {
   return std::to_string(arm.arm.actuatorCount()) + " entries, one per actuator";
 }
 
-// One word a channel, each once.
+// One distinct word per channel.
 std::vector<std::string> readAddresses(const MapReader& keys, const Value& value,
                                        const ArmParts* arm, FaultList& faults) {
   const std::string path = keys.path("addresses");
@@ -106,7 +106,7 @@ std::vector<int> readSlots(const MapReader& keys, const ArmParts* arm) {
   return slots;
 }
 
-// What the arm may be asked for must be what the device takes: it is written as counts from 0 on.
+// The device must accept the limits of the arm: pressures are written as counts from 0 on.
 void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
                 const ArmParts& arm) {
   const model::Range takes{0 - profile.atmosphere,
@@ -140,7 +140,7 @@ std::optional<regulator::Config> readModbus(const Value& value, const std::strin
   return config;
 }
 
-// What stands under `regulator`, each kind with its reader.
+// A kind of regulator below `regulator`, with its reader.
 struct RegulatorKind {
   const char* key;
   std::optional<regulator::Config> (*read)(const Value& value, const std::string& path,
@@ -174,7 +174,8 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Val
       known.read(*value->find(*kind), regulator.path(*kind), arm, faults);
   if (!config || arm == nullptr || faults.count() != before) return std::nullopt;
   try {
-    regulator::makeDriver(*config, arm->arm.actuatorCount());  // made, not connected
+    regulator::makeDriver(*config,
+                          arm->arm.actuatorCount());  // constructed for its checks, not connected
   } catch (const std::invalid_argument& error) {
     regulator.complain(*kind, std::string("cannot be used: ") + error.what());
   }

@@ -27,7 +27,7 @@ std::string optionalText(const MapReader& keys, const std::string& key, const ch
   return keys.has(key) ? keys.text(key, expected).value_or(fallback) : fallback;
 }
 
-// One line, or a list of them; `key` may be missing.
+// One line, or a list of them; empty if the key is missing.
 std::vector<std::string> readLines(const MapReader& keys, const Value& map, const std::string& key,
                                    FaultList& faults) {
   std::vector<std::string> lines;

@@ -5,12 +5,12 @@
 namespace helix_arm::io {
 namespace {
 
-// statics::kLeastTipError, as people write it.
+// statics::kLeastTipError in percent.
 constexpr double kLeastPercent = 2e-7;
 const NumberRule kTipError = within(kPositive, kLeastPercent, 100, " % of the arm's length");
 const NumberRule kTime = within(kPositive, 1e-3, 1e9, " us");
 
-// The number of a map that holds nothing else.
+// The number in a map with a single key.
 std::optional<double> readOnly(const MapReader& scene, const Value& document,
                                const std::string& key, const std::string& number,
                                const NumberRule& rule, FaultList& faults) {

@@ -34,8 +34,8 @@ Polynomial derivative(const Polynomial& c) {
   return d;
 }
 
-// Where the polynomial changes sign inside (lo, hi), ascending: between neighbouring extrema there
-// is at most one place.
+// Sign changes of the polynomial inside (lo, hi), ascending: between adjacent extrema there is at
+// most one.
 std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> roots;
   if (c.size() < 2) return roots;
@@ -43,7 +43,7 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   edges.insert(edges.begin(), lo);
   edges.push_back(hi);
   double from = lo;
-  double sign = 0.0;  // of the last edge that is not a zero: touching zero is no change
+  double sign = 0.0;  // of the last non-zero edge: a double root is not a sign change
   for (const double edge : edges) {
     const double value = evaluate(c, edge);
     if (value == 0) continue;
@@ -60,7 +60,8 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   return roots;
 }
 
-// Slope at an end of a table, from three points, kept from overshooting (Fritsch and Carlson 1980).
+// Slope at an end of a table from three points, limited against overshooting (Fritsch and Carlson
+// 1980).
 double endSlope(double h0, double h1, double secant0, double secant1) {
   const double slope = ((2 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
   if (slope * secant0 <= 0) return 0.0;
@@ -174,7 +175,7 @@ double Contraction::length(double q) const {
 }
 
 double Contraction::slope(double q) const {
-  static_cast<void>(length(q));  // the same range
+  static_cast<void>(length(q));  // with the same range check
   return slopeInside(q);
 }
 
@@ -197,9 +198,9 @@ double Contraction::inverse(double length) const {
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Halley, and a bisection wherever it would leave the bracket. It triples the digits (across a
-  // knot, where the curvature jumps, it doubles them), so what follows a step this small is below
-  // the rounding of the length.
+  // Halley's method, with bisection if it would leave the bracket. It converges cubically
+  // (quadratically across a knot, where the curvature jumps), so the error after a step this small
+  // is below rounding.
   double lower = input_range_.lower, upper = input_range_.upper;
   const double small_step = (pieces_.size() == 1 ? 3e-6 : 1e-9) * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);
@@ -215,7 +216,7 @@ double Contraction::inverseInside(double length, double guess) const noexcept {
     double next = q - error * slope / ((slope * slope - error * half_bend) * piece.inverse_scale);
     const bool inside = next >= lower && next <= upper;
     if (!inside) next = 0.5 * (lower + upper);
-    // Where the slope nearly vanishes the digits come one by one.
+    // Convergence is only linear where the slope nearly vanishes.
     const bool cubic = inside && std::abs(error * half_bend) <= 3e-5 * slope * slope;
     const double last_bit = std::numeric_limits<double>::epsilon() * upper;
     if (std::abs(next - q) <= (cubic ? small_step : last_bit)) return next;

@@ -27,11 +27,11 @@ bool areCorners(const std::vector<estimation::Capture>& captures) {
                                   captures.front().reading);
 }
 
-// What the words of a request name with this data.
+// Parameters that the words of a request select for this data.
 std::set<FitParameter> fittedOf(const CalibrationRequest& request, const CalibrationData& data) {
   std::set<FitParameter> fitted =
       estimation::fitParametersOf(request.fit, areCorners(data.captures));
-  // Captures of an arm show how far off its curves are, but not the curves themselves.
+  // Captures of an arm determine the error of its curves, but not the curves themselves.
   if (data.lengths.empty() && fitted.erase(FitParameter::kContraction) > 0) {
     fitted.insert(FitParameter::kLengthScale);
   }
@@ -49,7 +49,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
     if (info.implied && areCorners(data.captures)) fitted.insert(info.parameter);
   }
   estimation::setFitted(fitted, options);
-  // Placements alone are not to depend on how good the model is.
+  // Placements that are fitted alone must not depend on the accuracy of the model.
   options.free_shapes = !about_shape;
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
@@ -72,7 +72,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   return options;
 }
 
-// Which of the scene's curves the data of free lengths is of.
+// The contraction curve that the free lengths belong to.
 std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
                                      std::string& message) {
   std::string names;
@@ -118,7 +118,7 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   return out;
 }
 
-// The captures of one more arm, but those that show nothing of it.
+// Adds the captures of another arm, without those that show no tag of it.
 void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
   ArmCaptures arm = makeArmCaptures(scene, {});
@@ -197,7 +197,7 @@ CalibrationOutcome runCalibration(const std::string& path,
   }
   io::SceneCalibration changes;
   if (fits_arm) {
-    // What follows is of the arm with its new curves.
+    // From here on, the arm has its new curves.
     if (!curves.contractions.empty()) {
       curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);

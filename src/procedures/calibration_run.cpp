@@ -10,8 +10,8 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kSamePressure = 1.0;  // commands go around through messages [Pa]
-// After a pause of the caller a ramp goes on where it was, and does not leap.
+constexpr double kSamePressure = 1.0;  // commands are rounded in messages [Pa]
+// After a pause of the caller, a ramp continues without a jump.
 constexpr double kLongestStep = 0.1;  // [s]
 
 constexpr std::array<const char*, 4> kPhases = {"ramping", "settling", "returning", "ended"};
@@ -93,7 +93,7 @@ CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settli
   } else if (phase_ == RunPhase::kSettling) {
     lookAt(now, settling, order);
   } else if (phase_ == RunPhase::kReturning && rampTo(rest_, dt)) {
-    // The next run begins where the command is: this one ends once the command is at rest, too.
+    // A run ends once the command is at rest, since the next one starts from the command.
     if (!returned_at_) returned_at_ = now;
     const bool at_rest = settling.stale() || !settling.set_point || obeys(settling);
     if (at_rest || now - *returned_at_ > rules_.patience) phase_ = RunPhase::kEnded;

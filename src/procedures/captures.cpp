@@ -13,7 +13,7 @@ namespace {
 
 struct NamedKind {
   DataKind kind;
-  const char* column;  // that tells it
+  const char* column;  // which identifies the kind
   const char* text;
 };
 
@@ -52,14 +52,15 @@ std::string idsOf(const estimation::TagLayout& layout) {
   return io::listOf(ids);
 }
 
-// Readings of tags by their ids as readings of tags of the layout.
+// Converts readings by tag id to readings by tag of the layout.
 template <class Observation>
 class TagReadings {
  public:
   explicit TagReadings(const io::Scene& scene, const std::string& file)
       : scene_(scene), file_(file), layout_(tagsOf(scene, file)) {}
 
-  // observe(tag) gives what is seen of a tag of the scene, nothing where that is a fault.
+  // observe(tag) returns the observation of a tag of the scene, absent if it was reported as a
+  // fault.
   template <class Tags, class Observe>
   void add(int number, const Eigen::VectorXd& pressure, const Tags& tags, Observe observe) {
     std::vector<Observation> reading;
@@ -123,7 +124,7 @@ LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
   return readings.take();
 }
 
-// Directions of a tag's corners; nothing, and a fault, where the distortion cannot be undone.
+// Directions of a tag's corners; absent, with a fault, where the distortion cannot be inverted.
 std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
                                                 const io::TagCorners& tag, io::FaultList& faults) {
   estimation::Corners directions;

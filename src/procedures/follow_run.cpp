@@ -15,7 +15,7 @@ namespace {
 constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
-// Of a scene without a simulated regulator, one that gives whatever the actuators stand.
+// For a scene without a simulated regulator: one that reaches all limits.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
                               ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
@@ -71,7 +71,7 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   return row;
 }
 
-// Adds what the loop says of contacts in one turn.
+// Records contacts that the loop reports in one turn.
 void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
               std::vector<FollowAlarm>& alarms) {
   if (!load.contact) return;

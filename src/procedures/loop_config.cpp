@@ -11,11 +11,11 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kLeastDeviation = 1e-4;  // no calibration knows more than that
+constexpr double kLeastDeviation = 1e-4;  // lower bound of calibrated deviations
 constexpr double kSlowSmoothing = 1.0;    // [s]
 
-// The largest relative standard error of the identifiable parameters of a name, which may go on
-// with _ and an actuator; nothing if there is none.
+// Largest relative standard error of the identifiable parameters with this name (also with a suffix
+// _ACTUATOR); absent if there are none.
 std::optional<double> relativeError(const io::Provenance& calibration, const std::string& name) {
   std::optional<double> out;
   for (const io::Provenance::Parameter& one : calibration.parameters) {

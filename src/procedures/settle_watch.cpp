@@ -10,10 +10,10 @@
 namespace helix_arm::procedures {
 namespace {
 
-// So many of the tags must stand still: a few of them may be misread.
+// Fraction of the tags that must be still; a few may be misread.
 constexpr double kStillShare = 0.75;
 
-// Of each history: more than two minutes bring, at 1000 and at 60 Hz.
+// Limits of the histories: more than two minutes at 1000 and at 60 Hz.
 constexpr std::size_t kMostReadings = 1 << 17;
 constexpr std::size_t kMostSights = 1 << 13;
 
@@ -29,8 +29,8 @@ void requirePositive(const char* what, double value) {
                        "a finite value > 0");
 }
 
-// How far tags moved from one picture to another: that of the tag that kStillShare of those in both
-// stay below [px]; nothing where no tag is in both.
+// Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
+// below [px]; absent without common tags.
 std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
                                       const std::vector<TagSighting>& b) {
   std::vector<double> moved;
@@ -74,11 +74,11 @@ template <class Entry>
 void SettleWatch::add(std::deque<Entry>& history, Entry entry, std::size_t most) const {
   if (!history.empty()) {
     const double step = entry.time - history.back().time;
-    if (step == 0) history.pop_back();  // a clock that stands still
+    if (step == 0) history.pop_back();  // the clock does not advance
     if (step < 0 || step > rules_.max_age) history.clear();
   }
   history.push_back(std::move(entry));
-  // Stamps that creep would never let one go.
+  // Stamps that advance very slowly would keep all entries.
   if (history.size() > most) history.pop_front();
 }
 
@@ -93,7 +93,7 @@ void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
 void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   checkSize(pressure);
   add(readings_, Reading{time, pressure}, kMostReadings);
-  // Pictures are later than pressures: what they may still ask for is kept.
+  // Pictures arrive later than pressures, so the history that they may need is kept.
   const double oldest = time - rules_.window - rules_.max_age;
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
@@ -138,7 +138,7 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
     return format("pressures were measured for %.2f s; expected %g s",
                   readings_.back().time - readings_.front().time, rules_.window);
   }
-  // A mean over both halves: noise averages out, a drift does not.
+  // Mean over each half: noise averages out, a drift does not.
   const double middle = 0.5 * (begin + end);
   const auto size = static_cast<Eigen::Index>(names_.size());
   Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(size, 2);
@@ -155,7 +155,7 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
   for (int half = 0; half < 2; ++half) {
     for (Eigen::Index i = 0; i < size; ++i) {
       const double off = sums(i, half) / counts[half] - wanted[i];
-      // Not <=: a pressure that is no number is not settled.
+      // Not <=: a NaN is not settled.
       if (std::abs(off) <= rules_.pressure_tolerance) continue;
       return format("%s is %.2f kPa from %s; expected at most %g kPa",
                     names_[static_cast<std::size_t>(i)].c_str(), 1e-3 * off,

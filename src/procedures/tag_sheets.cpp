@@ -13,13 +13,13 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kGap = 3.0;    // between cards
-constexpr double kRim = 1.5;    // of a card around its tag: holds its marks, and allows for the cut
-constexpr double kMark = 1.0;   // size of the marks in it
-constexpr double kStrip = 5.0;  // below the card, for its text
+constexpr double kGap = 3.0;          // between cards
+constexpr double kRim = 1.5;          // around its tag: room for marks, and for inaccurate cuts
+constexpr double kMark = 1.0;         // size of the marks in it
+constexpr double kStrip = 5.0;        // below the card, for its text
 constexpr double kMillimetre = 1e-3;  // [m]
 
-// Cards and how many of them a page takes.
+// Grid of cards on a page.
 struct CardGrid {
   double side;  // of a tag's square
   double card;  // side of the card, without its strip
