@@ -12,10 +12,11 @@ namespace {
 
 using Clock = SerialPort::Clock;
 
-// Outside of these there is no air: a sensor that is broken, or a device that speaks another unit.
+// Readings outside this range are impossible: the sensor is broken, or the device uses another
+// unit.
 constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
 
-// Of the watchdog of a device, whose clock and whose line are not ours.
+// Margin for the watchdog of a device, whose clock and line may differ from ours.
 constexpr double kWatchdogShare = 0.8;
 
 const SerialProfile& valid(const SerialProfile& profile) {
@@ -107,12 +108,12 @@ void AsciiSerialDriver::ready() {
   }
 }
 
-// An answer that is on its way from before must not pass for the first one of now.
+// A late answer from before must not be taken for the first one of this connection.
 void AsciiSerialDriver::awaitQuiet() {
   const Clock::time_point deadline = after(3 * profile_.timeout);
   Clock::time_point quiet = after(profile_.timeout);
   while (Clock::now() < quiet) {
-    // Keeps waiting where half a line came, too.
+    // Also waits for the rest of a line that has begun.
     const std::optional<std::string> line =
         port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
     if (port_.discardInput() || line) quiet = after(profile_.timeout);
@@ -130,7 +131,7 @@ void AsciiSerialDriver::awaitReading() {
   while (Clock::now() < deadline) {
     try {
       if (listen(deadline)) return;
-    } catch (const BadReply&) {  // the first line may be the end of one
+    } catch (const BadReply&) {  // the first line may be incomplete
       error = std::current_exception();
     }
   }
@@ -177,7 +178,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   }
 }
 
-// It remembers: a line that lets air out may have been the first after the silence.
+// Stays noted until the next connection: the first line after the silence may already vent.
 void AsciiSerialDriver::noteSilence() {
   const std::chrono::duration<double> silence = Clock::now() - last_line_;
   lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
@@ -210,8 +211,8 @@ double AsciiSerialDriver::reading(double number) const {
 void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
   if (fields.supply) supply_ = reading(*fields.supply);
   if (fields.set_point && channel.sent) {
-    // Devices round to digits of their own; another unit, or another one who sets it, is further
-    // off.
+    // Devices round to their own number of digits. Larger differences mean another unit, or another
+    // client that sets it.
     const double tolerance =
         std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
     if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
@@ -229,7 +230,8 @@ void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
 }
 
 double AsciiSerialDriver::numberOf(double pressure) const {
-  // Down, so that the device gets no more than was ordered; a millionth of a digit is arithmetic.
+  // Rounded down, so that the device never gets more than was ordered; the tolerance covers
+  // floating-point error.
   const double scale = std::pow(10.0, profile_.decimals);
   return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
 }
@@ -245,7 +247,7 @@ void AsciiSerialDriver::ventChannel(Channel& channel) {
   channel.sent.reset();
   channel.state = State::kUnknown;
   std::exception_ptr first;
-  // Whatever became of one line, the next may yet let the air out.
+  // If one line fails, the next one may still vent the device.
   for (std::size_t i = vented ? lines_.vent.size() - 1 : 0; i < lines_.vent.size(); ++i) {
     try {
       note(exchange(lines_.vent[i], addressOf(lines_.vent_reply), channel), channel);
@@ -317,8 +319,8 @@ void AsciiSerialDriver::vent() {
   eachChannel([this](Channel& channel, int) { ventChannel(channel); });
 }
 
-// Takes the lines that have come, waiting for the first until the deadline; whether one of them was
-// a reading.
+// Reads the lines that have arrived, waiting for the first until the deadline. Returns whether one
+// of them was a reading.
 bool AsciiSerialDriver::listen(Clock::time_point deadline) {
   const auto channels = static_cast<std::size_t>(count_);
   bool heard = false;
@@ -344,7 +346,7 @@ bool AsciiSerialDriver::listen(Clock::time_point deadline) {
 }
 
 void AsciiSerialDriver::ask() {
-  // What a write brought is a reading of now only for so long.
+  // Readings in answers to a write are valid only for this time.
   const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
   eachChannel([&](Channel& channel, int) {
     if (channel.heard > oldest && !channel.readings.empty()) return;
@@ -377,7 +379,7 @@ void AsciiSerialDriver::read(Pressures& pressures) {
     } else {
       overhear();
     }
-  } catch (const std::runtime_error&) {  // the other channels' readings are good
+  } catch (const std::runtime_error&) {  // the readings of other channels are valid
     error = std::current_exception();
   }
   int i = 0;

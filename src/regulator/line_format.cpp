@@ -12,8 +12,8 @@
 namespace helix_arm::regulator {
 namespace {
 
-constexpr double kHighestNumber = 1e9;   // times 10^6 still counts exactly
-constexpr std::size_t kMostDigits = 15;  // a double holds any of them exactly
+constexpr double kHighestNumber = 1e9;   // times 10^6 is still exact
+constexpr std::size_t kMostDigits = 15;  // a double represents any of them exactly
 constexpr int kHighestExponent = 22;     // and 10 to any power up to this
 constexpr double kPowersOfTen[kHighestExponent + 1] = {
     1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -47,7 +47,7 @@ std::string numberText(double value, int decimals) {
 
 }  // namespace
 
-// Walks along one line.
+// Reads one line from left to right.
 class LineFormat::Reader {
  public:
   explicit Reader(std::string_view line) : line_(line) {}

@@ -25,8 +25,8 @@ namespace helix_arm::regulator {
 namespace {
 
 constexpr int kHighestRegister = 0xffff;
-constexpr double kVacuum = -1.05e5;     // gauge, with what a sensor may err [Pa]
-constexpr double kHairOfACount = 1e-6;  // what is computed in doubles is whole within this
+constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
+constexpr double kHairOfACount = 1e-6;  // rounding error of counts computed in doubles
 constexpr std::chrono::milliseconds kBetweenLooks(5);
 
 struct Freer {
@@ -76,7 +76,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
   if (profile.app) {
     for (const int slot : slotsOf(config)) registers.insert(profile.status(slot));
   }
-  // What lies between slots is read along, where one request is enough for that.
+  // Registers between slots are included if one request then suffices.
   std::set<int> filled;
   for (const int number : registers) {
     if (!filled.empty() && number - *filled.rbegin() < MODBUS_MAX_READ_REGISTERS) {
@@ -88,7 +88,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
   return filled;
 }
 
-// The reply was complete: an exception, or the answer to something else.
+// The reply was complete: an exception, or the answer to another request.
 bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
 
 std::string hex(int word) {
@@ -125,8 +125,8 @@ class ModbusTcpDriver::Link {
  private:
   struct Slot {
     int number;
-    int command;   // what it was told last
-    double since;  // when it was told so, where that is something new [s]
+    int command;   // last command sent
+    double since;  // time of its last change [s]
   };
 
   void disconnect() noexcept {
@@ -155,7 +155,7 @@ class ModbusTcpDriver::Link {
   TcpLink tcp_;
   ModbusRegisters outputs_, inputs_;
   std::unique_ptr<modbus_t, Freer> context_;
-  bool lost_ = false;  // nobody answers, though it may hear
+  bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
 modbus_t* ModbusTcpDriver::Link::context() const {
@@ -165,7 +165,7 @@ modbus_t* ModbusTcpDriver::Link::context() const {
 
 void ModbusTcpDriver::Link::open() {
   const int socket = tcp_.open(profile_.timeout);
-  // The address is for connections of libmodbus' own, whose time cannot be bounded.
+  // The address is not used: libmodbus' own connect() has no time limit.
   context_.reset(modbus_new_tcp("127.0.0.1", 0));
   if (!context_) {
     ::close(socket);
@@ -178,7 +178,7 @@ void ModbusTcpDriver::Link::open() {
   modbus_set_slave(context_.get(), profile_.unit_id);
   modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
   modbus_set_response_timeout(context_.get(), seconds, microseconds);
-  // Without one of its own, the response's holds for all of its bytes.
+  // Without a timeout of its own, a byte is limited by that of the response.
   modbus_set_byte_timeout(context_.get(), 0, 0);
 }
 
@@ -188,8 +188,9 @@ void ModbusTcpDriver::Link::connect() {
   clearOutputs();
   try {
     if (profile_.app) {
-      // A slot that regulates already goes on, at no pressure: to acknowledge ends its app, and an
-      // app that has ended keeps the air in. Where replies cannot be understood it stays at that.
+      // A slot that already regulates continues, at no pressure: acknowledging would end its app,
+      // and an ended app keeps the air in. If replies cannot be understood, this is all that is
+      // sent.
       commandAll(profile_.app->regulate);
       send();
       fetch();
@@ -265,7 +266,7 @@ double ModbusTcpDriver::Link::pressureOf(int place, std::uint16_t word) const {
   return pressure;
 }
 
-// No app, and no pressure: the atmosphere, also in a device that counts from vacuum.
+// No app and the pressure of the atmosphere, also in a device that counts from vacuum.
 void ModbusTcpDriver::Link::clearOutputs() {
   outputs_.clear();
   for (const Slot& slot : slots_) {
@@ -309,7 +310,7 @@ void ModbusTcpDriver::Link::vent() {
       send(run);
     } catch (const std::exception&) {
       error = std::current_exception();
-      lost = std::exchange(lost_, false) || lost;  // the next ones are to be heard as well
+      lost = std::exchange(lost_, false) || lost;  // readings must be heard, too
     }
     if (!context_) break;
   }
@@ -367,7 +368,7 @@ void ModbusTcpDriver::Link::check(bool done, const char* what) {
   const std::string text =
       tcp_.place() + ": " + profile_.name + " " + what + ": " + modbus_strerror(error);
   if (isReply(error)) {
-    modbus_flush(context());  // what is left of it would be taken for the next reply
+    modbus_flush(context());  // the rest of it would be taken for the next reply
     throw BadReply(text + "; check the registers of the profile, and unit_id");
   }
   if (error == ETIMEDOUT) {

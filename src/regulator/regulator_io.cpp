@@ -24,7 +24,7 @@ int openCounter() {
   return counter;
 }
 
-constexpr double kLinesAWatchdog = 4;  // at least, of a device that watches its line
+constexpr double kLinesAWatchdog = 4;  // at least, for a device with a watchdog
 
 std::unique_ptr<Driver> requireDriver(std::unique_ptr<Driver> driver) {
   basics::require(driver != nullptr, "regulator I/O without a driver; expected one");
@@ -90,7 +90,7 @@ void RegulatorIo::order(const control::ValveOrders& orders, std::uint64_t breaks
   orders_.draft().valves = orders;
   orders_.draft().breaks = breaks;
   orders_.post();
-  eventfd_write(wake_, 1);  // fails only where 2^64 orders are not waited for
+  eventfd_write(wake_, 1);  // fails only after 2^64 unread orders
 }
 
 bool RegulatorIo::take(Reading& reading) {
@@ -171,7 +171,7 @@ void RegulatorIo::disconnect(const std::exception& error) {
   note(error);
   ++breaks_;
   up_ = false;
-  // What keeps its air is told again, until it must be empty or the link is gone.
+  // The order is repeated until the device must be empty or the link is lost.
   const double end = steadyNow() + rules_.vent_time;
   while (driver_->keepsAirOnClose() && steadyNow() < end && pause(rules_.first_back_off)) {
     ventUnheard();
@@ -183,7 +183,7 @@ void RegulatorIo::ventUnheard() {
   try {
     driver_->vent();
   } catch (const std::exception&) {
-    // A device whose answers are lost may hear all the same.
+    // The device may receive orders even if its answers are lost.
   }
 }
 
@@ -233,7 +233,7 @@ void RegulatorIo::exchange() {
   try {
     driver_->read(reading.pressures);
   } catch (const BadReply&) {
-    readings_.post();  // the other channels' readings are good
+    readings_.post();  // the readings of other channels are valid
     throw;
   }
   readings_.post();

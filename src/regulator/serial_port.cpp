@@ -82,7 +82,8 @@ speed_t speedOf(int baud) {
   return B0;
 }
 
-// It would stay marked as taken where its holder is killed, and no guard could open it.
+// Not for pseudo terminals: one stays exclusive if its holder is killed, and no guard could open
+// it.
 bool isPseudoTerminal(int file) {
   constexpr unsigned kFirstMajor = 136, kLastMajor = 143;  // of Linux
   struct stat status {};
@@ -91,7 +92,7 @@ bool isPseudoTerminal(int file) {
   return number >= kFirstMajor && number <= kLastMajor;
 }
 
-// Rounded up: poll() of 0 ms before the deadline would spin.
+// Rounded up: poll() with 0 ms before the deadline would spin.
 int millisecondsTo(SerialPort::Clock::time_point deadline) {
   const auto left =
       std::chrono::ceil<std::chrono::milliseconds>(deadline - SerialPort::Clock::now());
@@ -120,8 +121,7 @@ void SerialPort::open(const std::string& device, int baud) {
   claim();
   cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD;
-  // A board that starts anew when the line drops keeps running, HUPCL off, from one program to the
-  // next.
+  // With HUPCL off, a board that resets when the line drops keeps running between programs.
   settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | PARENB | CRTSCTS | HUPCL);
   settings.c_iflag &= ~static_cast<tcflag_t>(IXOFF | IXANY);
   settings.c_cc[VMIN] = 0;
@@ -136,26 +136,26 @@ void SerialPort::open(const std::string& device, int baud) {
 void SerialPort::claim() {
   if (flock(file_, LOCK_EX | LOCK_NB) != 0) {
     const int error = errno;
-    // Not close(): the line and what is on its way there are another's.
+    // Not close(): line and buffers belong to another process.
     ::close(file_);
     file_ = -1;
     fail(openingFault(error == EWOULDBLOCK ? EBUSY : error));
   }
-  if (!isPseudoTerminal(file_)) ioctl(file_, TIOCEXCL);  // not every kind of line has it
+  if (!isPseudoTerminal(file_)) ioctl(file_, TIOCEXCL);  // not supported by every device
 }
 
 void SerialPort::close() noexcept {
   if (file_ < 0) return;
   ioctl(file_, TIOCNXCL);
   awaitSent();
-  tcflush(file_, TCOFLUSH);  // else closing waits for a line that takes nothing
-  flock(file_, LOCK_UN);     // a process that is just being forked has it open, too
+  tcflush(file_, TCOFLUSH);  // otherwise close() waits for a device that accepts nothing
+  flock(file_, LOCK_UN);     // a process that is just being forked has the file open, too
   ::close(file_);
   file_ = -1;
   input_.clear();
 }
 
-// The last words may be a vent.
+// The last line may be a vent.
 void SerialPort::awaitSent() const noexcept {
   const auto end = Clock::now() + kLastWords;
   int waiting = 0;
@@ -188,7 +188,7 @@ std::size_t SerialPort::takeInput() {
 bool SerialPort::discardInput() {
   bool any = !input_.empty();
   if (file_ < 0) fail("is not open");
-  // A device that never stops is met by the line that does not fit.
+  // A device that never stops sending exceeds the longest line, which is refused below.
   for (std::size_t taken = 0; taken < 16 * kLongestLine && awaitInput(Clock::time_point());) {
     const std::size_t count = takeInput();
     if (count == 0) break;

@@ -38,7 +38,7 @@ std::vector<LineFormat> formats(const char* key, const std::vector<std::string>&
   return lines;
 }
 
-// Of a line that is sent: what of it nobody could fill in is refused.
+// A line to the device must not have fields that cannot be filled in.
 void requireSendable(const char* key, const LineFormat& line,
                      std::initializer_list<const char*> allowed) {
   for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",

@@ -49,7 +49,7 @@ void SimulatedRegulator::step(double dt) {
   require(dt >= 0, "the time step [s]", dt, "a value >= 0");
   const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
   const double first = pressure_[0];
-  // What is above the supply does not flow back.
+  // Pressure above the supply does not flow back.
   pressure_ += covered * (set_point_.cwiseMin(pressure_.cwiseMax(supply())) - pressure_);
   if (fault_ == AirFault::kBurst) pressure_[0] = (1 - covered) * first;
   if (fault_ == AirFault::kStuckOpen) pressure_[0] = first + covered * (supply() - first);

@@ -26,7 +26,7 @@ namespace {
 
 constexpr std::size_t kMostAddresses = 3;
 
-// 0 once connected, else the error's number.
+// Returns 0 on success, otherwise errno.
 int connectWithin(int socket, const sockaddr* address, socklen_t size, double timeout) {
   if (connect(socket, address, size) == 0) return 0;
   if (errno != EINPROGRESS) return errno;
@@ -90,7 +90,7 @@ std::vector<TcpLink::Address> TcpLink::resolve(double timeout) {
   Resolved resolved = look(host_, port_, AI_NUMERICHOST);
   if (resolved.error.empty()) return resolved.addresses;
 
-  // A resolver has no timeout that could be set: it runs on its own, and is not waited for.
+  // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits for.
   if (!pending_.valid()) {
     auto promise = std::make_shared<std::promise<Resolved>>();
     pending_ = promise->get_future().share();
@@ -132,7 +132,7 @@ int TcpLink::open(double timeout) {
       error = errno;
       continue;
     }
-    // libmodbus waits by select(), which cannot take a larger one.
+    // libmodbus waits with select(), which cannot handle larger descriptors.
     error =
         socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout) : EMFILE;
     if (error == 0) {

@@ -31,7 +31,7 @@ Lockstep::Lockstep(Parts parts, const LockstepConfig& config)
     : parts_(std::move(parts)), config_(config) {
   config_.validate();
   std::string refusal = "the regulator was not read";
-  // Noise may look like pressure in one reading or another.
+  // With noise, single readings may look like pressure.
   for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
     reading_ = parts_.rig.measure();
     parts_.core.measured(0.0, reading_);

@@ -10,7 +10,7 @@ namespace {
 
 const char* const kCulprit = "true mounts";
 
-// Streams of one seed, so that the camera's noise does not shift the tags'.
+// Separate streams of one seed, so that the camera's noise does not affect the tags'.
 enum Stream : std::uint32_t { kCameraStream, kTagStream };
 
 class Noise {

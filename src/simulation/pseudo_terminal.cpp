@@ -31,7 +31,7 @@ PseudoTerminal::PseudoTerminal() {
     fail("a pseudo terminal cannot be unlocked");
   }
   path_ = path;
-  // Raw from the first byte on, whatever program opens it; else it would echo.
+  // Raw mode from the start; otherwise the terminal would echo until a program opens it.
   const int other = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
   termios settings{};
   if (other < 0 || tcgetattr(other, &settings) != 0) {

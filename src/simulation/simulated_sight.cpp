@@ -12,7 +12,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
+constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, {}};

@@ -16,10 +16,10 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr int kCornerSamples = 40;  // for each section
+constexpr int kCornerSamples = 40;  // per section
 constexpr int kMostCornerSamples = 160;
 constexpr int kInnerSamples = 16;
-// Where none of so many samples finds a balance, the others are not tried: each takes long.
+// If none of this many samples has a balance, the others are skipped, since each takes long.
 constexpr int kHopeless = 6;
 
 std::string percent(double part) {
@@ -41,7 +41,7 @@ std::vector<Eigen::VectorXd> samplesOf(const model::Arm& arm) {
   return sampleInputs(arm, corners, kInnerSamples);
 }
 
-// Where the exact tier puts the tip.
+// Tip by the exact tier.
 struct Sample {
   Eigen::VectorXd lengths;
   Eigen::Vector3d tip;
@@ -49,7 +49,7 @@ struct Sample {
 
 struct Samples {
   std::vector<Sample> balanced;
-  int unbalanced = 0;  // inputs where the load finds no balance
+  int unbalanced = 0;  // number of inputs without a balance
 
   std::size_t count() const { return balanced.size() + unbalanced; }
 };
@@ -80,7 +80,7 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
   return {std::move(out), unbalanced};
 }
 
-// Largest error of the tip, as a part of the arm's length.
+// Largest tip error, relative to the arm's length.
 double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, double arm_length) {
   double error = 0.0;
   for (const Sample& sample : samples) {
@@ -91,7 +91,7 @@ double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, dou
   return std::max(error, kExactTipError);
 }
 
-// Mean time of a solution over the samples: inputs differ by twice and more in what they take.
+// Mean time of a solution over the samples; times of inputs differ by a factor of two and more.
 double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& lengths) {
   const double all = basics::medianTime([&] {
     for (const Eigen::VectorXd& one : lengths) solver.tip(one);
@@ -99,11 +99,11 @@ double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& le
   return all / static_cast<double>(lengths.size());
 }
 
-// From the cheapest to the dearest.
+// From the cheapest to the most expensive.
 std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load, bool planar) {
   std::vector<TierSetting> out;
   const auto wanted = [&request](Tier tier) { return !request.tier || *request.tier == tier; };
-  // Asked for, the loaded tier says itself what it cannot have.
+  // If it was requested, the loaded tier reports its own limits.
   const bool orders =
       wanted(Tier::kLoaded) && (request.tier || load.innerPlaces() <= kMaxInnerPoints);
   if (planar && wanted(Tier::kPlanar)) out.push_back({Tier::kPlanar, 0});
@@ -115,7 +115,7 @@ std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load
   return out;
 }
 
-// One arm under one load, with what the tiers are judged by.
+// An arm under a load, with the reference samples of its tiers.
 struct Scale {
   const model::Arm& arm;
   const std::optional<model::PlanarArm>& planar;
@@ -292,7 +292,7 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
       request.tier != Tier::kPlanar || inPlane(*load),
       "tier: planar needs a load in the arm's x-y plane; this one has a component across it; "
       "use tier: loaded, or turn arm.base");
-  constexpr double kRounding = 1e-12;  // of percents that became parts
+  constexpr double kRounding = 1e-12;  // of percents converted to fractions
   basics::require(!request.relative_tip_error ||
                       *request.relative_tip_error >= (1.0 - kRounding) * kLeastTipError,
                   "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),

@@ -55,7 +55,7 @@ class V4l2Device : public VideoDevice {
   explicit V4l2Device(WebcamConfig config) : config_(std::move(config)) {}
 
   std::optional<std::string> open() override {
-    // OpenCV would say no more than that it failed, and that on stderr.
+    // OpenCV only reports that opening failed, on stderr.
     if (access(config_.device.c_str(), F_OK) != 0) {
       return "the device does not exist; plug the camera in, or give another device";
     }
@@ -116,14 +116,14 @@ class V4l2Device : public VideoDevice {
   void close() override { capture_.release(); }
 
  private:
-  // Nothing is claimed where there is no sound header, which decoding tells better.
+  // Without a valid header nothing is refused here; decoding reports it better.
   std::optional<std::string> wrongSize(const cv::Size& size) const {
     if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
     return text("a picture of ", size.width, " x ", size.height, " px; expected ", config_.width,
                 " x ", config_.height);
   }
 
-  // OpenCV reads -1 of a control that the camera does not have: then nothing can drift.
+  // OpenCV reads -1 for a control that the camera does not have, which then cannot drift.
   std::optional<std::string> lock(const char* name, int mode, double manual, int control,
                                   int value) {
     capture_.set(mode, manual);
@@ -270,7 +270,7 @@ class VideoFile : public FrameSource {
 
   std::string path_;
   std::optional<cv::Size> expected_;
-  cv::Size size_;  // as the video says
+  cv::Size size_;  // as stated by the video
   cv::VideoCapture capture_;
   bool packets_ = false;  // what is read are JPEGs
   bool through_ = false;

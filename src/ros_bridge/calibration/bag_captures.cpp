@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
-// The one topic of each kind; empty where there is none, which is a fault but for the commands.
+// The topic of each kind; empty if absent, which is a fault except for commands.
 using Topics = std::array<std::string, kRecordTopics>;
 
 Topics topicsOf(BagProcess& bag, const std::string& path) {

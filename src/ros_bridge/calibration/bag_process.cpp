@@ -19,9 +19,9 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr int kSilence = 300'000;  // [ms] after which it is given up, on a machine however busy
+constexpr int kSilence = 300'000;  // [ms] without output, after which the reader is killed
 
-// bag_reader is in the folder of programs beside this library's.
+// bag_reader is installed with the programs of this package.
 std::string readerProgram() {
   Dl_info library{};
   dladdr(reinterpret_cast<const void*>(&readerProgram), &library);
@@ -45,7 +45,7 @@ BagProcess::BagProcess(const basics::RegularFile& file, std::string path) : path
 #if __GLIBC_PREREQ(2, 34)
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
-  // Whatever this process makes of its signals.
+  // The child starts with default signals, whatever this process has set.
   sigset_t all, none;
   sigfillset(&all);
   sigemptyset(&none);
@@ -80,7 +80,7 @@ BagRecord BagProcess::next() {
   read(&head, sizeof head);
   const bool sound = head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
   if (!sound) {
-    kill(process_, SIGKILL);  // it may wait for a reader of the rest
+    kill(process_, SIGKILL);  // it may wait for the rest of its output to be read
     refuse("is damaged: its content is not valid; expected an intact bag");
   }
   BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};

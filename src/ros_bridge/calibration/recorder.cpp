@@ -59,7 +59,6 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     fault = std::get<control::Refusal>(checked).message;
     times = static_cast<unsigned long>(foreign_pressures_.total());
   }
-  // Without the lock: a terminal that blocks must not stall the run.
   logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
              fault.c_str(), times);
 }
@@ -84,7 +83,7 @@ void Recorder::onWatch(const ros::SteadyTimerEvent&) {
 
 procedures::Settling Recorder::settlingAt(double now) const {
   procedures::Settling out = watch_.at(now);
-  // The status of vision names the cause.
+  // If no tags are seen, vision_status knows the cause.
   const bool blind = out.stale() || out.state == procedures::SettleState::kNoTags;
   if (blind && vision_ && vision_->state != VisionStatus::MEASURED) {
     out.reason += "; vision says: " + basics::quoted(vision_->message, kLongestMessage);

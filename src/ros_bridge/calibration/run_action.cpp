@@ -110,7 +110,7 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
 
 void RunAction::begin(const RunCalibrationGoal& goal) {
   calibrator_.check(goal.fit);
-  calibrator_.scenePath(goal.out);  // else only found out after a long run
+  calibrator_.scenePath(goal.out);  // otherwise refused only after a long run
   procedures::RunRules rules = rules_;
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
@@ -196,7 +196,7 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
 
 void RunAction::rest() {
   for (;;) {
-    // Such as without a master, which a call would wait for.
+    // Without a master, the call would block.
     if (EndRequest::isUrgent() || !ros::ok()) return;
     {
       const basics::MutexLock lock(mutex_);

@@ -17,10 +17,10 @@ namespace {
 constexpr std::uint32_t kEndOfTime = 1U << 31U;  // [s]
 constexpr std::uint32_t kNanosecondsASecond = 1000000000;
 constexpr char kParameter[] = "/use_sim_time";
-// For roscpp, which then takes no time from anywhere; nobody sets it.
+// Given to roscpp instead, so that it does not subscribe to the clock; nobody sets it.
 constexpr char kNoParameter[] = "/use_sim_time_of_roscpp_alone";
 
-// Past roscpp's own remapping of its name.
+// Asks the master directly, since roscpp remaps the name of the parameter.
 bool timeIsSimulated() {
   XmlRpc::XmlRpcValue request, response, value;
   request[0] = ros::this_node::getName();

@@ -15,8 +15,8 @@ namespace {
 using control::Fault, control::Refusal;
 
 constexpr double kShortest = 1e-3;  // a curve [m]
-// Senders round to a few digits: pieces and mean twist that differ by more are of two shapes
-// [m, rad].
+// Senders round to a few digits; larger differences between pieces and mean twist are an error [m,
+// rad].
 constexpr double kPieceTolerance = 1e-3;
 
 std::string text(const Eigen::Vector3d& vector) {
@@ -25,7 +25,7 @@ std::string text(const Eigen::Vector3d& vector) {
   return out.str();
 }
 
-// Why piece_twist is not taken.
+// Fault of piece_twist; absent if it is valid.
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
   if (shape.pieces > most) {
@@ -111,7 +111,7 @@ ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
   }
   const model::Twists twists = shape.twists();
   msg.twist.assign(twists.data(), twists.data() + twists.size());
-  // Symmetric: rows or columns first is all the same.
+  // Symmetric, so the storage order does not matter.
   msg.twist_covariance.assign(covariance.data(), covariance.data() + covariance.size());
   msg.tip = toPoseMsg(model::tipPose(shape));
   return msg;

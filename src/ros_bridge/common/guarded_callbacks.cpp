@@ -7,7 +7,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Of the exception that is being handled.
+// Message of the exception that is being handled.
 std::string reason() {
   try {
     throw;
@@ -33,7 +33,7 @@ void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
     if (!faults_.add()) return;
     log_(source_ + (culprit.empty() ? "" : " from " + culprit) + " was dropped (" +
          std::to_string(faults_.total()) + " so far): " + text);
-  } catch (...) {  // no memory even for the warning: the next one tells the count
+  } catch (...) {  // out of memory: the next warning has the count
   }
 }
 

@@ -105,8 +105,7 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
   const std::string given = text(name, "");
   if (given.empty()) return given;
   if (const auto path = filePath(given, folder, extension)) return *path;
-  // roslaunch starts nodes in ROS_HOME, so a relative path would not mean what it meant in the
-  // shell.
+  // roslaunch starts nodes in ROS_HOME, so a relative path would not refer to the user's directory.
   fault(name, XmlRpc::XmlRpcValue(given),
         join("an absolute path, or the name of a file in ", folder, " of the package"));
   return "";

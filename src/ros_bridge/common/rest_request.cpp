@@ -49,7 +49,7 @@ void requestRest() {
             basics::quoted(rest.response.message, kLongestMessage).c_str());
     return;
   }
-  // Nodes that are ended together need not find each other any more.
+  // Nodes that are shut down together may miss each other.
   logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
           "%s does not exist or does not answer: the arm vents once no target has come for "
           "safety.target_timeout_s, as after a fault",

@@ -112,7 +112,7 @@ void CommandLink::onSafety(const SafetyStateConstPtr& state) {
 }
 
 void CommandLink::onStatus(const TargetStatusConstPtr& status) {
-  if (status->topic != names::kPressureTarget) return;  // such as the answers of this node
+  if (status->topic != names::kPressureTarget) return;  // such as answers to targets of this node
   trace_.answered(*status);
   if (!speaks_ || status->commander != ros::this_node::getName() ||
       status->target_stamp < first_stamp_) {
@@ -130,7 +130,7 @@ void CommandLink::onStatus(const TargetStatusConstPtr& status) {
     passing_ = refusal;
     return;
   }
-  // Whoever had the arm and lost it to another does not wait for it again.
+  // A commander that had the arm and lost it does not wait for it again.
   const bool passes = is(Fault::kOtherCommander) && !accepted_;
   accepted_ = false;
   (passes ? passing_ : lasting_) = refusal;

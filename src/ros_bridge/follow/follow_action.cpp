@@ -31,7 +31,7 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   return out;
 }
 
-// What a goal asks for, or the scene if it does not.
+// Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
   switch (on_contact) {
     case FollowTipPathGoal::REPORT:
@@ -110,7 +110,7 @@ void FollowAction::onCancel(Handle handle) {
   }
 }
 
-// Without waiting for the end of its check.
+// Does not wait for the end of its check.
 void FollowAction::discardCandidate() {
   discarded_.push_back(std::move(candidate_->check));
   candidate_.reset();
@@ -224,7 +224,7 @@ void FollowAction::cancel(const std::string& reason) {
   leave();
 }
 
-// The last place is held, if the arm went there.
+// The last position is held if the arm was moved there.
 void FollowAction::leave() {
   const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
   const double usual =

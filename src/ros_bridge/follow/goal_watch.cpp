@@ -41,7 +41,7 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState 
     return std::nullopt;
   }
   if (!blind_since_) blind_since_ = time;
-  // The loop coasts before it is open again.
+  // The loop has already coasted before it opened.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
   return GoalEnding{Result::SIGHT_LOST,
@@ -49,7 +49,7 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState 
                         "; check vision_status and ~close_loop, or set require_sight to false"};
 }
 
-// The end of the path and the time allowed for it are over.
+// Result when the path and its tolerance time are over.
 GoalEnding GoalWatch::lateEnding(const follow::Turn& turn) const {
   const double tolerance = 1e3 * rules_.goal_tolerance;
   if (last_error_) {

@@ -27,7 +27,7 @@ T orThrow(control::Checked<T> checked, const std::string& culprit) {
   return std::get<T>(std::move(checked));
 }
 
-// A point of the path, which is seen from F.
+// Converts a point of the path, which is given in frame F.
 control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool with_rotation,
                               const std::string& culprit) {
   basics::require(point.transforms.size() == 1, culprit, "it has ", point.transforms.size(),

@@ -32,7 +32,7 @@ ros::console::Level levelOf(LoopState state, LoopState before) {
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
 }
 
-// Twists of a `measured` with their covariance, or why they cannot be used.
+// Twists of a `measured` with their covariance, or the refusal.
 control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
   const auto size = static_cast<Eigen::Index>(6) * sections;
   if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
@@ -156,7 +156,7 @@ void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
   }
   const ros::Time& stamp = shape->header.stamp;
   const auto& measured = std::get<model::Shape>(checked);
-  // Simulated time may reach this node later than the readings that it stamps.
+  // Simulated time may arrive later than readings that it stamps.
   const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
   const estimation::Sighting sighting =
       loop_.picture(stamp.toSec(), now, measured.twists(), std::get<Eigen::MatrixXd>(covariance));
@@ -169,7 +169,7 @@ void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
   }
 }
 
-// With copies of all that the loop knows now, since it runs in a thread of its own.
+// With copies of the present state, since the check runs in another thread.
 FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
                                                double tolerance) const {
   follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};

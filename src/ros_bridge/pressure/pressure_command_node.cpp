@@ -83,7 +83,7 @@ void PressureCommandNode::refuseSimulatedTime() const {
   logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
 }
 
-// Wanted, never required; without it a busy machine is the only one that suffers.
+// Real-time priority is optional; without it, only a busy machine is affected.
 void PressureCommandNode::tellRealtime(bool hardware) const {
   const int priority = options_.realtime_priority;
   if (priority == 0) return;
@@ -137,7 +137,7 @@ void PressureCommandNode::adopt(io::Scene next) {
   shapes_.adopt();
 }
 
-// What the line says of itself, once each.
+// Each new error of the line once.
 void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
   if (line.last_error.empty() || line.last_error == told_line_error_) return;
   told_line_error_ = line.last_error;
@@ -177,7 +177,7 @@ void PressureCommandNode::replaceGuard() {
         "times so far): the arm vents, and another guard is started",
         static_cast<unsigned long>(guard_losses_.total()));
   }
-  guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
+  guard_->dismiss();  // if it resumes, it must not vent an arm that the next one guards
   try {
     auto next = startGuardProcess(options_.scene, options_.realtime_priority);
     loop_->guardedBy(next);

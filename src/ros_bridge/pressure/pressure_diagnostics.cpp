@@ -10,7 +10,7 @@ using control::SafetyCause;
 using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
+constexpr double kSlowShare = 0.9;  // of ~rate; a slower loop is worth a warning
 
 const char* textOf(control::Valve valve) {
   switch (valve) {

@@ -20,10 +20,10 @@ using control::SafetyCause;
 using control::SafetyState;
 using regulator::steadyNow;
 
-// More readings than these waiting: whoever takes them is slower than the loop, and gets the last.
+// If more readings wait, the receiver is slower than the loop and gets only the last one.
 constexpr std::size_t kMostWaiting = 4;
 
-// What a callback queue holds.
+// A function as an entry of a callback queue.
 class Call : public ros::CallbackInterface {
  public:
   explicit Call(std::function<void()> call) : call_(std::move(call)) {}
@@ -36,8 +36,8 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
-// Of a reading on its way here; a stamp of 0 tells nothing, nor does simulated time, which may run
-// faster than the rules' clock [s].
+// Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
+// clock of the rules.
 double ageOf(const ros::Time& stamp) {
   if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
   return ros::Time::now().toSec() - stamp.toSec();
@@ -104,7 +104,7 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
 
 void PressureLoop::run() {
   regulator::scheduleRealtime(realtime_priority_);
-  // By its own clock: a timer's thread is scheduled as any other.
+  // On its own clock, since the thread of ROS timers has no real-time priority.
   for (double due = steadyNow(); !ends_;) {
     const double now = steadyNow();
     if (now < due) {
@@ -117,7 +117,7 @@ void PressureLoop::run() {
       turn(steadyNow());
     }
     due = std::max(due + period_, now);
-    queue_.callAvailable();  // however late the turns are
+    queue_.callAvailable();  // even if the turns are late
   }
 }
 
@@ -159,7 +159,7 @@ void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guar
 
 Eigen::VectorXd PressureLoop::goal() const {
   const regulator::PriorityLock lock(mutex_);
-  return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
+  return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
 }
 
 PressureLoop::Snapshot PressureLoop::snapshot() const {
@@ -239,7 +239,7 @@ void PressureLoop::publish(double now) {
   noteChanges(header.stamp);
   const regulator::Reading* news = path_.news();
   if (news == nullptr || !news->pressures.pressure.allFinite()) return;
-  // Simulated time may stand still, or not have begun.
+  // Simulated time may stand still or not have started.
   if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
   measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
   post({news->pressures.pressure, header.stamp});

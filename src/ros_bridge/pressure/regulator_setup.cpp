@@ -15,10 +15,11 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kShare = 0.9;       // of a turn: a reading is there when the next one begins
+constexpr double kShare =
+    0.9;  // of a turn, so that a reading is available when the next one begins
 constexpr double kLongestGap = 0.4;  // between turns [s]
-constexpr double kMissedTurns = 4;   // of a slow loop, before it counts as dead
-constexpr double kPatience = 1.25;   // of the line: the core is to see a gap first
+constexpr double kMissedTurns = 4;   // of a slow loop, before it counts as stopped
+constexpr double kPatience = 1.25;   // of the line, so that the safety core detects a gap first
 
 void warnOfShortSupply(const model::Arm& arm, const regulator::SimulatedRegulatorConfig& config) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {

@@ -16,7 +16,7 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kFresh = 1.0;  // a regulator silent for longer is worth an error [s]
+constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
 
 }  // namespace
 
@@ -82,7 +82,7 @@ bool ShapePublisher::measures() const {
 }
 
 void ShapePublisher::sendFrames(const ros::Time& stamp) {
-  if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
+  if (stamp == last_tf_stamp_) return;  // under a paused clock, tf would warn of repeated stamps
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
       logWarning(

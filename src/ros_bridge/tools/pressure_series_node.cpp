@@ -21,13 +21,13 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
-// A refusal, and a command of another arm, ends the series only where it is no single message: so
-// many of them, for so long, and nothing better in between.
+// Refusals, and commands of another arm, end the series only after this number of consecutive
+// messages over this time.
 constexpr int kLeastTrouble = 10;
 constexpr double kLongestTrouble = 2;  // [s]
-constexpr double kLongestStep = 0.1;   // a series that stood still leaps over nothing [s]
+constexpr double kLongestStep = 0.1;   // after a pause of the node, the series does not jump [s]
 
-// The rows to play, each of them a target that the node would take.
+// The rows to play; each of them must be a valid target.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
   if (options.data.empty()) return procedures::pressureTour(arm);
   const io::DataSet data = io::loadDataSet(options.data);
@@ -55,7 +55,7 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
   return rows;
 }
 
-// A refusal that is of the moment, not of what the target asks: the arm is not enabled, the network
+// Refusals that do not depend on the values of the target: the arm is not enabled, messages are
 // late, or clocks differ.
 bool passes(const std::string& fault) {
   return fault == control::nameOf(control::Fault::kNotEnabled) ||
@@ -182,7 +182,7 @@ void PressureSeriesNode::publishTarget() {
 }
 
 void PressureSeriesNode::endSeries() {
-  if (EndRequest::isUrgent()) return;  // such as without a master, which a call would wait for
+  if (EndRequest::isUrgent()) return;  // without a master, the call would block
   const bool commands = trace_.commands();
   if (commands && !trace_.isAnswered()) return;
   if (commands) requestRest();

@@ -17,7 +17,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr int kMostPoints = 2000000;
-constexpr double kPeriod = 1e-3;  // between pieces, to look at what else there is to do [s]
+constexpr double kPeriod = 1e-3;  // between pieces, so that callbacks are handled [s]
 
 bool allPressures(const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -62,7 +62,7 @@ void WorkspaceCloudNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   values_.clear();
   sampled_ = unbalanced_ = 0;
-  publish();  // the old points are not of this scene
+  publish();  // the previous points are of another scene
   timer_.start();
 }
 

@@ -13,7 +13,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
+// Pictures are not exactly periodic; one slightly early must not be skipped.
 constexpr double kDrawingSlack = 0.9;
 
 }  // namespace

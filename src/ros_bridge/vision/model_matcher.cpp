@@ -10,14 +10,14 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// A picture waits this long for the model of its time: with pressures at 100 Hz and more it has
-// come by then, and a replay meets the same model as the first time.
+// Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
+// then, so a replay uses the same models.
 constexpr std::chrono::milliseconds kModelPatience(100);
-// Each wait in vain halves the patience, down to this: models that always lag must not slow the
-// pictures down.
+// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
+// the pictures down.
 constexpr std::chrono::milliseconds kLeastPatience(5);
 
-// What to expect before a model comes.
+// Expected shape before the first model arrives.
 model::Shape restingShape(const io::Scene& scene) {
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
   const statics::Solution solution = scene.model.solve(rest);

@@ -40,7 +40,7 @@ CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
 }
 
 CheckedPicture<cv::Mat> PictureMeasurer::take(const Picture& picture) {
-  // What is not of the camera's size is not worth decoding, which may take long.
+  // A picture of the wrong size is refused before decoding, which may take long.
   if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
     const auto& data = (*jpeg)->data;
     const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());

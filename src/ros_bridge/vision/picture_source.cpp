@@ -119,13 +119,13 @@ void PictureSource::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
     const basics::MutexLock lock(mutex_);
     camera_info_ = camera;
   }
-  // Only counted here: the state follows from the pictures.
+  // Only counted here; the state is derived from the pictures.
   if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) status_.count(*refusal);
 }
 
 void PictureSource::arrived(Picture picture) {
   if (mailbox_.stopped()) return;
-  // Before it can be taken: it must not be measured before it is counted.
+  // Counted before it becomes available to the worker.
   status_.arrived();
   if (mailbox_.put(std::move(picture))) status_.skipped();
 }
@@ -155,7 +155,7 @@ void PictureSource::capture() {
       const basics::MutexLock lock(mutex_);
       camera_info_ = camera;
     }
-    // The source uses its memory again for the next picture.
+    // Cloned, since the source reuses its memory for the next picture.
     arrived({ros::Time::now(), frame.gray.clone()});
     go_on = options_.fromFile() ? mailbox_.sleepUntil(due) && mailbox_.waitUntilIdle()
                                 : !mailbox_.stopped();

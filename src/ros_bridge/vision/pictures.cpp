@@ -21,7 +21,7 @@ constexpr std::array<const char*, kPictureFaultCount> kNames = {
 
 constexpr int kAsItIs = -1;
 
-// How an encoding becomes gray.
+// Conversion of an encoding to gray.
 struct Encoding {
   std::string name;
   int channels;
@@ -82,7 +82,7 @@ CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer
                               std::to_string(image.data.size()) + " bytes in rows of " +
                               std::to_string(image.step) + "; send whole pictures"};
   }
-  // Never written to: OpenCV has no view of constant data.
+  // Not written to; cv::Mat has no constructor for constant data.
   const cv::Mat raw(static_cast<int>(image.height), static_cast<int>(image.width),
                     CV_8UC(encoding->channels), const_cast<std::uint8_t*>(image.data.data()),
                     image.step);
@@ -129,7 +129,7 @@ CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) 
     return refuseInfo("states binning or a region of interest; send whole pictures");
   }
   estimation::Camera camera;
-  constexpr std::uint32_t kLargest = 1U << 16U;  // a JPEG cannot be larger
+  constexpr std::uint32_t kLargest = 1U << 16U;  // larger than any JPEG
   camera.width = static_cast<int>(std::min(info.width, kLargest));
   camera.height = static_cast<int>(std::min(info.height, kLargest));
   camera.fx = info.K[0];

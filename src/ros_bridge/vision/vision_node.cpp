@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kWatchPeriod = 0.05;  // [s]
 
-// The scene, when there is something to see in it.
+// Checks that the scene has a camera and tags.
 io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
   std::string missing;
   if (!scene.camera) missing += "`camera`";
@@ -57,7 +57,7 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     worker_.start([this] { work(); }, on_failure);
     source_.start(on_failure);
   } catch (...) {
-    end();  // the destructor is not called, and those of the members wait for their threads
+    end();  // no destructor runs here, and those of the members wait for their threads
     throw;
   }
   logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
@@ -89,7 +89,7 @@ void VisionNode::onFailure() {
     return;
   }
   stop();
-  // For good: the other thread may still be at a picture.
+  // Both threads stop for good; the other may still process a picture.
   status_.fail("vision has failed and stopped: load its nodelet again");
   logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again", name_.c_str());
 }
@@ -99,7 +99,7 @@ void VisionNode::onModel(const ArmShapeConstPtr& model) {
   if (const auto* shape = std::get_if<model::Shape>(&checked)) {
     models_.add(model->header.stamp, *shape);
   } else {
-    // Measured without it, all the same.
+    // The picture is measured without the model.
     status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
                                                 std::get<control::Refusal>(checked).message});
   }
