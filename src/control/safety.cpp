@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::control {
@@ -24,11 +25,11 @@ void require(bool holds, const char* what, double value, const char* rule) {
 }
 
 void requirePositive(const char* what, double value) {
-  require(std::isfinite(value) && value > 0, what, value, "a finite value > 0");
+  basics::requirePositive("safety rules", what, value);
 }
 
 void requireNotNegative(const char* what, double value) {
-  require(std::isfinite(value) && value >= 0, what, value, "a finite value >= 0");
+  basics::requireNotNegative("safety rules", what, value);
 }
 
 // Causes that vent every channel, whatever its action.

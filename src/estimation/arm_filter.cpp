@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "arm_parameters.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
@@ -33,12 +34,10 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 
 void ArmFilterOptions::validate() const {
   const auto nonNegative = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative(kCulprit, what, value);
   };
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                         "a finite value > 0");
+    basics::requirePositive(kCulprit, what, value);
   };
   nonNegative("the hysteresis", hysteresis);
   nonNegative("the creep [s^-1/2]", creep);

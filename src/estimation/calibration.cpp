@@ -12,6 +12,7 @@
 #include "calibration_statistics.hpp"
 #include "cross_validation.hpp"
 #include "experiment_design.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 
@@ -238,15 +239,13 @@ bool ArmCaptures::isLoaded() const {
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("calibration", what, value);
   };
   positive("the curvature noise", curvature_noise);
   positive("the corner noise", corner_noise);
   positive("the position noise", position_noise);
   const auto not_negative = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative("calibration", what, value);
   };
   not_negative("the rotation noise", rotation_noise);
   not_negative("the floor of the corners' noise", corner_floor);

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "load_fork.hpp"
 
 namespace helix_arm::estimation {
@@ -49,12 +49,9 @@ Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
 }  // namespace
 
 void LoadForksOptions::validate() const {
-  basics::requireValue(std::isfinite(limit) && limit > 0, kCulprit, "the limit of the score", limit,
-                       "a finite value > 0");
-  basics::requireValue(std::isfinite(deviation) && deviation > 0, kCulprit,
-                       "the deviation of forces [N]", deviation, "a finite value > 0");
-  basics::requireValue(std::isfinite(creep) && creep >= 0, kCulprit,
-                       "the creep of forces [N s^-1/2]", creep, "a finite value >= 0");
+  basics::requirePositive(kCulprit, "the limit of the score", limit);
+  basics::requirePositive(kCulprit, "the deviation of forces [N]", deviation);
+  basics::requireNotNegative(kCulprit, "the creep of forces [N s^-1/2]", creep);
 }
 
 struct LoadForks::Workspace {

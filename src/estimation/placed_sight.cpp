@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "twist_equations.hpp"
 
@@ -66,8 +67,7 @@ void PlacedSight::validate() const {
                        "that of the layout");
   const auto check = [](const lie::Vector6& given) {
     for (const double value : given) {
-      basics::requireValue(std::isfinite(value) && value >= 0, kCulprit,
-                           "a placement's deviation [m, rad]", value, "a finite value >= 0");
+      basics::requireNotNegative(kCulprit, "a placement's deviation [m, rad]", value);
     }
   };
   for (const lie::Vector6& tag : deviations.tags) check(tag);

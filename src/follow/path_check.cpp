@@ -5,6 +5,7 @@
 #include <sstream>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/lie/se3.hpp"
 
@@ -50,8 +51,7 @@ struct Fastest {
 };
 
 void validate(const PathRules& rules, const model::Arm& arm) {
-  basics::requireValue(std::isfinite(rules.tolerance) && rules.tolerance > 0, kCulprit,
-                       "the tolerance [m]", rules.tolerance, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the tolerance [m]", rules.tolerance);
   basics::requireValue(rules.slew.size() == arm.actuatorCount(), kCulprit,
                        "the number of slew rates", rules.slew.size(), "one per actuator");
   for (const double slew : rules.slew) {

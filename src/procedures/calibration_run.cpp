@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::procedures {
@@ -17,8 +18,7 @@ constexpr double kLongestStep = 0.1;  // [s]
 constexpr std::array<const char*, 4> kPhases = {"ramping", "settling", "returning", "ended"};
 
 void requirePositive(const char* what, double value) {
-  basics::requireValue(std::isfinite(value) && value > 0, "a calibration run", what, value,
-                       "a finite value > 0");
+  basics::requirePositive("a calibration run", what, value);
 }
 
 }  // namespace

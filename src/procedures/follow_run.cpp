@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "follow_figures.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
 
@@ -94,8 +95,7 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
 
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
                        const std::function<bool(double)>& progress) {
-  basics::requireValue(std::isfinite(plan.seconds) && plan.seconds > 0, "follow",
-                       "the duration [s]", plan.seconds, "a finite value > 0");
+  basics::requirePositive("follow", "the duration [s]", plan.seconds);
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
   const auto tips = static_cast<std::int64_t>(plan.tips.size());

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::procedures {
@@ -25,8 +26,7 @@ std::string format(const char* pattern, Arguments... arguments) {
 }
 
 void requirePositive(const char* what, double value) {
-  basics::requireValue(std::isfinite(value) && value > 0, "the settle rules", what, value,
-                       "a finite value > 0");
+  basics::requirePositive("the settle rules", what, value);
 }
 
 // Motion of the tags between two pictures: the distance that kStillShare of the common tags stay

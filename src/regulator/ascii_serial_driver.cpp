@@ -178,7 +178,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   }
 }
 
-// Stays noted until the next connection: the first line after the silence may already vent.
+// Remembered until all channels are vented, since the first line after a silence may be a vent.
 void AsciiSerialDriver::noteSilence() {
   const std::chrono::duration<double> silence = Clock::now() - last_line_;
   lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;

@@ -310,7 +310,7 @@ void ModbusTcpDriver::Link::vent() {
       send(run);
     } catch (const std::exception&) {
       error = std::current_exception();
-      lost = std::exchange(lost_, false) || lost;  // readings must be heard, too
+      lost = std::exchange(lost_, false) || lost;  // the next answers must be awaited, too
     }
     if (!context_) break;
   }

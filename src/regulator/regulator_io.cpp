@@ -12,6 +12,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 
@@ -49,8 +50,7 @@ double steadyNow() {
 
 void IoRules::validate() const {
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("regulator I/O", what, value);
   };
   positive("the period [s]", period);
   positive("the timeout of orders [s]", order_timeout);
@@ -61,8 +61,7 @@ void IoRules::validate() const {
   basics::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
                        most_bad_replies, "at least 1");
   positive("the pressure that is none [Pa]", vented_below);
-  basics::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
-                       "the time to vent [s]", vent_time, "a finite value >= 0");
+  basics::requireNotNegative("regulator I/O", "the time to vent [s]", vent_time);
 }
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)

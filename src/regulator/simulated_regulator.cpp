@@ -2,15 +2,16 @@
 
 #include <cmath>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
+constexpr char kCulprit[] = "simulated regulator";
 constexpr double kLowSupply = 0.1;  // of the supply
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, "simulated regulator", what, value, rule);
+  basics::requireValue(holds, kCulprit, what, value, rule);
 }
 
 int requireChannels(int channels) {
@@ -21,11 +22,9 @@ int requireChannels(int channels) {
 }  // namespace
 
 void SimulatedRegulatorConfig::validate() const {
-  require(std::isfinite(time_constant) && time_constant > 0, "the time constant [s]", time_constant,
-          "a finite value > 0");
-  require(std::isfinite(supply_pressure) && supply_pressure > 0, "the supply pressure [Pa]",
-          supply_pressure, "a finite value > 0");
-  require(std::isfinite(noise) && noise >= 0, "the noise [Pa]", noise, "a finite value >= 0");
+  basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
+  basics::requirePositive(kCulprit, "the supply pressure [Pa]", supply_pressure);
+  basics::requireNotNegative(kCulprit, "the noise [Pa]", noise);
 }
 
 SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config)

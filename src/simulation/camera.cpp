@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "backdrop.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "occluders.hpp"
@@ -55,8 +56,7 @@ void SimulatedCameraConfig::validate() const {
                        not_negative);
   basics::requireValue(std::isfinite(noise) && noise >= 0, kSimulatedCamera,
                        "the noise [gray levels]", noise, not_negative);
-  basics::requireValue(std::isfinite(exposure) && exposure > 0, kSimulatedCamera, "the exposure",
-                       exposure, "a finite value > 0");
+  basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
   basics::requireValue(std::isfinite(bleed) && bleed >= 0, kSimulatedCamera, "the bleed [m]", bleed,
                        not_negative);
   basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
@@ -100,8 +100,7 @@ const ArmView& checked(const ArmView& view, const ArmBody& body,
                        const SimulatedCameraConfig& config) {
   view.validate();
   config.validate();
-  basics::requireValue(std::isfinite(body.radius) && body.radius > 0, kSimulatedCamera,
-                       "the arm's radius [m]", body.radius, "a finite value > 0");
+  basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", body.radius);
   return view;
 }
 

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <random>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -34,8 +34,7 @@ class Noise {
 
 void MountDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative(kCulprit, what, value);
   };
   check("the deviation of the camera's place [m]", camera_translation);
   check("the deviation of the camera's direction [rad]", camera_rotation);

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
@@ -60,8 +61,7 @@ std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("true arm", what, value);
   };
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
