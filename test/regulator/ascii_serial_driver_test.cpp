@@ -39,9 +39,12 @@ constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
 constexpr double kSoon = 5.0;  // on a machine that is busy [s]
 
+bool has(const std::string& line, const char* field) {
+  return line.find(field) != std::string::npos;
+}
+
 std::vector<std::string> addressesOf(const SerialProfile& profile) {
-  if (profile.name == "alicat") return {"A", "B", "C"};
-  if (profile.name == "generic") return {"0", "1", "2"};
+  if (has(profile.write, "{address}")) return {"A", "B", "C"};
   return {};
 }
 
@@ -250,7 +253,8 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
     case DeviceFault::kNanText:
       return "reply";
     case DeviceFault::kWrongUnit:
-      return profile.name == "alicat" || profile.name == "generic" ? "reply" : "none";
+      return has(profile.write_reply, "{set_point}") || has(profile.write_reply, "{unit}") ? "reply"
+                                                                                           : "none";
     default:
       return "none";
   }
