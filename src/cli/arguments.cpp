@@ -48,7 +48,7 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
   refuse(request.tier == statics::Tier::kPlanar && !scene.planar,
          "--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
              " is spatial: use --tier linear");
-  refuse((loaded || request.tier == statics::Tier::kExact) && !scene.model.load(),
+  refuse(request.tier && statics::takesLoad(*request.tier) && !scene.model.load(),
          "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
              " has none: use --tier linear");
   refuse(request.order && !loaded, "--order needs --tier loaded");

@@ -189,18 +189,21 @@ Value curveValue(const estimation::ContractionFit& fit) {
     return kpa;
   };
   MapWriter curve, value;
-  if (fit.kind == estimation::CurveKind::kQuintic) {
-    curve.numbers("coefficients_m",
-                  Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
-                                                    static_cast<int>(fit.coefficients.size())));
-    curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
-    curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
-    value.set("quintic", curve.value());
-  } else {
-    curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
-    curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
-                                  fit.lengths.data(), static_cast<int>(fit.lengths.size())));
-    value.set("table", curve.value());
+  switch (fit.kind) {
+    case estimation::CurveKind::kQuintic:
+      curve.numbers("coefficients_m",
+                    Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
+                                                      static_cast<int>(fit.coefficients.size())));
+      curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
+      curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
+      value.set("quintic", curve.value());
+      break;
+    case estimation::CurveKind::kTable:
+      curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
+      curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
+                                    fit.lengths.data(), static_cast<int>(fit.lengths.size())));
+      value.set("table", curve.value());
+      break;
   }
   return value.value();
 }

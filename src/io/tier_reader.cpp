@@ -1,5 +1,8 @@
 #include "tier_reader.hpp"
 
+#include <string>
+#include <vector>
+
 #include "helix_arm/statics/loaded.hpp"
 
 namespace helix_arm::io {
@@ -19,15 +22,23 @@ std::optional<double> readOnly(const MapReader& scene, const Value& document,
   return MapReader(*value, scene.path(key), {number}, faults).number(number, rule);
 }
 
+// The words for tiers that a scene allows.
+std::string allowed(bool planar, bool loaded) {
+  std::vector<std::string> words = {statics::kAutoTier};
+  for (const statics::Tier tier : statics::kTiers) {
+    if (tier == statics::Tier::kPlanar && !planar) continue;
+    if (loaded || !statics::takesLoad(tier)) words.emplace_back(statics::nameOf(tier));
+  }
+  return alternatives(words);
+}
+
 void checkSceneAllows(const MapReader& scene, statics::Tier tier, const ArmParts& arm) {
   const bool planar = arm.planar.has_value();
   if (tier == statics::Tier::kPlanar && !planar) {
-    scene.fault("tier", "auto, linear, loaded or exact, since arm.geometry is spatial");
+    scene.fault("tier", allowed(false, true) + ", since arm.geometry is spatial");
   }
-  const bool needs_load = statics::takesLoad(tier);
-  if (needs_load && !scene.has("load") && arm.K_eps.empty()) {
-    scene.fault("tier", std::string("auto") + (planar ? ", planar" : "") +
-                            " or linear, since the scene has no key load; or add it");
+  if (statics::takesLoad(tier) && !scene.has("load") && arm.K_eps.empty()) {
+    scene.fault("tier", allowed(planar, false) + ", since the scene has no key load; or add it");
   }
 }
 
