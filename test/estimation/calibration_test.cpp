@@ -496,7 +496,7 @@ TEST_F(Refused, NumbersThatAreNone) {
 
 TEST_F(Refused, AnotherArm) {
   data_.captures[1].pressure = Eigen::VectorXd::Zero(2);
-  expect(CalibrationStatus::kBadData, "has 2 pressures, not the arm has 3 actuators");
+  expect(CalibrationStatus::kBadData, "has 2 pressures, but the arm has 3 actuators");
   data_ = twists(known_, known_, 1e-3);
   data_.captures[1].pressure[0] = 2 * kMaxPressure;
   expect(CalibrationStatus::kBadData, "muscle_1");

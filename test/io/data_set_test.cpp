@@ -124,9 +124,9 @@ TEST(DataSet, EveryLimitIsKeptFromBothSides) {
   EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
   EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),
             ":1 column 2 has 201 characters in its name; expected at most 200");
-  EXPECT_EQ(faultsOf("a\n1" + std::string(999, '0') + "\n").find(" letters"), std::string::npos);
+  EXPECT_EQ(faultsOf("a\n1" + std::string(999, '0') + "\n").find(" characters"), std::string::npos);
   EXPECT_EQ(faultsOf("a\n1" + std::string(1000, '0') + "\n"),
-            ":2 column 1 has 1001 letters; expected at most 1000");
+            ":2 column 1 has 1001 characters; expected at most 1000");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 6, ' ') + "\na\n1\n"), "");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 5, ' ') + "\na\n1\n"),
             " is larger than 64 MiB; expected a text file");

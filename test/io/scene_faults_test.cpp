@@ -44,7 +44,7 @@ TEST(SceneFaults, ARegulatorOfPressuresRefusesTendons) {
   const auto faults =
       faultsOf(replaced(kSpatialScene, "contraction: bellows}", "contraction: cable}"));
   EXPECT_EQ(faults, std::vector<std::string>{
-                        ":33 regulator.simulated regulates pressures, not left is a tendon; "
+                        ":33 regulator.simulated regulates pressures, but left is a tendon; "
                         "expected an arm of pressure actuators or no regulator"});
 }
 

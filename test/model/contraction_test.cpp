@@ -43,7 +43,7 @@ TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
                                    4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
   EXPECT_NO_THROW(Contraction::quintic(c, test::kPsi, 560e3));
   const std::string message = test::refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
-  EXPECT_NE(message.find("turns back is 56"), std::string::npos) << message;
+  EXPECT_NE(message.find("reverses is 56"), std::string::npos) << message;
 }
 
 TEST(Quintic, MayBeFlatWhereItBeginsOrEnds) {

@@ -167,7 +167,7 @@ TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
       sceneOf(replaced(kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
                        "tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}"));
   EXPECT_EQ(faultsOf(pulled, "pressure_1_kpa,curvature_rad\n0,0.1\n"),
-            " gives pressures, not actuator muscle_1 of the scene is a tendon; expected an arm "
+            " gives pressures, but actuator muscle_1 of the scene is a tendon; expected an arm "
             "driven by pressure");
 }
 

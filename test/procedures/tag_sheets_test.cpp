@@ -328,8 +328,9 @@ TEST(TagSheets, WhatCannotBePrintedIsRefusedWithItsRule) {
 
   vision::TagBoard board;
   board.columns = 6;
-  EXPECT_EQ(test::refusal([&board] { boardSheet(board, kPapers[1]); }),
-            "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, which letter leaves");
+  EXPECT_EQ(
+      test::refusal([&board] { boardSheet(board, kPapers[1]); }),
+      "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
 }
 
 }  // namespace

@@ -215,9 +215,8 @@ TEST(LineFormat, ABadReplySaysWhereItPartsFromTheTemplate) {
   EXPECT_EQ(badReply(format, std::string("pA=1\0.0 kPa", 11)),
             "\"pA=1?.0 kPa\" does not match \"p{address}={pressure} {unit}\": expected printable "
             "ASCII at \"?.0 kPa\"");
-  EXPECT_EQ(
-      badReply(LineFormat("{pressures}"), "1;2", "", 3),
-      "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 are all at its end");
+  EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
+            "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 at its end");
 }
 
 TEST(LineFormat, FaultyTemplatesAreRefused) {
