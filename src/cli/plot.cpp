@@ -15,26 +15,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where plot_report is: beside the command where it is installed, else among the sources.
+// plot_report is next to the command if installed, otherwise in the sources.
 fs::path plotReport() {
   std::error_code error;
   const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / "plot_report";
   return fs::exists(beside, error) ? beside : fs::path(HELIX_ARM_SCRIPTS_DIR) / "plot_report";
 }
 
-// A file for plot_report, which goes away with the object.
+// A temporary file for plot_report, removed by the destructor.
 class ReportFile {
  public:
   explicit ReportFile(const nlohmann::json& report)
       : path_((fs::temp_directory_path() / "helix_arm_report_XXXXXX").string()) {
     const int file = mkstemp(path_.data());
-    if (file < 0) throw CallerError(path_ + " cannot be made; set TMPDIR to a folder with room");
+    if (file < 0)
+      throw CallerError(path_ + " cannot be created; set TMPDIR to a folder with free space");
     close(file);
     std::ofstream stream(path_);
     stream << report;
     if (!stream.flush()) {
       fs::remove(path_);
-      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with room");
+      throw CallerError(path_ + " cannot be written; set TMPDIR to a folder with free space");
     }
   }
   ~ReportFile() {
@@ -49,7 +50,7 @@ class ReportFile {
   std::string path_;
 };
 
-// Whether both name one file, there or not.
+// Whether both paths name the same file, existing or not.
 bool samePlace(const std::string& one, const std::string& other) {
   std::error_code error;
   if (fs::equivalent(one, other, error)) return true;
@@ -80,9 +81,9 @@ void drawJsonReport(const nlohmann::json& report, const std::string& picture,
 void checkPicture(const std::string& png, const std::string& out) {
   if (png.empty()) return;
   if (!out.empty() && samePlace(out, png)) {
-    throw CallerError("--png " + png + " is the file of --out; name another one");
+    throw CallerError("--png " + png + " is the file of --out, too; give another path");
   }
-  const io::AtomicFile trial(png);  // throws where none can be written; leaves nothing
+  const io::AtomicFile trial(png);  // throws if none can be written there; leaves no file
 }
 
 }  // namespace helix_arm::cli

@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "follow_figures.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
 
@@ -15,8 +16,8 @@ namespace {
 constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
-// Of a scene without a simulated regulator, one that gives whatever the actuators stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uint32_t seed) {
+// For a scene without a simulated regulator: one that reaches all limits.
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
                               ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
                               : nullptr;
@@ -35,7 +36,7 @@ regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uin
 simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) {
   auto camera = scene.cameraSetup();
   basics::require(camera.has_value(), "scene ", scene.name,
-                  " has no `camera` or no `tags`; a loop over sight needs both");
+                  " has no `camera` or no `tags`; the closed loop needs both");
   camera->config.seed = plan.seed;
   const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
   simulation::LockstepConfig config;
@@ -44,7 +45,8 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) 
   config.blind = plan.blind;
   return simulation::Lockstep(
       {scene.model,
-       simulation::SimulatedRig(scene.model, regulatorOf(scene, plan.seed), scene.simulation.arm),
+       simulation::SimulatedRig(scene.model, simulatedConfigOf(scene, plan.seed),
+                                scene.simulation.arm),
        simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},
@@ -70,7 +72,7 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   return row;
 }
 
-// Adds what the loop says of contacts in one turn.
+// Records contacts that the loop reports in one turn.
 void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
               std::vector<FollowAlarm>& alarms) {
   if (!load.contact) return;
@@ -93,8 +95,7 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
 
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
                        const std::function<bool(double)>& progress) {
-  basics::requireValue(std::isfinite(plan.seconds) && plan.seconds > 0, "follow",
-                       "the duration [s]", plan.seconds, "a finite value > 0");
+  basics::requirePositive("follow", "the duration [s]", plan.seconds);
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
   const auto tips = static_cast<std::int64_t>(plan.tips.size());

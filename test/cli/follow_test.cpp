@@ -186,13 +186,13 @@ TEST(Follow, WrongCallsNameCulpritAndRemedy) {
   refused({"--tip", "0.3,0,0", "--sight", "x"}, "--sight: x not in {corners,rendered}");
   refused({"--tip", "0.3,0,0", "--out", folder / "none/f.csv"}, "none/f.csv cannot be written: ");
   refused({"--tip", "0.3,0,0", "--out", folder / "f", "--png", folder / "f"},
-          "is the file of --out; name another one");
+          "is the file of --out, too; give another path");
   refused({"--path", folder / "none.csv"}, "none.csv");
   expectCallerError(follow({"--tip", "0.3,0,0", "--seconds", "0"}),
                     "--seconds: 0 is not a number from 0.1 to 3600");
   expectCallerError(
       runCommand({"follow", scenePath("spatial_50"), "--tip", "0.3,0,0", "--seconds", "1"}),
-      "scene spatial_50 has no `camera` or no `tags`; a loop over sight needs both");
+      "scene spatial_50 has no `camera` or no `tags`; the closed loop needs both");
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 

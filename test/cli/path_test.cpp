@@ -162,7 +162,7 @@ TEST(Path, CallsThatCannotBeServedAreRefusedAndLeaveNothing) {
   refused(with("--turns", "0"), "--turns");
   refused(with("--turns", "500"), "--turns");
   refused(with("--plane", "zy"), "--plane");
-  refused(with("--set", "arm.a=1"), "path reads none; leave out --set");
+  refused(with("--set", "arm.a=1"), "path reads no scene that --set could change; leave out --set");
   std::vector<std::string> too_long = with("--period", "1e6");
   too_long.insert(too_long.end(), {"--turns", "2"});
   refused(too_long, "period is 1e+06; expected at least 4e-4 s, and at most 1e6 s for all turns");

@@ -162,9 +162,9 @@ TEST(SafetyRest, WhatStaysInTheArmAfterTheVentTimeIsAFaultThatVents) {
   EXPECT_EQ(bench.core.report().channel, 1);
   EXPECT_EQ(bench.orders(), "vvv");
   EXPECT_EQ(bench.core.reason(),
-            "fault: holds reads 20.0 kPa though it should be empty, more than 10 kPa from the "
-            "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and look for "
-            "a valve that does not close, then call enable");
+            "fault: holds reads 20.0 kPa although it should be empty, more than 10 kPa from the "
+            "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and check "
+            "for a valve that does not close, then call enable");
   bench.run(3);
   EXPECT_FALSE(bench.core.report().vent_overdue);
   bench.turn();

@@ -202,7 +202,7 @@ TEST(TargetCheck, ATargetOfAFutureBeyondItsTimeoutIsStale) {
   EXPECT_EQ(refusal->fault, Fault::kStale);
   EXPECT_EQ(refusal->message,
             "the target is stamped 3 s ahead of this machine's clock, more than 1 s "
-            "(safety.target_timeout_s); set the clocks alike");
+            "(safety.target_timeout_s); synchronise the clocks");
 }
 
 }  // namespace

@@ -508,7 +508,7 @@ TEST_F(Refused, AnotherArm) {
 
 TEST_F(Refused, KindsThatAreMixed) {
   data_.captures[7].reading = CurvatureReading{0.5};
-  expect(CalibrationStatus::kBadData, "capture 8: is another kind");
+  expect(CalibrationStatus::kBadData, "capture 8: has another kind");
 }
 
 TEST_F(Refused, WhatReadingsCannotTell) {
@@ -517,7 +517,7 @@ TEST_F(Refused, WhatReadingsCannotTell) {
   expect(CalibrationStatus::kNothingToFit, "need captures of tags", options);
   options = {};
   options.K_kappa = options.K_gamma = false;
-  expect(CalibrationStatus::kNothingToFit, "nothing to fit", options);
+  expect(CalibrationStatus::kNothingToFit, "no parameter to fit", options);
 }
 
 TEST_F(Refused, StiffnessOfSeveralKinds) {

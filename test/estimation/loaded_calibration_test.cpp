@@ -237,8 +237,9 @@ TEST(LoadedCalibration, ALoadThatNothingHoldsIsNamed) {
   }
   const Calibration found = calibrate({data}, {});
   EXPECT_EQ(found.status, CalibrationStatus::kBadData);
-  EXPECT_NE(found.reason.find("capture 1: at 0 kPa the model finds no shape that holds the load"),
-            std::string::npos)
+  EXPECT_NE(
+      found.reason.find("capture 1: at 0 kPa the model finds no shape that balances the load"),
+      std::string::npos)
       << found.reason;
 }
 

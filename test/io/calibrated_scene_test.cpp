@@ -291,7 +291,7 @@ TEST(CalibratedScene, K_epsIsReplacedWhereItIsGiven) {
   const Scene own = calibrated(kLoadedScene, change, {{"arm.sections.1.stiffness.K_eps_n", "700"}});
   EXPECT_EQ(own.model.load()->K_eps, (std::vector<double>{1100, 1100}));
   EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: K_eps is calibrated, but nothing loads scene rig; expected one "
+            "calibratedSceneText: K_eps is calibrated, but scene rig has no load; expected one "
             "with a load");
 }
 

@@ -43,7 +43,7 @@ TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
                                    4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
   EXPECT_NO_THROW(Contraction::quintic(c, test::kPsi, 560e3));
   const std::string message = test::refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
-  EXPECT_NE(message.find("turns back is 56"), std::string::npos) << message;
+  EXPECT_NE(message.find("reverses is 56"), std::string::npos) << message;
 }
 
 TEST(Quintic, MayBeFlatWhereItBeginsOrEnds) {
@@ -90,7 +90,7 @@ TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
             std::string::npos);
   EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("least length"),
+            }).find("smallest length"),
             std::string::npos);
 }
 
@@ -153,7 +153,7 @@ TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
   EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
   EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
   EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("least length"),
+  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("smallest length"),
             std::string::npos);
 }
 

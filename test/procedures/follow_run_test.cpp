@@ -198,7 +198,7 @@ TEST(FollowRun, PlansThatAreNoneAreRefused) {
   io::Scene blind = demo();
   blind.camera.reset();
   EXPECT_EQ(test::refusal([&] { runFollow(blind, tipPlan({kLeft}, 3)); }),
-            "scene demo has no `camera` or no `tags`; a loop over sight needs both");
+            "scene demo has no `camera` or no `tags`; the closed loop needs both");
 }
 
 TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {

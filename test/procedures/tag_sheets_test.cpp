@@ -322,15 +322,15 @@ TEST(TagSheets, WhatCannotBePrintedIsRefusedWithItsRule) {
   EXPECT_EQ(test::refusal([] { placementSheets(shipped("planar_50"), kPapers[0]); }), none);
 
   EXPECT_EQ(test::refusal([] { tagSheets(crowded(3, 0.14), kPapers[0]); }), "accepted");
-  EXPECT_EQ(
-      test::refusal([] { tagSheets(crowded(3, 0.1412), kPapers[0]); }),
-      "tags.size_m is 0.1412: with its border a 36h11 tag is 179.5 mm wide, and a4 leaves 179 "
-      "mm; expected at most 0.14 m. Print smaller tags");
+  EXPECT_EQ(test::refusal([] { tagSheets(crowded(3, 0.1412), kPapers[0]); }),
+            "tags.size_m is 0.1412: with its border a 36h11 tag is 179.5 mm wide, but a4 has room "
+            "for 179 mm; expected at most 0.14 m. Print smaller tags");
 
   vision::TagBoard board;
   board.columns = 6;
-  EXPECT_EQ(test::refusal([&board] { boardSheet(board, kPapers[1]); }),
-            "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, which letter leaves");
+  EXPECT_EQ(
+      test::refusal([&board] { boardSheet(board, kPapers[1]); }),
+      "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
 }
 
 }  // namespace

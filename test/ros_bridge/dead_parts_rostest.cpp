@@ -225,7 +225,8 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_NE(refusal.find("the guard, which vents where this process is killed"), std::string::npos)
+  EXPECT_NE(refusal.find("the guard, which vents the arm if this process is killed"),
+            std::string::npos)
       << refusal;
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);

@@ -78,7 +78,7 @@ TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   publisher.fail("it has failed");
   publisher.enter(VisionStatus::MEASURED, "three tags");
   publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
-  publisher.enter(VisionStatus::ENDED, "the file is through");
+  publisher.enter(VisionStatus::ENDED, "the file has ended");
   publisher.report("demo");
   // Only the report tells of the fault that was counted last.
   ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));

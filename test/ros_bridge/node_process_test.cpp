@@ -156,7 +156,7 @@ TEST_F(NodeProcess, AFolderOfPicturesIsMeasuredInToItsEnd) {
   }
   std::ofstream(folder / "2.jpg", std::ios::binary) << "no picture";
   Process node({HELIX_ARM_VISION, "_scene:=demo", "_source:=" + folder.path()}, variables());
-  for (const char* words : {"measured: ", "source_faults, 1 so far", "is through"}) {
+  for (const char* words : {"measured: ", "source_faults, 1 so far", " has ended"}) {
     EXPECT_TRUE(node.prints(words)) << words << " in:\n" << node.output();
   }
   node.signal(SIGINT);
@@ -198,9 +198,8 @@ regulator: {simulated: {supply_kpa: 300}}
 )");
   for (const char* program : {HELIX_ARM_PRESSURE_COMMAND, HELIX_ARM_SIMULATED_RIG}) {
     Process node({program, "_scene:=" + scene.path()}, variables());
-    EXPECT_TRUE(
-        node.prints("muscle_3 may be asked for 0 to 400 kPa, but the simulated supply gives 0 to "
-                    "300 kPa"))
+    EXPECT_TRUE(node.prints(
+        "muscle_3 has limits of 0 to 400 kPa, but the simulated supply gives 0 to 300 kPa"))
         << node.output();
   }
 }

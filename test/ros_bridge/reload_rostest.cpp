@@ -114,8 +114,7 @@ TEST_F(Reloading, AnotherRigIsRefused) {
     }
   }
   const Reload::Response response = reload(kPressureCommand, "planar_76");
-  EXPECT_NE(response.message.find("not of the rig that runs"), std::string::npos)
-      << response.message;
+  EXPECT_NE(response.message.find("not of the running rig"), std::string::npos) << response.message;
 }
 
 // Whoever reaches the node names what path he likes: a file elsewhere is not read, and nothing is

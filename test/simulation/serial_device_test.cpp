@@ -252,7 +252,7 @@ TEST(SerialDevice, WhatIsInTheLinksPlaceIsNotReplacedUnlessItIsALink) {
   config.link = folder / "file";
   std::ofstream(config.link) << "precious";
   EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice device(config); }),
-            config.link + " is there and no symlink; expected a free place for one");
+            config.link + " exists and is not a symlink; expected a path where one can be created");
   config.link = folder / "stale";
   std::filesystem::create_symlink("/dev/pts/nowhere", config.link);
   const SerialDevice device(config);
@@ -287,7 +287,7 @@ TEST(SerialDevice, FaultyConfigurationsAreRefused) {
     return refusal([&] { SerialDevice device(config); });
   };
   EXPECT_EQ(refused(configOf(test::genericProfile(), {"0"}, 2)),
-            "serial device: the number of addresses is 1; expected one a channel where the profile "
+            "serial device: the number of addresses is 1; expected one per channel if the profile "
             "has {address}, else none");
   EXPECT_EQ(refused(configOf(test::ctrlPProfile(), {}, 0)),
             "serial device: the number of channels is 0; expected at least 1");

@@ -5,9 +5,8 @@
 #include <limits>
 #include <string>
 
-#include <ros/console.h>
-
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 /// What the services of calibration and its action answer.
 namespace helix_arm::ros_bridge {
@@ -25,9 +24,9 @@ bool answer(const char* service, Response& response, const Body& body) {
     response.message = fault.what();
   }
   if (response.success) {
-    ROS_INFO("%s: %s", service, response.message.c_str());
+    logInfo("%s: %s", service, response.message.c_str());
   } else {
-    ROS_WARN("%s: %s", service, response.message.c_str());
+    logWarning("%s: %s", service, response.message.c_str());
   }
   return true;
 }

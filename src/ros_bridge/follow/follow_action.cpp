@@ -8,11 +8,10 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "goal_serializers.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -32,7 +31,7 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   return out;
 }
 
-// What a goal asks for, or the scene if it does not.
+// Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
   switch (on_contact) {
     case FollowTipPathGoal::REPORT:
@@ -98,7 +97,7 @@ void FollowAction::onGoal(Handle handle) {
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
-  ROS_WARN("follow_tip_path: %s", refusal.message.c_str());
+  logWarning("follow_tip_path: %s", refusal.message.c_str());
   handle.setRejected(resultOf(refusal), refusal.message);
 }
 
@@ -111,7 +110,7 @@ void FollowAction::onCancel(Handle handle) {
   }
 }
 
-// Without waiting for the end of its check.
+// Does not wait for the end of its check.
 void FollowAction::discardCandidate() {
   discarded_.push_back(std::move(candidate_->check));
   candidate_.reset();
@@ -210,10 +209,10 @@ void FollowAction::abandon(const std::string& reason) {
 void FollowAction::end(const GoalEnding& ending) {
   const Result result = resultOf(ending, run_->watch.figures());
   if (ending.code == Result::SUCCESSFUL) {
-    ROS_INFO("follow_tip_path: %s", ending.message.c_str());
+    logInfo("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setSucceeded(result, ending.message);
   } else {
-    ROS_WARN("follow_tip_path: %s", ending.message.c_str());
+    logWarning("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setAborted(result, ending.message);
   }
   leave();
@@ -225,7 +224,7 @@ void FollowAction::cancel(const std::string& reason) {
   leave();
 }
 
-// The last place is held, if the arm went there.
+// The last position is held if the arm was moved there.
 void FollowAction::leave() {
   const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
   const double usual =

@@ -17,17 +17,16 @@ namespace {
 using visualization_msgs::Marker;
 using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 
-constexpr int kRings = 24;             // of a tube, a section
+constexpr int kRings = 24;             // of a tube, per section
 constexpr int kSides = 10;             // of a tube
 constexpr double kDisc = 0.004;        // thickness of a separator [m]
 constexpr double kLine = 0.002;        // width of the base curve [m]
 constexpr double kTextHeight = 0.022;  // legible in a view of a whole 0.4 m arm [m]
 constexpr std::size_t kTraceLength = 400;
-constexpr double kTraceStep = 0.002;  // between points of the trace [m]
-constexpr double kTraceSmoothing =
-    0.3;  // share of a new tip, else the noise of the readings frays the trace
+constexpr double kTraceStep = 0.002;     // between points of the trace [m]
+constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
 
-// Blue, green, yellow, red: all of them bright enough for text on a dark background.
+// Blue, green, yellow, red: all bright enough for text on a dark background.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
       {{0.35, 0.65, 1.0}, {0.4, 0.9, 0.45}, {1.0, 0.85, 0.25}, {1.0, 0.3, 0.2}}};
@@ -38,15 +37,14 @@ std_msgs::ColorRGBA pressureColor(double share) {
   return color(mix(0), mix(1), mix(2));
 }
 
-// Points of the circle around a muscle, in the y-z plane of its frame: its x axis runs along the
+// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along the
 // muscle.
 Eigen::Vector3d onCircle(double radius, int side) {
   const double angle = 6.283185307179586 * side / kSides;
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
 }
 
-// Triangles of the tube around the muscle that X_O sets off from the curve between two of its
-// points.
+// Triangles of the tube of a muscle, offset from the curve by X_O, between two points of the curve.
 void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, double radius,
              std::vector<geometry_msgs::Point>& triangles) {
   std::array<geometry_msgs::Point, kSides> here, next;
@@ -62,15 +60,15 @@ void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, doubl
   }
 }
 
-// A cylinder of rviz stands along z; a separator stands along the curve's x.
+// rviz draws cylinders along z; the axis of a separator is x.
 lie::SE3 standAlongX(const lie::SE3& X) {
   Eigen::Matrix3d z_to_x;
   z_to_x << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   return {X.rotation * z_to_x, X.translation};
 }
 
-// Line i of a column of n. Empty lines keep the others' places, so the column is upright from
-// wherever it is seen, and each line is a marker with a colour of its own.
+// Line i of n lines. Each is a marker with its own colour; empty lines before and after it keep the
+// column aligned from every viewpoint.
 std::string lineOfColumn(int i, int n, const std::string& name, double pressure) {
   char value[32];
   const double kilopascals = std::round(pressure / 1e3) + 0.0;  // never "-0"
@@ -78,7 +76,7 @@ std::string lineOfColumn(int i, int n, const std::string& name, double pressure)
   return std::string(i, '\n') + name + value + std::string(n - 1 - i, '\n');
 }
 
-// Where the text stands, seen from the world: to the side of the base, however the arm is mounted.
+// Position of the text in the world frame: beside the base, for any mounting of the arm.
 Eigen::Vector3d besideBase(const io::Scene& scene) {
   return scene.X_WB.translation +
          Eigen::Vector3d(0, 0.08 + 3.0 * scene.looks.front().separator_radius, 0);

@@ -10,7 +10,7 @@ using control::SafetyCause;
 using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
+constexpr double kSlowShare = 0.9;  // of ~rate; a slower loop is worth a warning
 
 const char* textOf(control::Valve valve) {
   switch (valve) {
@@ -100,7 +100,7 @@ DiagnosticStatus LoopRate::status(const std::string& node, const PressureLoop::S
   DiagnosticStatus out;
   out.name = statusName(node, names::kLoopStatus);
   out.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
-  out.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  out.message = slow ? "the loop is slower than ~rate" : "the loop keeps its rate";
   addValue(out, names::kRateKey, fixed(rate));
   addValue(out, names::kWantedRateKey, fixed(wanted_));
   addValue(out, names::kBadReadingsKey, std::to_string(path.bad_readings.total()));

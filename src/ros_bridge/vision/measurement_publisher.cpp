@@ -3,9 +3,9 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
-#include <ros/console.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/vision/overlay.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
@@ -13,7 +13,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
+// Pictures are not exactly periodic; one slightly early must not be skipped.
 constexpr double kDrawingSlack = 0.9;
 
 }  // namespace
@@ -43,9 +43,9 @@ void MeasurementPublisher::sendFrames(const Measurement& measurement) {
   const ros::Time& stamp = measurement.stamp;
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
-      ROS_WARN(
-          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no frames are given "
-          "for them; set the clocks alike",
+      logWarning(
+          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
+          "for them; synchronise the clocks",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
     }
     return;
