@@ -1,8 +1,13 @@
 // Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
 #include <csignal>
+#include <filesystem>
+#include <iterator>
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <ros/master.h>
+#include <ros/network.h>
+#include <xmlrpcpp/XmlRpcClient.h>
 
 #include "support/loop_rig.hpp"
 #include "support/temporary_file.hpp"
@@ -103,6 +108,43 @@ TEST_F(FollowTipPath, ANewGoalReplacesTheRunningOne) {
   EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60));
   EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
       << other.getState().getText();
+}
+
+// Threads of a node of this machine; 0 if there is no such node.
+std::ptrdiff_t threadsOf(const std::string& node) {
+  XmlRpc::XmlRpcValue request, response, address, pid;
+  request[0] = ros::this_node::getName();
+  request[1] = node;
+  std::string host;
+  std::uint32_t port = 0;
+  if (!ros::master::execute("lookupNode", request, response, address, false) ||
+      !ros::network::splitURI(address, host, port)) {
+    return 0;
+  }
+  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port));
+  XmlRpc::XmlRpcValue caller;
+  caller[0] = ros::this_node::getName();
+  if (!client.execute("getPid", caller, pid)) return 0;
+  const std::filesystem::directory_iterator tasks("/proc/" + std::to_string(int(pid[2])) + "/task");
+  return std::distance(begin(tasks), end(tasks));
+}
+
+TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
+  const std::ptrdiff_t usual = threadsOf("/sight_loop");
+  ASSERT_GT(usual, 0);
+  // Refused at its last point, after 100,000 places.
+  const FollowTipPathGoal goal = goalAlong({kMiddle, kBeside, {1, 0, 0}}, 1000.0);
+  std::ptrdiff_t most = 0;
+  for (int k = 0; k < 50; ++k) {
+    send(goal);
+    waitFor([] { return false; }, 0.01);  // the client's queue is short
+    most = std::max(most, threadsOf("/sight_loop"));
+  }
+  EXPECT_EQ(endOfGoal(), Result::INVALID_GOAL);
+  EXPECT_NE(client_->getResult()->error_string.find("leaves the arm's reach"), std::string::npos)
+      << client_->getResult()->error_string;
+  EXPECT_GT(most, usual) << "no path was checked meanwhile";
+  EXPECT_LE(most, usual + 2);
 }
 
 TEST_F(FollowTipPath, ACancelledGoalHoldsTheArmWhereItIsWanted) {

@@ -170,8 +170,7 @@ void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
 }
 
 // With copies of all that the loop knows now, since it runs in a thread of its own.
-FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
-                                               double tolerance) const {
+PathChecker::Check SightLoopNode::checkOf(const control::TipPath& path, double tolerance) const {
   follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
   for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
     rules.slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
@@ -179,10 +178,11 @@ FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
   const Eigen::VectorXd start =
       scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
   return [path, rules, start, model = scene_.model,
-          correction = loop_.tracker().correction()]() -> std::string {
+          correction = loop_.tracker().correction()](const std::atomic<bool>& stop) -> std::string {
     statics::InverseSolver solver(model);
     solver.correct(correction);
-    const auto refusal = follow::checkPath(path, model.arm(), solver, start, rules);
+    const auto refusal =
+        follow::checkPath(path, model.arm(), solver, start, rules, [&stop] { return stop.load(); });
     return refusal ? refusal->reason : std::string();
   };
 }

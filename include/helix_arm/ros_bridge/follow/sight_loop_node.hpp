@@ -95,7 +95,7 @@ class SightLoopNode {
   bool isWanted() { return action_.wants() || targets_.target().has_value(); }
   void letGo();
   void giveUp(const std::string& reason);
-  FollowAction::PathCheck checkOf(const control::TipPath& path, double tolerance) const;
+  PathChecker::Check checkOf(const control::TipPath& path, double tolerance) const;
   LoopPublisher::View view();
   std::string commander();
   std::string reason();
