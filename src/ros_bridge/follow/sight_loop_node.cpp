@@ -32,19 +32,6 @@ ros::console::Level levelOf(LoopState state, LoopState before) {
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
 }
 
-// Twists of a `measured` with their covariance, or why they cannot be used.
-control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
-  const auto size = static_cast<Eigen::Index>(6) * sections;
-  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
-    return control::Refusal{control::Fault::kWrongSize,
-                            std::to_string(shape.twist_covariance.size()) +
-                                " numbers in twist_covariance; send " +
-                                std::to_string(size * size) + ", the covariance of `twist`"};
-  }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
-}
-
 }  // namespace
 
 SightLoopNode::SightLoopNode()
@@ -65,7 +52,8 @@ SightLoopNode::SightLoopNode()
           node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
       reading_subscriber_(
           listen(node_, names::kPressureMeasured, 10, &SightLoopNode::onReading, this)),
-      measured_subscriber_(listen(node_, names::kMeasured, 10, &SightLoopNode::onMeasured, this)),
+      sight_(node_, scene_, frames_.baseFrame(), pictures_,
+             [this](const SeenArm& seen) { onSeen(seen); }),
       close_server_(serve(private_node_, names::kCloseLoop, &SightLoopNode::onCloseLoop, this)),
       reset_server_(serve(private_node_, names::kReset, &SightLoopNode::onReset, this)),
       reload_(private_node_, options_.scene, options_.scene_folder,
@@ -94,6 +82,7 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
 }
 
 void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
+  sight_.poll();
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
@@ -144,28 +133,17 @@ void SightLoopNode::letGo() {
   link_.fallSilent();
 }
 
-void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
-  const int sections = scene_.arm.sectionCount();
-  const auto checked = fromMsg(*shape, sections, frames_.baseFrame());
-  const auto covariance = covarianceOf(*shape, sections);
-  for (const auto* refusal :
-       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
-    if (refusal == nullptr) continue;
-    pictures_.sawForeign(refusal->message);
-    return;
-  }
-  const ros::Time& stamp = shape->header.stamp;
-  const auto& measured = std::get<model::Shape>(checked);
+void SightLoopNode::onSeen(const SeenArm& seen) {
   // Simulated time may reach this node later than the readings that it stamps.
   const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
   const estimation::Sighting sighting =
-      loop_.picture(stamp.toSec(), now, measured.twists(), std::get<Eigen::MatrixXd>(covariance));
-  pictures_.saw(now, sighting, loop_.tracker());
+      loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
+  pictures_.saw(now, sighting, loop_.tracker(), seen.tags.has_value());
   if (!sighting.accepted()) return;
-  last_picture_ = stamp;
-  load_publisher_.publish(stamp, loop_);
+  last_picture_ = seen.stamp;
+  load_publisher_.publish(seen.stamp, loop_);
   if (action_.runs()) {
-    action_.picture(stamp, model::tipPose(measured), LoopPublisher::tipCovariance(view()));
+    action_.picture(seen.stamp, model::tipPose(seen.shape), LoopPublisher::tipCovariance(view()));
   }
 }
 
@@ -216,6 +194,7 @@ void SightLoopNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   loop_ = std::move(loop);
   targets_.adopt();
+  sight_.adopt();
 }
 
 LoopPublisher::View SightLoopNode::view() {
