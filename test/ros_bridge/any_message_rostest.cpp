@@ -21,6 +21,7 @@
 #include "support/ros_rig.hpp"
 #include "support/silent_path_server.hpp"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -118,7 +119,8 @@ class AnyMessage : public ::testing::Test {
 
   static void startPathClient() {
     nodes_[kPathClient] = std::make_unique<Process>(std::vector<std::string>{
-        HELIX_ARM_FOLLOW_PATH, "_path:=" + path_.path(), std::string("_action:=") + kWalk});
+        HELIX_ARM_FOLLOW_PATH, "_path:=" + path_.path(), std::string("_action:=") + kWalk,
+        "_record:=" + (folder_.path() / "run.csv").string()});
   }
   // Starts follow_path again where it has ended in order. False: its goal does not come.
   static bool revivePathClient() {
@@ -287,6 +289,7 @@ class AnyMessage : public ::testing::Test {
   static inline std::unique_ptr<TestClock> clock_;
   static inline std::map<std::string, std::unique_ptr<Process>> nodes_;
   static inline std::unique_ptr<SilentPathServer> walk_;
+  static inline const TemporaryFolder folder_;
   static inline const TemporaryFile path_{
       "time_s,x_m,y_m,z_m\n0,0.366,0.0035,0.0088\n1,0.366,0.0185,0.0088\n", ".csv"};
   ros::NodeHandle node_;

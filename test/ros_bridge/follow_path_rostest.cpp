@@ -1,8 +1,12 @@
 // Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <iterator>
+#include <map>
 #include <sstream>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 #include <ros/master.h>
@@ -11,6 +15,7 @@
 
 #include "support/loop_rig.hpp"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -260,9 +265,12 @@ std::string pathFile(double length, double seconds) {
 
 class FollowPath : public LoopRig {
  protected:
-  static std::unique_ptr<Process> start(const TemporaryFile& path) {
-    return std::make_unique<Process>(std::vector<std::string>{
-        HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(), "_goal_tolerance_mm:=5", "_hold_s:=0.1"});
+  static std::unique_ptr<Process> start(const TemporaryFile& path,
+                                        const std::vector<std::string>& more = {}) {
+    std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(),
+                                        "_goal_tolerance_mm:=5", "_hold_s:=0.1"};
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Process>(command);
   }
 };
 
@@ -271,6 +279,115 @@ TEST_F(FollowPath, EndsWithItsPath) {
   const auto node = start(file);
   EXPECT_EQ(node->exitCode(60), 0) << node->output();
   EXPECT_NE(node->output().find("the path was followed"), std::string::npos) << node->output();
+}
+
+// The cells of a table with comments, by its columns.
+using Table = std::map<std::string, std::vector<std::string>>;
+Table tableOf(std::istream&& stream) {
+  const auto cellsOf = [](const std::string& line) {
+    std::vector<std::string> cells;
+    std::istringstream text(line);
+    for (std::string cell; std::getline(text, cell, ',');) cells.push_back(cell);
+    return cells;
+  };
+  Table out;
+  std::vector<std::string> names;
+  for (std::string line; std::getline(stream, line);) {
+    if (line.front() == '#') continue;
+    const std::vector<std::string> cells = cellsOf(line);
+    if (names.empty())
+      names = cells;
+    else if (cells.size() != names.size())
+      throw std::runtime_error(line);
+    else
+      for (std::size_t i = 0; i < cells.size(); ++i) out[names[i]].push_back(cells[i]);
+  }
+  return out;
+}
+
+TEST_F(FollowPath, LeavesARecordAndItsFigure) {
+  const TemporaryFile file(pathFile(0.015, 4), ".csv");
+  const TemporaryFolder folder;
+  const std::string record = (folder.path() / "run.csv").string();
+  const std::string figure = (folder.path() / "run.png").string();
+  const auto node = start(file, {"_record:=" + record, "_figure:=" + figure});
+  ASSERT_EQ(node->exitCode(120), 0) << node->output();
+  const Table table = tableOf(std::ifstream(record));
+  const auto number = [&](const std::string& column, std::size_t row) {
+    return std::stod(table.at(column).at(row));
+  };
+  const auto tip = [&](const std::string& name, std::size_t row) {
+    return Eigen::Vector3d(number(name + "_x_m", row), number(name + "_y_m", row),
+                           number(name + "_z_m", row));
+  };
+  const std::size_t rows = table.at("time_s").size();
+  ASSERT_GT(rows, 10U);
+  std::size_t with_model = 0;
+  for (std::size_t row = 0; row < rows; ++row) {
+    const double stamp = number("stamp_s", row);
+    if (row > 0) EXPECT_GT(stamp, number("stamp_s", row - 1));
+    // Of the picture with this stamp, which this test has seen, too.
+    const auto seen = std::find_if(eye_.measured.all().begin(), eye_.measured.all().end(),
+                                   [&](const ArmShape::ConstPtr& shape) {
+                                     return std::abs(shape->header.stamp.toSec() - stamp) < 1e-6;
+                                   });
+    if (seen != eye_.measured.all().end()) {
+      EXPECT_LT((tipOf((*seen)->tip) - tip("measured", row)).norm(), 1e-12) << row;
+    }
+    EXPECT_NEAR(number("error_m", row), (tip("measured", row) - tip("wanted", row)).norm(), 1e-12);
+    EXPECT_LT((tip("predicted", row) - tip("measured", row)).norm(), 0.02);
+    for (const char* quantity : {"command_", "pressure_"}) {
+      for (int i = 1; i <= 3; ++i) {
+        const double pressure = number(quantity + std::to_string(i) + "_pa", row);
+        EXPECT_TRUE(pressure >= -1e4 && pressure < 1e6) << pressure;
+      }
+    }
+    EXPECT_FALSE(table.at("state")[row].empty());
+    if (table.at("model_x_m")[row].empty()) continue;
+    ++with_model;
+    EXPECT_LT((tip("model", row) - tip("measured", row)).norm(), 0.05);
+  }
+  EXPECT_GT(with_model, rows / 2);
+  EXPECT_GT(number("time_s", rows - 1), 3.5);
+  EXPECT_NEAR(tip("wanted", rows - 1).y(), kMiddle.y() + 0.015, 1e-6);
+  std::string begin(4, ' ');
+  std::ifstream(figure, std::ios::binary).read(begin.data(), 4);
+  EXPECT_EQ(begin, "\x89PNG");
+  // Both are replaced by the next run.
+  const TemporaryFile shorter(pathFile(0.01, 1), ".csv");
+  const auto again = start(shorter, {"_record:=" + record, "_figure:=" + figure});
+  EXPECT_EQ(again->exitCode(120), 0) << again->output();
+  EXPECT_LT(std::stod(tableOf(std::ifstream(record)).at("time_s").back()), 3.5);
+}
+
+TEST_F(FollowPath, ARunThatIsGivenUpIsRecordedAsFarAsItWent) {
+  const TemporaryFile file(pathFile(0.015, 40), ".csv");
+  const TemporaryFolder folder;
+  const std::string record = (folder.path() / "run.csv").string();
+  const auto node = start(file, {"_record:=" + record});
+  ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
+  node->signal(SIGINT);
+  EXPECT_EQ(node->exitCode(30), 0) << node->output();
+  std::ifstream stream(record);
+  std::string title;
+  std::getline(stream, title);
+  EXPECT_EQ(title.find("# recorded run of " + file.path()), 0U) << title;
+  EXPECT_NE(title.find("cancelled"), std::string::npos) << title;
+  EXPECT_GE(tableOf(std::move(stream)).at("time_s").size(), 1U);
+}
+
+TEST_F(FollowPath, ARecordReplacesNoFileOfOthers) {
+  const TemporaryFile file(pathFile(0.015, 2), ".csv");
+  const TemporaryFile foreign("a,b\n1,2\n", ".csv");
+  const auto node = start(file, {"_record:=" + foreign.path(), "_figure:=run.png"});
+  EXPECT_EQ(node->exitCode(60), 2) << node->output();
+  for (const std::string& words : {"~record is '" + foreign.path() + "', which is there",
+                                   std::string("~figure is 'run.png'; expected the absolute")}) {
+    EXPECT_NE(node->output().find(words), std::string::npos) << node->output();
+  }
+  std::string text;
+  std::getline(std::ifstream(foreign.path()), text, '\0');
+  EXPECT_EQ(text, "a,b\n1,2\n");
 }
 
 TEST_F(FollowPath, APathThatIsRefusedEndsItWith1) {
