@@ -120,7 +120,7 @@ class AnyMessage : public ::testing::Test {
   static void startPathClient() {
     nodes_[kPathClient] = std::make_unique<Process>(std::vector<std::string>{
         HELIX_ARM_FOLLOW_PATH, "_path:=" + path_.path(), std::string("_action:=") + kWalk,
-        "_record:=" + (folder_.path() / "run.csv").string()});
+        "_record:=" + (folder_ / "run.csv")});
   }
   // Starts follow_path again where it has ended in order. False: its goal does not come.
   static bool revivePathClient() {

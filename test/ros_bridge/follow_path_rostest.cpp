@@ -295,12 +295,12 @@ Table tableOf(std::istream&& stream) {
   for (std::string line; std::getline(stream, line);) {
     if (line.front() == '#') continue;
     const std::vector<std::string> cells = cellsOf(line);
-    if (names.empty())
+    if (names.empty()) {
       names = cells;
-    else if (cells.size() != names.size())
-      throw std::runtime_error(line);
-    else
-      for (std::size_t i = 0; i < cells.size(); ++i) out[names[i]].push_back(cells[i]);
+      continue;
+    }
+    if (cells.size() != names.size()) throw std::runtime_error(line);
+    for (std::size_t i = 0; i < cells.size(); ++i) out[names[i]].push_back(cells[i]);
   }
   return out;
 }
@@ -308,8 +308,8 @@ Table tableOf(std::istream&& stream) {
 TEST_F(FollowPath, LeavesARecordAndItsFigure) {
   const TemporaryFile file(pathFile(0.015, 4), ".csv");
   const TemporaryFolder folder;
-  const std::string record = (folder.path() / "run.csv").string();
-  const std::string figure = (folder.path() / "run.png").string();
+  const std::string record = folder / "run.csv";
+  const std::string figure = folder / "run.png";
   const auto node = start(file, {"_record:=" + record, "_figure:=" + figure});
   ASSERT_EQ(node->exitCode(120), 0) << node->output();
   const Table table = tableOf(std::ifstream(record));
@@ -325,7 +325,7 @@ TEST_F(FollowPath, LeavesARecordAndItsFigure) {
   std::size_t with_model = 0;
   for (std::size_t row = 0; row < rows; ++row) {
     const double stamp = number("stamp_s", row);
-    if (row > 0) EXPECT_GT(stamp, number("stamp_s", row - 1));
+    EXPECT_GT(stamp, row > 0 ? number("stamp_s", row - 1) : 0.0);
     // Of the picture with this stamp, which this test has seen, too.
     const auto seen = std::find_if(eye_.measured.all().begin(), eye_.measured.all().end(),
                                    [&](const ArmShape::ConstPtr& shape) {
@@ -363,7 +363,7 @@ TEST_F(FollowPath, LeavesARecordAndItsFigure) {
 TEST_F(FollowPath, ARunThatIsGivenUpIsRecordedAsFarAsItWent) {
   const TemporaryFile file(pathFile(0.015, 40), ".csv");
   const TemporaryFolder folder;
-  const std::string record = (folder.path() / "run.csv").string();
+  const std::string record = folder / "run.csv";
   const auto node = start(file, {"_record:=" + record});
   ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
   node->signal(SIGINT);
