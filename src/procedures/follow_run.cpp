@@ -68,7 +68,7 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
   config.blind = plan.blind;
   return simulation::Lockstep(
       {scene.model,
-       simulation::SimulatedRig(rig.model, regulatorOf(rig, plan.seed), rig.simulation.arm),
+       simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
        simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},

@@ -123,6 +123,7 @@ inline constexpr char kPictureRateKey[] = "pictures_hz";
 inline constexpr char kMeasuredRateKey[] = "measured_hz";
 inline constexpr char kStateKey[] = "state";
 inline constexpr char kAcceptedKey[] = "accepted";
+inline constexpr char kWithoutTagsKey[] = "without_tags";
 inline constexpr char kRefusedPrefix[] = "refused_";  ///< followed by the fault
 
 }  // namespace helix_arm::ros_bridge::names
