@@ -40,6 +40,7 @@ Subcommand addInverse(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
+Subcommand addCamera(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addPath(CLI::App& app);
