@@ -37,6 +37,7 @@ struct Subcommand {
 
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
+Subcommand addCheck(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
