@@ -81,7 +81,8 @@ class Command:
             text = self.help(name)
             self.options[name] = self.options_of(text)
             for nested in self.subcommands(text):
-                self.options[name] |= self.options_of(self.help(name, "SCENE", nested))
+                scene = ["SCENE"] if re.search(r"^Positionals:\n  SCENE ", text, re.M) else []
+                self.options[name] |= self.options_of(self.help(name, *scene, nested))
         if not self.options:
             raise OSError("%s --help names no subcommand" % path)
 
