@@ -83,7 +83,7 @@ void PressureBox::makeRows(const CockpitView& view) {
   }
 }
 
-void PressureBox::show(const CockpitView& view) {
+void PressureBox::display(const CockpitView& view) {
   makeRows(view);
   std::string why_not;
   for (std::size_t i = 0; i < rows_.size(); ++i) {

@@ -23,7 +23,7 @@ class PressureBox : public QGroupBox {
 
   PressureBox(QWidget* parent, Set set);
 
-  void show(const ros_bridge::CockpitView& view);
+  void display(const ros_bridge::CockpitView& view);
 
  private:
   struct Row {

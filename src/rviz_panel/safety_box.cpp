@@ -74,7 +74,7 @@ QPushButton* SafetyBox::addButton(const char* name, const char* text) {
   return button;
 }
 
-void SafetyBox::show(const CockpitView& view) {
+void SafetyBox::display(const CockpitView& view) {
   using namespace ros_bridge;
   const Headline words = headline(view);
   showWords(state_, words.state, words.tone);
@@ -100,7 +100,7 @@ void SafetyBox::show(const CockpitView& view) {
   showWords(goal_, "Cockpit: " + goal.text, goal.tone);
 }
 
-void SafetyBox::show(const ros_bridge::CallAnswer& answer) {
+void SafetyBox::display(const ros_bridge::CallAnswer& answer) {
   using ros_bridge::Tone;
   showWords(answer_, answer.what + ": " + (answer.success ? "" : "refused: ") + answer.message,
             answer.success ? Tone::kQuiet : Tone::kBad);

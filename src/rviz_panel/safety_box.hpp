@@ -22,9 +22,9 @@ class SafetyBox : public QGroupBox {
 
   SafetyBox(QWidget* parent, Actions actions);
 
-  void show(const ros_bridge::CockpitView& view);
+  void display(const ros_bridge::CockpitView& view);
   /// Answer of a service.
-  void show(const ros_bridge::CallAnswer& answer);
+  void display(const ros_bridge::CallAnswer& answer);
 
  private:
   QPushButton* addButton(const char* name, const char* text);
