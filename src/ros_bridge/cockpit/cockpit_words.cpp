@@ -169,7 +169,7 @@ Possibility mayCancel(const CockpitView& view) {
 Possibility mayUse(const CockpitView& view) {
   const CockpitCalibration& run = view.calibration;
   if (calibrates(view)) return {"the calibration has not ended"};
-  if (!run.ended || !run.success || run.scene.empty()) return {"there is no calibrated scene yet"};
+  if (!run.ended || !run.success) return {"there is no calibrated scene yet"};
   return {unheard(view)};
 }
 
@@ -203,7 +203,6 @@ Words calibrationWords(const CockpitView& view) {
     text = run.message;
   }
   for (const std::string& line : run.parameters) text += "\n" + line;
-  if (!run.scene.empty()) text += "\n" + run.scene;
   return {text, Tone::kGood};
 }
 

@@ -50,7 +50,6 @@ struct CockpitCalibration {
   /// Median tip error of the samples with the present scene and with the calibrated one [m].
   double tip_error_before = kUnknown, tip_error_after = kUnknown;
   std::vector<std::string> parameters;  ///< one line per determined parameter
-  std::string scene;                    ///< path of the calibrated scene; empty without one
 };
 
 /// All that the cockpit shows of one arm, at one moment.
