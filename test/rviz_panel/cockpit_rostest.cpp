@@ -137,6 +137,10 @@ TEST_F(Cockpit, ASliderMovesThePressureAndHoldsItWithoutAnyOtherCommander) {
   EXPECT_EQ(state(), SafetyState::ENABLED) << safety_.last().reason;
   EXPECT_NEAR(commanded(), wanted, 1);
   ASSERT_TRUE(until([&] { return text("reading_0") != "0.0 kPa" && text("reading_0") != "-"; }));
+  // No end of the slider is refused.
+  slider->setValue(slider->maximum());
+  ASSERT_TRUE(until([&] { return std::abs(commanded() - 413600) < 1; })) << text("goal");
+  EXPECT_EQ(text("goal"), "Cockpit: holds the pressures: reached");
   // Let go: down to rest, without a fault.
   EXPECT_EQ(find<QPushButton>("hold")->text(), "Let go");
   click("hold");

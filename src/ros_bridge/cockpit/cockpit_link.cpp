@@ -349,7 +349,8 @@ void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& 
     const std::string name = status.name.substr(start.size());
     const bool known = limits_.count(name) > 0 || limits_.size() < kMostActuators;
     if (known) {
-      limits_[name] = {pascalsOf(status, "lower_limit_kpa"), pascalsOf(status, "upper_limit_kpa")};
+      limits_[name] = {pascalsOf(status, names::kLowerLimitKey),
+                       pascalsOf(status, names::kUpperLimitKey)};
     }
   }
 }
