@@ -21,7 +21,7 @@ set(below_ros_bridge/calibration "${below_ros_bridge/pressure}")
 set(below_ros_bridge/follow "${below_ros_bridge/pressure}|ros_bridge/pressure")
 set(below_ros_bridge/tools "${below_ros_bridge/pressure}|ros_bridge/pressure|ros_bridge/vision")
 set(below_ros_bridge/cockpit "${below_ros_bridge/common}|ros_bridge/common")
-set(below_rviz_panel "ros_bridge/cockpit")  # and what a box shows: values and words, no message
+set(below_rviz_panel "ros_bridge/cockpit|ros_bridge/common")  # and what a box shows: values and words, no message
 set(below_nodes "ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/calibration|ros_bridge/tools|ros_bridge/common")
 set(below_cli "${below_procedures}|procedures|ros_bridge/calibration")  # its reader of recordings
 

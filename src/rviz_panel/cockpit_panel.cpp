@@ -11,8 +11,13 @@
 
 #include <pluginlib/class_list_macros.hpp>
 #include <ros/time.h>
+#include <rviz/properties/property.h>
+#include <rviz/view_controller.h>
+#include <rviz/view_manager.h>
+#include <rviz/visualization_manager.h>
 
 #include "calibration_box.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
 #include "pressure_box.hpp"
 #include "safety_box.hpp"
 #include "strip_chart.hpp"
@@ -120,6 +125,17 @@ void CockpitPanel::refresh() {
   tip_->display(view);
   calibration_->display(view);
   chart_->add(ros::SteadyTime::now().toSec(), view);
+  lookAt(view.base_frame);
+}
+
+void CockpitPanel::lookAt(const std::string& base_frame) {
+  if (vis_manager_ == nullptr || base_frame.empty()) return;
+  rviz::ViewController* const camera = vis_manager_->getViewManager()->getCurrent();
+  if (camera == nullptr) return;
+  rviz::Property* const target = camera->subProp("Target Frame");
+  if (target->getValue().toString() != ros_bridge::names::kBaseFrame) return;
+  const QString frame = QString::fromStdString(base_frame);
+  if (frame != ros_bridge::names::kBaseFrame) target->setValue(frame);
 }
 
 template <class Action>

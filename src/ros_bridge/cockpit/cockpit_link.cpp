@@ -109,6 +109,7 @@ CockpitView CockpitLink::view() {
   held_.look(steadyNow());
   CockpitView out;
   out.ns = node_.getNamespace();
+  out.base_frame = base_frame_;
   out.connected = command_.isFresh(kFresh);
   if (!safety_.value.state.empty()) out.safety = safety_.value;
   out.channels = channels();
@@ -323,6 +324,7 @@ void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
 void CockpitLink::onModel(const ArmShapeConstPtr& message) {
   const basics::MutexLock lock(mutex_);
   model_tip_.set(positionOf(*message));
+  base_frame_ = textOf(message->header.frame_id);
 }
 
 void CockpitLink::onError(const ModelErrorConstPtr& message) {

@@ -108,6 +108,7 @@ class CockpitLink {
   Dated<CockpitSafety> safety_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<std::vector<double>> measured_tip_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<std::vector<double>> model_tip_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string base_frame_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<double> tip_error_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<CockpitLoop> loop_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]

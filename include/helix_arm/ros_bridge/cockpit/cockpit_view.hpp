@@ -55,6 +55,7 @@ struct CockpitCalibration {
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView {
   std::string ns;          ///< resolved namespace of the arm, such as / or /left
+  std::string base_frame;  ///< tf frame of the arm's base; empty if unknown
   bool connected = false;  ///< pressure_command comes
   std::optional<CockpitSafety> safety;
   std::vector<CockpitChannel> channels;             ///< in scene order
