@@ -170,7 +170,7 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
   const std::string units = intake_.unitWarning();
-  if (!units.empty()) ROS_WARN("%s", units.c_str());
+  if (!units.empty()) logWarning("%s", units.c_str());
 }
 
 void PressureCommandNode::replaceGuard() {
