@@ -13,7 +13,7 @@ using control::SafetyState;
 // Except for a time by the wall clock: the board's is another.
 regulator::SerialProfile profileOf(const io::Scene& scene) {
   regulator::SerialProfile profile = std::get<regulator::SerialConfig>(*scene.regulator).profile;
-  profile.timeout = 0.5;
+  profile.timeout = 0.3;
   profile.watchdog = std::numeric_limits<double>::infinity();
   return profile;
 }

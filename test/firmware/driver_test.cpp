@@ -119,7 +119,7 @@ std::vector<Row> rowsOfTheLine() {
             rig.board().damageAnswers(cut());
           },
           kNothing},
-      Row{"line_noisy", DeviceFault::kNone, kReading, 1.0,
+      Row{"line_noisy", DeviceFault::kNone, kReading, 2.0,
           [](BoardRig& rig) { rig.board().damage(noisy()); }, kNothing},
       Row{"half_lines", DeviceFault::kNone, kLine, 1.0,
           [](BoardRig& rig) { rig.board().damage(halved()); }, kNothing},
