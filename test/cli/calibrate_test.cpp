@@ -188,7 +188,7 @@ TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
                 "K_gamma");
 }
 
-TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
+TEST(Calibrate, FaultsOfFilesAndWordsAreCallerErrors) {
   const TemporaryFolder folder;
   const std::string out = folder / "calibrated.yaml";
   const auto expectFault = [&](const std::string& csv, const std::string& word,

@@ -170,7 +170,7 @@ TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
   EXPECT_EQ(chosen({"--set", "accuracy.tip_error_percent=5", "--tier", "exact"})["tier"], "exact");
 }
 
-TEST(ForwardLoaded, WhatDoesNotConvergeIsSaidAndExitsWithOne) {
+TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
   const std::vector<std::string> heavy{
       "--tier", "loaded",          "--order", "2",
       "--set",  "load.mass_kg=20", "--set",   "arm.base.rpy_deg=[0, -90, 0]"};

@@ -130,7 +130,7 @@ TEST_F(Localize, TwistsAreTrueAsFarAsTheirCovarianceSays) {
   EXPECT_LT(chi_squared, 122.8);
 }
 
-TEST_F(Localize, TheFittedBaseAndBleedAreTold) {
+TEST_F(Localize, TheFittedBaseAndBleedAreReported) {
   const json frame = runCommand({"localize", scenePath("demo"), picture(1), "--format", "json"})
                          .json()["frames"][0];
   EXPECT_NEAR(frame["bleed_m"].get<double>(), 0.0002, 0.0001);
@@ -338,7 +338,7 @@ TEST_F(Localize, APictureWithoutTagsIsAFailure) {
   EXPECT_EQ(frame["reason"], "no tag of family 36h11 is in sight");
 }
 
-TEST_F(Localize, WhatIsNoPictureIsTheCallersError) {
+TEST_F(Localize, AFileThatIsNotAPictureIsACallerError) {
   for (const std::string& path : {write("notes.txt", "x"), *folder_ / "nothing.jpg"}) {
     const Outcome outcome = runCommand({"localize", scenePath("demo"), path});
     EXPECT_EQ(outcome.exit_code, 2);

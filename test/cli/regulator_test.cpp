@@ -160,7 +160,7 @@ class Piped {
   std::string output_;
 };
 
-TEST(RegulatorProbe, TellsWhoAnswersAndHowOften) {
+TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   ModbusDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.3", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -296,7 +296,7 @@ TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
   EXPECT_EQ(outcome.out.find("fault"), std::string::npos) << outcome.out;
 }
 
-TEST(RegulatorSet, VentsWhereItsGuardStandsStillOrHasEnded) {
+TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
   for (const int number : {SIGSTOP, SIGKILL}) {
     ModbusDevice device(deviceConfig());
     Piped command(
@@ -336,7 +336,7 @@ TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
   EXPECT_EQ(command.output().find("guard"), std::string::npos) << command.output();
 }
 
-TEST(RegulatorVent, EmptiesAnArmThatNobodyHolds) {
+TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
   ModbusDevice device(deviceConfig());
   fill(device);
   const Outcome outcome = run(device.port(), {"vent", "--format", "json"});
@@ -346,7 +346,7 @@ TEST(RegulatorVent, EmptiesAnArmThatNobodyHolds) {
   EXPECT_LT(fullest(device), kEmpty);
 }
 
-TEST(RegulatorVent, SaysBelowWhatNoPressureStands) {
+TEST(RegulatorVent, StatesThePressureThatCountsAsVented) {
   ModbusDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"vent", "--set", "safety.vented_below_kpa=12"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -383,7 +383,7 @@ TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
 }
 
 // A process that holds the guard's stdin is killed, as the node would be.
-TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
+TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
   ModbusDevice device(deviceConfig());
   fill(device);
   int line[2];
@@ -443,7 +443,7 @@ TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
 }
 
-TEST(RegulatorGuard, EndsWhoeverStandsStillAndVents) {
+TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
   ModbusDevice device(deviceConfig());
   fill(device);
   std::vector<std::string> words = at(device.port(), {"guard"});
@@ -494,12 +494,12 @@ TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
       << said;
 }
 
-TEST(RegulatorGuard, ABrokenSceneIsSaidAtOnce) {
+TEST(RegulatorGuard, ABrokenSceneIsReportedAtOnce) {
   expectCallerError(runCommand({"regulator", scenePath("no_such_scene"), "guard"}),
                     "no_such_scene");
 }
 
-TEST(RegulatorEmulate, StandsInForTheDevice) {
+TEST(RegulatorEmulate, ReplacesTheDevice) {
   const int port = freePort();
   Piped device(at(port, {"emulate"}));
   ASSERT_TRUE(device.prints("emulates modbus_tcp festo_vtem at 127.0.0.1:" + std::to_string(port)))

@@ -70,7 +70,7 @@ TEST(SafetyCoreAsAWhole, TheDefaultsWorkThroughNoiseForAnHour) {
   }
 }
 
-TEST(SafetyCoreAsAWhole, NothingAllocatesOnTheWayThroughAFault) {
+TEST(SafetyCoreAsAWhole, NothingAllocatesDuringAFault) {
   Bench bench = enabledBench();
   const Eigen::VectorXd none = Eigen::VectorXd::Constant(3, std::nan(""));
   const Eigen::VectorXd high = Eigen::VectorXd::Constant(3, 5e5);
@@ -90,7 +90,7 @@ TEST(SafetyCoreAsAWhole, NothingAllocatesOnTheWayThroughAFault) {
   EXPECT_EQ(bench.cause(), Cause::kOverLimit);
 }
 
-TEST(SafetyCoreAsAWhole, WhatIsWrongWithRulesAndChannelsIsSaid) {
+TEST(SafetyCoreAsAWhole, FaultsOfRulesAndChannelsAreReported) {
   const auto refused = [](void (*spoil)(SafetyRules&)) {
     SafetyRules rules;
     spoil(rules);

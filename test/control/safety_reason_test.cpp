@@ -75,7 +75,7 @@ TEST(SafetyReason, EveryFaultNamesItsCulpritValueRuleAndRemedy) {
             "for a valve that does not close, then call enable");
 }
 
-TEST(SafetyReason, TheOtherStatesSayWhatStandsAgainstEnabling) {
+TEST(SafetyReason, TheOtherStatesSayWhatPreventsEnabling) {
   Bench bench;
   EXPECT_EQ(bench.core.refusal(bench.now),
             "vents has not been read yet; check the regulator's power, cable and address");
@@ -146,7 +146,7 @@ TEST(SafetyReason, ARefusalNamesWhatIsWrongNow) {
       "regulator, or leave out safety.min_supply_kpa if it does not measure its supply");
 }
 
-TEST(SafetyReason, AnOverdueVentIsSaidWithWhatStands) {
+TEST(SafetyReason, AnOverdueVentIsReportedWithTheRemainingPressure) {
   Bench bench = enabledBench();
   bench.readsAs(1, 5e4);
   bench.core.vent(bench.now);

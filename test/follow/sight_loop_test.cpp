@@ -322,7 +322,7 @@ TEST(SightLoopConfig, RefusesWhatMakesNoSense) {
   }
 }
 
-TEST(SmoothingFor, ArmsThatVibrateSlowlyTakesLonger) {
+TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {
   EXPECT_NEAR(smoothingFor(4.0, 0.1, 0.15), 0.09, 0.01);
   EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.17, 0.01);
   EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.6, 0.02);

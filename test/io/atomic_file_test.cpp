@@ -82,7 +82,7 @@ int refusesAndLeavesAll(const std::string& folder, const std::string& text,
   return kPassed;
 }
 
-TEST(AtomicFile, HoldsWhatWasWrittenLast) {
+TEST(AtomicFile, ContainsTheLastCompleteWrite) {
   const TemporaryFolder folder;
   const std::string path = folder / "scene.yaml";
   std::string bytes;
@@ -94,7 +94,7 @@ TEST(AtomicFile, HoldsWhatWasWrittenLast) {
   }
 }
 
-TEST(AtomicFile, TakesItsPlaceWhenItIsWholeAndNotBefore) {
+TEST(AtomicFile, ReplacesTheFileOnlyWhenComplete) {
   const TemporaryFolder folder;
   const std::string path = folder / "cloud.ply";
   std::ofstream(path) << "old";

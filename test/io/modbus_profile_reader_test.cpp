@@ -63,7 +63,7 @@ TEST(ModbusProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.timeout, 0.25);
 }
 
-TEST(ModbusProfileReader, WhatMayBeLeftOutHasItsDefault) {
+TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
   const ReadResult result = readText(
       "modbus_tcp:\n  count_pa: 100\n  highest_count: 1000\n"
       "  outputs: {first: 0, stride: 1, pressure: 0}\n"

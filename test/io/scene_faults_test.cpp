@@ -192,7 +192,7 @@ TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
   }
 }
 
-TEST(SceneFaults, AFileOfMoreThanASceneHoldsIsNotRead) {
+TEST(SceneFaults, AFileTooLargeForASceneIsNotRead) {
   const std::string comment(1U << 20U, '#');
   EXPECT_EQ(faultsOf(comment + "\n" + kPlanarScene),
             std::vector<std::string>{" is larger than 1 MiB; expected a text file"});
@@ -245,7 +245,7 @@ TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
   }
 }
 
-TEST(FaultList, ThrowsOnlyWhatItHolds) {
+TEST(FaultList, ThrowsAllItsFaultsAtOnce) {
   FaultList faults("arm.yaml");
   EXPECT_NO_THROW(faults.throwIfAny());
   faults.add(14, "muscle.max_pressure_kpa is -5; expected a finite value > 0");

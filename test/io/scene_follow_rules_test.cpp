@@ -103,7 +103,7 @@ TEST(FollowScene, IsInSi) {
   EXPECT_NO_THROW(loop.validate());
 }
 
-TEST(FollowScene, WhatIsNotSaidIsTheLoopsOwn) {
+TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
   const follow::SightLoopConfig usual{};
   const follow::SightLoopConfig config = load(kPlanarScene).follow;
   EXPECT_EQ(config.smoothing, usual.smoothing);

@@ -250,7 +250,7 @@ TEST(PressureScene, ChannelsAreTheActuatorsInTheirOrder) {
   const control::SafetyCore accepted(safety.channels, safety.rules);
 }
 
-TEST(PressureScene, WhatIsNotSaidIsTheRulesOwn) {
+TEST(PressureScene, OmittedKeysHaveTheDefaultsOfTheRules) {
   const control::SafetyRules usual;
   const SafetyConfig safety =
       load(kPlanarScene + "regulator: {simulated: {}}\nsafety: {}\n").safety;
@@ -279,7 +279,7 @@ TEST(PressureScene, HardwareMovesSlowlyUnlessToldOtherwise) {
   }
 }
 
-TEST(PressureScene, OnlyASimulatedRegulatorMayWaitForTargetsForEver) {
+TEST(PressureScene, OnlyASimulatedRegulatorMayWaitForTargetsWithoutLimit) {
   const std::vector<Override> for_ever = {{"safety.target_timeout_s", "0"}};
   EXPECT_EQ(load(kSpatialScene, for_ever).safety.rules.target_timeout, kInfinity);
   EXPECT_FALSE(faultsOf(kSerialScene, for_ever).empty());
@@ -359,7 +359,7 @@ TEST(PressureScene, AModbusRegulatorHasItsProfile) {
   EXPECT_EQ(defaults.slots, (std::vector<int>{0, 1}));
 }
 
-TEST(PressureScene, AProfileOfOnesOwnIsBesideTheScene) {
+TEST(PressureScene, ACustomProfileIsRelativeToTheScene) {
   const TemporaryFolder folder;
   const std::string shipped = HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml";
   std::filesystem::copy_file(shipped, folder / "board.yaml");

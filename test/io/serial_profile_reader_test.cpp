@@ -70,7 +70,7 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.watchdog, 1.5);
 }
 
-TEST(SerialProfileReader, TheShippedOnesAreWhatTheTestsOfTheDriverUse) {
+TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
   for (SerialProfile expected :
        {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
     SCOPED_TRACE(expected.name);

@@ -41,7 +41,7 @@ TEST(TagCorners, RowsOfACaptureBelongTogether) {
   EXPECT_EQ(captures[1].number, 2);
 }
 
-TEST(TagCorners, WhatIsWrittenReadsBackToTheLastBit) {
+TEST(TagCorners, WrittenCornersReadBackToTheLastBit) {
   test::Random random(8);
   std::vector<TagCornerCapture> captures;
   for (int number : {4, 0, 12}) {

@@ -51,7 +51,7 @@ TEST(TagPoses, RoundedQuaternionsAreNormalised) {
   EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
 }
 
-TEST(TagPoses, AreSeenFromTheBaseWhateverFrameTheFileHas) {
+TEST(TagPoses, AreConvertedToTheBaseFromAnyFrame) {
   // F is turned by 90 degrees about the base's z axis: its x axis is the base's y axis.
   Eigen::Matrix3d R;
   R << 0, -1, 0, 1, 0, 0, 0, 0, 1;

@@ -37,7 +37,7 @@ TEST(Quintic, OfThePaperGivesTheLengthsOfItsFigure) {
   EXPECT_NEAR(muscle.length(test::kMaxPressure), 0.336, 1e-3);
 }
 
-TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
+TEST(Quintic, ThatIsNotMonotoneIsRefusedWithThePressure) {
   // The planar arms' muscle, printed for psi: it rises again above 562 kPa.
   const std::array<double, 6> c = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
                                    4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
@@ -71,7 +71,7 @@ TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
   }
 }
 
-TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
+TEST(Quintic, ThatIsConstantOrNotFiniteIsRefused) {
   EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5);
             }).find("slope"),
@@ -119,7 +119,7 @@ TEST(Table, OfAStraightLineIsTheLine) {
   for (double p = 0; p <= 3e5; p += 1e4) EXPECT_NEAR(curve.length(p), 0.4 - 2e-7 * p, 2 * kEps);
 }
 
-TEST(Table, RefusesWhatIsNotAMonotoneTable) {
+TEST(Table, RefusesATableThatIsNotMonotone) {
   EXPECT_NE(test::refusal([] { Contraction::table({0}, {0.4}); }).find("at least 2"),
             std::string::npos);
   EXPECT_NE(test::refusal([] {

@@ -79,7 +79,7 @@ void expectBoundedRamps(const Record& record, const Eigen::VectorXd& from) {
   }
 }
 
-TEST(CalibrationRun, TakesItsCapturesAtEveryStepAndEndsAtRest) {
+TEST(CalibrationRun, CapturesAtEveryStepAndEndsAtRest) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   const Record record = play(run);
   ASSERT_TRUE(run.ended());
@@ -215,7 +215,7 @@ TEST(CalibrationRun, WhereTimeGoesBackItEndsAndRampsDown) {
   }
 }
 
-TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
+TEST(CalibrationRun, CancelledDuringItsReturnItIsNotComplete) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
   double now = 0;

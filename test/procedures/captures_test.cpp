@@ -79,7 +79,7 @@ TEST(Captures, CornersAreUndistorted) {
   }
 }
 
-TEST(Captures, KindsAreToldByTheirColumns) {
+TEST(Captures, KindsAreIdentifiedByTheirColumns) {
   const auto kind = [](const std::string& columns) {
     io::DataSet data;
     data.path = "data.csv";

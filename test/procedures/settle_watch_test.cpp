@@ -200,7 +200,7 @@ TEST(SettleWatch, PicturesThatAreRarerThanTheWindowAreComparedWithTheOneBefore) 
   }
 }
 
-TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
+TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   Watched arm;
   arm.pass(2);
   EXPECT_TRUE(arm.watch.at(arm.now + 0.49).settled());
@@ -269,7 +269,7 @@ TEST(SettleWatch, WithoutTagsThereIsNothingToRecord) {
   EXPECT_EQ(arm.state().state, SettleState::kNoTags);
 }
 
-TEST(SettleWatch, OtherTagsThanBeforeAreNoShapeThatStandsStill) {
+TEST(SettleWatch, AChangedSetOfTagsIsNotSettled) {
   Watched arm;
   arm.pass(
       2, [](double) { return kSetPoint; },

@@ -127,7 +127,7 @@ TEST(TagSheets, EverythingLiesWithinTheMarginsAndNothingOverlaps) {
   }
 }
 
-TEST(TagSheets, EachTagStandsOnceInItsSizeAndOrder) {
+TEST(TagSheets, EachTagIsPrintedOnceInItsSizeAndOrder) {
   for (const io::Scene& scene : scenes()) {
     for (const Paper& paper : kPapers) {
       SCOPED_TRACE(scene.name + ", " + paper.name);
@@ -261,7 +261,7 @@ int timesIn(const std::vector<Page>& pages, const std::vector<std::string>& row)
   return static_cast<int>(std::count(lines.begin(), lines.end(), row));
 }
 
-TEST(PlacementSheets, ARowPerTagTellsWhereItIs) {
+TEST(PlacementSheets, ARowPerTagStatesItsPlacement) {
   for (const Paper& paper : kPapers) {
     const std::vector<Page> demo = placementSheets(shipped("demo"), paper);
     EXPECT_EQ(timesIn(demo, {"0", "0.04", "16.5", "muscle_1", "0", "41.4", "16", "0", "-15", "0"}),

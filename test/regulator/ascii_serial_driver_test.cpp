@@ -260,7 +260,7 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
   }
 }
 
-TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
+TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   const auto& [profile, fault] = GetParam();
   SerialDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
@@ -319,7 +319,7 @@ INSTANTIATE_TEST_SUITE_P(
                                      DeviceFault::kNanText, DeviceFault::kStuckValue)),
     nameOfFault);
 
-TEST(AsciiSerialDriver, AnswersToSetPointsAreReadingsAndAreNotAskedForAgain) {
+TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
   const SerialProfile profile = test::genericProfile();
   SerialDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
@@ -336,7 +336,7 @@ TEST(AsciiSerialDriver, AnswersToSetPointsAreReadingsAndAreNotAskedForAgain) {
   EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(2 * kChannels));
 }
 
-TEST(AsciiSerialDriver, TheSupplyIsReadWhereTheReplyHoldsIt) {
+TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
   SerialDevice device(deviceOf(test::togetherProfile()));
   AsciiSerialDriver driver = driverOf(test::togetherProfile(), device.path());
   driver.connect();
@@ -361,7 +361,7 @@ TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   EXPECT_GT(device.pressure()[0], 1.9e5);
 }
 
-TEST(AsciiSerialDriver, AnUnpluggedDeviceIsNamedAndComesBack) {
+TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
   const test::TemporaryFolder folder;
   const std::string link = folder / "regulator";
   AsciiSerialDriver driver = driverOf(test::genericProfile(), link);
@@ -462,7 +462,7 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
 }
 
-TEST(AsciiSerialDriver, WhatIsNoSerialLineIsNamed) {
+TEST(AsciiSerialDriver, AFileThatIsNotASerialLineIsRefused) {
   const test::TemporaryFile file("p0=1.00 kPa\n");
   AsciiSerialDriver driver = driverOf(test::genericProfile(), file.path());
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text,

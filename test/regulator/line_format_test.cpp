@@ -93,7 +93,7 @@ TEST(LineFormat, DecimalNumbersAreReadExactly) {
   for (const auto& entry : kCases) EXPECT_EQ(numberOf(entry.text), entry.value) << entry.text;
 }
 
-TEST(LineFormat, WhatIsNoDecimalNumberIsRefused) {
+TEST(LineFormat, NonDecimalNumbersAreRefused) {
   for (const char* text : {"",
                            "nan",
                            "NaN",
@@ -183,7 +183,7 @@ TEST(LineFormat, ALineThatIsTooLongIsRefused) {
   EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
 }
 
-TEST(LineFormat, EveryChannelMustBeThereAndNoMore) {
+TEST(LineFormat, TheNumberOfChannelsMustMatch) {
   const LineFormat format("{*}\t1\t{pressures}", {"\t", "", 2});
   EXPECT_TRUE(format.match("120\t1\t1.0\t2.0\t3.0\t", "", 3));
   EXPECT_FALSE(format.match("120\t1\t1.0\t2.0", "", 3));
@@ -201,7 +201,7 @@ TEST(LineFormat, AnotherUnitIsRefused) {
   }
 }
 
-TEST(LineFormat, ABadReplySaysWhereItPartsFromTheTemplate) {
+TEST(LineFormat, ABadReplyNamesTheFirstMismatch) {
   const LineFormat format("p{address}={pressure} {unit}", kStyle);
   EXPECT_EQ(badReply(format, "pA=nan kPa"),
             "\"pA=nan kPa\" does not match \"p{address}={pressure} {unit}\": expected a number at "

@@ -136,7 +136,7 @@ TEST_P(Link, ASlowDeviceIsALostLinkAndItsLateRepliesAreNoOthers) {
   EXPECT_EQ(read(), Eigen::Vector3d(1e5, 1e5, 1e5));
 }
 
-TEST_P(Link, ADeviceThatIsLateHearsTheVentAndEmptiesWhileTheLinkIsHeld) {
+TEST_P(Link, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   driver_.write(regulate(1e5));
   ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[0] - 1e5) < 1; }));
   device_.setFault(DeviceFault::kSlow);
@@ -222,7 +222,7 @@ std::string connectRefusal(const std::string& host, int port) {
   return refusal<LinkError>([&driver] { driver.connect(); });
 }
 
-TEST(ModbusConnecting, WithoutALinkNothingIsSaid) {
+TEST(ModbusConnecting, WithoutALinkNothingIsSent) {
   ModbusTcpDriver driver({mpaProfile(), "127.0.0.1", 502, {0, 1, 2}});
   Pressures pressures(3);
   for (const auto& call : std::vector<std::function<void()>>{[&] { driver.write(regulate(0)); },
@@ -233,7 +233,7 @@ TEST(ModbusConnecting, WithoutALinkNothingIsSaid) {
   }
 }
 
-TEST(ModbusConnecting, ARefusalSaysWhatToLookAt) {
+TEST(ModbusConnecting, ARefusalNamesTheRemedy) {
   const int port = test::freePort();
   EXPECT_EQ(connectRefusal("127.0.0.1", port), "127.0.0.1:" + std::to_string(port) +
                                                    ": cannot connect: Connection refused; check "

@@ -124,7 +124,7 @@ TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
   EXPECT_EQ(raw.read(40006, 3), (Words{195, 1234, 567}));
 }
 
-TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayWithinWhatTheDeviceTakes) {
+TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayInTheDevicesRange) {
   ModbusDevice device(quietDevice(mpaProfile(), 6));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
   driver.connect();
@@ -145,7 +145,7 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   EXPECT_NEAR(readingOf(driver, 1)[0], 1e5, 1e-6);
 }
 
-TEST(ModbusTcpDriver, TheSupplyIsReadWhereTheProfileHasIt) {
+TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;
   ModbusDeviceConfig config = quietDevice(profile, 2);

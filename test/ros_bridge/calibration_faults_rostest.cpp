@@ -35,7 +35,7 @@ class CalibrationFaults : public CalibrationRig {
   std::size_t first_target_ = 0;
 };
 
-TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
+TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
   const auto refusal = [](const Calibrate::Request& request) {
     const Calibrate::Response response = call<Calibrate>("calibrate", request);
     EXPECT_FALSE(response.success);
@@ -234,7 +234,7 @@ TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
   expectRamps(first_target_);
 }
 
-TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
+TEST_F(CalibrationFaults, ASecondGoalReplacesTheFirstAfterRest) {
   startRun();
   RunCalibrationGoal goal;
   goal.plan = {0, 0, 0, 0, 0, 1e5};

@@ -176,7 +176,7 @@ TEST_P(DeadParts, AKilledNodeLeavesAGuardThatVents) {
   expectEmpties();
 }
 
-TEST_P(DeadParts, ANodeThatStandsStillIsKilledByItsGuardWhichVents) {
+TEST_P(DeadParts, AStoppedNodeIsKilledByItsGuardWhichVents) {
   const double begin = regulator::steadyNow();
   rig_.node.signal(SIGSTOP);
   ASSERT_TRUE(deviceVents(kStandstill));
@@ -199,7 +199,7 @@ TEST_P(DeadParts, AKilledGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGKILL, kGuardLooks);
 }
 
-TEST_P(DeadParts, AGuardThatStandsStillVentsTheArmAndIsReplaced) {
+TEST_P(DeadParts, AStoppedGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGSTOP, kStandstill + kGuardLooks);
 }
 

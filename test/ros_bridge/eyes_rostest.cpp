@@ -153,7 +153,7 @@ TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
   }
 }
 
-TEST_P(AllEyes, ABlankPictureTakesTheDrawingAway) {
+TEST_P(AllEyes, ABlankPictureRemovesTheDrawing) {
   const auto isDrawn = [this] {
     return !eye_.markers.all().empty() && eye_.markers.last().markers.at(0).action == Marker::ADD;
   };
@@ -221,7 +221,7 @@ TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
   EXPECT_GT(error->tag_rms, 0);
 }
 
-TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
+TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   const vision::TagFamily family(eye_.scene.vision.detector.family);
   const auto sights = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
   ASSERT_FALSE(sights.empty());
@@ -344,7 +344,7 @@ TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {
   EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
 }
 
-TEST_P(JpegEye, AModelWithoutLengthOrOfAForeignFrameIsCountedAndNamed) {
+TEST_P(JpegEye, AModelWithoutLengthOrInAnotherFrameIsCountedAndNamed) {
   const auto expectNamed = [this](const std_msgs::Header& header, const model::Twists& twists,
                                   const std::string& word) {
     const std::uint64_t before = lastStatus().bad_model;
@@ -378,7 +378,7 @@ TEST_P(JpegEye, APictureOfAnotherSizeIsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
 
-TEST_P(JpegEye, WhatIsNoJpegIsRefused) {
+TEST_P(JpegEye, APictureThatIsNotAJpegIsRefused) {
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
@@ -392,7 +392,7 @@ INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
 
 class RawEye : public Eyes {};
 
-TEST_P(RawEye, WhatIsNoPictureIsRefused) {
+TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("'yuv422'", &VisionStatus::wrong_encoding,

@@ -43,7 +43,7 @@ class ReloadServer : public ::testing::Test {
   const std::string folder_ = std::filesystem::path(path_).parent_path().string();
 };
 
-TEST_F(ReloadServer, WhoeverSeesTheNewSceneGetsTheNewFile) {
+TEST_F(ReloadServer, TheNewSceneIsNeverSeenWithTheOldFile) {
   std::future<std::string> seen;
   ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
     seen = std::async(std::launch::async, [&] { return server.file().path; });

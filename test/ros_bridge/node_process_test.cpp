@@ -115,7 +115,7 @@ TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
                 HELIX_ARM_VISION);
 }
 
-TEST_F(NodeProcess, ACalibrationThatNobodyWouldReadIsRefused) {
+TEST_F(NodeProcess, AnUnusedCalibrationIsRefused) {
   expectRefused({"_scene:=demo", "_camera_info_url:=file:///tmp/camera.yaml"},
                 {"~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"},
                 HELIX_ARM_VISION);
@@ -183,7 +183,7 @@ TEST_F(NodeProcess, ALoopTooSlowForTheWatchdogOfItsRegulatorIsRefused) {
                 {"vents by itself when no line comes for 0.5 s", "raise the rate of the loop"});
 }
 
-TEST_F(NodeProcess, ASupplyThatDoesNotReachTheLimitsIsSaid) {
+TEST_F(NodeProcess, ASupplyBelowTheLimitsIsReported) {
   const TemporaryFile scene(R"(name: weak
 contractions:
   muscle:
@@ -313,7 +313,7 @@ TEST_F(LaunchFile, DemoRunsToBeCalibrated) {
 }
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 
-TEST_F(LaunchFile, ReplayTakesTheMeasuredSeries) {
+TEST_F(LaunchFile, ReplayUsesTheMeasuredSeries) {
   const std::string data = HELIX_ARM_SOURCE_DIR "/../shared/data/planar_76_curvature.csv";
   if (access(data.c_str(), R_OK) != 0) GTEST_SKIP() << data << " is not here";
   expectRuns("replay.launch", {"scene:=planar_76", "data:=" + data, "hold_s:=0.1"});

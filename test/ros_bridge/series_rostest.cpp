@@ -102,7 +102,7 @@ TEST_F(SeriesEnd, OnRequestIsNoFault) {
   expectRestWithoutAFault();
 }
 
-TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
+TEST(Series, YieldsToAnotherCommanderAndContinuesAfterwards) {
   const std::string series = "/yield/pressure_series";
   Rig rig("yield");
   ASSERT_TRUE(rig.connect());

@@ -83,7 +83,7 @@ TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
 }
 
-TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
+TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
   const auto cut = [](Bytes bytes) {

@@ -70,7 +70,7 @@ TEST(Jpeg, PartsOfPicturesAreEncodedAsTheyAre) {
   EXPECT_EQ(bytes, JpegEncoder(80).encode(part)) << "nothing is left over from the last picture";
 }
 
-TEST(Jpeg, BetterQualityTakesMoreBytesAndLosesLess) {
+TEST(Jpeg, HigherQualityNeedsMoreBytesAndLosesLess) {
   const cv::Mat picture = grayPicture(320, 240);
   double last_error = 1e9;
   std::size_t last_size = 0;
@@ -146,7 +146,7 @@ TEST(Jpeg, TruncatedPictureWithAnEndPutToItIsRefused) {
   }
 }
 
-TEST(Jpeg, WhatIsNoJpegIsRefusedWithItsReason) {
+TEST(Jpeg, AFileThatIsNotAJpegIsRefusedWithItsReason) {
   cv::Mat gray;
   EXPECT_EQ(JpegDecoder().decode(nullptr, 0, gray), "no data; expected a JPEG");
   EXPECT_NE(faultOf(Bytes(1000, 0)).find("not a valid JPEG header"), std::string::npos);
