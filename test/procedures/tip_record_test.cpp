@@ -166,8 +166,8 @@ TEST(TipRecord, TheTableHasAColumnForEachValueAndEmptyCellsForTheUnknown) {
             "time_s,stamp_s,wanted_x_m,wanted_y_m,wanted_z_m,model_x_m,model_y_m,model_z_m,"
             "predicted_x_m,predicted_y_m,predicted_z_m,measured_x_m,measured_y_m,measured_z_m,"
             "error_m,predicted_sd_m,command_1_pa,command_2_pa,pressure_1_pa,pressure_2_pa,state\n"
-            "-0.5,100.25,0,0,0,,,,0,0,0.002,0,0.003,0,0.003,1e-04,,,,,closed\n"
-            "0.25,100.5,0,0,0,0.5,0.25,0,0,0,0.002,0,0.003,0,0.003,1e-04,1000,2000,1500,2500,"
+            "-0.5,100.25,0,0,0,,,,0,0,0.002,0,0.003,0,0.003,0.0001,,,,,closed\n"
+            "0.25,100.5,0,0,0,0.5,0.25,0,0,0,0.002,0,0.003,0,0.003,0.0001,1000,2000,1500,2500,"
             "closed\n");
 }
 
