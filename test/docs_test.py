@@ -24,7 +24,7 @@ FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
 CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "cmake", "config", "docs", "examples", "firmware", "include",
-           "launch", "LICENSE", "msg", "rviz", "scripts", "src", "srv", "test")
+           "launch", "LICENSE", "msg", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -81,7 +81,8 @@ class Command:
             text = self.help(name)
             self.options[name] = self.options_of(text)
             for nested in self.subcommands(text):
-                self.options[name] |= self.options_of(self.help(name, "SCENE", nested))
+                scene = ["SCENE"] if re.search(r"^Positionals:\n  SCENE ", text, re.M) else []
+                self.options[name] |= self.options_of(self.help(name, *scene, nested))
         if not self.options:
             raise OSError("%s --help names no subcommand" % path)
 
@@ -132,6 +133,8 @@ class Package:
         self.launch = {path.name: set(re.findall(r'<arg name="(\w+)"', path.read_text(encoding="utf-8")))
                        for path in (root / "launch").glob("*.launch")}
         self.types = {path.stem for kind in ("msg", "srv", "action") for path in (root / kind).iterdir()}
+        self.types |= {name for path in root.glob("*_plugins.xml")
+                       for name in re.findall(r'class name="helix_arm/(\w+)"', path.read_text(encoding="utf-8"))}
         self.nodes = {path.stem for path in (root / "src/nodes").glob("*.cpp")}
         self.topics, self.services = self.ros_names()
         self.cases = set()
