@@ -43,9 +43,8 @@ std::vector<std::string> wordsOf(const std::string& list) {
 std::vector<std::string> partsOfAlso(const std::string& text) {
   std::vector<std::string> parts = wordsOf(text);
   if (parts.size() < 2) {
-    throw CallerError(
-        "--also " + text +
-        " is not SCENE,DATA.csv: the scene of another arm and what was measured of it");
+    throw CallerError("--also " + text +
+                      " is not SCENE,DATA.csv: the scene of another arm and its data set");
   }
   return parts;
 }
@@ -59,7 +58,7 @@ procedures::CompanionArm companionOf(const std::string& text) {
   return {std::move(scene), std::move(data)};
 }
 
-// What was measured, and scenes with their comments, are not to be written over.
+// --out must not overwrite a data set, or a scene with its comments.
 void requireOutputOfItsOwn(const CalibrateOptions& options) {
   std::vector<std::string> inputs = options.data;
   inputs.push_back(options.scene);
@@ -68,10 +67,9 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
     inputs.insert(inputs.end(), parts.begin(), parts.end());
   }
   for (const std::string& input : inputs) {
-    std::error_code ignored;  // one of them is not there
+    std::error_code ignored;  // one of them does not exist
     if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
-    throw CallerError("--out " + options.out +
-                      " is an input; expected the path of a file of its own");
+    throw CallerError("--out " + options.out + " is an input; expected the path of another file");
   }
 }
 
@@ -93,7 +91,7 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
       if (const auto* reading = std::get_if<estimation::CurvatureReading>(&capture.reading)) {
         entry["measured_rad"] = reading->curvature;
       }
-      // Captures that a calibration was not possible with have no place in it.
+      // Captures that the calibration rejected have no residual.
       if (calibration != nullptr && index < calibration->captures.size()) {
         const estimation::CaptureResidual& residual = calibration->captures[index];
         const model::Twists& shape = calibration->shapes[index];
@@ -219,7 +217,7 @@ void printCsvResult(const procedures::CalibrationOutcome& outcome) {
   table.print(std::cout);
 }
 
-// An error as people like to read it.
+// An error in the unit and precision of the text output.
 std::string errorText(double error, const std::string& unit) {
   std::ostringstream text;
   if (unit == "m") {

@@ -28,7 +28,7 @@ constexpr std::size_t kMostTips = 1000;
 constexpr double kMostForce = 100.0;  // [N]
 
 struct FollowArguments {
-  std::string scene, tip, path, sight = "corners", force, blind, out, png;
+  std::string scene, rig, tip, path, sight = "corners", force, blind, out, png;
   double seconds = 0.0, latency = 0.06;
   bool open = false;
   std::uint32_t seed = 1;
@@ -100,7 +100,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   return plan;
 }
 
-// Tells on stderr how far a run is, every 10 %. False: interrupted.
+// Prints the progress on stderr, every 10 %. Returns false once interrupted.
 std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string& what) {
   const auto tenths = std::make_shared<int>(0);
   return [seconds = plan.seconds, what, tenths](double time) {
@@ -115,6 +115,7 @@ std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string
 
 int run(const FollowArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
+  const io::Scene rig = arguments.rig.empty() ? scene : io::loadScene(arguments.rig);
   const std::string warning = procedures::loopWarning(procedures::loopConfigOf(scene));
   const FollowPlan plan = planOf(arguments, scene);
   if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
@@ -123,13 +124,14 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
 
   const InterruptWatch watch;
   const char* const what = plan.open ? "open loop" : "closed loop";
-  const FollowResult result = procedures::runFollow(scene, plan, progressOf(plan, what));
-  const FollowReport report{scene, plan, result, arguments.out, arguments.png};
+  const FollowResult result = procedures::runFollow(scene, rig, plan, progressOf(plan, what));
+  const FollowReport report{scene, arguments.rig, plan, result, arguments.out, arguments.png};
   std::optional<FollowResult> open;
   if (!arguments.png.empty() && !plan.open && !interrupted()) {
     FollowPlan beside = plan;
     beside.open = true;
-    open = procedures::runFollow(scene, beside, progressOf(plan, "open loop, for the picture"));
+    open =
+        procedures::runFollow(scene, rig, beside, progressOf(plan, "open loop, for the picture"));
   }
   if (interrupted()) {
     std::cerr << "interrupted; nothing was written\n";
@@ -154,6 +156,11 @@ Subcommand addFollow(CLI::App& app) {
   const auto arguments = std::make_shared<FollowArguments>();
   command->add_option("SCENE", arguments->scene, "scene file with camera, tags and pressures")
       ->required();
+  command
+      ->add_option("--rig", arguments->rig,
+                   "scene file of the rig, if it is another one: true arm, regulator, camera and "
+                   "tags; --set does not apply to it")
+      ->type_name("FILE");
   command->add_option(
       "--tip", arguments->tip,
       "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
@@ -163,23 +170,23 @@ Subcommand addFollow(CLI::App& app) {
       ->required()
       ->type_name("S")
       ->check(within(kSeconds));
-  command->add_flag("--open", arguments->open, "the loop stays open: the model alone");
+  command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
   command
       ->add_option("--sight", arguments->sight,
                    "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
-                   "(pictures, which are searched)")
+                   "(pictures, in which the tags are detected)")
       ->check(CLI::IsMember({"corners", "rendered"}))
       ->capture_default_str();
   command->add_option("--force", arguments->force,
                       "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
-  command->add_option("--blind", arguments->blind, "the camera gives no pictures [s]: from,to");
+  command->add_option("--blind", arguments->blind, "interval without pictures [s]: from,to");
   command
       ->add_option("--latency-s", arguments->latency, "time from a picture to its measurement [s]")
       ->type_name("S")
       ->check(within(kLatency))
       ->capture_default_str();
   command->add_option("--seed", arguments->seed, "seed of all noise")->capture_default_str();
-  command->add_option("--out", arguments->out, "CSV file to write: one row a turn of 10 ms")
+  command->add_option("--out", arguments->out, "CSV file to write: one row per step of 10 ms")
       ->type_name("FILE");
   command
       ->add_option("--png", arguments->png,
@@ -191,8 +198,10 @@ Subcommand addFollow(CLI::App& app) {
       "Errors are those of the true tip against the wanted one.\n"
       "A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused\n"
       "where the model misses it by more than 2 mm or a pressure needs more than 80 % of\n"
-      "safety.slew_kpa_s. A tip out of reach is no error: the arm goes to the closest place.\n"
-      "json: scene, seed, sight, open, seconds, pictures (used), reason (null, or why there are "
+      "safety.slew_kpa_s. A tip out of reach is not an error: the arm goes to the closest "
+      "position.\n"
+      "json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason "
+      "(null, or why there are "
       "no\n"
       "figures), path_rms_m and path_max_m (from the path's start to its end; null without),\n"
       "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Whether both name one file, there or not.
+// Whether both paths name the same file, existing or not.
 bool samePlace(const std::string& one, const std::string& other) {
   std::error_code error;
   if (fs::equivalent(one, other, error)) return true;
@@ -28,9 +28,9 @@ void drawJsonReport(const nlohmann::json& report, const std::string& picture,
 void checkPicture(const std::string& png, const std::string& out) {
   if (png.empty()) return;
   if (!out.empty() && samePlace(out, png)) {
-    throw CallerError("--png " + png + " is the file of --out; name another one");
+    throw CallerError("--png " + png + " is the file of --out, too; give another path");
   }
-  const io::AtomicFile trial(png);  // throws where none can be written; leaves nothing
+  const io::AtomicFile trial(png);  // throws if none can be written there; leaves no file
 }
 
 }  // namespace helix_arm::cli

@@ -55,8 +55,8 @@ fs::path makeDirectory(const std::string& out) {
     error.clear();
     fs::create_directories(directory, error);
     if (!error) return directory;
-    throw CallerError("--out " + out + " cannot be made: " + error.message() +
-                      "; choose another place");
+    throw CallerError("--out " + out + " cannot be created: " + error.message() +
+                      "; choose another folder");
   }
   if (!error && !fs::is_directory(status)) {
     throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
@@ -64,7 +64,7 @@ fs::path makeDirectory(const std::string& out) {
   const bool empty = !error && fs::is_empty(directory, error);
   if (error) {
     throw CallerError("--out " + out + " cannot be read: " + error.message() +
-                      "; choose another place");
+                      "; choose another folder");
   }
   if (!empty) {
     throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
@@ -72,7 +72,7 @@ fs::path makeDirectory(const std::string& out) {
   return directory;
 }
 
-// A file that is written piece by piece.
+// A file that is written in parts.
 class OutputFile {
  public:
   explicit OutputFile(const fs::path& path) : path_(path) {
@@ -91,14 +91,14 @@ class OutputFile {
     if (file_) return;
     throw CallerError(path_.string() +
                       " cannot be written: " + std::strerror(errno == 0 ? EIO : errno) +
-                      "; make room, or choose another place with --out");
+                      "; free disk space, or choose another folder with --out");
   }
 
   fs::path path_;
   std::ofstream file_;
 };
 
-// A CSV that is written row by row, after a comment.
+// A CSV file that is written row by row, after a comment.
 class CsvFile {
  public:
   CsvFile(const fs::path& path, const std::string& comment) : file_(path) { file_.write(comment); }
@@ -115,7 +115,7 @@ class CsvFile {
   bool named_ = false;
 };
 
-// The scene with its overrides, and what was asked for beside it, which no scene file holds.
+// The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
   std::ostringstream text;
   text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
@@ -123,7 +123,7 @@ void writeScene(const fs::path& path, const SimulateOptions& options, const Glob
   OutputFile(path).write(text.str());
 }
 
-// Uniform within what the muscles stand.
+// Uniform within the limits of the muscles.
 Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) {
   Eigen::VectorXd pressure(arm.actuatorCount());
   for (int i = 0; i < pressure.size(); ++i) {
@@ -133,8 +133,8 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-// Of a scene without a simulated regulator, one that gives whatever the muscles stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
+// For a scene without a simulated regulator: one that reaches all limits.
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene) {
   if (scene.regulator) {
     const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
     if (simulated != nullptr) return *simulated;
@@ -157,7 +157,7 @@ std::string pictureName(int capture) {
   return name.str();
 }
 
-// Of an instrument that sees all tags, as badly as vision.tag_position_noise_m says.
+// Measured by an instrument that sees all tags, with the noise vision.tag_position_noise_m.
 lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise,
                   std::mt19937_64& generator, std::normal_distribution<double>& normal) {
   Eigen::Vector3d shift;
@@ -171,7 +171,7 @@ lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise
   return pose;
 }
 
-// What the detector finds in a picture as it was written: tags of the scene that are there once.
+// Tags of the scene that the detector finds exactly once in a written picture.
 std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
                                      const std::vector<std::uint8_t>& jpeg,
                                      vision::TagDetector& detector) {
@@ -208,7 +208,7 @@ std::string poseComment(const io::Scene& scene) {
 
 std::string cornerComment(const io::Scene& scene) {
   return "Corners of the tags found in the pictures of scene " + scene.name +
-         ", in the order left below, right below, right above, left above as one reads the tag.\n"
+         ", in the order bottom left, bottom right, top right, top left as one reads the tag.\n"
          "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
 }
 
@@ -217,7 +217,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   requirePressureDriven(scene);
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
-  simulation::SimulatedRig rig(scene.model, regulatorOf(scene), scene.simulation.arm, camera);
+  simulation::SimulatedRig rig(scene.model, simulatedConfigOf(scene), scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);
   std::normal_distribution<double> normal;

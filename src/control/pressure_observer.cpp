@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::control {
@@ -11,18 +12,16 @@ namespace {
 constexpr char kCulprit[] = "pressure observer";
 constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
 constexpr double kRestlessness =
-    50.0;  // standard deviation of what the lag leaves out, per turn [Pa]
-constexpr double kLagUncertainty = 0.2;  // of a move that the lag predicts
+    50.0;  // standard deviation, per turn, of what the lag does not model [Pa]
+constexpr double kLagUncertainty = 0.2;  // of a change that the lag predicts
 
 }  // namespace
 
 PressureObserver::PressureObserver(int channels, double time_constant, double noise)
     : time_constant_(time_constant), noise_(noise) {
   basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
-  basics::requireValue(std::isfinite(time_constant) && time_constant > 0, kCulprit,
-                       "the time constant [s]", time_constant, "a finite value > 0");
-  basics::requireValue(std::isfinite(noise) && noise > 0, kCulprit, "the noise of a reading [Pa]",
-                       noise, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
+  basics::requirePositive(kCulprit, "the noise of readings [Pa]", noise);
   now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
   history_.assign(kMostMoments, {0.0, now_});
 }

@@ -18,15 +18,15 @@ namespace {
 
 constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
 constexpr double kClosingTime = 0.5;       // [s]
-constexpr double kSureTip = 0.01;          // least certain prediction that closes it [m]
-constexpr double kFadeTime = 1.0 / 3.0;    // time constant of what fades over a second [s]
+constexpr double kSureTip = 0.01;          // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
-constexpr double kReadingPatience = 0.05;  // a picture may be newer than the readings by this [s]
-constexpr double kAtStart = 0.002;         // distance from which a path begins at once [m]
+constexpr double kReadingPatience = 0.05;  // how far a picture may be newer than the readings [s]
+constexpr double kAtStart = 0.002;         // distance at which a path begins immediately [m]
 constexpr double kDiverged = 0.02;         // [m]
-constexpr double kDivergingTime = 1.0;     // in which the error doubles [s]
+constexpr double kDivergingTime = 1.0;     // within which the error doubles [s]
 
-constexpr int kMostTurns = 2048;  // whose wanted tip is remembered
+constexpr int kMostTurns = 2048;  // history of the wanted tip
 constexpr int kMostErrors = 512;  // of pictures
 
 lie::SE3 tipOf(const Target& target) {
@@ -94,12 +94,12 @@ struct SightLoop::Workspace {
   estimation::ErrorBudget budget;
   ContactWatch contact;
   OnContact on_contact;
-  statics::CorrectedModel estimated;  // with all that the tracker knows
+  statics::CorrectedModel estimated;  // with everything the tracker has estimated
   control::PressureObserver observer;
   Aim aim;
 
   bool enabled = false, closed = true, diverged = false;
-  bool fades = false;                                            // the correction goes to 0
+  bool fades = false;                                            // the correction decays to 0
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
 
   std::optional<Target> target;
@@ -108,7 +108,7 @@ struct SightLoop::Workspace {
   double path_time = 0.0;                        // negative during the approach [s]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
 
-  std::array<double, kClosingPictures> accepted_at;  // arrivals, newest first [s]
+  std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   TimeRing<double, kMostErrors> errors;
@@ -118,7 +118,7 @@ struct SightLoop::Workspace {
   Turn turn;
 };
 
-// Whether what the pictures teach goes into the command.
+// Whether the estimate from pictures corrects the command.
 bool SightLoop::Workspace::tracks(double now) const {
   if (!closed || yields() || diverged) return false;
   return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
@@ -160,7 +160,7 @@ void SightLoop::Workspace::begin(const Target& next) {
   error.reset();
 }
 
-// While something touches the arm, or nothing is to be moved, the path waits.
+// The path waits during a contact, or while the arm must not move.
 void SightLoop::Workspace::moveWanted(double dt) {
   velocity.setZero();
   turn.path_time.reset();
@@ -208,8 +208,8 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
   return true;
 }
 
-// A still target from which the arm moves away although it is said to be within reach: the model
-// bends the wrong way.
+// Detects an arm that moves away from a constant target within the model's reach: the model bends
+// in the wrong direction.
 void SightLoop::Workspace::compare(double stamp, double now, const model::Twists& twists) {
   error.reset();
   const auto place = wanted.before(stamp);
@@ -295,7 +295,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   Workspace& w = *work_;
   const bool began = w.observer.started();
   double dt = began ? time - w.observer.time() : 0.0;
-  if (dt < 0) {  // the clock was set back: what is known of the arm stays
+  if (dt < 0) {  // the clock was set back: the estimate of the arm stays
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();

@@ -63,7 +63,7 @@ bool closesValves(const Config& config) {
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
   const auto checked = [channels](std::unique_ptr<Driver> driver, std::size_t configured) {
     basics::require(configured == static_cast<std::size_t>(channels), "a regulator of ", configured,
-                    " channels for ", channels, " actuators; expected one each");
+                    " channels for ", channels, " actuators; expected one channel per actuator");
     return driver;
   };
   return std::visit(

@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
@@ -60,14 +61,15 @@ std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("true arm", what, value);
   };
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
   check("the factor on the lengths", length_scale);
   check("the factor on K_eps", K_eps_scale);
   for (const double scale : length_scales) check("the factor on a length", scale);
+  basics::requireValue(std::isfinite(play) && play >= 0, "true arm", "the play [Pa]", play,
+                       "a finite value >= 0");
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
@@ -83,7 +85,7 @@ void TrueArm::setTipForce(const Eigen::Vector3d& force) {
   } else {
     basics::require(load_.has_value(),
                     "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
-                    "section, for a force at the tip of the true arm needs it");
+                    "section, which a force at the tip of the true arm needs");
     statics::Load load = *load_;
     statics::PointLoad tip;
     tip.section = arm().sectionCount() - 1;
@@ -100,7 +102,7 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
       model().solveLengths(length_scale_.cwiseProduct(arm().lengths(clamped)));
   if (!solution.converged()) {
     std::ostringstream message;
-    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "
+    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape balances "
             << describe(*load_, tip_force_) << " (" << statics::nameOf(solution.status)
             << ", residual " << solution.residual << "); lower the load or raise K_eps";
     throw std::runtime_error(message.str());
@@ -111,7 +113,9 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
 SimulatedRig::SimulatedRig(const statics::ArmModel& model,
                            const regulator::SimulatedRegulatorConfig& regulator_config,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
-    : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
+    : arm_(model, deviation),
+      regulator_(model.arm().actuatorCount(), regulator_config),
+      play_(model.arm().actuatorCount(), deviation.play) {
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                        "the number of sections in the camera's view", camera->view.sections,

@@ -6,13 +6,13 @@
 #include <utility>
 #include <vector>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
+constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, {}};
@@ -27,9 +27,7 @@ struct SimulatedSight::Workspace {
   Workspace(const CameraSetup& camera, const estimation::ArmView& known,
             const vision::LocalizerConfig& localizer_config, const SimulatedSightConfig& given)
       : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
-    basics::requireValue(std::isfinite(config.corner_noise) && config.corner_noise >= 0,
-                         "simulated sight", "the noise of corners [px]", config.corner_noise,
-                         "a finite value >= 0");
+    basics::requireNotNegative("simulated sight", "the noise of corners [px]", config.corner_noise);
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);

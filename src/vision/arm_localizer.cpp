@@ -7,8 +7,8 @@
 namespace helix_arm::vision {
 namespace {
 
-// Of the angle between a tag's normal and its line of sight: a tag turned farther away is found now
-// and then, but not to be counted on.
+// Cosine between a tag's normal and its line of sight: tags at larger angles are not detected
+// reliably.
 constexpr double kLeastCosine = 0.3;
 
 bool contains(const std::vector<int>& ids, int id) {
@@ -30,7 +30,7 @@ struct ArmLocalizer::Workspace {
   std::vector<int> last_ids, last_outliers;
   std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
 
-  estimation::ArmView expected_view;  // with the base where it was seen last
+  estimation::ArmView expected_view;  // with the last fitted base
   std::vector<estimation::TagSight> sights;
   std::vector<ExpectedTag> expected;
   std::vector<estimation::CornerObservation> seen;
@@ -42,7 +42,7 @@ struct ArmLocalizer::Workspace {
         fitter(view.layout, view.sections, config.fit),
         expected_view(view) {}
 
-  // Where the tags of the last shape, moved on as the model did, appear.
+  // Image positions of the tags of the last shape, moved as the model moved.
   model::Shape expectTags(const model::Shape& model) {
     expected.clear();
     const model::Shape shape =
@@ -71,7 +71,7 @@ struct ArmLocalizer::Workspace {
       const int id = tags[i].id;
       if (i > 0 && tags[i - 1].id == id) continue;
       const int tag = view.layout.find(id);
-      // The edges see only the one that is expected, whichever of the two that is.
+      // The edge search only follows the expected one, which may be either of the copies.
       const bool repeated = (i + 1 < tags.size() && tags[i + 1].id == id) ||
                             (!found.whole_picture && contains(copied_ids, id));
       if (tag < 0) {
@@ -93,7 +93,7 @@ struct ArmLocalizer::Workspace {
     }
   }
 
-  // Fits from near by, and, where that does not explain the tags, from everywhere.
+  // Fits from the last shape and, if that does not explain the tags, from other starts.
   void fit(const model::Shape& start, const model::Shape& model) {
     sight.fit.status = estimation::FitStatus::kUnderdetermined;
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
@@ -120,7 +120,7 @@ struct ArmLocalizer::Workspace {
     }
   }
 
-  // A tag that came off the arm stays an outlier; only new ones cast doubt on the fit.
+  // A tag that came off the arm stays an outlier; only new outliers make the fit doubtful.
   bool unexpectedOutliers(const estimation::TwistFit& fit) const {
     return std::any_of(fit.tags.begin(), fit.tags.end(), [this](const auto& tag) {
       return tag.outlier && !contains(last_outliers, view.layout.tags[tag.tag].id);
@@ -189,7 +189,7 @@ void LocalizerConfig::validate() const {
   fit.validate();
   if (min_tags < 2) {
     throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
-                                "; expected at least 2: a single tag may stand either way");
+                                "; expected at least 2: the pose of a single tag is ambiguous");
   }
 }
 

@@ -188,7 +188,7 @@ TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
                 "K_gamma");
 }
 
-TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
+TEST(Calibrate, FaultsOfFilesAndWordsAreCallerErrors) {
   const TemporaryFolder folder;
   const std::string out = folder / "calibrated.yaml";
   const auto expectFault = [&](const std::string& csv, const std::string& word,
@@ -231,10 +231,11 @@ TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
     EXPECT_NE(outcome.json()["reason"].get<std::string>().find(word), std::string::npos)
         << outcome.out;
   };
-  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}), "holds the same");
+  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}),
+                "has the same content as");
   const std::string other = scenePath("spatial_50") + "," + data.path();
   expectRefused(calibrate(scenePath("spatial_50"), {data.path()}, {"--also", other}),
-                "holds the same");
+                "has the same content as");
   expectRefused(calibrate(scenePath("spatial_50"), {lengths.path()},
                           {"--fit", "contraction,stiffness", "--curve", "table", "--also", other}),
                 "no capture of spatial_50");

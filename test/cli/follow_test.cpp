@@ -46,10 +46,11 @@ TEST(Follow, TipsGiveAFigureEach) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
   EXPECT_EQ(keysOf(result),
-            (std::set<std::string>{"scene", "seed", "sight", "open", "seconds", "pictures",
+            (std::set<std::string>{"scene", "rig", "seed", "sight", "open", "seconds", "pictures",
                                    "reason", "path_rms_m", "path_max_m", "steady_rms_m", "settle_s",
                                    "unreachable", "states", "alarms", "budget", "out", "png"}));
   EXPECT_EQ(result["scene"], "demo");
+  EXPECT_EQ(result["rig"], nullptr);
   EXPECT_EQ(result["seed"], 3);
   EXPECT_EQ(result["sight"], "corners");
   EXPECT_EQ(result["open"], false);
@@ -103,6 +104,33 @@ TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
   const double closed = rms({}), open = rms({"--open"});
   EXPECT_LT(closed, 0.001);
   EXPECT_GT(open, 10 * closed);
+}
+
+// A scene that knows its rig, and one that does not.
+TEST(Follow, TheRigMayBeThatOfAnotherScene) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "rig.yaml";
+  std::ofstream(rig) << "name: rig";
+  EXPECT_EQ(follow({"--tip", kTips, "--seconds", "6", "--rig", rig}).exit_code, 2);
+  const auto steady = [](const std::vector<std::string>& more) {
+    std::vector<std::string> all{"--tip", kTips, "--seconds", "6", "--open"};
+    all.insert(all.end(), more.begin(), more.end());
+    const Outcome outcome = follow(all);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return numbersOf(outcome.json()["steady_rms_m"]);
+  };
+  const std::vector<std::string> exact{"--set", "simulation.arm={}"};
+  std::vector<std::string> other = exact;
+  other.insert(other.end(), {"--rig", scenePath("demo")});
+  const auto itself = steady(exact), foreign = steady(other), usual = steady({});
+  for (std::size_t i = 0; i < usual.size(); ++i) {
+    EXPECT_LT(itself[i], 0.002);
+    EXPECT_EQ(foreign[i], usual[i]);
+  }
+  const Outcome unlike =
+      follow({"--tip", kTips, "--seconds", "6", "--rig", scenePath("spatial_101")});
+  EXPECT_EQ(unlike.exit_code, 2);
+  EXPECT_NE(unlike.err.find("spatial_101"), std::string::npos) << unlike.err;
 }
 
 TEST(Follow, TheSameSeedGivesTheSameBytes) {
@@ -207,13 +235,13 @@ TEST(Follow, WrongCallsNameCulpritAndRemedy) {
   refused({"--tip", "0.3,0,0", "--sight", "x"}, "--sight: x not in {corners,rendered}");
   refused({"--tip", "0.3,0,0", "--out", folder / "none/f.csv"}, "none/f.csv cannot be written: ");
   refused({"--tip", "0.3,0,0", "--out", folder / "f", "--png", folder / "f"},
-          "is the file of --out; name another one");
+          "is the file of --out, too; give another path");
   refused({"--path", folder / "none.csv"}, "none.csv");
   expectCallerError(follow({"--tip", "0.3,0,0", "--seconds", "0"}),
                     "--seconds: 0 is not a number from 0.1 to 3600");
   expectCallerError(
       runCommand({"follow", scenePath("spatial_50"), "--tip", "0.3,0,0", "--seconds", "1"}),
-      "scene spatial_50 has no `camera` or no `tags`; a loop over sight needs both");
+      "scene spatial_50 has no `camera` or no `tags`; the closed loop needs both");
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 

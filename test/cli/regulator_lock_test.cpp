@@ -39,7 +39,7 @@ class RegulatorLock : public ::testing::Test {
   ModbusDevice device_;
 };
 
-TEST_F(RegulatorLock, TheSecondIsToldWhoHasTheDeviceAndTheFirstGoesOn) {
+TEST_F(RegulatorLock, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {
   std::vector<std::string> words = set("600");
   words.insert(words.begin(), HELIX_ARM_COMMAND);
   Process first(words);

@@ -48,7 +48,7 @@ TEST(PressureObserver, FollowsTheLagBetterThanItsReadings) {
   EXPECT_LT(nees, 1.5);
 }
 
-TEST(PressureObserver, GoesOnByTheLagWhereAChannelGivesNoReading) {
+TEST(PressureObserver, FollowsTheLagWhileAChannelHasNoReading) {
   PressureObserver observer(1, kLag, kNoise);
   observer.update(0.0, one(0), one(0));
   double expected = 0.0, variance = observer.newest().variance[0];

@@ -163,7 +163,7 @@ TEST(SafetyRules, ASetPointThatMovesIsNoLeak) {
   }
 }
 
-TEST(SafetyRules, PressureStandsOnlyBeyondWhatIsVentedForTheSpikeTime) {
+TEST(SafetyRules, PressureRemainsOnlyIfAboveVentedBelowForTheSpikeTime) {
   for (const double sign : {1.0, -1.0}) {
     Bench bench = enabledBench(0);
     bench.core.vent(bench.now);
@@ -175,7 +175,7 @@ TEST(SafetyRules, PressureStandsOnlyBeyondWhatIsVentedForTheSpikeTime) {
   }
 }
 
-TEST(SafetyRules, TimeWithoutReadingsHardlyCountsBetweenASpikeAndWhatIsRight) {
+TEST(SafetyRules, TimeWithoutReadingsHardlyCountsAfterASpike) {
   Bench bench = enabledBench(4e5);
   const auto spike = [&bench] {
     bench.readsAs(1, above(4.3e5));

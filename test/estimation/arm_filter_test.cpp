@@ -203,7 +203,7 @@ TEST(ArmFilter, TrustsPicturesOfAMovingArmLess) {
   EXPECT_LT(distanceOfAnError(true), 0.5 * distanceOfAnError(false));
 }
 
-TEST(ArmFilter, HoldsWhatItKnowsThroughAGap) {
+TEST(ArmFilter, KeepsItsEstimateThroughAGap) {
   const ArmModel model = helicalModel();
   Bench bench(model, truthOf(model.arm()), 5);
   ArmFilter filter(model, {});
@@ -274,7 +274,7 @@ TEST(ArmFilter, StartsAnewWhenAsked) {
   EXPECT_TRUE(filter.see(bench.at(0.0, bench.arm().inputAt(0.5))).accepted());
 }
 
-TEST(ArmFilter, LeavesOutWhatAPlanarFitHolds) {
+TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
   const ArmModel model(model::embed(test::planarArm()), test::planarArm());
   ArmFilterOptions options;
   options.planar = true;

@@ -222,7 +222,7 @@ TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
 
 // What a combination of words leaves out is as uncertain as its prior says, but for base and length
 // scales, which then count as exact.
-TEST(CalibrationVerdict, ErrorsHoldWhateverIsLeftOutOfTheFit) {
+TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView(0.8, 1, 12, 3);
   constexpr double kStiffness = 0.25;

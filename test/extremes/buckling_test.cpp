@@ -149,7 +149,7 @@ TEST(Buckling, LoadedTiersFindTheStableShapeOrSayThatTheyDidNot) {
   }
 }
 
-TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
+TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsAccuracy) {
   const Column column = columns()[2];
   const model::Arm arm = column.arm();
   for (const double share : {0.3, 0.9, 1.2, 2.0}) {
@@ -172,7 +172,7 @@ TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
   }
 }
 
-TEST(Buckling, StabilityIsToldWithoutTheHeap) {
+TEST(Buckling, StabilityIsDecidedWithoutTheHeap) {
   const Column column = columns()[1];
   const model::Arm arm = column.arm();
   const model::Twists straight = arm.twists(arm.inputAt(0));

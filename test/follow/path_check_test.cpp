@@ -140,11 +140,11 @@ TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
     });
   };
   EXPECT_EQ(refusal(0, Eigen::Vector3d(1, 1, 1)),
-            "check of a path: the tolerance [m] is 0; expected a finite value > 0");
+            "path check: the tolerance [m] is 0; expected a finite value > 0");
   EXPECT_EQ(refusal(0.002, Eigen::Vector2d(1, 1)),
-            "check of a path: the number of slew rates is 2; expected one per actuator");
+            "path check: the number of slew rates is 2; expected one per actuator");
   EXPECT_EQ(refusal(0.002, Eigen::Vector3d(1, 0, 1)),
-            "check of a path: a slew rate [Pa/s] is 0; expected > 0");
+            "path check: a slew rate [Pa/s] is 0; expected > 0");
 }
 
 }  // namespace

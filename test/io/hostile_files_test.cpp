@@ -136,7 +136,7 @@ const char* const kForeign[] = {
     "export TOKEN=@\nexport KEY='@'\n",
 };
 
-TEST(HostileFiles, NoMessageHoldsAWordOfAFileThatIsNotOurs) {
+TEST(HostileFiles, NoMessageContainsAWordOfAForeignFile) {
   Random random(17);
   int refused = 0;
   for (const std::string form : kForeign) {
@@ -159,7 +159,7 @@ TEST(HostileFiles, NoMessageHoldsAWordOfAFileThatIsNotOurs) {
   EXPECT_GT(refused, 200) << "nothing is told where nothing is refused";
 }
 
-TEST(HostileFiles, NoMessageHoldsACellOfADataSet) {
+TEST(HostileFiles, NoMessageContainsACellOfADataSet) {
   const Scene scene = sceneOf(kSpatialScene);
   const std::string corners =
       "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"

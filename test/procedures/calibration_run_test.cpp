@@ -79,7 +79,7 @@ void expectBoundedRamps(const Record& record, const Eigen::VectorXd& from) {
   }
 }
 
-TEST(CalibrationRun, TakesItsCapturesAtEveryStepAndEndsAtRest) {
+TEST(CalibrationRun, CapturesAtEveryStepAndEndsAtRest) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   const Record record = play(run);
   ASSERT_TRUE(run.ended());
@@ -134,12 +134,12 @@ TEST(CalibrationRun, StaleMeasurementsAbortAtOnceAndRampDown) {
   ASSERT_EQ(run.phase(), RunPhase::kSettling);
   const Record after = play(run, before.commands.back(), [](double, const Eigen::VectorXd&) {
     Settling out;
-    out.reason = "measured pressures: none has come for 2.00 s";
+    out.reason = "measured pressures: none received for 2.00 s";
     return out;
   });
   EXPECT_TRUE(run.ended());
   EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_EQ(run.reason(), "measured pressures: none has come for 2.00 s");
+  EXPECT_EQ(run.reason(), "measured pressures: none received for 2.00 s");
   EXPECT_EQ(after.commands.back(), kRest);
   expectBoundedRamps(after, before.commands.back());
 }
@@ -211,11 +211,11 @@ TEST(CalibrationRun, WhereTimeGoesBackItEndsAndRampsDown) {
     ASSERT_TRUE(run.ended());
     EXPECT_EQ(command, kRest);
     EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_NE(run.reason().find("time has gone back"), std::string::npos) << run.reason();
+    EXPECT_NE(run.reason().find("time went back"), std::string::npos) << run.reason();
   }
 }
 
-TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
+TEST(CalibrationRun, CancelledDuringItsReturnItIsNotComplete) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
   double now = 0;
@@ -226,10 +226,10 @@ TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
     command = run.advance(now, arm.follow(now, command)).pressure;
   }
   EXPECT_EQ(run.verdict(), RunEnd::kCompleted);
-  run.end(RunEnd::kPreempted, "it was cancelled");
+  run.end(RunEnd::kPreempted, "cancelled");
   run.end(RunEnd::kAborted, "too late");
   EXPECT_EQ(run.verdict(), RunEnd::kPreempted);
-  EXPECT_EQ(run.reason(), "it was cancelled");
+  EXPECT_EQ(run.reason(), "cancelled");
   EXPECT_EQ(run.phase(), RunPhase::kReturning);
 }
 
@@ -261,7 +261,7 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
 
   // A command that never follows holds it up for its patience only.
   CalibrationRun stuck(twoSteps(), kRest, kRest, kRules);
-  stuck.end(RunEnd::kPreempted, "it was cancelled");
+  stuck.end(RunEnd::kPreempted, "cancelled");
   for (double after = 0; after < kRules.patience; after += 0.02) {
     now += 0.02;
     stuck.advance(now, arm.follow(now, late));

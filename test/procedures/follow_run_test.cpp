@@ -148,7 +148,7 @@ TEST(FollowRun, TheOpenLoopUsesTheModelAlone) {
   EXPECT_GT(result.figures.steady_rms[0], 0.005);
 }
 
-TEST(FollowRun, ATipOutOfReachIsSaidToBe) {
+TEST(FollowRun, ATipOutOfReachIsReported) {
   const FollowResult result = runFollow(demo(), tipPlan({kLeft, kFar, kRight}, 9));
   EXPECT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
   EXPECT_GT(result.figures.steady_rms[1], 0.1);
@@ -171,7 +171,7 @@ TEST(FollowRun, AnArmThatIsVentedEndsTheRun) {
   EXPECT_NE(result.vented.find("muscle_"), std::string::npos) << result.vented;
 }
 
-TEST(FollowRun, ProgressIsToldEverySecondAndMayEndTheRun) {
+TEST(FollowRun, ProgressIsReportedEverySecondAndMayEndTheRun) {
   std::vector<double> told;
   const FollowResult result = runFollow(demo(), tipPlan({kLeft}, 10), [&told](double time) {
     told.push_back(time);
@@ -198,7 +198,7 @@ TEST(FollowRun, PlansThatAreNoneAreRefused) {
   io::Scene blind = demo();
   blind.camera.reset();
   EXPECT_EQ(test::refusal([&] { runFollow(blind, tipPlan({kLeft}, 3)); }),
-            "scene demo has no `camera` or no `tags`; a loop over sight needs both");
+            "scene demo has no `camera` or no `tags`; the closed loop needs both");
 }
 
 TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {

@@ -87,18 +87,18 @@ TEST(LoopConfig, ASlowLoopIsWarnedOf) {
     return loopWarning(loopConfigOf(sceneOf(std::string("follow: {mode_hz: ") + mode + "}\n")));
   };
   EXPECT_EQ(warning("2"), "");
-  EXPECT_EQ(
-      warning("0.8"),
-      "follow: the loop smooths over 1.39 s, so that it corrects the arm that slowly; stiffen "
-      "or damp the arm, and give paths rather than distant targets");
+  EXPECT_EQ(warning("0.8"),
+            "follow: the loop smooths over 1.39 s, which is slow; stiffen or damp the arm, and "
+            "give paths rather than distant targets");
 }
 
 TEST(LoopConfig, AnArmWithoutPressuresIsRefused) {
   const std::string cable =
       test::replaced(test::kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
                      "tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 10}");
-  EXPECT_EQ(test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
-            "scene flat has actuators that no pressure drives; a loop over sight needs pressures");
+  EXPECT_EQ(
+      test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
+      "scene flat has actuators that are not driven by pressure; the closed loop needs pressures");
 }
 
 }  // namespace

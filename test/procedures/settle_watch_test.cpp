@@ -200,7 +200,7 @@ TEST(SettleWatch, PicturesThatAreRarerThanTheWindowAreComparedWithTheOneBefore) 
   }
 }
 
-TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
+TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   Watched arm;
   arm.pass(2);
   EXPECT_TRUE(arm.watch.at(arm.now + 0.49).settled());
@@ -211,7 +211,7 @@ TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
   }
   const Settling state = arm.watch.at(arm.now + 0.6);
   EXPECT_TRUE(state.stale());
-  EXPECT_NE(state.reason.find("tag detections: none has come for 0.60 s"), std::string::npos)
+  EXPECT_NE(state.reason.find("tag detections: none received for 0.60 s"), std::string::npos)
       << state.reason;
   for (int k = 1; k <= 60; ++k) {  // and the other way round
     arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
@@ -269,7 +269,7 @@ TEST(SettleWatch, WithoutTagsThereIsNothingToRecord) {
   EXPECT_EQ(arm.state().state, SettleState::kNoTags);
 }
 
-TEST(SettleWatch, OtherTagsThanBeforeAreNoShapeThatStandsStill) {
+TEST(SettleWatch, AChangedSetOfTagsIsNotSettled) {
   Watched arm;
   arm.pass(
       2, [](double) { return kSetPoint; },

@@ -357,7 +357,7 @@ TEST_F(AnyMessage, NoReadingDelaysTheEmergencyStop) {
   ASSERT_TRUE(ros::service::call("pressure_command/emergency_stop", stop));
   EXPECT_TRUE(stop.response.success) << stop.response.message;
   EXPECT_LT((ros::SteadyTime::now() - asked).toSec(), 5.0);
-  EXPECT_TRUE(target_.more()) << "the series goes on";
+  EXPECT_TRUE(target_.more()) << "the series continues";
   stop.request.data = false;
   ASSERT_TRUE(ros::service::call("pressure_command/emergency_stop", stop));
   EXPECT_TRUE(works("claims on pressure_measured"));

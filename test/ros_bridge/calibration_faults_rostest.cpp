@@ -35,7 +35,7 @@ class CalibrationFaults : public CalibrationRig {
   std::size_t first_target_ = 0;
 };
 
-TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
+TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
   const auto refusal = [](const Calibrate::Request& request) {
     const Calibrate::Response response = call<Calibrate>("calibrate", request);
     EXPECT_FALSE(response.success);
@@ -45,7 +45,7 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
     EXPECT_NE(message.find(word), std::string::npos) << message;
   };
   Calibrate::Request request;
-  says(refusal(request), "nothing was recorded");
+  says(refusal(request), "no sample was recorded");
   const TemporaryFile series("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,0,0\n", ".csv");
   request.data = {series.path()};
   says(refusal(request), series.path());
@@ -62,7 +62,7 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
 
   Save::Request save;
   save.path = "/tmp/samples.csv";
-  says(call<Save>("save", save).message, "nothing was recorded");
+  says(call<Save>("save", save).message, "no sample was recorded");
   save.path = "/tmp/scene.yaml";
   says(call<Save>("save", save).message, "nothing was calibrated");
   save.path = "scene.yaml";
@@ -213,14 +213,14 @@ TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
   EXPECT_TRUE(waitFor([&] {
     response = call<RecordSample>("record_sample");
     waitFor([] { return false; }, 0.1);
-    return response.message.find("none has come for") != std::string::npos;
+    return response.message.find("none received for") != std::string::npos;
   })) << response.message;
   EXPECT_FALSE(response.success);
   RunCalibrationGoal goal;
   client_->sendGoal(goal);
   ASSERT_TRUE(ends());
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("none has come for"), std::string::npos);
+  EXPECT_NE(client_->getResult()->message.find("none received for"), std::string::npos);
 }
 
 TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
@@ -234,7 +234,7 @@ TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
   expectRamps(first_target_);
 }
 
-TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
+TEST_F(CalibrationFaults, ASecondGoalReplacesTheFirstAfterRest) {
   startRun();
   RunCalibrationGoal goal;
   goal.plan = {0, 0, 0, 0, 0, 1e5};

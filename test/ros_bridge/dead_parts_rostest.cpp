@@ -176,7 +176,7 @@ TEST_P(DeadParts, AKilledNodeLeavesAGuardThatVents) {
   expectEmpties();
 }
 
-TEST_P(DeadParts, ANodeThatStandsStillIsKilledByItsGuardWhichVents) {
+TEST_P(DeadParts, AStoppedNodeIsKilledByItsGuardWhichVents) {
   const double begin = regulator::steadyNow();
   rig_.node.signal(SIGSTOP);
   ASSERT_TRUE(deviceVents(kStandstill));
@@ -199,7 +199,7 @@ TEST_P(DeadParts, AKilledGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGKILL, kGuardLooks);
 }
 
-TEST_P(DeadParts, AGuardThatStandsStillVentsTheArmAndIsReplaced) {
+TEST_P(DeadParts, AStoppedGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGSTOP, kStandstill + kGuardLooks);
 }
 
@@ -225,7 +225,8 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_NE(refusal.find("the guard, which vents where this process is killed"), std::string::npos)
+  EXPECT_NE(refusal.find("the guard, which vents the arm if this process is killed"),
+            std::string::npos)
       << refusal;
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);

@@ -104,7 +104,8 @@ TEST_F(FileAccessTest, NothingElseIs) {
         << refusal;
   }
   for (const char* name : {"fifo.csv", "none.csv"}) {
-    EXPECT_NE(refusalToRead((inside_ / name).string()).find("no regular file"), std::string::npos);
+    EXPECT_NE(refusalToRead((inside_ / name).string()).find("not a regular file"),
+              std::string::npos);
   }
   // Of what is elsewhere not even that it is there.
   const auto text = [&](const std::string& path) {

@@ -49,7 +49,7 @@ TEST_F(FollowTipPath, MovesTheTipAlongAPath) {
   }
 }
 
-TEST_F(FollowTipPath, ABadGoalIsRefusedWithWhatIsWrong) {
+TEST_F(FollowTipPath, ABadGoalIsRefusedWithTheFault) {
   const std::vector<Eigen::Vector3d> sound = {kMiddle, kBeside};
   struct Fault {
     const char* words;

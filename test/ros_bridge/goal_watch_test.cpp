@@ -66,7 +66,7 @@ TEST_F(GoalWatchTest, APictureIsComparedWithWhatWasWantedAtItsTime) {
   EXPECT_FALSE(watch_.momentOf(98.9)) << "before the first turn";
 }
 
-TEST_F(GoalWatchTest, FiguresAreThoseOfThePathWithoutTheWayToIt) {
+TEST_F(GoalWatchTest, FiguresExcludeTheApproachToThePath) {
   ASSERT_FALSE(runTo(0.0));
   EXPECT_FALSE(see(-0.5, 0.05)) << "no tolerance on the way to the first point";
   EXPECT_EQ(watch_.figures().pictures, 0U);
@@ -99,7 +99,7 @@ TEST_F(GoalWatchTest, ItIsReachedByAPictureAfterItsEndWithinTheGoalTolerance) {
   EXPECT_EQ(ending->code, Result::SUCCESSFUL);
 }
 
-TEST_F(GoalWatchTest, WhoeverComesTooLateViolatesTheGoalTolerance) {
+TEST_F(GoalWatchTest, ArrivingTooLateViolatesTheGoalTolerance) {
   ASSERT_FALSE(runTo(kEnd + 1.99));
   EXPECT_FALSE(see(kEnd + 1.9, 0.004));
   const auto ending = runTo(kEnd + 2.02);
@@ -129,7 +129,7 @@ TEST_F(GoalWatchTest, SightThatIsRequiredMayComeLateAndNotGo) {
   EXPECT_EQ(ending->code, Result::SIGHT_LOST);
 }
 
-TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterAWait) {
+TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
   EXPECT_FALSE(runTo(1.98, LoopState::kOpen));
   const auto ending = runTo(2.05, LoopState::kOpen);
   ASSERT_TRUE(ending);

@@ -72,7 +72,7 @@ TEST(CheckedStream, ReadsWhatRoscppWrites) {
 }
 
 // 32 bytes and a claim: 2^29 numbers were 4 GB, as many names 17 GB.
-TEST(CheckedStream, AClaimThatTheMessageDoesNotHoldTakesNoMemory) {
+TEST(CheckedStream, AnArrayLongerThanItsMessageAllocatesNothing) {
   for (const std::uint32_t claim : {4U, 1U << 29U, 0xffffffffU}) {
     for (const char* field : {"name", "pressure"}) {
       test::Field message = test::MessageFields(std::string("MSG: \n") +
@@ -102,7 +102,7 @@ TEST(CheckedStream, EveryMessageThatEndsTooEarlyIsRefused) {
   }
 }
 
-TEST(FaultGuard, CatchesWhateverIsThrownAndTellsTheCulpritOnce) {
+TEST(FaultGuard, CatchesAnyExceptionAndReportsTheCulpritOnce) {
   std::vector<std::string> lines;
   FaultGuard guard("a message on /t", [&](const std::string& line) { lines.push_back(line); });
   std::string why;
@@ -136,7 +136,7 @@ TEST(GuardedService, WhatItThrowsIsTheAnswer) {
 }
 
 // Callbacks are made in one place: no node subscribes, serves or sets timers by itself.
-TEST(GuardedCallbacks, NoNodeGoesRoundThem) {
+TEST(GuardedCallbacks, NoNodeBypassesThem) {
   const std::regex raw(R"((subscribe|advertiseService|create\w*Timer)\s*[<(])");
   int files = 0;
   for (const char* folder : {"/src/ros_bridge", "/src/nodes", "/include/helix_arm/ros_bridge"}) {

@@ -167,7 +167,7 @@ TEST_F(Loop, AForceAtTheTipMovesTheTruth) {
   EXPECT_TRUE(isAt(free));
 }
 
-TEST_F(Loop, ARigThatEndsIsToldAndOneThatComesBackIsMeasuredAgain) {
+TEST_F(Loop, ARigThatEndsIsReportedAndMeasuredAgainAfterItsRestart) {
   rig_process_->signal(SIGINT);
   EXPECT_EQ(rig_process_->exitCode(), 0) << rig_process_->output();
   EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));

@@ -102,7 +102,7 @@ TEST_F(SeriesEnd, OnRequestIsNoFault) {
   expectRestWithoutAFault();
 }
 
-TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
+TEST(Series, YieldsToAnotherCommanderAndContinuesAfterwards) {
   const std::string series = "/yield/pressure_series";
   Rig rig("yield");
   ASSERT_TRUE(rig.connect());
@@ -221,7 +221,7 @@ TEST_F(Answers, CommandsThatAreAllOfAnotherArmEndTheSeries) {
   foreign.pressure.assign(kStands.size(), std::nan(""));
   command_.publish(foreign);
   command_.publish(sound);
-  EXPECT_TRUE(series_.prints("pressure_command is not of scene")) << series_.output();
+  EXPECT_TRUE(series_.prints("pressure_command does not match scene")) << series_.output();
   EXPECT_TRUE(moves()) << series_.outputNow();
   EXPECT_TRUE(ends([&] { command_.publish(foreign); }));
 }
@@ -255,7 +255,7 @@ TEST_F(Answers, AnArmThatDoesNotAnswerIsNotAskedForRest) {
 TEST_F(Answers, WithoutTheServiceTheSeriesEndsAndSaysSo) {
   ASSERT_TRUE(connected()) << series_.outputNow();
   EXPECT_EQ(endWithAnswers(0), 0) << series_.output();
-  EXPECT_NE(series_.output().find("/told/pressure_command/rest is not there"), std::string::npos)
+  EXPECT_NE(series_.output().find("/told/pressure_command/rest does not exist"), std::string::npos)
       << series_.output();
 }
 

@@ -89,7 +89,7 @@ TEST_F(SightLoop, DrawsTheErrorBudgetAsATable) {
 TEST_F(SightLoop, WhoeverFallsSilentLetsGoOfTheArm) {
   ASSERT_TRUE(comesTo(LoopStatus::CLOSED, targetAt(kMiddle)));
   ASSERT_TRUE(comesTo(LoopStatus::IDLE));
-  EXPECT_EQ(loop_.last().message, "nobody commands the loop");
+  EXPECT_EQ(loop_.last().message, "the loop has no target");
   EXPECT_FALSE(loop_.last().has_wanted);
   const std::size_t sent = sent_.all().size();
   EXPECT_TRUE(waitFor([this] { return safety_.last().cause == "stale_target"; }));

@@ -4,9 +4,9 @@
 #include <Eigen/Geometry>
 #include <optional>
 #include <string>
-#include <variant>
 #include <vector>
 
+#include "helix_arm/basics/checked.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 
@@ -32,14 +32,10 @@ inline constexpr int kFaultCount = 12;
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);
 
-/// Why a target was refused, and the message for its sender.
-struct Refusal {
-  Fault fault;
-  std::string message;  ///< names the culprit and the remedy
-};
+using Refusal = basics::Refusal<Fault>;
 
 template <class T>
-using Checked = std::variant<T, Refusal>;
+using Checked = basics::Checked<T, Fault>;
 
 /// The command that results from a pressure target.
 ///

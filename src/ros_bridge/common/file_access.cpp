@@ -36,7 +36,7 @@ bool isBelow(const fs::path& path, const fs::path& folder) {
   return !folder.empty() && of_folder == folder.end() && of_path != path.end();
 }
 
-// Its first bytes.
+// First bytes of a file.
 std::string beginOf(const std::string& path, std::size_t most) {
   std::string out(most, '\0');
   std::ifstream stream(path, std::ios::binary);
@@ -45,7 +45,7 @@ std::string beginOf(const std::string& path, std::size_t most) {
   return out;
 }
 
-// Whether it is what this package writes under such a name.
+// Whether the file is one that this package writes under such a name.
 bool isOurs(const std::string& path) {
   const std::string ending = fs::path(path).extension();
   if (ending == ".csv") {
@@ -88,13 +88,13 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
                     join(endings), " file", below);
   };
-  // A path with a null character would end there for the system.
+  // The system would cut a path at a null character.
   require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
   std::error_code fault;
   const fs::path path = fs::weakly_canonical(given, fault);
   require(!fault);
   require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
-    // Empty where the folder cannot be reached: nothing is below that.
+    // Empty if the folder cannot be reached; no path is below that.
     std::error_code ignored;
     return isBelow(path, fs::weakly_canonical(folder.path, ignored));
   }));
@@ -107,7 +107,7 @@ std::string FileAccess::toRead(const std::string& what, const std::string& given
   std::string path = resolved(what, given, endings);
   std::error_code ignored;
   basics::require(fs::is_regular_file(path, ignored), what, " is '",
-                  basics::quoted(given, kLongestPath), "', where there is no regular file");
+                  basics::quoted(given, kLongestPath), "', which is not a regular file");
   return path;
 }
 
@@ -119,11 +119,11 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
   const fs::file_type type = fs::symlink_status(path, ignored).type();
   if (type != fs::file_type::not_found) {
     basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                    "', which is there and was not written by this package as a calibrated scene, "
+                    "', which exists and was not written by this package as a calibrated scene, "
                     "recorded samples, a recorded run or its figure; expected a new name, or that "
                     "of one of these");
     basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
-                    "', which cannot be written over; expected another path");
+                    "', which cannot be overwritten; expected another path");
   }
   const std::string folder = fs::path(path).parent_path().string();
   const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;

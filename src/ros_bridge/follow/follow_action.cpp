@@ -6,11 +6,10 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "goal_serializers.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -30,7 +29,7 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   return out;
 }
 
-// What a goal asks for, or the scene if it does not.
+// Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
   switch (on_contact) {
     case FollowTipPathGoal::REPORT:
@@ -95,7 +94,7 @@ void FollowAction::onGoal(Handle handle) {
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
-  ROS_WARN("follow_tip_path: %s", refusal.message.c_str());
+  logWarning("follow_tip_path: %s", refusal.message.c_str());
   handle.setRejected(resultOf(refusal), refusal.message);
 }
 
@@ -201,10 +200,10 @@ void FollowAction::abandon(const std::string& reason) {
 void FollowAction::end(const GoalEnding& ending) {
   const Result result = resultOf(ending, run_->watch.figures());
   if (ending.code == Result::SUCCESSFUL) {
-    ROS_INFO("follow_tip_path: %s", ending.message.c_str());
+    logInfo("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setSucceeded(result, ending.message);
   } else {
-    ROS_WARN("follow_tip_path: %s", ending.message.c_str());
+    logWarning("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setAborted(result, ending.message);
   }
   leave();
@@ -216,7 +215,7 @@ void FollowAction::cancel(const std::string& reason) {
   leave();
 }
 
-// The last place is held, if the arm went there.
+// The last position is held if the arm was moved there.
 void FollowAction::leave() {
   const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
   const double usual =

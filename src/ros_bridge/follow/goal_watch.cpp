@@ -23,7 +23,7 @@ std::string text(const char* format, Values... values) {
 std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn) {
   if (!turn.path_time) {
     return GoalEnding{Result::CONTACT,
-                      "something touches the arm, and on_contact is STOP: the path was given up, "
+                      "contact with the arm, and on_contact is STOP: the path was aborted, "
                       "and the command is held; clear the arm, and send the goal again"};
   }
   if (!moments_.empty() && time < moments_.back().time) moments_.clear();  // a jump back in time
@@ -41,16 +41,15 @@ std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState 
     return std::nullopt;
   }
   if (!blind_since_) blind_since_ = time;
-  // The loop coasts before it is open again.
+  // The loop has already coasted before it opened.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
-  return GoalEnding{
-      Result::SIGHT_LOST,
-      std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
-          "; look at vision_status and at ~close_loop, or set require_sight to false"};
+  return GoalEnding{Result::SIGHT_LOST,
+                    std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
+                        "; check vision_status and ~close_loop, or set require_sight to false"};
 }
 
-// The end of the path and the time allowed for it are over.
+// Result when the path and its tolerance time are over.
 GoalEnding GoalWatch::lateEnding(const follow::Turn& turn) const {
   const double tolerance = 1e3 * rules_.goal_tolerance;
   if (last_error_) {

@@ -65,7 +65,7 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
   out.state = nameOf(budget.state);
   if (budget.state == estimation::BudgetState::kOutside) {
     out.message =
-        "the calibration does not explain this: a load, slip or a changed muscle; look at the arm, "
+        "the calibration does not explain this: a load, slip or a changed muscle; check the arm, "
         "then calibrate again";
   }
   budget_publisher_.publish(out);
@@ -95,7 +95,7 @@ void LoadPublisher::publishLoad(const ros::Time& picture, const follow::SightLoo
     out.force = toVectorMsg(load.force);
     copyTo(load.covariance, out.covariance);
     out.determined.assign(load.determined.data(), load.determined.data() + load.determined.size());
-    out.message = "something touches the arm; clear it, or let it be carried (on_contact: report)";
+    out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
   } else if (outside) {
     out.message =
         "the calibration does not explain the arm's shape: a load, slip or a changed muscle";

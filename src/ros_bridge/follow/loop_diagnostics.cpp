@@ -3,8 +3,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include <ros/console.h>
-
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -51,8 +50,8 @@ void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
 void LoopDiagnostics::sawForeign(const std::string& why) {
   ++refused_;
   if (!foreign_.add()) return;
-  ROS_WARN("a measured is not used (%lu so far): %s", static_cast<unsigned long>(foreign_.total()),
-           why.c_str());
+  logWarning("a message on measured was dropped (%lu so far): %s",
+             static_cast<unsigned long>(foreign_.total()), why.c_str());
 }
 
 DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::SightLoop& loop,

@@ -16,7 +16,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Readings are not quite even in time: one at the wanted rate is not to be left out for that.
+// Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
 constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
@@ -32,7 +32,7 @@ const char* nameOf(statics::InverseStatus status) {
   return "not_converged";
 }
 
-// Of the filter's shape at the present pressures.
+// Covariance of the filter's shape at the present pressures.
 Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
   const double elapsed =
       view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;

@@ -5,7 +5,6 @@
 #include <variant>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "goal_serializers.hpp"
@@ -15,6 +14,7 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 
@@ -61,8 +61,8 @@ SightLoopNode::SightLoopNode()
       draw_timer_(
           repeat(node_, "the drawing", 1.0 / options_.draw_rate, &SightLoopNode::onDraw, this)),
       diagnose_timer_(repeat(node_, "the diagnostics", 1.0, &SightLoopNode::onDiagnose, this)) {
-  ROS_INFO("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
-           scene_.arm.actuatorCount());
+  logInfo("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
+          scene_.arm.actuatorCount());
 }
 
 SightLoopNode::~SightLoopNode() = default;
@@ -72,8 +72,8 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
-    ROS_WARN("a pressure_measured is dropped (%lu so far): %s",
-             static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
+    logWarning("a pressure_measured was dropped (%lu so far): %s",
+               static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
     return;
   }
   last_reading_ = ros::SteadyTime::now();
@@ -147,7 +147,7 @@ void SightLoopNode::onSeen(const SeenArm& seen) {
   }
 }
 
-// With copies of all that the loop knows now, since it runs in a thread of its own.
+// With copies of the present state, since the check runs in another thread.
 PathChecker::Check SightLoopNode::checkOf(const control::TipPath& path, double tolerance) const {
   follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
   for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
@@ -171,15 +171,16 @@ bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& re
   response.success = true;
   response.message = closes_ ? "the loop closes when the arm is seen"
                              : "the loop stays open: the correction fades out within a second";
-  ROS_INFO("close_loop: %s", response.message.c_str());
+  logInfo("close_loop: %s", response.message.c_str());
   return true;
 }
 
 bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
   loop_.reset();
   response.success = true;
-  response.message = "what the pictures taught is forgotten: the correction fades within a second";
-  ROS_INFO("reset: %s", response.message.c_str());
+  response.message =
+      "what was learnt from pictures is cleared: the correction fades out within a second";
+  logInfo("reset: %s", response.message.c_str());
   return true;
 }
 
@@ -209,30 +210,29 @@ std::string SightLoopNode::commander() {
 std::string SightLoopNode::reason() {
   switch (loop_.state()) {
     case LoopState::kIdle:
-      return isWanted() ? "waits for the arm: " + link_.whyNot() : "nobody commands the loop";
+      return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
     case LoopState::kOpen:
       if (!closes_) return "kept open by ~close_loop";
-      return last_picture_ ? "the arm is not seen; look at vision_status, and at the refused "
+      return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
                              "pictures in the diagnostics"
-                           : "no measured has been used yet; is vision up?";
+                           : "no message on measured was used yet; is vision running?";
     case LoopState::kClosed:
-      return "follows what is seen";
+      return "follows the measured shape";
     case LoopState::kCoasting:
       return "the arm is not seen for the moment: the correction is held";
     case LoopState::kYielding:
-      return "something touches the arm: path and correction stand still; clear the arm";
+      return "contact with the arm: path and correction are held; clear the arm";
     case LoopState::kDiverging:
       break;
   }
-  return "the tip moves away from a target that is said to be within reach: the arm bends "
-         "otherwise than its model; look for swapped hoses, tags and signs, then call ~reset";
+  return "the tip moves away from a target within the model's reach: the arm does not bend "
+         "as its model does; check for swapped hoses, tags and signs, then call ~reset";
 }
 
 void SightLoopNode::tellState(LoopState before) {
   const LoopState state = loop_.state();
   if (state == before) return;
-  ROS_LOG(levelOf(state, before), ROSCONSOLE_DEFAULT_NAME, "%s: %s", follow::nameOf(state),
-          reason().c_str());
+  logLine(levelOf(state, before), "%s: %s", follow::nameOf(state), reason().c_str());
 }
 
 void SightLoopNode::giveUp(const std::string& reason) {
@@ -244,12 +244,12 @@ void SightLoopNode::onDraw(const ros::SteadyTimerEvent&) {
   const bool measures =
       !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
   if (!measures) {
-    giveUp("pressure_measured does not come; is the regulator's node up?");
+    giveUp("no pressure_measured is received; is the regulator's node running?");
     letGo();
     publisher_.clear();
   }
   if (EndRequest::made()) {
-    giveUp("the loop's node is about to end");
+    giveUp("the node of the loop is shutting down");
     link_.rest();
     letGo();
   }

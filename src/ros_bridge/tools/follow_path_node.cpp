@@ -3,13 +3,12 @@
 #include <cstddef>
 #include <vector>
 
-#include <ros/console.h>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/goal_serializers.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
@@ -73,7 +72,7 @@ void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
     client_.cancelGoal();
   }
   if (isBusy() && !client_.isServerConnected()) {
-    ROS_FATAL("%s has ended before the path", node_.resolveName(options_.action).c_str());
+    logFatal("%s has ended before the path", node_.resolveName(options_.action).c_str());
     endWith(kFailed, "the action has ended before the path");
   }
   if (done_) endOnceRecorded();
@@ -81,8 +80,8 @@ void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
   if (client_.isServerConnected()) {
     send();
   } else if (ros::SteadyTime::now() - start_ > ros::WallDuration(options_.patience)) {
-    ROS_FATAL("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
-              node_.resolveName(options_.action).c_str(), options_.patience);
+    logFatal("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
+             node_.resolveName(options_.action).c_str(), options_.patience);
     verdict_ = kFailed;
     EndRequest::make();
   }
@@ -90,8 +89,8 @@ void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
 
 void FollowPathNode::send() {
   sent_ = true;
-  ROS_INFO("%s: %zu points, %.1f s", options_.path.c_str(), goal_.path.points.size(),
-           goal_.path.points.back().time_from_start.toSec());
+  logInfo("%s: %zu points, %.1f s", options_.path.c_str(), goal_.path.points.size(),
+          goal_.path.points.back().time_from_start.toSec());
   client_.sendGoal(
       goal_,
       [this](const actionlib::SimpleClientGoalState& state,
@@ -108,28 +107,28 @@ void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_word_ < ros::WallDuration(kWordPeriod)) return;
   last_word_ = now;
-  ROS_INFO("%.1f s: the tip is %.2f mm off, the loop %s", feedback.time_from_start.toSec(),
-           1e3 * feedback.error, basics::quoted(feedback.state).c_str());
+  logInfo("%.1f s: the tip is %.2f mm off, the loop %s", feedback.time_from_start.toSec(),
+          1e3 * feedback.error, basics::quoted(feedback.state).c_str());
 }
 
 void FollowPathNode::onDone(const actionlib::SimpleClientGoalState& state,
                             const FollowTipPathResult* result) {
   if (result == nullptr) {
-    ROS_FATAL("the goal has ended without a result; is sight_loop still up?");
+    logFatal("the goal has ended without a result; is sight_loop still up?");
     return endWith(kFailed, "the goal has ended without a result");
   }
   const std::string message = basics::quoted(result->error_string, kLongestMessage);
   if (state == actionlib::SimpleClientGoalState::SUCCEEDED) {
-    ROS_INFO("the path was followed: %.2f mm RMS, at most %.2f mm, in %u pictures; %s",
-             1e3 * result->rms_m, 1e3 * result->max_m, result->pictures, message.c_str());
+    logInfo("the path was followed: %.2f mm RMS, at most %.2f mm, in %u pictures; %s",
+            1e3 * result->rms_m, 1e3 * result->max_m, result->pictures, message.c_str());
     return endWith(kDone, message);
   }
   if (cancelled_) {
-    ROS_INFO("%s", message.c_str());
+    logInfo("%s", message.c_str());
     return endWith(kDone, message);
   }
-  ROS_ERROR("the path was not followed (%s, error_code %d): %s", state.toString().c_str(),
-            result->error_code, message.c_str());
+  logError("the path was not followed (%s, error_code %d): %s", state.toString().c_str(),
+           result->error_code, message.c_str());
   endWith(kFailed, message);
 }
 
@@ -152,7 +151,7 @@ int FollowPathNode::finish() {
   if (!recorder_ || !sent_) return verdict_;
   const std::string fault = recorder_->write(outcome_);
   if (fault.empty()) return verdict_;
-  ROS_FATAL("%s", fault.c_str());
+  logFatal("%s", fault.c_str());
   return kFailed;
 }
 

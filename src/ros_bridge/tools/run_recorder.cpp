@@ -10,7 +10,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -20,6 +19,7 @@
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "nlohmann/json.hpp"
 
@@ -165,7 +165,7 @@ void RunRecorder::add(procedures::TimeSeries& series, const PressureArray& messa
     series.add(message.header.stamp.toSec(), pressure);
     record_.update();
   } else if (foreign_.add()) {
-    ROS_WARN(
+    logWarning(
         "pressures are not recorded (%lu so far): expected finite ones of %zu actuators, in "
         "the order of the first message",
         static_cast<unsigned long>(foreign_.total()), names_.size());
@@ -179,8 +179,8 @@ std::string RunRecorder::write(const std::string& outcome) {
            "diagnostics of sight_loop";
   }
   if (record_.leftOut() > 0) {
-    ROS_WARN("the last %zu pictures are not recorded: a record has at most %zu", record_.leftOut(),
-             procedures::TipRecord::kMostRows);
+    logWarning("the last %zu pictures are not recorded: a record has at most %zu",
+               record_.leftOut(), procedures::TipRecord::kMostRows);
   }
   const FileAccess access = FileAccess::anywhere();
   try {
@@ -188,12 +188,12 @@ std::string RunRecorder::write(const std::string& outcome) {
     if (!files_.table.empty()) {
       io::writeFileAtomically(access.toWrite("~record", files_.table, {".csv"}),
                               tableOf(rows, plain(outcome, kLongestOutcome)));
-      ROS_INFO("%zu pictures are recorded in %s", rows.size(), files_.table.c_str());
+      logInfo("%zu pictures are recorded in %s", rows.size(), files_.table.c_str());
     }
     if (!files_.figure.empty()) {
       const std::string picture = procedures::drawnReport(reportOf(rows), "leave out ~figure");
       io::writeFileAtomically(access.toWrite("~figure", files_.figure, {".png"}), picture);
-      ROS_INFO("they are drawn in %s", files_.figure.c_str());
+      logInfo("they are drawn in %s", files_.figure.c_str());
     }
   } catch (const std::exception& fault) {
     return fault.what();

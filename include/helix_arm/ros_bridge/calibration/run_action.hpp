@@ -87,6 +87,7 @@ class RunAction {
   /// From the begin of a run to its result.
   std::optional<Motion> motion_ HELIX_ARM_GUARDED_BY(mutex_);
   CommandTrace trace_ HELIX_ARM_GUARDED_BY(mutex_);
+  FaultCount stale_targets_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Publisher target_publisher_;
   ros::Subscriber status_subscriber_;

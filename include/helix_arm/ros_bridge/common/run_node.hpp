@@ -11,6 +11,7 @@
 #include "helix_arm/ros_bridge/common/end_request.hpp"
 #include "helix_arm/ros_bridge/common/end_watch.hpp"
 #include "helix_arm/ros_bridge/common/exit_code.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -52,6 +53,7 @@ int runNode(int argc, char** argv, const char* name) {
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
+  const LogThread log_thread;
   const EndRequest takes_over;
   return guarded([&end_watch]() -> int {
     const ClockGate clock;
