@@ -32,6 +32,20 @@ foreach(place "${SCRATCH}[:|]" "${SCRATCH}/share")
   endif()
 endforeach()
 
+# The firmware of the board is there, without what was built of it, and builds from there.
+set(firmware ${SCRATCH}/share/helix_arm/firmware)
+if(NOT EXISTS ${firmware}/Makefile OR NOT EXISTS ${firmware}/main.c OR EXISTS ${firmware}/build)
+  message(FATAL_ERROR "${firmware} lacks the sources of the firmware, or has what was built of them")
+endif()
+find_program(AVR_GCC avr-gcc)
+find_program(MAKE_EXECUTABLE NAMES gmake make)
+if(AVR_GCC AND MAKE_EXECUTABLE)
+  execute_process(COMMAND ${MAKE_EXECUTABLE} -C ${firmware} RESULT_VARIABLE result OUTPUT_QUIET ERROR_VARIABLE message)
+  if(NOT result EQUAL 0 OR NOT EXISTS ${firmware}/build/board_atmega328p_solenoid.hex)
+    message(FATAL_ERROR "the installed firmware does not build: ${message}")
+  endif()
+endif()
+
 # A package of somebody else finds it there, and links the library of the model with Eigen and yaml-cpp alone.
 set(example ${SCRATCH}/share/helix_arm/examples)
 execute_process(

@@ -37,9 +37,11 @@ struct Subcommand {
 
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
+Subcommand addCheck(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
+Subcommand addCamera(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addPath(CLI::App& app);

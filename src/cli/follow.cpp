@@ -9,6 +9,7 @@
 #include "follow_report.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "interrupt_watch.hpp"
@@ -27,7 +28,7 @@ constexpr std::size_t kMostTips = 1000;
 constexpr double kMostForce = 100.0;  // [N]
 
 struct FollowArguments {
-  std::string scene, tip, path, sight = "corners", force, blind, out, png;
+  std::string scene, rig, tip, path, sight = "corners", force, blind, out, png;
   double seconds = 0.0, latency = 0.06;
   bool open = false;
   std::uint32_t seed = 1;
@@ -114,6 +115,7 @@ std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string
 
 int run(const FollowArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
+  const io::Scene rig = arguments.rig.empty() ? scene : io::loadScene(arguments.rig);
   const std::string warning = procedures::loopWarning(procedures::loopConfigOf(scene));
   const FollowPlan plan = planOf(arguments, scene);
   if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
@@ -122,13 +124,14 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
 
   const InterruptWatch watch;
   const char* const what = plan.open ? "open loop" : "closed loop";
-  const FollowResult result = procedures::runFollow(scene, plan, progressOf(plan, what));
-  const FollowReport report{scene, plan, result, arguments.out, arguments.png};
+  const FollowResult result = procedures::runFollow(scene, rig, plan, progressOf(plan, what));
+  const FollowReport report{scene, arguments.rig, plan, result, arguments.out, arguments.png};
   std::optional<FollowResult> open;
   if (!arguments.png.empty() && !plan.open && !interrupted()) {
     FollowPlan beside = plan;
     beside.open = true;
-    open = procedures::runFollow(scene, beside, progressOf(plan, "open loop, for the picture"));
+    open =
+        procedures::runFollow(scene, rig, beside, progressOf(plan, "open loop, for the picture"));
   }
   if (interrupted()) {
     std::cerr << "interrupted; nothing was written\n";
@@ -141,6 +144,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kJson) printJson(toJson(report));
   if (global.format == Format::kCsv) std::cout << csvOf(report);
   if (global.format == Format::kText) printText(report);
+  if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
 
@@ -152,6 +156,11 @@ Subcommand addFollow(CLI::App& app) {
   const auto arguments = std::make_shared<FollowArguments>();
   command->add_option("SCENE", arguments->scene, "scene file with camera, tags and pressures")
       ->required();
+  command
+      ->add_option("--rig", arguments->rig,
+                   "scene file of the rig, if it is another one: true arm, regulator, camera and "
+                   "tags; --set does not apply to it")
+      ->type_name("FILE");
   command->add_option(
       "--tip", arguments->tip,
       "tips, seen from the base [m]: x,y,z;x,y,z;...; they share the seconds evenly");
@@ -191,13 +200,16 @@ Subcommand addFollow(CLI::App& app) {
       "where the model misses it by more than 2 mm or a pressure needs more than 80 % of\n"
       "safety.slew_kpa_s. A tip out of reach is not an error: the arm goes to the closest "
       "position.\n"
-      "json: scene, seed, sight, open, seconds, pictures (used), reason (null, or why there are "
+      "json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason "
+      "(null, or why there are "
       "no\n"
       "figures), path_rms_m and path_max_m (from the path's start to its end; null without),\n"
       "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"
       "5 % of the step for good, null if never), unreachable (of each tip: true or false), states\n"
       "[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,\n"
-      "png. csv: the rows of --out. Progress is printed on stderr.\n"
+      "png. csv: the rows of --out. Progress is printed on stderr, and at the end the error "
+      "budget\n"
+      "of the last picture: standard deviations of the tip in mm.\n"
       "Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
       "code 1 if the time ends before the path begins, or the safety core vents the arm.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};

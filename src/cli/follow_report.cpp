@@ -179,6 +179,7 @@ json toJson(const FollowReport& report) {
   const std::string failure = failureOf(report);
   const auto nullable = [](const std::string& text) { return text.empty() ? json() : json(text); };
   return {{"scene", report.scene.name},
+          {"rig", nullable(report.rig)},
           {"seed", report.plan.seed},
           {"sight", sightName(report.plan)},
           {"open", report.plan.open},

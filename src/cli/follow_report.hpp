@@ -11,6 +11,7 @@ namespace helix_arm::cli {
 /// A simulated run with what was asked for.
 struct FollowReport {
   const io::Scene& scene;
+  std::string rig;  ///< file of the rig's scene; empty if that is `scene`
   const procedures::FollowPlan& plan;
   const procedures::FollowResult& result;
   std::string out, png;  ///< files; empty where there is none

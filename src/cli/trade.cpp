@@ -11,8 +11,8 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
 #include "output.hpp"
-#include "plot.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -156,7 +156,8 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   toCsv(trade).print(csv);
   io::writeFileAtomically(*folder / "trade.csv", csv.str());
   io::writeFileAtomically(*folder / "trade.json", report.dump(2) + "\n");
-  drawReport(*folder / "trade.json", *folder / "trade.png", "leave it out with --no-files");
+  procedures::drawReport(*folder / "trade.json", *folder / "trade.png",
+                         "leave it out with --no-files");
   std::cerr << "wrote trade.csv, trade.json and trade.png to " << folder->string() << "\n";
   return kDone;
 }

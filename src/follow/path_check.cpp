@@ -145,7 +145,7 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
 
 std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::Arm& arm,
                                      statics::InverseSolver& solver, const Eigen::VectorXd& start,
-                                     const PathRules& rules) {
+                                     const PathRules& rules, const std::function<bool()>& stops) {
   validate(rules, arm);
   const double duration = path.lastTime() - path.firstTime();
   const int places = std::clamp(static_cast<int>(std::ceil(duration / kStep)), 1, kMostPlaces);
@@ -154,6 +154,7 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
   Fastest fastest;
   double last = path.firstTime();
   for (int k = 0; k <= places; ++k) {
+    if (stops && stops()) return std::nullopt;
     const double time = path.firstTime() + duration * k / places;
     const statics::InverseResult& result = walk.to(time);
     if (!(result.residual <= rules.tolerance)) {

@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "helix_arm/io/number.hpp"
 #include "pose_reader.hpp"
 
 namespace helix_arm::io {
@@ -9,6 +10,7 @@ namespace {
 
 const NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 const NumberRule kLengthScale = within(kPositive, 0.5, 2);
+const NumberRule kPlay = within(kNotNegative, 0, 100, " kPa");
 const NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
 const NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 const NumberRule kBlur = within(kNotNegative, 0, 100, " px");
@@ -23,6 +25,7 @@ simulation::ArmDeviation readDeviation(const MapReader& keys, int actuators) {
   arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
   arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
   arm.K_eps_scale = keys.number("K_eps_scale", kStiffnessScale, arm.K_eps_scale);
+  if (const auto kpa = keys.optionalNumber("play_kpa", kPlay)) arm.play = pascals(*kpa);
   if (keys.has("length_scales")) {
     const auto scales =
         keys.numbers("length_scales", static_cast<std::size_t>(actuators), kLengthScale);
@@ -76,7 +79,7 @@ SimulationConfig readSimulation(const MapReader& scene, const Value& document, c
   if (const Value* deviation = value->find("arm")) {
     config.arm = readDeviation(MapReader(*deviation, simulation.path("arm"),
                                          {"K_gamma_scale", "K_kappa_scale", "length_scale",
-                                          "length_scales", "K_eps_scale"},
+                                          "length_scales", "K_eps_scale", "play_kpa"},
                                          faults),
                                arm == nullptr ? 0 : arm->arm.actuatorCount());
   }

@@ -12,6 +12,7 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "least_tip_error.hpp"
+#include "tip_error.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -226,6 +227,11 @@ CalibrationOutcome runCalibration(const std::string& path,
   changes.contractions = curves.contractions;
   changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
   outcome.scene_text = io::calibratedSceneText(path, overrides, changes, sha256);
+  if (fits_arm) {
+    outcome.tip_error_before = medianTipError(scene, data.captures);
+    outcome.tip_error_after =
+        medianTipError(io::sceneOfText(outcome.scene_text, path), data.captures);
+  }
   outcome.success = true;
   outcome.message = "calibrated " + scene.name;
   return outcome;

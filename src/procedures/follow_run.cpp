@@ -33,10 +33,33 @@ regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, st
   return out;
 }
 
-simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) {
-  auto camera = scene.cameraSetup();
-  basics::require(camera.has_value(), "scene ", scene.name,
+void requireSight(const io::Scene& scene) {
+  basics::require(scene.camera && scene.tags, "scene ", scene.name,
                   " has no `camera` or no `tags`; the closed loop needs both");
+}
+
+// Of the arm of the scene, its tags in their order.
+void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
+  bool same = rig.arm.sectionCount() == scene.arm.sectionCount() &&
+              rig.tags->tags.size() == scene.tags->tags.size();
+  for (int k = 0; same && k < scene.arm.sectionCount(); ++k) {
+    same = rig.arm.firstActuator(k) == scene.arm.firstActuator(k);
+  }
+  same = same && rig.arm.actuatorCount() == scene.arm.actuatorCount();
+  for (std::size_t i = 0; same && i < scene.tags->tags.size(); ++i) {
+    same = rig.tags->tags[i].id == scene.tags->tags[i].id;
+  }
+  basics::require(same, "the rig of scene ", rig.name,
+                  " has other sections, actuators or tags than ", scene.name,
+                  "; give the scene that this one was calibrated from");
+}
+
+simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
+                                const FollowPlan& plan) {
+  requireSight(scene);
+  requireSight(rig);
+  requireRigOf(scene, rig);
+  auto camera = rig.cameraSetup();
   camera->config.seed = plan.seed;
   const simulation::SimulatedSightConfig sight{plan.sight, 0.3, plan.seed};
   simulation::LockstepConfig config;
@@ -45,8 +68,7 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const FollowPlan& plan) 
   config.blind = plan.blind;
   return simulation::Lockstep(
       {scene.model,
-       simulation::SimulatedRig(scene.model, simulatedConfigOf(scene, plan.seed),
-                                scene.simulation.arm),
+       simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
        simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},
@@ -95,6 +117,11 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
 
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
                        const std::function<bool(double)>& progress) {
+  return runFollow(scene, scene, plan, progress);
+}
+
+FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan,
+                       const std::function<bool(double)>& progress) {
   basics::requirePositive("follow", "the duration [s]", plan.seconds);
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
@@ -106,7 +133,7 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
     basics::requireValue(std::isfinite(plan.force->time), "follow", "the time of the force [s]",
                          plan.force->time, "a finite value");
   }
-  simulation::Lockstep lockstep = lockstepOf(scene, plan);
+  simulation::Lockstep lockstep = lockstepOf(scene, rig, plan);
   follow::SightLoop& loop = lockstep.loop();
   if (plan.open) loop.close(false);
   if (plan.path) loop.follow(*plan.path);
@@ -128,6 +155,7 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
     touched = loop.load().contact;
     const follow::Turn& turn = loop.turn();
     out.rows.push_back(rowOf(lockstep, turn, lockstep.rig().pressure(), last_stamp));
+    out.rows.back().load_score = loop.load().score;
     if (out.rows.back().measured) last_stamp = out.rows.back().measured_time;
     if (out.states.empty() || out.states.back().state != turn.state) {
       out.states.push_back({lockstep.time(), turn.state});

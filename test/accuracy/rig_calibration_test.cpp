@@ -15,11 +15,10 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/procedures/sample.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
 #include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/vision/tag_detector.hpp"
 #include "support/random.hpp"
+#include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
 
 namespace helix_arm {
@@ -31,9 +30,6 @@ using estimation::Parameter;
 
 constexpr int kRigs = 100;
 constexpr int kMostMisses = 5;
-constexpr int kPictures = 3;                      // at each pressure
-constexpr int kReadings = 100;                    // of the pressures
-constexpr double kSettling = 3.0, kPause = 0.01;  // [s]
 constexpr int kTips = 30;
 constexpr double kOff = 0.006;  // of the tip, before [m]
 
@@ -60,33 +56,7 @@ std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& 
   auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   regulator.seed = rig.mounts.seed;
   simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
-  vision::TagDetector detector(scene.vision.detector);
-  std::vector<io::TagCornerCapture> captures;
-  const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
-  for (int step = 0; step < plan.rows(); ++step) {
-    simulated.command(plan.row(step).transpose());
-    simulated.step(kSettling);
-    std::vector<procedures::Sample> samples;
-    for (int picture = 0; picture < kPictures; ++picture) {
-      Eigen::VectorXd pressure = Eigen::VectorXd::Zero(plan.cols());
-      for (int i = 0; i < kReadings; ++i) {
-        pressure += simulated.measure() / kReadings;
-        simulated.step(kPause);
-      }
-      procedures::Sample sample{0, pressure, {}};
-      for (const vision::TagDetection& tag : detector.detect(simulated.render())) {
-        if (scene.tags->find(tag.id) >= 0) sample.tags.push_back({tag.id, tag.corners});
-      }
-      samples.push_back(std::move(sample));
-    }
-    const procedures::Sample median = procedures::medianOf(samples);
-    io::TagCornerCapture capture{step + 1, scene.arm.clamped(median.pressure), {}};
-    for (const procedures::TagSighting& tag : median.tags) {
-      capture.tags.push_back({tag.id, tag.corners, 0});
-    }
-    captures.push_back(std::move(capture));
-  }
-  return captures;
+  return test::photograph(scene, simulated, procedures::defaultPressurePlan(scene.arm));
 }
 
 // What a calibration should find, by its names.

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <fstream>
 #include <set>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -45,10 +46,11 @@ TEST(Follow, TipsGiveAFigureEach) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
   EXPECT_EQ(keysOf(result),
-            (std::set<std::string>{"scene", "seed", "sight", "open", "seconds", "pictures",
+            (std::set<std::string>{"scene", "rig", "seed", "sight", "open", "seconds", "pictures",
                                    "reason", "path_rms_m", "path_max_m", "steady_rms_m", "settle_s",
                                    "unreachable", "states", "alarms", "budget", "out", "png"}));
   EXPECT_EQ(result["scene"], "demo");
+  EXPECT_EQ(result["rig"], nullptr);
   EXPECT_EQ(result["seed"], 3);
   EXPECT_EQ(result["sight"], "corners");
   EXPECT_EQ(result["open"], false);
@@ -67,6 +69,26 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_NE(outcome.err.find("closed loop: 3 of 6 s"), std::string::npos) << outcome.err;
 }
 
+TEST(Follow, EndsWithTheErrorBudgetAsATable) {
+  const Outcome outcome = follow({"--tip", kTips, "--seconds", "4"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json budget = outcome.json()["budget"];
+  EXPECT_NE(outcome.err.find("standard deviations in mm"), std::string::npos) << outcome.err;
+  std::size_t rows = 0;
+  std::istringstream lines(outcome.err.substr(outcome.err.find("error budget of the tip")));
+  for (std::string line; std::getline(lines, line);) {
+    for (const json& part : budget["parts"]) {
+      std::string name = part["name"].get<std::string>();
+      if (name == "open_loop") name = "open loop";
+      if (line.compare(0, name.size() + 1, name + " ") != 0) continue;
+      ++rows;
+      EXPECT_NEAR(std::stod(line.substr(line.rfind(' '))), 1e3 * part["sd_m"].get<double>(), 0.006)
+          << line;
+    }
+  }
+  EXPECT_EQ(rows, 7U) << outcome.err;
+}
+
 TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
   const TemporaryFolder folder;
   const std::string path = circle(folder, "8");
@@ -82,6 +104,33 @@ TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
   const double closed = rms({}), open = rms({"--open"});
   EXPECT_LT(closed, 0.001);
   EXPECT_GT(open, 10 * closed);
+}
+
+// A scene that knows its rig, and one that does not.
+TEST(Follow, TheRigMayBeThatOfAnotherScene) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "rig.yaml";
+  std::ofstream(rig) << "name: rig";
+  EXPECT_EQ(follow({"--tip", kTips, "--seconds", "6", "--rig", rig}).exit_code, 2);
+  const auto steady = [](const std::vector<std::string>& more) {
+    std::vector<std::string> all{"--tip", kTips, "--seconds", "6", "--open"};
+    all.insert(all.end(), more.begin(), more.end());
+    const Outcome outcome = follow(all);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return numbersOf(outcome.json()["steady_rms_m"]);
+  };
+  const std::vector<std::string> exact{"--set", "simulation.arm={}"};
+  std::vector<std::string> other = exact;
+  other.insert(other.end(), {"--rig", scenePath("demo")});
+  const auto itself = steady(exact), foreign = steady(other), usual = steady({});
+  for (std::size_t i = 0; i < usual.size(); ++i) {
+    EXPECT_LT(itself[i], 0.002);
+    EXPECT_EQ(foreign[i], usual[i]);
+  }
+  const Outcome unlike =
+      follow({"--tip", kTips, "--seconds", "6", "--rig", scenePath("spatial_101")});
+  EXPECT_EQ(unlike.exit_code, 2);
+  EXPECT_NE(unlike.err.find("spatial_101"), std::string::npos) << unlike.err;
 }
 
 TEST(Follow, TheSameSeedGivesTheSameBytes) {

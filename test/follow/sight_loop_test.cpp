@@ -6,46 +6,16 @@
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
-#include "support/loop_bench.hpp"
-#include "support/paper_arm.hpp"
+#include "support/loop_fixture.hpp"
 #include "support/refusal.hpp"
 
 namespace helix_arm::follow {
 namespace {
 
 using estimation::SightingFault;
-using statics::ArmModel;
-using statics::Correction;
 using test::LoopBench;
 
-ArmModel helicalModel() { return ArmModel(test::ringArm(test::helicalRing())); }
-
-Correction truthOf(const model::Arm& arm) {
-  Correction out(arm);
-  out.stiffness_factors = {0.6, 1.0, 1.2};
-  out.length_scale.setConstant(1.01);
-  return out;
-}
-
-class Loop : public ::testing::Test {
- protected:
-  Eigen::Vector3d tipAt(double a, double b, double c) const {
-    return model_.tip(model_.arm().inputAt(Eigen::Vector3d(a, b, c))).tip.translation;
-  }
-  LoopState state() const { return bench_.loop.state(); }
-  void close() {
-    bench_.loop.aimAt(here_);
-    bench_.run(3);
-    ASSERT_EQ(state(), LoopState::kClosed);
-  }
-
-  void touch() { bench_.options.push << 0, 0, 0, 0, 0.06, -0.04; }
-  void letGo() { bench_.options.push.setZero(); }
-
-  const ArmModel model_ = helicalModel();
-  const Eigen::Vector3d here_ = tipAt(0.3, 0.5, 0.4), there_ = tipAt(0.6, 0.3, 0.4);
-  LoopBench bench_{model_, truthOf(model_.arm()), LoopBench::config(), {}};
-};
+using Loop = test::LoopTest;
 
 TEST_F(Loop, GoesWhereTheModelAloneDoesNot) {
   close();
@@ -329,7 +299,7 @@ TEST_F(Loop, RefusesATargetThatIsNone) {
 }
 
 TEST(SightLoopConfig, RefusesWhatMakesNoSense) {
-  const ArmModel model = helicalModel();
+  const statics::ArmModel model(test::ringArm(test::helicalRing()));
   const auto refused = [&](void (*spoil)(SightLoopConfig&)) {
     SightLoopConfig config = LoopBench::config();
     spoil(config);

@@ -293,6 +293,11 @@ TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
   EXPECT_EQ(scene.simulation.arm.length_scales, Eigen::Vector2d(0.98, 1.02));
 }
 
+TEST(SceneLoader, TheHysteresisOfTheRigIsAPressure) {
+  EXPECT_EQ(load(kPlanarScene).simulation.arm.play, 0.0);
+  EXPECT_EQ(load(kPlanarScene, {{"simulation.arm.play_kpa", "8"}}).simulation.arm.play, 8e3);
+}
+
 TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
   const Scene scene = load(kPlanarScene);
   EXPECT_FALSE(scene.regulator);

@@ -433,6 +433,75 @@ TEST(File, ItsEndIsTheLastState) {
   }
 }
 
+// A vision node that reads the same picture again and again, from a folder.
+class Republisher {
+ public:
+  explicit Republisher(CameraStandIn& eye, const std::string& ns,
+                       const std::vector<std::string>& more)
+      : picture_(eye.picture(eye.twists(kBent))) {
+    const auto jpeg = eye.jpeg(picture_, {}).data;
+    vision::JpegDecoder().decode(jpeg.data(), jpeg.size(), picture_);
+    for (int i = 0; i < 400; ++i) {
+      std::ofstream(folder_ / (std::to_string(1000 + i) + ".jpg"), std::ios::binary)
+          .write(reinterpret_cast<const char*>(jpeg.data()),
+                 static_cast<std::streamsize>(jpeg.size()));
+    }
+    std::vector<std::string> arguments{HELIX_ARM_VISION, "__ns:=" + ns,
+                                       "_scene:=demo",   "_source:=" + folder_.path(),
+                                       "_file_rate:=10", "_frame_prefix:=" + ns + "_"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    node_ = std::make_unique<Process>(arguments);
+  }
+
+  const cv::Mat& picture() const { return picture_; }
+  const std::string& output() { return node_->outputNow(); }
+
+ private:
+  cv::Mat picture_;
+  TemporaryFolder folder_;
+  std::unique_ptr<Process> node_;
+};
+
+TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAsked) {
+  CameraStandIn& eye = StandIns::of("jpeg");
+  Republisher node(eye, "shown", {"_publish_image:=true"});
+  VisionListener listener("shown");
+  const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
+  const Inbox<sensor_msgs::CameraInfo> info(listener.node, names::kCameraInfo);
+  ASSERT_TRUE(waitFor([&] { return image.all().size() >= 2 && info.all().size() >= 2; }))
+      << node.output();
+  const sensor_msgs::Image shown = image.last();
+  const auto with = VisionListener::of(info, shown.header.stamp);
+  ASSERT_NE(with, nullptr) << "no camera_info of the picture's time";
+  EXPECT_EQ(with->header.frame_id, "shown_camera_optical");
+  EXPECT_EQ(shown.header.frame_id, with->header.frame_id);
+  const auto expected = ros_bridge::toCameraInfoMsg({}, eye.scene.camera->model);
+  EXPECT_EQ(with->K, expected.K);
+  EXPECT_EQ(with->D, expected.D);
+  EXPECT_EQ(with->width, expected.width);
+  EXPECT_EQ(shown.encoding, "mono8");
+  cv::Mat buffer;
+  const auto gray = ros_bridge::fromMsg(shown, buffer);
+  ASSERT_TRUE(std::holds_alternative<cv::Mat>(gray));
+  EXPECT_EQ(cv::norm(std::get<cv::Mat>(gray), node.picture(), cv::NORM_INF), 0);
+  ASSERT_NE(VisionListener::of(listener.detections, shown.header.stamp), nullptr);
+}
+
+TEST(File, ItsPicturesAreNotRepublishedUnasked) {
+  Republisher node(StandIns::of("jpeg"), "unshown", {});
+  VisionListener listener("unshown");
+  const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
+  ASSERT_TRUE(waitFor([&] { return listener.measured.all().size() >= 3; })) << node.output();
+  EXPECT_EQ(image.publishers(), 0U);
+  EXPECT_TRUE(image.all().empty());
+}
+
+TEST(File, PicturesOfATopicAreNotRepublished) {
+  Process node({HELIX_ARM_VISION, "__ns:=looped", "_scene:=demo", "_publish_image:=true"});
+  EXPECT_TRUE(node.prints("come from a topic already")) << node.output();
+  EXPECT_EQ(node.exitCode(), 2);
+}
+
 }  // namespace
 }  // namespace helix_arm::test
 

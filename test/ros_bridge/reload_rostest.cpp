@@ -41,7 +41,8 @@ class Reloading : public ::testing::Test {
   }
   // The nodes of all tests go on with the demo's scene.
   void TearDown() override {
-    ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
+    const TargetStatus answer = rig_.sendPressures({0, 0, 0});
+    ASSERT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
     for (const char* node : {kPressureCommand, kVision, kMonitor}) {
       const Reload::Response response = reload(node, "demo");
       EXPECT_TRUE(response.success) << response.message;

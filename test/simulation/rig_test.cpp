@@ -94,6 +94,9 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
   EXPECT_THROW(each.validate(), std::invalid_argument);
   each.length_scales = Eigen::Vector2d(1, 1);
   EXPECT_THROW(TrueArm(arm, each), std::invalid_argument);
+  ArmDeviation loose;
+  loose.play = -1;
+  EXPECT_THROW(loose.validate(), std::invalid_argument);
   try {
     ArmDeviation{1, -2, 1}.validate();
   } catch (const std::invalid_argument& error) {
@@ -298,6 +301,35 @@ TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
   }
   EXPECT_THROW(rig.command(Eigen::Vector2d(0, 0)), std::invalid_argument);
   EXPECT_THROW(rig.step(-1), std::invalid_argument);
+}
+
+// On the way up the shape is that of a pressure which is lower by the play, on the way down of one
+// which is higher; a motion within twice the play moves nothing.
+TEST(SimulatedRig, MusclesWithPlayStayBehindTheirPressures) {
+  constexpr double kPlay = 8e3;
+  const model::Arm arm = ringArm(helicalRing());
+  ArmDeviation deviation;
+  deviation.play = kPlay;
+  SimulatedRig rig(arm, kRegulator, deviation);
+  const TrueArm truth(arm, deviation);
+  const Eigen::Vector3d play = Eigen::Vector3d::Constant(kPlay);
+  const auto goTo = [&rig](const Eigen::Vector3d& pressure) {
+    rig.command(pressure);
+    rig.step(100);
+  };
+  const Eigen::Vector3d high(2e5, 3e5, 1e5);
+  goTo(high);
+  ASSERT_LT((rig.pressure() - high).norm(), 1e-6);
+  EXPECT_LT((rig.twists() - truth.twists(high - play)).norm(), 1e-9);
+  const model::Twists up = rig.twists();
+  goTo(high - 1.99 * play);
+  EXPECT_EQ(rig.twists(), up);
+  goTo(high - 5 * play);
+  EXPECT_LT((rig.twists() - truth.twists(high - 4 * play)).norm(), 1e-9);
+  goTo(high - 3.01 * play);
+  EXPECT_LT((rig.twists() - truth.twists(high - 4 * play)).norm(), 1e-9);
+  goTo(high);
+  EXPECT_LT((rig.twists() - up).norm(), 1e-9);
 }
 
 TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {

@@ -50,6 +50,7 @@ struct FollowRow {
   std::optional<double> path_time;  ///< since the path's start [s]
   /// `wanted` is out of reach of the corrected arm, which goes to the closest place.
   bool unreachable = false;
+  double load_score = 0.0;  ///< of a force on the arm, see estimation::ExternalLoad
 };
 
 /// Least time of a tip: its last second is its steady state [s].
@@ -101,6 +102,11 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
 /// @throws std::invalid_argument naming what the scene lacks or the plan breaks; std::runtime_error
 ///     if no shape of the true arm holds its load.
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
+                       const std::function<bool(double)>& progress = {});
+/// The same on the rig of another scene: its true arm, regulator, camera and tags, as of hardware
+/// that `scene` was calibrated on.
+/// @throws also if the arms have other sections or actuators, or the scenes other tags.
+FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan,
                        const std::function<bool(double)>& progress = {});
 
 }  // namespace helix_arm::procedures

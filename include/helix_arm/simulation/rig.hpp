@@ -8,6 +8,7 @@
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/play.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
@@ -21,6 +22,9 @@ struct ArmDeviation {
   double K_eps_scale = 1.0;    ///< > 0; no effect on an arm that nothing loads
   /// (n) further factors on the free length of each actuator, > 0; empty: 1 each.
   Eigen::VectorXd length_scales = {};
+  /// Width of the hysteresis of the muscles, see Play; >= 0 [Pa]. A TrueArm has no memory and
+  /// ignores it, a SimulatedRig does not.
+  double play = 0.0;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -88,14 +92,17 @@ class SimulatedRig {
   /// Sets a dead force at the true tip; as TrueArm::setTipForce(), and throws as it does.
   void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
   /// Advances time by dt >= 0 [s]. Throws as SimulatedRegulator::step() does.
-  void step(double dt) { regulator_.step(dt); }
+  void step(double dt) {
+    regulator_.step(dt);
+    play_.follow(regulator_.pressure());
+  }
 
   /// True pressures (n), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
   /// One noisy reading of them (n), gauge, may be below 0 [Pa]; each call draws anew.
   Eigen::VectorXd measure() { return regulator_.measure(); }
   /// The current shape. Throws as TrueArm::shape() does if no shape is found.
-  model::Shape shape() const { return arm_.shape(pressure()); }
+  model::Shape shape() const { return arm_.shape(play_.felt()); }
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.
@@ -105,6 +112,7 @@ class SimulatedRig {
  private:
   TrueArm arm_;
   regulator::SimulatedRegulator regulator_;
+  Play play_;
   std::optional<SimulatedCamera> camera_;
 };
 

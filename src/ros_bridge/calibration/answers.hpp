@@ -39,6 +39,9 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   out.message = outcome.message;
   out.warnings = outcome.warnings;
   out.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+  out.tip_error_before = outcome.tip_error_before.value_or(kUndetermined);
+  out.tip_error_after = outcome.tip_error_after.value_or(kUndetermined);
   if (outcome.success) out.out = path;
   if (!outcome.calibration) return;
   const estimation::Calibration& calibration = *outcome.calibration;

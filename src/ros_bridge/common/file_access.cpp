@@ -20,6 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kLongestPath = 300;  // in a message
+constexpr std::size_t kLongestTitle = 64;
+constexpr std::size_t kPictureHeader = 256;              // in which its writer is named [bytes]
+constexpr char kPlotWriter[] = "helix_arm plot_report";  // as WRITER of plot_report
 
 std::string join(const std::vector<std::string>& words) {
   std::string out;
@@ -33,13 +36,29 @@ bool isBelow(const fs::path& path, const fs::path& folder) {
   return !folder.empty() && of_folder == folder.end() && of_path != path.end();
 }
 
-// Whether the file is one that this package writes.
+// First bytes of a file.
+std::string beginOf(const std::string& path, std::size_t most) {
+  std::string out(most, '\0');
+  std::ifstream stream(path, std::ios::binary);
+  stream.read(out.data(), static_cast<std::streamsize>(out.size()));
+  out.resize(static_cast<std::size_t>(stream.gcount()));
+  return out;
+}
+
+// Whether the file is one that this package writes under such a name.
 bool isOurs(const std::string& path) {
-  if (fs::path(path).extension() == ".csv") {
-    const std::string title = std::string("# ") + kRecordedTitle;
-    std::string begin(title.size(), ' ');
-    std::ifstream(path).read(begin.data(), static_cast<std::streamsize>(begin.size()));
-    return begin == title;
+  const std::string ending = fs::path(path).extension();
+  if (ending == ".csv") {
+    const std::string begin = beginOf(path, kLongestTitle);
+    const auto has = [&begin](const char* title) {
+      const std::string comment = std::string("# ") + title;
+      return begin.compare(0, comment.size(), comment) == 0;
+    };
+    return has(kRecordedTitle) || has(kRecordedRunTitle);
+  }
+  if (ending == ".png") {
+    const std::string begin = beginOf(path, kPictureHeader);
+    return begin.compare(0, 4, "\x89PNG") == 0 && begin.find(kPlotWriter) != std::string::npos;
   }
   try {
     return io::loadScene(path).calibration.has_value();
@@ -61,12 +80,13 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
                                  const std::vector<std::string>& endings) const {
   std::string below;
   for (const Folder& folder : folders_) {
-    below += (below.empty() ? "" : " or ") + folder.path + " (" + folder.parameter + ")";
+    if (folder.parameter.empty()) continue;
+    below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
   }
   const std::string quoted = basics::quoted(given, kLongestPath);
   const auto require = [&](bool holds) {
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
-                    join(endings), " file below ", below);
+                    join(endings), " file", below);
   };
   // The system would cut a path at a null character.
   require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
@@ -99,8 +119,9 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
   const fs::file_type type = fs::symlink_status(path, ignored).type();
   if (type != fs::file_type::not_found) {
     basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                    "', which exists and is neither a calibrated scene nor recorded samples of "
-                    "this package; expected a new name, or that of one of these");
+                    "', which exists and was not written by this package as a calibrated scene, "
+                    "recorded samples, a recorded run or its figure; expected a new name, or that "
+                    "of one of these");
     basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
                     "', which cannot be overwritten; expected another path");
   }

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <stdexcept>
 
 #include <ros/package.h>
 
+#include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -121,6 +123,17 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
                            folder, " of the package"));
   }
   return path;
+}
+
+std::string ParameterReader::fileToWrite(const std::string& name, const std::string& extension) {
+  const std::string given = text(name, "");
+  if (given.empty()) return given;
+  try {
+    return FileAccess::anywhere().toWrite("~" + name, given, {extension});
+  } catch (const std::invalid_argument& refusal) {
+    faults_.emplace_back(refusal.what());
+  }
+  return "";
 }
 
 std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {

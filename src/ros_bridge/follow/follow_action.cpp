@@ -1,10 +1,8 @@
 #include "helix_arm/ros_bridge/follow/follow_action.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <utility>
 #include <variant>
 
@@ -45,10 +43,6 @@ follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
   }
 }
 
-bool isReady(const std::future<std::string>& check) {
-  return check.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
-
 }  // namespace
 
 FollowAction::FollowAction(ros::NodeHandle& private_node, const io::Scene& scene,
@@ -87,13 +81,16 @@ void FollowAction::onGoal(Handle handle) {
     return;
   }
   if (candidate_) {
-    candidate_->handle.setCanceled(resultOf({Result::SUCCESSFUL, "replaced by a newer goal"}));
+    candidate_->handle.setCanceled(
+        resultOf({Result::SUCCESSFUL,
+                  "replaced by a newer goal before its path was checked; wait for the answer to a "
+                  "goal before the next one"}));
     discardCandidate();
   }
   auto& goal = std::get<PathGoal>(checked);
   const double tolerance = message.path_tolerance > 0 ? message.path_tolerance : kCheckTolerance;
-  auto check = std::async(std::launch::async, make_check_(goal.path, tolerance));
-  candidate_.emplace(Candidate{std::move(handle), std::move(goal), std::move(check)});
+  checker_.begin(make_check_(goal.path, tolerance));
+  candidate_.emplace(Candidate{std::move(handle), std::move(goal)});
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
@@ -110,23 +107,17 @@ void FollowAction::onCancel(Handle handle) {
   }
 }
 
-// Does not wait for the end of its check.
 void FollowAction::discardCandidate() {
-  discarded_.push_back(std::move(candidate_->check));
+  checker_.discard();
   candidate_.reset();
 }
 
 void FollowAction::takeCandidate() {
-  discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(), isReady), discarded_.end());
-  if (!candidate_ || !isReady(candidate_->check)) return;
+  const auto why_not = checker_.take();
+  if (!candidate_ || !why_not) return;
   Candidate next = std::move(*candidate_);
   candidate_.reset();
-  GoalEnding refusal{Result::INVALID_GOAL, {}};
-  try {
-    refusal.message = next.check.get();
-  } catch (const std::exception& fault) {
-    refusal.message = fault.what();
-  }
+  GoalEnding refusal{Result::INVALID_GOAL, *why_not};
   if (refusal.message.empty()) {
     const auto other = targets_.claim(names::kFollowTipPath);
     if (other) refusal = {Result::NOT_ENABLED, other->message};

@@ -32,19 +32,6 @@ ros::console::Level levelOf(LoopState state, LoopState before) {
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
 }
 
-// Twists of a `measured` with their covariance, or the refusal.
-control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
-  const auto size = static_cast<Eigen::Index>(6) * sections;
-  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
-    return control::Refusal{control::Fault::kWrongSize,
-                            std::to_string(shape.twist_covariance.size()) +
-                                " numbers in twist_covariance; send " +
-                                std::to_string(size * size) + ", the covariance of `twist`"};
-  }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
-}
-
 }  // namespace
 
 SightLoopNode::SightLoopNode()
@@ -65,7 +52,8 @@ SightLoopNode::SightLoopNode()
           node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
       reading_subscriber_(
           listen(node_, names::kPressureMeasured, 10, &SightLoopNode::onReading, this)),
-      measured_subscriber_(listen(node_, names::kMeasured, 10, &SightLoopNode::onMeasured, this)),
+      sight_(node_, scene_, frames_.baseFrame(), pictures_,
+             [this](const SeenArm& seen) { onSeen(seen); }),
       close_server_(serve(private_node_, names::kCloseLoop, &SightLoopNode::onCloseLoop, this)),
       reset_server_(serve(private_node_, names::kReset, &SightLoopNode::onReset, this)),
       reload_(private_node_, options_.scene, options_.scene_folder,
@@ -94,6 +82,7 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
 }
 
 void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
+  sight_.poll();
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
@@ -144,34 +133,22 @@ void SightLoopNode::letGo() {
   link_.fallSilent();
 }
 
-void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
-  const int sections = scene_.arm.sectionCount();
-  const auto checked = fromMsg(*shape, sections, frames_.baseFrame());
-  const auto covariance = covarianceOf(*shape, sections);
-  for (const auto* refusal :
-       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
-    if (refusal == nullptr) continue;
-    pictures_.sawForeign(refusal->message);
-    return;
-  }
-  const ros::Time& stamp = shape->header.stamp;
-  const auto& measured = std::get<model::Shape>(checked);
-  // Simulated time may arrive later than readings that it stamps.
+void SightLoopNode::onSeen(const SeenArm& seen) {
+  // Simulated time may reach this node later than the readings that it stamps.
   const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
   const estimation::Sighting sighting =
-      loop_.picture(stamp.toSec(), now, measured.twists(), std::get<Eigen::MatrixXd>(covariance));
-  pictures_.saw(now, sighting, loop_.tracker());
+      loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
+  pictures_.saw(now, sighting, loop_.tracker(), seen.tags.has_value());
   if (!sighting.accepted()) return;
-  last_picture_ = stamp;
-  load_publisher_.publish(stamp, loop_);
+  last_picture_ = seen.stamp;
+  load_publisher_.publish(seen.stamp, loop_);
   if (action_.runs()) {
-    action_.picture(stamp, model::tipPose(measured), LoopPublisher::tipCovariance(view()));
+    action_.picture(seen.stamp, model::tipPose(seen.shape), LoopPublisher::tipCovariance(view()));
   }
 }
 
 // With copies of the present state, since the check runs in another thread.
-FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
-                                               double tolerance) const {
+PathChecker::Check SightLoopNode::checkOf(const control::TipPath& path, double tolerance) const {
   follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
   for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
     rules.slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
@@ -179,10 +156,11 @@ FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
   const Eigen::VectorXd start =
       scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
   return [path, rules, start, model = scene_.model,
-          correction = loop_.tracker().correction()]() -> std::string {
+          correction = loop_.tracker().correction()](const std::atomic<bool>& stop) -> std::string {
     statics::InverseSolver solver(model);
     solver.correct(correction);
-    const auto refusal = follow::checkPath(path, model.arm(), solver, start, rules);
+    const auto refusal =
+        follow::checkPath(path, model.arm(), solver, start, rules, [&stop] { return stop.load(); });
     return refusal ? refusal->reason : std::string();
   };
 }
@@ -217,6 +195,7 @@ void SightLoopNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   loop_ = std::move(loop);
   targets_.adopt();
+  sight_.adopt();
 }
 
 LoopPublisher::View SightLoopNode::view() {

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
+#include <sstream>
 #include <vector>
 
 #include "helix_arm/model/curve.hpp"
@@ -17,11 +20,15 @@ namespace {
 using visualization_msgs::Marker;
 using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 
-constexpr int kRings = 24;             // of a tube, per section
-constexpr int kSides = 10;             // of a tube
-constexpr double kDisc = 0.004;        // thickness of a separator [m]
-constexpr double kLine = 0.002;        // width of the base curve [m]
-constexpr double kTextHeight = 0.022;  // legible in a view of a whole 0.4 m arm [m]
+constexpr int kRings = 24;                // of a tube, per section
+constexpr int kSides = 10;                // of a tube
+constexpr double kDisc = 0.004;           // thickness of a separator [m]
+constexpr double kLine = 0.002;           // width of the base curve [m]
+constexpr double kTextHeight = 0.022;     // legible in a view of a whole 0.4 m arm [m]
+constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
+constexpr double kBannerRise = 0.12;      // of the state above the base [m]
+constexpr double kLegendHeight = 0.016;   // [m]
+constexpr std::size_t kLongestLine = 60;  // of the state's reason, in characters
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
@@ -69,18 +76,67 @@ lie::SE3 standAlongX(const lie::SE3& X) {
 
 // Line i of n lines. Each is a marker with its own colour; empty lines before and after it keep the
 // column aligned from every viewpoint.
-std::string lineOfColumn(int i, int n, const std::string& name, double pressure) {
+std::string lineOfColumn(int i, int n, const std::string& text) {
+  return std::string(static_cast<std::size_t>(i), '\n') + text +
+         std::string(static_cast<std::size_t>(n - 1 - i), '\n');
+}
+
+std::string pressureText(const std::string& name, double pressure) {
   char value[32];
   const double kilopascals = std::round(pressure / 1e3) + 0.0;  // never "-0"
   std::snprintf(value, sizeof value, "  %.0f kPa", kilopascals);
-  return std::string(i, '\n') + name + value + std::string(n - 1 - i, '\n');
+  return name + value;
 }
 
 // Position of the text in the world frame: beside the base, for any mounting of the arm.
-Eigen::Vector3d besideBase(const io::Scene& scene) {
+Eigen::Vector3d besideBase(const io::Scene& scene, double side = 1.0) {
   return scene.X_WB.translation +
-         Eigen::Vector3d(0, 0.08 + 3.0 * scene.looks.front().separator_radius, 0);
+         Eigen::Vector3d(0, side * (0.08 + 3.0 * scene.looks.front().separator_radius), 0);
 }
+
+// The state in capitals, then its reason in lines that fit the view.
+std::string bannerText(const control::SafetyReport& report, const std::string& reason) {
+  std::string out = report.stopped ? "emergency stop, " : "";
+  out += control::nameOf(report.state);
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  if (report.state == control::SafetyState::kEnabled && !report.resting) return out;
+  std::istringstream words(reason);
+  std::string line;
+  for (std::string word; words >> word; line += (line.empty() ? "" : " ") + word) {
+    if (line.size() + word.size() < kLongestLine) continue;
+    out += "\n" + line;
+    line.clear();
+  }
+  return out + "\n" + line;
+}
+
+std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
+  if (report.stopped || report.vent_overdue) return color(1.0, 0.3, 0.25);
+  switch (report.state) {
+    case control::SafetyState::kEnabled:
+      return color(0.4, 1.0, 0.5);
+    case control::SafetyState::kFault:
+      return color(1.0, 0.3, 0.25);
+    case control::SafetyState::kVented:
+      return color(1.0, 0.75, 0.3);
+    case control::SafetyState::kDisabled:
+      break;
+  }
+  return color(0.8, 0.8, 0.85);
+}
+
+// What is drawn, here and by vision and sight_loop, in the colours of its lines.
+struct LegendLine {
+  const char* text;
+  double r, g, b;
+};
+constexpr std::array<LegendLine, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
+                                                {"orange: measured", 1.0, 0.55, 0.1},
+                                                {"cyan line: predicted", 0.2, 0.9, 1.0},
+                                                {"cyan dashes: model then", 0.3, 0.9, 1.0},
+                                                {"magenta: wanted tip", 1.0, 0.3, 0.9},
+                                                {"green: tip trace", 0.4, 1.0, 0.6}}};
 
 }  // namespace
 
@@ -100,6 +156,32 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (!trace_.empty() && (smooth_tip_ - trace_.back()).norm() < kTraceStep) return;
   trace_.push_back(smooth_tip_);
   if (trace_.size() > kTraceLength) trace_.pop_front();
+}
+
+void ArmMarkers::tell(const control::SafetyReport& report, const std::string& reason) {
+  safety_ = report;
+  reason_ = reason;
+}
+
+void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
+  const lie::SE3 X_BW = scene_.X_WB.inverse();
+  Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
+  banner.scale.z = kTextHeight;
+  banner.color = stateColor(safety_);
+  banner.text = bannerText(safety_, reason_);
+  banner.pose.position =
+      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kBannerRise)));
+  out.markers.push_back(std::move(banner));
+  const int lines = static_cast<int>(kLegend.size());
+  for (int i = 0; i < lines; ++i) {
+    const LegendLine& entry = kLegend[static_cast<std::size_t>(i)];
+    Marker line = marker(names::kLegendNs, i, Marker::TEXT_VIEW_FACING);
+    line.scale.z = kLegendHeight;
+    line.color = color(entry.r, entry.g, entry.b);
+    line.text = lineOfColumn(i, lines, entry.text);
+    line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
+    out.markers.push_back(std::move(line));
+  }
 }
 
 visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
@@ -126,8 +208,9 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
       text.scale.z = kTextHeight;
       text.color = tube.color;
-      text.text = lineOfColumn(i, arm.actuatorCount(), actuator.name, pressure[i]);
+      text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
       text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
+      tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
@@ -155,6 +238,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
     for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
     out.markers.push_back(std::move(trace));
   }
+  addWords(out);
   drawn_.clear();
   for (const Marker& drawn : out.markers) drawn_.emplace_back(drawn.ns, drawn.id);
   return out;

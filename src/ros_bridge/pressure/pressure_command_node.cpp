@@ -146,6 +146,8 @@ void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (options_.handle) shapes_.moveHandle(loop_->goal());
+  const PressureLoop::Snapshot path = loop_->snapshot();
+  shapes_.tell(path.report, path.reason);
   shapes_.draw();
 }
 
@@ -167,6 +169,8 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   if (guard_ && control::isGone(guard_->state())) replaceGuard();
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
+  const std::string units = intake_.unitWarning();
+  if (!units.empty()) logWarning("%s", units.c_str());
 }
 
 void PressureCommandNode::replaceGuard() {

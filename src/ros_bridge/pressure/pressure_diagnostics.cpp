@@ -74,8 +74,9 @@ DiagnosticStatus channelStatus(const std::string& node, const io::Scene& scene,
   addValue(out, "set_point_kpa", kpa(path.orders.set_point[channel]));
   addValue(out, "target_kpa", kpa(path.goal[channel]));
   addValue(out, "measured_kpa", kpa(path.reading[channel]));
-  addValue(out, "lower_limit_kpa", kpa(actuator.limits.lower));
-  addValue(out, "upper_limit_kpa", kpa(actuator.limits.upper));
+  // Rounded to 0.1 kPa, a limit would let through what the arm refuses.
+  addValue(out, names::kLowerLimitKey, fixed(1e-3 * actuator.limits.lower, 4));
+  addValue(out, names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4));
   return out;
 }
 

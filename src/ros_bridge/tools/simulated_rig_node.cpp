@@ -54,6 +54,7 @@ SimulatedRigNode::SimulatedRigNode()
       scene_(requirePneumatic(io::loadScene(options_.scene))),
       regulator_(makeSimulatedRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
+      play_(scene_.arm.actuatorCount(), scene_.simulation.arm.play),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
       last_step_(ros::SteadyTime::now()) {
   if (options_.time_factor > 0) {
@@ -146,12 +147,13 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
   }
   ventWhenSilent(now);
   regulator_.step(dt);
+  play_.follow(regulator_.pressure());
   std_msgs::Header header;
   header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
   measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
   std::optional<Moment> moment;
   try {
-    moment = Moment{header.stamp, true_arm_.shape(regulator_.pressure())};
+    moment = Moment{header.stamp, true_arm_.shape(play_.felt())};
   } catch (const std::runtime_error& fault) {
     if (no_truths_.add()) {
       logWarning("%s (%lu times so far): neither truth nor picture until another command or force",

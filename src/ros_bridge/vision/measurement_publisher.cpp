@@ -3,6 +3,7 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
+#include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
 #include "helix_arm/ros_bridge/common/log.hpp"
@@ -27,7 +28,11 @@ MeasurementPublisher::MeasurementPublisher(ros::NodeHandle& node, const VisionOp
       measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
       detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
       error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {}
+      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
+  if (!options.publish_image) return;
+  image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
+  info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+}
 
 void MeasurementPublisher::publish(const Measurement& measurement) {
   const SightReport report = reportOf(measurement, frames_.base, camera_frame_);
@@ -36,7 +41,21 @@ void MeasurementPublisher::publish(const Measurement& measurement) {
   if (report.error) error_publisher_.publish(*report.error);
   if (measurement.measured()) sendFrames(measurement);
   detections_publisher_.publish(report.detections);
+  republish(measurement);
   draw(measurement, report);
+}
+
+void MeasurementPublisher::republish(const Measurement& measurement) {
+  std_msgs::Header header;
+  header.stamp = measurement.stamp;
+  header.frame_id = camera_frame_;
+  if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+    info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+  }
+  if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
+    image_publisher_.publish(
+        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
+  }
 }
 
 void MeasurementPublisher::sendFrames(const Measurement& measurement) {

@@ -28,6 +28,12 @@ io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
     throw std::invalid_argument("scene " + scene.name +
                                 " has no camera.webcam; add it, or set ~source to topic");
   }
+  if (options.publish_image && !options.fromWebcam() && !options.fromFile()) {
+    throw std::invalid_argument("~publish_image is true, but the pictures of ~source " +
+                                options.source +
+                                " come from a topic already; leave it false, or set ~source to "
+                                "webcam or a file");
+  }
   return scene;
 }
 

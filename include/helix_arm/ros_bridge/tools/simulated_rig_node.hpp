@@ -14,6 +14,7 @@
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
+#include "helix_arm/simulation/play.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -91,6 +92,7 @@ class SimulatedRigNode {
   const io::Scene scene_;
   regulator::SimulatedRegulator regulator_;
   simulation::TrueArm true_arm_;
+  simulation::Play play_;
   Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;  ///< of the regulator
   ros::SteadyTime last_command_;

@@ -1,0 +1,412 @@
+#include "helix_arm/estimation/load_forks.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/statics/loaded.hpp"
+#include "support/paper_arm.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using statics::ArmModel;
+
+constexpr double kPeriod = 1.0 / 30;  // of pictures [s]
+constexpr double kK_eps = 900.0;      // [N]
+constexpr double kArmed = 10.0;       // of pictures [s]
+constexpr int kLateral[] = {1, 2};    // axes across an arm that hangs along x
+
+statics::Load stiffnessAlone() { return {Eigen::Vector3d::Zero(), {0.0}, {kK_eps}, {}}; }
+ArmModel knownStiffness() {
+  return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, stiffnessAlone());
+}
+
+// A true arm that a force may pull, a filter that watches it, and forks of that filter. The mean of
+// the strain is measured, with noise.
+class Bench {
+ public:
+  explicit Bench(unsigned seed, const LoadForksOptions& options = {})
+      : forks(options), random(seed), truth_(model) {}
+
+  // Of the true arm: how it differs from its model.
+  void differ(const statics::Correction& correction) { truth_.set(correction); }
+
+  model::Twists trueTwists() const {
+    const Eigen::VectorXd lengths = truth_.scaled(model.arm().lengths(pressure));
+    model::Twists unloaded = truth_.arm().twistsOfLengths(lengths);
+    if (!force.isZero(0)) {
+      statics::Load load = stiffnessAlone();
+      load.points.emplace_back();
+      load.points.back().s = place;
+      load.points.back().force = force;
+      const auto pulled = statics::LoadedArm(truth_.arm(), load, 5).solve(unloaded);
+      EXPECT_TRUE(pulled.converged());
+      unloaded = pulled.shape.twists();
+    }
+    return unloaded + truth_.correction().offset;
+  }
+
+  // A picture.
+  void see() {
+    time += kPeriod;
+    ArmFilter::Input picture{time, pressure, Eigen::VectorXd::Zero(3), trueTwists(), {}};
+    lie::Vector6 deviation;
+    deviation << 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3;
+    for (int i = 0; i < 6; ++i) picture.twists(i, 0) += noise * deviation[i] * random.normal();
+    picture.covariance = deviation.cwiseAbs2().asDiagonal();
+    watch.see(picture);
+    compliance.moveTo(picture.pressure, watch.correction());
+    forks.see(time, tip_deviation, watch, compliance);
+  }
+  void run(double seconds) {
+    for (double end = time + seconds; time < end - kPeriod / 2;) see();
+  }
+  // Time until a contact is found [s]; infinite if none is.
+  double delay(double deadline) {
+    const double begin = time;
+    while (!forks.load().contact && time < begin + deadline) see();
+    return forks.load().contact ? time - begin : INFINITY;
+  }
+  // Targets in a row until contacts may be found.
+  void moveUntilArmed() {
+    for (int k = 0; k < 5; ++k) {
+      pressure = test::randomInput(model.arm(), random);
+      run(2.2);
+    }
+    pressure = model.arm().inputAt(Eigen::Vector3d(0.3, 0.5, 0.4));
+    run(2);
+  }
+
+  static ArmFilterOptions options() {
+    ArmFilterOptions out;
+    out.creep = 0.05;
+    return out;
+  }
+
+  const ArmModel model = knownStiffness();
+  ArmFilter watch{model, options()};
+  TipCompliance compliance{model};
+  LoadForks forks;
+  test::Random random;
+  double time = 0.0, noise = 1.0, tip_deviation = 1e-3;
+  double place = 1.0;  // of the force
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
+  Eigen::VectorXd pressure = model.arm().inputAt(Eigen::Vector3d(0.3, 0.5, 0.4));
+
+ private:
+  statics::CorrectedModel truth_;
+};
+
+const ExternalLoad& loadOf(const Bench& bench) { return bench.forks.load(); }
+
+// A fork that is two pictures old: its score against least squares over these pictures, whose
+// unknowns are theta and b as the watch knew them, and f.
+TEST(LoadForks, TheScoreIsThatOfLeastSquaresOverThePicturesSinceTheFork) {
+  Bench bench(1);
+  for (int k = 0; k < 3; ++k) bench.see();  // the third picture is forked
+  const Gaussian before = bench.watch.state();
+  bench.force = {0, 0.3, -0.2};
+  const Eigen::Index m = bench.watch.parameterCount(), d = 6, size = m + d + 3;
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
+  covariance.topLeftCorner(m + d, m + d) = before.covariance;
+  covariance.bottomRightCorner<3, 3>().setIdentity();
+  Eigen::MatrixXd information;
+  Eigen::VectorXd vector;
+  for (int k = 0; k < 2; ++k) {
+    bench.see();
+    const ArmFilter::Step& step = *bench.watch.lastStep();
+    // What happens between two pictures adds to the covariance before the next one.
+    const Eigen::MatrixXd prior = k == 0 ? covariance : Eigen::MatrixXd(information.inverse());
+    const Eigen::VectorXd mean = k == 0 ? Eigen::VectorXd::Zero(size).eval()
+                                        : Eigen::VectorXd(information.ldlt().solve(vector));
+    Eigen::VectorXd expected = mean;
+    if (k == 0) expected.head(m + d) = before.mean;
+    Eigen::MatrixXd predicted = prior;
+    predicted.block(m, m, d, d) += step.bias_growth;
+    predicted.diagonal().tail<3>().array() += 0.05 * 0.05 * step.dt;
+    Eigen::MatrixXd H(d, size);
+    H << step.model.by_theta, Eigen::MatrixXd::Identity(d, d), bench.compliance.atTip();
+    const Eigen::VectorXd value =
+        step.measured - step.model.twists + step.model.by_theta * step.theta;
+    information = predicted.inverse() + H.transpose() * step.noise.inverse() * H;
+    vector = predicted.inverse() * expected + H.transpose() * step.noise.inverse() * value;
+  }
+  const Eigen::VectorXd mean = information.ldlt().solve(vector);
+  const Eigen::MatrixXd P = information.inverse();
+  const Eigen::Vector3d f = mean.tail<3>();
+  const double expected = f.dot(P.bottomRightCorner<3, 3>().inverse() * f);
+  ASSERT_GT(expected, 1.0);
+  EXPECT_NEAR(loadOf(bench).score, expected, 1e-4 * expected);
+}
+
+TEST(LoadForks, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
+  Bench bench(2);
+  bench.moveUntilArmed();
+  ASSERT_FALSE(loadOf(bench).contact);
+  EXPECT_EQ(loadOf(bench).force, Eigen::Vector3d::Zero());
+  EXPECT_EQ(loadOf(bench).determined.cols(), 0);
+  const double begin = bench.time;
+  bench.force = {0, 0.3, 0};
+  EXPECT_LT(bench.delay(1), 0.5);
+  EXPECT_NEAR(loadOf(bench).onset, begin, 0.15);
+  bench.run(1.5);
+  const ExternalLoad& load = loadOf(bench);
+  ASSERT_TRUE(load.contact);
+  EXPECT_FALSE(load.normalised);
+  for (const int axis : kLateral) EXPECT_NEAR(load.force[axis], bench.force[axis], 0.1);
+  ASSERT_GE(load.determined.cols(), 1);
+  EXPECT_GT(load.determined.rightCols<1>().dot(Eigen::Vector3d::UnitY()), 0.0);
+  for (int i = 0; i < load.determined.cols(); ++i) {
+    const Eigen::Vector3d axis = load.determined.col(i);
+    EXPECT_NEAR(axis.norm(), 1, 1e-9);
+    EXPECT_GT(axis.dot(load.force), 3 * std::sqrt(axis.dot(load.covariance * axis)));
+  }
+}
+
+// The errors of f are what its covariance says: the mean of e' P^-1 e over 100 arms, each of its
+// own stiffness and lengths. The truth neither creeps nor has hysteresis, which the filter allows
+// for, so that the mean may be below 3; it may not be above by more than chance in a thousand.
+TEST(LoadForks, TheForcesCovarianceIsConsistent) {
+  constexpr int kRuns = 100;
+  constexpr double kMost = 3.83;  // 99.9 % point of chi-square of 300 degrees, over 100
+  double sum = 0, most = 0;
+  int found = 0;
+  for (unsigned seed = 1; seed <= kRuns; ++seed) {
+    Bench bench(100 + seed);
+    statics::Correction truth(bench.model.arm());
+    truth.stiffness_factors = {std::exp(0.1 * bench.random.normal()), 1.0,
+                               std::exp(0.1 * bench.random.normal())};
+    for (double& scale : truth.length_scale) scale = std::exp(0.005 * bench.random.normal());
+    bench.differ(truth);
+    bench.moveUntilArmed();
+    EXPECT_FALSE(loadOf(bench).contact) << seed;
+    const Eigen::Vector2d across = bench.random.direction<2>();
+    bench.force << 0, 0.3 * across;
+    if (!std::isfinite(bench.delay(1))) continue;
+    ++found;
+    bench.run(1.5);
+    const Eigen::Vector3d error = loadOf(bench).force - bench.force;
+    const double distance2 = error.dot(loadOf(bench).covariance.ldlt().solve(error));
+    sum += distance2;
+    most = std::max(most, distance2);
+  }
+  std::printf(
+      "[  FIGURE  ] force on 100 arms: %d found, error^2 %.2f of 3 in the mean, %.1f at most\n",
+      found, sum / found, most);
+  EXPECT_GE(found, 95);
+  EXPECT_GT(sum / found, 0.5);
+  EXPECT_LT(sum / found, kMost);
+}
+
+TEST(LoadForks, NothingIsFoundBeforeTenSecondsOfPictures) {
+  Bench bench(3);
+  bench.run(kArmed - 0.5);
+  bench.force = {0, 1, 0};
+  while (bench.time < kArmed - 1.5 * kPeriod) {
+    bench.see();
+    ASSERT_FALSE(loadOf(bench).contact) << bench.time;
+  }
+  EXPECT_GT(loadOf(bench).score, 32) << "the force shows";
+  EXPECT_LT(bench.delay(1), 4 * kPeriod);
+}
+
+TEST(LoadForks, NothingIsFoundWhileTheTipIsUncertain) {
+  Bench bench(4);
+  bench.moveUntilArmed();
+  bench.force = {0, 1, 0};
+  bench.tip_deviation = 3.01e-3;
+  for (int k = 0; k < 15; ++k) {
+    bench.see();
+    ASSERT_FALSE(loadOf(bench).contact);
+  }
+  EXPECT_GT(loadOf(bench).score, 32);
+  bench.tip_deviation = 2.99e-3;
+  bench.see();
+  EXPECT_TRUE(loadOf(bench).contact);
+}
+
+TEST(LoadForks, TheLimitIsThatOfTheOptions) {
+  const auto highest = [](double limit) {
+    LoadForksOptions options;
+    options.limit = limit;
+    Bench bench(5, options);
+    bench.moveUntilArmed();
+    bench.force = {0, 0.3, 0};
+    double out = 0;
+    for (int k = 0; k < 6 && !loadOf(bench).contact; ++k) {
+      bench.see();
+      out = std::max(out, loadOf(bench).score);
+    }
+    return std::pair(out, loadOf(bench).contact);
+  };
+  const auto [score, never] = highest(1e6);
+  ASSERT_FALSE(never);
+  ASSERT_GT(score, 10);
+  EXPECT_TRUE(highest(0.99 * score).second);
+  EXPECT_FALSE(highest(1.01 * score).second);
+}
+
+// The watch gets its state from the filter of the force: the force is no bias of the arm.
+TEST(LoadForks, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
+  Bench bench(6);
+  bench.moveUntilArmed();
+  const Eigen::VectorXd twists = bench.watch.shape(bench.pressure)->twists().reshaped();
+  bench.force = {0, 0.5, 0.3};
+  const Eigen::VectorXd pulled = bench.trueTwists().reshaped();
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.run(3);
+  const Eigen::VectorXd after = bench.watch.shape(bench.pressure)->twists().reshaped();
+  EXPECT_LT((after - twists).norm(), 0.3 * (pulled - twists).norm());
+}
+
+TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
+  Bench bench(7);
+  bench.moveUntilArmed();
+  bench.force = {0, 0.5, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.run(2);
+  bench.force.setZero();
+  const double begin = bench.time;
+  double low_since = INFINITY;
+  while (loadOf(bench).contact && bench.time < begin + 5) {
+    bench.see();
+    if (loadOf(bench).score >= 7.8) low_since = INFINITY;
+    if (loadOf(bench).score < 7.8) low_since = std::min(low_since, bench.time);
+  }
+  EXPECT_LT(bench.time, begin + 3);
+  EXPECT_NEAR(bench.time - low_since, 0.5, 1.5 * kPeriod);
+  EXPECT_EQ(loadOf(bench).force, Eigen::Vector3d::Zero());
+  EXPECT_FALSE(loadOf(bench).place);
+  // And the next one is found.
+  bench.run(1);
+  ASSERT_FALSE(loadOf(bench).contact);
+  bench.force = {0, -0.5, 0};
+  EXPECT_LT(bench.delay(1), 0.5);
+}
+
+TEST(LoadForks, AForceThatChangesIsFollowed) {
+  Bench bench(8);
+  bench.moveUntilArmed();
+  bench.force = {0, 0.4, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.run(1.5);
+  bench.force = {0, -0.6, 0.5};
+  bench.run(1.5);
+  ASSERT_TRUE(loadOf(bench).contact);
+  for (const int axis : kLateral) {
+    EXPECT_NEAR(loadOf(bench).force[axis], bench.force[axis], 0.15) << axis;
+  }
+}
+
+TEST(LoadForks, AnOutlierIsNoForce) {
+  Bench bench(9);
+  bench.moveUntilArmed();
+  bench.force = {0, 0.4, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.run(1.5);
+  const Eigen::Vector3d before = loadOf(bench).force;
+  for (int k = 0; k < 2; ++k) {
+    bench.force = {0, -5, 0};
+    bench.see();
+  }
+  bench.force = {0, 0.4, 0};
+  bench.see();
+  EXPECT_LT((loadOf(bench).force - before).norm(), 0.1);
+}
+
+TEST(LoadForks, ThePlaceOfAStrongForceIsNamedAndThatOfAWeakOneIsNot) {
+  for (const double place : {0.5, 1.0}) {
+    Bench bench(10);
+    bench.moveUntilArmed();
+    bench.place = place;
+    bench.force = {0, 1.5 / place, 0};
+    ASSERT_TRUE(std::isfinite(bench.delay(1))) << place;
+    bench.run(2);
+    ASSERT_TRUE(loadOf(bench).place) << place;
+    EXPECT_EQ(loadOf(bench).place->section, 0);
+    EXPECT_EQ(loadOf(bench).place->s, place);
+    EXPECT_NEAR(loadOf(bench).force.y(), bench.force.y(), 0.2 * bench.force.y());
+  }
+  Bench bench(11);
+  bench.moveUntilArmed();
+  bench.force = {0, 0.3, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  EXPECT_FALSE(loadOf(bench).place);
+}
+
+// Other tags err by other placements: a jump of that size is no contact, if its covariance is told.
+TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
+  for (const bool told : {true, false}) {
+    Bench bench(12);
+    bench.moveUntilArmed();
+    lie::Vector6 deviation;
+    deviation << 0, 5e-4, 5e-4, 5e-3, 5e-3, 5e-3;
+    statics::Correction jump(bench.model.arm());
+    jump.offset.col(0) << 0, 5e-4, -4e-4, 3e-3, 5e-3, 4e-3;
+    bench.differ(jump);
+    const Eigen::MatrixXd covariance = deviation.cwiseAbs2().asDiagonal();
+    const Eigen::MatrixXd before = bench.watch.state().covariance;
+    if (told) {
+      bench.forks.growBias(covariance, bench.watch);
+      const Eigen::MatrixXd grown = bench.watch.state().covariance - before;
+      EXPECT_LT((grown.bottomRightCorner<6, 6>() - covariance).norm(), 1e-12);
+      EXPECT_TRUE(grown.topRows(grown.rows() - 6).isZero(0));
+    }
+    EXPECT_EQ(std::isfinite(bench.delay(2)), !told);
+  }
+}
+
+TEST(LoadForks, ResetForgetsContactAndForks) {
+  Bench bench(13);
+  bench.moveUntilArmed();
+  bench.force = {0, 1, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.forks.reset();
+  EXPECT_FALSE(loadOf(bench).contact);
+  EXPECT_EQ(loadOf(bench).score, 0);
+  bench.force.setZero();
+  bench.run(3);
+  bench.force = {0, 1, 0};
+  EXPECT_EQ(bench.delay(kArmed - 3.2), INFINITY) << "it is armed after ten seconds";
+}
+
+// Without K_eps the forces are parts of it: the same arm, measured alike, and a hypothetical K_eps.
+TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
+  Bench bench(14);
+  const ArmModel unknown(test::ringArm(test::helicalRing()));
+  TipCompliance parts(unknown);
+  ASSERT_TRUE(parts.normalised());
+  bench.compliance = std::move(parts);
+  bench.moveUntilArmed();
+  bench.force = {0, 0.6, 0};
+  ASSERT_TRUE(std::isfinite(bench.delay(1)));
+  bench.run(1.5);
+  EXPECT_TRUE(loadOf(bench).normalised);
+  EXPECT_NEAR(loadOf(bench).force.y(), 0.6 / kK_eps, 0.15 / kK_eps);
+  EXPECT_LT(std::sqrt(loadOf(bench).covariance(1, 1)), 0.2 / kK_eps);
+}
+
+TEST(LoadForks, OptionsThatAreNoneAreRefused) {
+  const auto refused = [](void (*spoil)(LoadForksOptions&)) {
+    LoadForksOptions options;
+    spoil(options);
+    return test::refusal([&] { LoadForks forks(options); });
+  };
+  EXPECT_EQ(refused([](auto& o) { o.limit = 0; }),
+            "contact: the limit of the score is 0; expected a finite value > 0");
+  EXPECT_EQ(refused([](auto& o) { o.deviation = -1; }),
+            "contact: the deviation of forces [N] is -1; expected a finite value > 0");
+  EXPECT_EQ(refused([](auto& o) { o.creep = NAN; }),
+            "contact: the creep of forces [N s^-1/2] is nan; expected a finite value >= 0");
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

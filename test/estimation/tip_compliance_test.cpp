@@ -1,0 +1,242 @@
+#include "helix_arm/estimation/tip_compliance.hpp"
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/statics/exact.hpp"
+#include "support/refusal.hpp"
+#include "support/sample_view.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using statics::ArmModel;
+using statics::Correction;
+
+constexpr double kK_eps = 900.0;  // [N]
+constexpr double kForce = 0.05;   // of differences: so small that shapes are linear in it [N]
+
+model::Arm helicalArm(int sections = 1) { return test::ringArm(test::helicalRing(), sections); }
+
+statics::Load stiffnessAlone(int sections = 1, double K_eps = kK_eps) {
+  return {Eigen::Vector3d::Zero(),
+          std::vector<double>(static_cast<std::size_t>(sections), 0.0),
+          std::vector<double>(static_cast<std::size_t>(sections), K_eps),
+          {}};
+}
+ArmModel modelOf(int sections = 1, double K_eps = kK_eps) {
+  return ArmModel(helicalArm(sections), std::nullopt, stiffnessAlone(sections, K_eps));
+}
+Eigen::VectorXd pressureOf(const model::Arm& arm) {
+  Eigen::VectorXd fraction(arm.actuatorCount());
+  for (int i = 0; i < fraction.size(); ++i) fraction[i] = 0.2 + 0.15 * (i % 4);
+  return arm.inputAt(fraction);
+}
+
+// The exact shape of an arm that a force pulls at one place.
+model::Shape pulled(const model::Arm& arm, const ForcePlace& place, const Eigen::Vector3d& force,
+                    double K_eps = kK_eps) {
+  statics::Load load = stiffnessAlone(arm.sectionCount(), K_eps);
+  load.points.push_back({place.section, place.s, 0.0, force, {0, 0, 0}, {0, 0, 0}});
+  const statics::Solution solution =
+      statics::ExactArm(arm, load).solve(arm.twists(pressureOf(arm)));
+  EXPECT_TRUE(solution.converged());
+  return solution.shape;
+}
+
+// Change of something that a shape gives with a force along an axis [1/N].
+template <class Of>
+Eigen::VectorXd slope(const model::Arm& arm, const ForcePlace& place, int axis, const Of& of) {
+  const Eigen::Vector3d force = kForce * Eigen::Vector3d::Unit(axis);
+  return (of(pulled(arm, place, force)) - of(pulled(arm, place, -force))) / (2 * kForce);
+}
+
+Eigen::VectorXd meanStrain(const model::Shape& shape) { return shape.twists().reshaped(); }
+
+// v [m] and w [rad] are compared alike: this arm is 0.4 m long.
+void expectNear(const Eigen::VectorXd& got, const Eigen::VectorXd& expected, double part,
+                const std::string& what) {
+  EXPECT_LT((got - expected).norm(), part * expected.norm())
+      << what << "\n  got " << got.transpose() << "\n  expected " << expected.transpose();
+}
+
+TEST(TipCompliance, WithoutACameraItIsTheChangeOfTheMeanStrain) {
+  for (const int sections : {1, 2}) {
+    const model::Arm arm = helicalArm(sections);
+    TipCompliance compliance(modelOf(sections));
+    compliance.moveTo(pressureOf(arm), Correction(arm));
+    ASSERT_EQ(compliance.places().size(), 4u * static_cast<std::size_t>(sections));
+    for (std::size_t i = 0; i < compliance.places().size(); ++i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        expectNear(compliance.at(i).col(axis), slope(arm, compliance.places()[i], axis, meanStrain),
+                   0.02,
+                   std::to_string(sections) + " sections, place " + std::to_string(i) + ", axis " +
+                       std::to_string(axis));
+      }
+    }
+    EXPECT_EQ(compliance.atTip(), compliance.at(compliance.places().size() - 1));
+    EXPECT_EQ(compliance.places().back().section, sections - 1);
+    EXPECT_EQ(compliance.places().back().s, 1.0);
+  }
+}
+
+// What a camera without noise sees of these tags, fitted.
+class Eye {
+ public:
+  Eye(const ArmView& view, const TwistFitOptions& options)
+      : view_(view), fitter_(view.layout, view.sections, options) {}
+
+  Eigen::VectorXd fit(const model::Shape& shape, const std::vector<int>& tags,
+                      const model::Shape& expected) {
+    std::vector<CornerObservation> seen;
+    for (const int tag : tags) {
+      const lie::SE3 X_CT =
+          view_.X_CB * tagPoses(view_.layout, shape)[static_cast<std::size_t>(tag)];
+      CornerObservation observation{tag, {}};
+      for (int c = 0; c < 4; ++c) {
+        const Eigen::Vector2d corner = view_.layout.corners().col(c);
+        const Eigen::Vector3d p_C = X_CT * Eigen::Vector3d(corner.x(), corner.y(), 0.0);
+        observation.direction.col(c) = p_C.head<2>() / p_C.z();
+      }
+      seen.push_back(observation);
+    }
+    const TwistFit& fit = fitter_.fit(seen, view_.X_CB, view_.camera.focal(), expected, expected);
+    EXPECT_EQ(fit.status, FitStatus::kConverged);
+    return fit.twists.reshaped();
+  }
+
+ private:
+  const ArmView view_;
+  TwistFitter fitter_;
+};
+
+TwistFitOptions freeBase() {
+  TwistFitOptions out;
+  out.free_base = out.free_bleed = true;
+  return out;
+}
+
+std::vector<int> seenTags(const ArmView& view, const model::Shape& shape) {
+  std::vector<int> out;
+  for (const TagSight& sight : visibleTags(view, shape)) out.push_back(sight.tag);
+  return out;
+}
+
+TEST(TipCompliance, WithACameraItIsTheChangeOfWhatIsFitted) {
+  const model::Arm arm = helicalArm();
+  const ArmView view = test::sampleView();
+  TipCompliance compliance(modelOf(), view, freeBase());
+  compliance.moveTo(pressureOf(arm), Correction(arm));
+  const model::Shape unforced = arm.twists(pressureOf(arm));
+  Eye eye(view, freeBase());
+  const std::vector<int> tags = seenTags(view, unforced);
+  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, tags, unforced); };
+  double other = 0;
+  for (std::size_t i = 0; i < compliance.places().size(); ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const Eigen::VectorXd expected = slope(arm, compliance.places()[i], axis, fitted);
+      expectNear(compliance.at(i).col(axis), expected, 0.03,
+                 "place " + std::to_string(i) + ", axis " + std::to_string(axis));
+      const Eigen::VectorXd strain = slope(arm, compliance.places()[i], axis, meanStrain);
+      other = std::max(other, (strain - expected).norm() / expected.norm());
+    }
+  }
+  EXPECT_GT(other, 0.1) << "the mean of the strain is something else";
+}
+
+TEST(TipCompliance, TheTagsThatAreFittedCount) {
+  const model::Arm arm = helicalArm();
+  const ArmView view = test::sampleView();
+  const model::Shape unforced = arm.twists(pressureOf(arm));
+  const std::vector<int> all = seenTags(view, unforced);
+  const std::vector<int> half(all.begin(), all.begin() + static_cast<int>(all.size()) / 2);
+  TipCompliance compliance(modelOf(), view, freeBase());
+  Eye eye(view, freeBase());
+  compliance.moveTo(pressureOf(arm), Correction(arm), half);
+  const Eigen::MatrixXd of_half = compliance.atTip();
+  const auto fitted = [&](const model::Shape& shape) { return eye.fit(shape, half, unforced); };
+  for (const int axis : {1, 2}) {
+    expectNear(of_half.col(axis), slope(arm, {0, 1.0}, axis, fitted), 0.03, std::to_string(axis));
+  }
+  // Another set, at the same pressures, is noticed; those that face the camera are the default.
+  compliance.moveTo(pressureOf(arm), Correction(arm), all);
+  const Eigen::MatrixXd of_all = compliance.atTip();
+  EXPECT_GT((of_all - of_half).norm(), 0.05 * of_all.norm());
+  compliance.moveTo(pressureOf(arm), Correction(arm));
+  EXPECT_LT((compliance.atTip() - of_all).norm(), 1e-12 * of_all.norm());
+}
+
+TEST(TipCompliance, ItIsComputedAnewWhereAPressureMovedByTenKilopascals) {
+  const model::Arm arm = helicalArm();
+  const Eigen::VectorXd at = pressureOf(arm);
+  TipCompliance compliance(modelOf());
+  compliance.moveTo(at, Correction(arm));
+  const Eigen::MatrixXd here = compliance.atTip();
+  Eigen::VectorXd moved = at;
+  moved[1] += 9.99e3;
+  compliance.moveTo(moved, Correction(arm));
+  EXPECT_EQ(compliance.atTip(), here);
+  moved[1] = at[1] + 1.01e4;
+  compliance.moveTo(moved, Correction(arm));
+  EXPECT_NE(compliance.atTip(), here);
+  TipCompliance fresh(modelOf());
+  fresh.moveTo(moved, Correction(arm));
+  EXPECT_EQ(compliance.atTip(), fresh.atTip());
+}
+
+TEST(TipCompliance, ItFallsWithTheStiffnessThatIsKnownOrLearnt) {
+  const model::Arm arm = helicalArm();
+  const auto norm = [&](double K_eps, double factor) {
+    TipCompliance compliance(modelOf(1, K_eps));
+    Correction correction(arm);
+    correction.K_eps_factor = factor;
+    compliance.moveTo(pressureOf(arm), correction);
+    return compliance.atTip().norm();
+  };
+  const double once = norm(900, 1);
+  EXPECT_NEAR(norm(1800, 1), once / 2, 0.01 * once);
+  EXPECT_NEAR(norm(900, 2), once / 2, 0.01 * once);
+}
+
+TEST(TipCompliance, AnArmOfUnknownKEpsCountsAsATypicalOne) {
+  const model::Arm arm = helicalArm();
+  TipCompliance unknown{ArmModel(arm)}, typical(modelOf(1, TipCompliance::kTypicalStiffness));
+  EXPECT_TRUE(unknown.normalised());
+  EXPECT_FALSE(typical.normalised());
+  for (TipCompliance* one : {&unknown, &typical}) one->moveTo(pressureOf(arm), Correction(arm));
+  EXPECT_EQ(unknown.atTip(), typical.atTip());
+}
+
+TEST(TipCompliance, ManySectionsHaveThePlaceAtTheTipAlone) {
+  TipCompliance four(modelOf(4)), five(modelOf(5));
+  EXPECT_EQ(four.places().size(), 16u);
+  ASSERT_EQ(five.places().size(), 1u);
+  EXPECT_EQ(five.places()[0].section, 4);
+  EXPECT_EQ(five.places()[0].s, 1.0);
+}
+
+TEST(TipCompliance, AForceThatNoShapeBalancesHasNone) {
+  const model::Arm arm = helicalArm();
+  TipCompliance compliance(modelOf(1, 1e-3));
+  compliance.moveTo(pressureOf(arm), Correction(arm));
+  EXPECT_TRUE(compliance.atTip().isZero(0));
+}
+
+TEST(TipCompliance, TagsAndViewsOfOtherArmsAreRefused) {
+  const model::Arm arm = helicalArm();
+  const ArmView view = test::sampleView();
+  TipCompliance compliance(modelOf(), view, {});
+  EXPECT_EQ(test::refusal([&] {
+              compliance.moveTo(pressureOf(arm), Correction(arm), std::vector<int>{0, 32});
+            }),
+            "compliance of the arm: the index of a tag is 32; expected one of the layout");
+  EXPECT_EQ(test::refusal([&] { TipCompliance(modelOf(2), view, {}); }),
+            "compliance of the arm: the number of sections in the camera's view is 1; expected as "
+            "many as the arm has");
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,250 @@
+// Every state of the loop, and what leads from one to another.
+#include <gtest/gtest.h>
+
+#include "support/loop_fixture.hpp"
+
+namespace helix_arm::follow {
+namespace {
+
+using test::LoopBench;
+
+class LoopStates : public test::LoopTest {
+ protected:
+  // From a loop that has just been made.
+  void reach(LoopState wanted) {
+    switch (wanted) {
+      case LoopState::kIdle:
+        bench_.run(1);
+        break;
+      case LoopState::kOpen:
+        bench_.loop.aimAt(here_);
+        bench_.run(1, false);
+        break;
+      case LoopState::kClosed:
+        close();
+        break;
+      case LoopState::kCoasting:
+        close();
+        bench_.run(1, false);
+        break;
+      case LoopState::kYielding:
+        reachYielding();
+        break;
+      case LoopState::kDiverging:
+        reachDiverging();
+        break;
+    }
+    ASSERT_EQ(state(), wanted);
+  }
+
+ private:
+  void reachYielding() {
+    bench_.loop.setOnContact(OnContact::kYield);
+    close();
+    bench_.run(12);  // contacts are found after ten seconds of pictures
+    touch();
+    bench_.run(1);
+  }
+  void reachDiverging() {
+    close();
+    bench_.options.gain = -3.0;  // the model bends the wrong way
+    const double end = bench_.time() + 20;
+    while (state() == LoopState::kClosed && bench_.time() < end) bench_.step();
+    bench_.options.gain = 1.0;
+  }
+};
+
+class EachState : public LoopStates, public ::testing::WithParamInterface<LoopState> {};
+INSTANTIATE_TEST_SUITE_P(States, EachState,
+                         ::testing::Values(LoopState::kIdle, LoopState::kOpen, LoopState::kClosed,
+                                           LoopState::kCoasting, LoopState::kYielding,
+                                           LoopState::kDiverging),
+                         [](const auto& state) { return std::string(nameOf(state.param)); });
+
+TEST_P(EachState, CommandsUnlessItIsIdle) {
+  reach(GetParam());
+  EXPECT_EQ(bench_.loop.turn().commands, GetParam() != LoopState::kIdle);
+}
+
+TEST_P(EachState, IsIdleWithoutTarget) {
+  reach(GetParam());
+  bench_.loop.release();
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kIdle);
+  EXPECT_FALSE(bench_.loop.turn().commands);
+}
+
+TEST_P(EachState, IsIdleWhereTheArmIsNotEnabledAndWaitsForANewTarget) {
+  reach(GetParam());
+  bench_.loop.enable(false);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kIdle);
+  bench_.loop.enable(true);
+  bench_.run(0.5);
+  EXPECT_EQ(state(), LoopState::kIdle);
+}
+
+TEST_P(EachState, IsResetToOpenOrIdleAndClosesAgain) {
+  reach(GetParam());
+  letGo();
+  bench_.loop.reset();
+  bench_.step(false);
+  EXPECT_EQ(state(), GetParam() == LoopState::kIdle ? LoopState::kIdle : LoopState::kOpen);
+  EXPECT_FALSE(bench_.loop.load().contact);
+  bench_.loop.aimAt(here_);
+  bench_.run(3);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
+TEST_P(EachState, HasAName) {
+  static constexpr const char* kNames[] = {"idle",     "open",     "closed",
+                                           "coasting", "yielding", "diverging"};
+  EXPECT_STREQ(nameOf(GetParam()), kNames[static_cast<std::size_t>(GetParam())]);
+}
+
+TEST_F(LoopStates, ATargetOpensTheLoopThatDoesNotSeeAndClosesTheOneThatSees) {
+  bench_.loop.aimAt(here_);
+  bench_.step(false);
+  EXPECT_EQ(state(), LoopState::kOpen);
+  bench_.loop.release();
+  bench_.run(0.5);
+  EXPECT_EQ(state(), LoopState::kIdle);
+  bench_.loop.aimAt(here_);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+// Two pictures do not close it, nor do three that took longer than half a second.
+TEST_F(LoopStates, ThreePicturesWithinHalfASecondCloseIt) {
+  bench_.loop.aimAt(here_);
+  bench_.run(0.3, false);
+  const auto picture = [this](double pause) {
+    bench_.run(pause, false);
+    return bench_.loop.picture(bench_.time(), bench_.time(), bench_.trueTwists(),
+                               bench_.covariance());
+  };
+  bench_.run(1, false);
+  for (const double pause : {0.2, 0.29, 0.29, 0.2}) {
+    ASSERT_TRUE(picture(pause).accepted());
+    bench_.step(false);
+    EXPECT_EQ(state(), pause == 0.2 && bench_.time() > 2.1 ? LoopState::kClosed : LoopState::kOpen)
+        << bench_.time();
+  }
+}
+
+TEST_F(LoopStates, AGapThatIsNotStaleLeavesItClosed) {
+  reach(LoopState::kClosed);
+  const double quiet = 0.3 - bench_.options.latency - 0.02;
+  for (int k = 0; k < 5; ++k) {
+    for (double end = bench_.time() + quiet; bench_.time() < end;) {
+      bench_.step(false);
+      ASSERT_EQ(state(), LoopState::kClosed);
+    }
+    bench_.run(0.1);
+  }
+}
+
+TEST_F(LoopStates, ToldNotToCloseItIsOpen) {
+  for (const LoopState from : {LoopState::kClosed, LoopState::kCoasting}) {
+    reach(from);
+    bench_.loop.close(false);
+    bench_.step(false);
+    EXPECT_EQ(state(), LoopState::kOpen);
+    bench_.run(1);
+    EXPECT_EQ(state(), LoopState::kOpen) << "although it sees";
+    bench_.loop.close(true);
+    bench_.step();
+    EXPECT_EQ(state(), LoopState::kClosed);
+  }
+}
+
+TEST_F(LoopStates, YieldsWhereItIsKeptOpenToo) {
+  bench_.loop.setOnContact(OnContact::kYield);
+  close();
+  bench_.run(12);
+  bench_.loop.close(false);
+  bench_.run(2);
+  touch();
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kYielding);
+  letGo();
+  bench_.run(4);
+  EXPECT_EQ(state(), LoopState::kOpen);
+}
+
+// What touched the arm last is still there as long as nobody has seen it go.
+TEST_F(LoopStates, YieldsOnWhereTheArmIsNotSeen) {
+  reach(LoopState::kYielding);
+  letGo();
+  bench_.run(5, false);
+  EXPECT_EQ(state(), LoopState::kYielding);
+  EXPECT_TRUE(bench_.loop.load().contact);
+  bench_.run(4);
+  EXPECT_EQ(state(), LoopState::kClosed);
+}
+
+TEST_F(LoopStates, AnotherReactionHoldsAtOnce) {
+  reach(LoopState::kYielding);
+  bench_.loop.setOnContact(OnContact::kReport);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kClosed);
+  bench_.loop.setOnContact(OnContact::kStop);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kYielding);
+}
+
+TEST_F(LoopStates, StandsStillAfterAPathThatAContactStoppedAndGoesOnThere) {
+  bench_.loop.setOnContact(OnContact::kStop);
+  close();
+  bench_.run(12);
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {30.0, there_, {}, {}}}));
+  bench_.run(2);
+  touch();
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kYielding);
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+  const Eigen::Vector3d held = bench_.loop.turn().wanted.translation;
+  letGo();
+  bench_.run(4);
+  EXPECT_EQ(state(), LoopState::kClosed);
+  EXPECT_EQ(bench_.loop.turn().wanted.translation, held);
+  EXPECT_FALSE(bench_.loop.turn().path_time);
+}
+
+TEST_F(LoopStates, ResetAloneLeavesDiverging) {
+  reach(LoopState::kDiverging);
+  bench_.loop.release();
+  bench_.step();
+  bench_.loop.aimAt(there_);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kDiverging);
+  bench_.loop.enable(false);
+  bench_.step();
+  bench_.loop.enable(true);
+  bench_.loop.aimAt(here_);
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kDiverging);
+  bench_.loop.close(false);
+  bench_.loop.close(true);
+  bench_.step();
+  EXPECT_EQ(state(), LoopState::kDiverging);
+}
+
+// The error that grows is that of a still target.
+TEST_F(LoopStates, APathDoesNotDiverge) {
+  close();
+  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {60.0, there_, {}, {}}}));
+  bench_.run(1);
+  bench_.options.gain = -3.0;
+  double most = 0;
+  for (int k = 0; k < 500; ++k) {
+    bench_.step();
+    most = std::max(most, bench_.error());
+    ASSERT_NE(state(), LoopState::kDiverging);
+  }
+  EXPECT_GT(most, 0.03);
+}
+
+}  // namespace
+}  // namespace helix_arm::follow
