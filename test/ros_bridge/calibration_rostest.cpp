@@ -63,6 +63,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   ASSERT_EQ(ending(), "SUCCEEDED") << result.message;
   EXPECT_TRUE(result.success);
   EXPECT_EQ(result.out, goal.out);
+  EXPECT_EQ(result.message.rfind("tip error ", 0), 0u) << result.message;
   EXPECT_TRUE(atRest());
   EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
   expectRamps(first_target);
