@@ -26,18 +26,6 @@ constexpr double kLongest = 86400;  // [s]
 constexpr std::chrono::milliseconds kBetweenReadings(10);
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
-// Position of a channel in its device.
-std::string addressOf(const regulator::Config& config, int channel) {
-  const auto i = static_cast<std::size_t>(channel);
-  if (const auto* serial = std::get_if<regulator::SerialConfig>(&config)) {
-    return i < serial->addresses.size() ? serial->addresses[i] : std::to_string(channel);
-  }
-  if (const auto* modbus = std::get_if<regulator::ModbusConfig>(&config)) {
-    return std::to_string(modbus->slots[i]);
-  }
-  return std::to_string(channel);
-}
-
 struct Probe {
   explicit Probe(int channels)
       : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
@@ -95,7 +83,8 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
             << std::fixed;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int readings = result.readings[static_cast<std::size_t>(i)];
-    std::cout << scene.arm.actuator(i).name << " at " << addressOf(*scene.regulator, i) << ": ";
+    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
+              << ": ";
     if (readings == 0) {
       std::cout << "no reading\n";
     } else {
@@ -115,7 +104,7 @@ void printProbe(const io::Scene& scene, const Probe& result, Format format) {
   CsvTable table;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const std::string& name = scene.arm.actuator(i).name;
-    const std::string address = addressOf(*scene.regulator, i);
+    const std::string address = regulator::addressOf(*scene.regulator, i);
     const int readings = result.readings[static_cast<std::size_t>(i)];
     channels.push_back({{"name", name},
                         {"address", address},

@@ -48,6 +48,18 @@ std::string describeChannels(const Config& config) {
       config);
 }
 
+std::string addressOf(const Config& config, int channel) {
+  const auto i = static_cast<std::size_t>(channel);
+  return std::visit(
+      Overloaded{[=](const SimulatedRegulatorConfig&) { return std::to_string(channel); },
+                 [=](const SerialConfig& serial) {
+                   return i < serial.addresses.size() ? serial.addresses[i]
+                                                      : std::to_string(channel);
+                 },
+                 [=](const ModbusConfig& modbus) { return std::to_string(modbus.slots[i]); }},
+      config);
+}
+
 bool isHardware(const Config& config) {
   return !std::holds_alternative<SimulatedRegulatorConfig>(config);
 }

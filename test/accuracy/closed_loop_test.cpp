@@ -259,7 +259,7 @@ std::vector<Eigen::Vector3d> trueTips(const io::Scene& scene, int count, test::R
   return tips;
 }
 
-// Arms that nobody tuned the loop to.
+// Arms for which the loop was not tuned.
 TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
   test::Random random(17);
   StepFigures worst;

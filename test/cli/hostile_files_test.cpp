@@ -1,5 +1,5 @@
-// The command and paths that are no files of ours: nothing waits, nothing is repeated, nothing
-// swells.
+// The command with paths of foreign files: nothing waits, no content is printed, no memory is
+// wasted.
 #include <filesystem>
 #include <fstream>
 

@@ -39,7 +39,7 @@ simulation::ModbusDeviceConfig deviceConfig() {
   return config;
 }
 
-// The shipped demo of a Modbus device, at the port of one that stands in.
+// The shipped demo of a Modbus device, with the port of an emulated one.
 std::vector<std::string> at(int port, std::vector<std::string> more) {
   more.insert(more.begin(), {"regulator", scenePath("demo_modbus")});
   more.insert(more.end(), {"--set", "regulator.modbus_tcp.port=" + std::to_string(port)});
@@ -48,7 +48,7 @@ std::vector<std::string> at(int port, std::vector<std::string> more) {
 
 Outcome run(int port, const std::vector<std::string>& more) { return runCommand(at(port, more)); }
 
-// Air in all channels, and nobody who holds it.
+// Pressure in all channels, and no program that holds them.
 void fill(const ModbusDevice& device) {
   regulator::ModbusTcpDriver driver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
   driver.connect();
@@ -61,7 +61,7 @@ void fill(const ModbusDevice& device) {
 
 double fullest(const ModbusDevice& device) { return device.pressure().maxCoeff(); }
 
-// Of a child: it is not left behind, whatever becomes of the tests.
+// Ends a child with its parent, however the tests end.
 void endWith(pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(1);
@@ -76,7 +76,7 @@ pid_t onlyChildOf(pid_t parent) {
   return children >> another ? -1 : child;
 }
 
-// Also where nobody has asked for its exit code yet.
+// Also counts a process whose exit code was not collected yet.
 bool hasEnded(pid_t process) {
   const std::string status = contentOf("/proc/" + std::to_string(process) + "/status");
   return status.empty() || status.find("State:\tZ") != std::string::npos;
@@ -415,7 +415,7 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
   }
   close(line[0]);
   close(line[1]);
-  // It stands by once it ignores what would end it.
+  // It is ready once it ignores the signals that would end it.
   const auto ignores = [guard] {
     const std::string status = contentOf("/proc/" + std::to_string(guard) + "/status");
     const std::size_t found = status.find("SigIgn:");

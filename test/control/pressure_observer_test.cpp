@@ -98,7 +98,7 @@ TEST(PressureObserver, StartsAnewWhereTimeGoesBack) {
   EXPECT_FALSE(observer.started()) << "nothing is known of the channel yet";
 }
 
-// A clock that stands still gives the same turn twice.
+// A clock that does not advance repeats the same turn.
 TEST(PressureObserver, IgnoresASecondReadingOfTheSameTime) {
   PressureObserver observer(1, kLag, kNoise);
   observer.update(1.0, one(1e5), one(1e5));

@@ -22,8 +22,8 @@ constexpr int kSpikeTurns = 8;  // of the bench's spike time
 double above(double x) { return std::nextafter(x, kInfinity); }
 double below(double x) { return std::nextafter(x, -kInfinity); }
 
-// A rule on what is read: at its edge nothing comes of it, beyond it a fault does once it has
-// lasted for the spike time; so many good readings in between, and it begins anew.
+// A rule on readings: at its limit there is no fault; beyond it there is one after the spike time;
+// this number of good readings in between restarts the time.
 void expectLastingRule(Cause cause, Bench bench, int good,
                        const std::function<void(Bench&, bool wrong)>& set) {
   SCOPED_TRACE(nameOf(cause));

@@ -182,7 +182,7 @@ TEST(ContractionFit, TableIsTheSamplesWhereTheyAreMonotone) {
 }
 
 TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
-  // 0.40 twice, then 0.43 once: all of a mean of 0.41, but for the least slope.
+  // 0.40 twice, then 0.43 once: a mean of 0.41 each, except for the smallest slope.
   const Samples samples{{0, 0.5}, {100e3, 0.39}, {100e3, 0.41}, {200e3, 0.43}, {300e3, 0.3}};
   const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
   ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;

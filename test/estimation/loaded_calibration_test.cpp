@@ -180,8 +180,8 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
 }
 
 TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
-  // The model is right but for the placement of the base: then no shape has to move, and the base
-  // is found to the last of its digits. Shapes without the sag would leave some of it in the base.
+  // The model is right except for the placement of the base. Then no shape has to change, and the
+  // base is found to the last digit. Shapes without sag would leave some of it in the base.
   const LoadedRig rig;
   lie::Vector6 offset;
   offset << 0.01, -0.02, 0.005, 0.03, -0.02, 0.04;

@@ -60,8 +60,8 @@ struct Column {
   test::Ring ring;
   int sections;
   bool by_its_weight;
-  // Of the shares below, the greatest that is safely under the load and the least past it: Euler's
-  // load is that of a column that neither shortens nor shears.
+  // The largest share that is safely below the load and the smallest above it: Euler's load assumes
+  // a column without shortening and shear.
   double under, past;
 
   model::Arm arm() const { return test::ringArm(ring, sections); }

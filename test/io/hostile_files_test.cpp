@@ -1,4 +1,4 @@
-// Files that somebody names who must not read them, that block who opens them, and that swell.
+// Files that must not be read, that block on opening, or that consume memory.
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -51,7 +51,7 @@ void loadProfile(const std::string& path) {
   loadScene(folder / "arm.yaml");
 }
 
-// Whoever takes the path of a file.
+// All functions that take the path of a file.
 std::vector<Reader> readers() {
   static const Scene scene = sceneOf(kSpatialScene);
   return {
@@ -95,9 +95,9 @@ TEST(HostileFiles, NoReaderWaitsForAFifoOrADevice) {
   }
 }
 
-// ---- What is in a file of somebody else ---------------------------------------------------------
+// ---- Content of foreign files -------------------------------------------------------------------
 
-// A word that stands in no message of ours.
+// A word that must not appear in any message.
 std::string secret(Random& random) {
   std::string word = "Q";
   for (int i = 0; i < 9; ++i) word += "0123456789XZ"[random.integer(0, 11)];
@@ -186,7 +186,7 @@ TEST(HostileFiles, NoMessageContainsACellOfADataSet) {
   }
 }
 
-// ---- What swells --------------------------------------------------------------------------------
+// ---- Memory ------------------------------------------------------------------------------------
 
 constexpr double kMostMegabytes = 500;
 constexpr std::size_t kMostLetters = 200'000;

@@ -159,7 +159,7 @@ TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {
                 "registers"}));
 }
 
-// But for the patience of tests.
+// Except for the longer timeouts of tests.
 void expectSame(const ModbusProfile& read, const ModbusProfile& expected) {
   EXPECT_EQ(read.unit_id, expected.unit_id);
   EXPECT_EQ(read.pascals, expected.pascals);

@@ -35,7 +35,7 @@ TEST(CalibrationWords, WhatWasNotDeterminedIsLeftOut) {
 }
 
 TEST(CalibrationWords, AValueHasTheDigitsThatItsErrorLeaves) {
-  EXPECT_EQ(textOf({"K_gamma", "", 100, 61.6593, 9.22846, true}), "K_gamma = 62 +- 9.2");
+  EXPECT_EQ(textOf({"K_gamma", "", 100, 61.6593, 9.22846, true}), "K_gamma = 61.7 +- 9.2");
   EXPECT_EQ(textOf({"length_scale", "", 1, 1.00916, 0.00189865, true}),
             "length_scale = 1.0092 +- 0.0019");
   EXPECT_EQ(textOf({"K_kappa", "m^2", 0, 1.17012e-4, 2.1e-6, true}),
@@ -46,7 +46,7 @@ TEST(CalibrationWords, AValueHasTheDigitsThatItsErrorLeaves) {
 
 TEST(CalibrationWords, TheResultLeadsWithTheTipError) {
   EXPECT_EQ(resultText("demo", outcome()),
-            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 62 +- 9.2, "
+            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
             "length_scale = 1.0092 +- 0.0019, pose of the base, places of 2 tags");
 }
 

@@ -71,7 +71,7 @@ TEST(SettleWatch, SettlesOnceAWindowHasPassedWithoutMotion) {
   EXPECT_LE(arm.watch.samples().size(), 12u);
 }
 
-// A clock that creeps a microsecond from one message to the next: a window holds a million of them.
+// A clock that advances by a microsecond per message: a window contains a million of them.
 TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
   constexpr double kCreep = 1e-6;
   constexpr int kPictures = 20000, kReadings = 300000;
@@ -85,7 +85,7 @@ TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
   ASSERT_EQ(std::sscanf(reason.c_str(), "pressures were measured for %lf s", &measured), 1)
       << reason;
   EXPECT_LE(measured, 1000 * 120 * kCreep + 0.02);
-  // A clock that goes on is believed again.
+  // A clock that advances again is trusted again.
   for (int k = 1; k <= 300; ++k) {
     arm.watch.command(2 + 0.01 * k, kSetPoint);
     arm.watch.measured(2 + 0.01 * k, kSetPoint);

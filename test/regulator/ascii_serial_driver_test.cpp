@@ -288,7 +288,7 @@ TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   } else {
     Failure next;
-    // Unasked, half a line may still stand in front of the next one.
+    // An unsolicited half line may precede the next one.
     ASSERT_TRUE(eventually(
         [&] {
           next = failureOf([&] { readAll(driver); });

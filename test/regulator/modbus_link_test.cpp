@@ -115,7 +115,7 @@ TEST_P(Link, SilenceIsALostLinkWithinTheTimeout) {
   });
   EXPECT_GE(seconds, 0.09);
   EXPECT_LT(seconds, kBounded);
-  // What was lost stays lost until it is connected anew.
+  // A lost link stays lost until the next connect().
   EXPECT_NE(refusal<LinkError>([this] { driver_.write(regulate(1e5)); }).find("there is no link"),
             std::string::npos);
   // The port is open, so it connects, and then there is no answer.
@@ -276,7 +276,7 @@ class Listener {
   sockaddr_in address_{};
 };
 
-// A listener that accepts nobody, its queue full: further connections are not answered at all.
+// A listener with a full backlog: further connections are not answered.
 TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
   const Listener listener(0);
   std::vector<int> queue;

@@ -99,8 +99,8 @@ TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
   EXPECT_EQ(rig_.command.last().pressure, (std::vector<double>{0, 0, 0}));
 }
 
-// Whoever reaches the node names what path he likes: what is elsewhere is neither read nor written,
-// whatever links lead there, and no line of a file is told.
+// Any network peer can name paths: files elsewhere are neither read nor written, through links
+// either, and no message contains a line of a file.
 TEST_F(CalibrationFaults, FilesAreReadAndWrittenInTheirFoldersAlone) {
   const TemporaryFolder folder;  // below that of the node
   const std::string secret = "root:x:0:0:secret";

@@ -94,6 +94,13 @@ TEST(Possibility, AnArmThatIsNotEnabledTakesNoTargets) {
   }
 }
 
+TEST(Possibility, AnArmWithoutReadingsIsNotEnabled) {
+  CockpitView view = arm("disabled", "disabled: x; y");
+  EXPECT_TRUE(mayEnable(view).possible());
+  view.channels[0].measured = kUnknown;
+  EXPECT_NE(mayEnable(view).why_not.find("reading of muscle_1"), std::string::npos);
+}
+
 TEST(Possibility, AnEngagedStopIsReleasedFirst) {
   CockpitView view = arm("vented", "vented: x; y");
   view.safety->stopped = true;

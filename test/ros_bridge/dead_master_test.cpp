@@ -79,7 +79,7 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
       1e3 * (regulator::steadyNow() - begin));
 }
 
-// One that hangs takes what it is told and answers nothing, the unregistering at the end included.
+// A hanging master accepts requests and answers none, including those to unregister at the end.
 TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
   Process arm(node(), master_.variables());
   ASSERT_TRUE(arm.prints("loop at")) << arm.output();
@@ -183,8 +183,8 @@ TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
   EXPECT_TRUE(arm.prints("stale", 5) || arm.output().find("target_timeout") != std::string::npos)
       << arm.output();
 
-  // It goes on, and moves nothing until somebody has enabled the arm. Counted in the diagnostics,
-  // whose type, unlike the answers', every rostopic knows.
+  // It continues, and moves nothing until the arm is enabled again. Counted in the diagnostics,
+  // whose type every rostopic knows, unlike that of the answers.
   Process diagnostics({"rostopic", "echo", "/diagnostics"}, master_.variables());
   const auto refused = [&] {
     const std::string count = valueOf("dropped_not_enabled", diagnostics);

@@ -70,7 +70,7 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
   VisionStatus lastStatus() { return eye_.status.last(); }
 
-  // Publishes a picture like the sound one, but for the change.
+  // Publishes the valid picture with a change.
   template <class Message, class Change>
   auto publishing(const Message& sound, const Change& change) {
     return [this, sound, change](const ros::Time& stamp) {
@@ -231,7 +231,8 @@ TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {
     drawTag(family, family.cells(id), squareCorners(x, 120, 80, 0.1), picture);
   }
-  // While all tags are tracked nobody looks elsewhere: after a jump in time the whole is searched.
+  // While all tags are tracked, the rest of the picture is not searched; after a jump in time it
+  // is.
   eye_.setTime(eye_.stamp() - ros::Duration(100.0));
   const ros::Time stamp = eye_.nextStamp();
   const auto before = lastStatus();

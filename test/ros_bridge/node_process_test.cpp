@@ -1,5 +1,5 @@
-// Nodes and launch files as processes: what they print, how they end, what becomes of them without
-// a master.
+// Nodes and launch files as processes: their output, their exit, and their behaviour without a
+// master.
 #include <csignal>
 #include <fstream>
 

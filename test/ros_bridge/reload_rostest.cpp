@@ -117,8 +117,7 @@ TEST_F(Reloading, AnotherRigIsRefused) {
   EXPECT_NE(response.message.find("not of the running rig"), std::string::npos) << response.message;
 }
 
-// Whoever reaches the node names what path he likes: a file elsewhere is not read, and nothing is
-// told of it.
+// Any network peer can name paths: a file elsewhere is not read, and no message contains any of it.
 TEST_F(Reloading, ScenesComeFromTheirFolderAlone) {
   const TemporaryFolder folder;
   const std::string elsewhere = HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml";

@@ -116,7 +116,7 @@ TEST(Series, YieldsToAnotherCommanderAndContinuesAfterwards) {
   EXPECT_TRUE(rig.status.next(by_series));
 }
 
-// A pressure_command that answers as it is told.
+// A pressure_command whose answers the test determines.
 class Answers : public ::testing::Test {
  protected:
   Answers()
@@ -145,7 +145,7 @@ class Answers : public ::testing::Test {
     return nullptr !=
            targets_.next([](const PressureArray& target) { return target.pressure != kStands; });
   }
-  /// With 1, while this goes on.
+  /// Whether it exits with 1 while this continues.
   bool ends(const std::function<void()>& trouble) {
     int code = -1;
     waitFor([&] {
@@ -197,7 +197,7 @@ TEST_F(Answers, WhatCameLateOrToADisabledArmIsWaitedFor) {
 
 TEST_F(Answers, TargetsThatAreAllRefusedForWhatTheyAskEndTheSeries) {
   ASSERT_TRUE(connected()) << series_.outputNow();
-  // One refusal, whoever sent it, does not; nor do many with something better between them.
+  // A single refusal does not, whoever sent it; nor do many with accepted targets in between.
   for (int k = 0; k < 20; ++k) {
     answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
     if (k % 5 == 0) answer(TargetStatus::REACHED, control::Fault::kOutOfRange);

@@ -44,7 +44,7 @@ SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::strin
   return config;
 }
 
-// Somebody who types.
+// A user at a terminal.
 class Terminal {
  public:
   Terminal(const SerialDevice& device, std::string terminator)
@@ -273,7 +273,7 @@ TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
     EXPECT_EQ(std::filesystem::read_symlink(config.link), terminal);
     Terminal user(first, "\n");
     EXPECT_EQ(user.ask("p0?"), "p0=0.00 kPa");
-    // Its own is in nobody's way: the first comes back behind it.
+    // A removed link of its own is free: the first device returns behind it.
     first.setFault(DeviceFault::kRestart);
     EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
   }

@@ -106,6 +106,10 @@ Possibility mayEnable(const CockpitView& view) {
   if (is(view, kEnabled)) return {"the arm is enabled already"};
   if (view.safety->stopped) return {"the emergency stop is engaged; release it first"};
   if (is(view, kFault)) return {"pressure remains after a fault; wait until the arm is vented"};
+  for (const CockpitChannel& channel : view.channels) {
+    if (std::isfinite(channel.measured)) continue;
+    return {"no reading of " + channel.name + " comes; look at the regulator and its node"};
+  }
   return {};
 }
 

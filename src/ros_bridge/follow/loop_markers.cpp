@@ -13,6 +13,7 @@ using visualization_msgs::Marker;
 
 constexpr double kWantedSize = 0.016;     // [m]
 constexpr double kPredictedSize = 0.008;  // [m]
+constexpr double kCurveWidth = 0.004;     // between those of the model and of the measured one [m]
 constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
 constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
@@ -55,6 +56,18 @@ Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
   return out;
 }
 
+Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
+  Marker out = marker(stamp, names::kPredictedCurveNs, Marker::LINE_STRIP);
+  if (tips.curve.empty()) {
+    out.action = Marker::DELETE;
+    return out;
+  }
+  out.scale.x = kCurveWidth;
+  out.color = color(0.2, 0.9, 1.0);
+  for (const Eigen::Vector3d& point : tips.curve) out.points.push_back(toPointMsg(point));
+  return out;
+}
+
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const Tips& tips) const {
   visualization_msgs::MarkerArray out;
   Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
@@ -73,8 +86,8 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   } else {
     text.action = Marker::DELETE;
   }
-  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid), std::move(text),
-                 arrow(stamp, tips)};
+  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid),
+                 std::move(text),   arrow(stamp, tips),   curve(stamp, tips)};
   return out;
 }
 

@@ -8,6 +8,7 @@
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -17,6 +18,7 @@ namespace {
 
 // Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
+constexpr int kPoints = 24;  // of the drawn curve, a section
 
 const char* nameOf(statics::InverseStatus status) {
   switch (status) {
@@ -94,11 +96,16 @@ void LoopPublisher::clear() {
   status_ = {};
   force_.reset();
   force_text_.clear();
+  curve_.clear();
 }
 
 void LoopPublisher::publishEstimate(const View& view) {
   const auto shape = view.loop.tracker().shape(view.loop.observer().newest().pressure);
   if (!shape) return;
+  curve_.clear();
+  for (const auto& point : model::sampleCurve(*shape, shape->sectionCount() * kPoints)) {
+    curve_.push_back(point.X.translation);
+  }
   std_msgs::Header header;
   header.stamp = view.stamp;
   header.frame_id = base_frame_;
@@ -147,6 +154,7 @@ void LoopPublisher::draw() {
   tips.wanted = positionOf(status_.has_wanted, status_.wanted);
   tips.predicted = positionOf(status_.has_predicted, status_.predicted);
   tips.covariance = Eigen::Map<const Eigen::Matrix3d>(status_.predicted_covariance.data());
+  if (status_.has_predicted) tips.curve = curve_;
   tips.text = status_.state;
   tips.force = force_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";

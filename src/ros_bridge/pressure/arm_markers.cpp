@@ -134,7 +134,7 @@ struct LegendLine {
 constexpr std::array<LegendLine, 5> kLegend = {
     {{"white: model", 1.0, 1.0, 1.0},
      {"orange: measured", 1.0, 0.55, 0.1},
-     {"cyan dashes: model of the picture", 0.3, 0.9, 1.0},
+     {"cyan: predicted; dashes: model of the picture", 0.3, 0.9, 1.0},
      {"magenta ball: wanted tip", 1.0, 0.3, 0.9},
      {"green line: tip trace", 0.4, 1.0, 0.6}}};
 

@@ -92,6 +92,7 @@ inline constexpr char kTagsNs[] = "tags";
 inline constexpr char kTipErrorNs[] = "tip_error";
 inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 inline constexpr char kWantedTipNs[] = "wanted_tip";
+inline constexpr char kPredictedCurveNs[] = "predicted_curve";
 inline constexpr char kPredictedTipNs[] = "predicted_tip";
 inline constexpr char kTipForceNs[] = "tip_force";
 inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <visualization_msgs/MarkerArray.h>
 
@@ -25,6 +26,7 @@ class LoopMarkers {
     std::optional<Eigen::Vector3d> predicted;  ///< [m]
     Eigen::Matrix3d covariance;                ///< of predicted [m^2]
     std::optional<Eigen::Vector3d> force;      ///< on the arm, while something touches it [N]
+    std::vector<Eigen::Vector3d> curve;        ///< of the corrected model; empty if unknown
     std::string text;
   };
 
@@ -37,6 +39,7 @@ class LoopMarkers {
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
                                   const std::optional<Eigen::Vector3d>& centre, double size) const;
+  visualization_msgs::Marker curve(const ros::Time& stamp, const Tips& tips) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
   std::string base_frame_;

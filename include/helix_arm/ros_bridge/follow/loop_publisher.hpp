@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <ros/node_handle.h>
 #include <ros/time.h>
@@ -57,6 +58,7 @@ class LoopPublisher {
   LoopMarkers markers_;
   LoopStatus status_;                     ///< the last one
   std::optional<Eigen::Vector3d> force_;  ///< on the arm, while something touches it [N]
+  std::vector<Eigen::Vector3d> curve_;    ///< of the corrected model, base frame [m]
   std::string force_text_;
   ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_;
   std::unique_ptr<TipHandle> handle_;
