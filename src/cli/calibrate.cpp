@@ -9,6 +9,7 @@
 #include "command.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
