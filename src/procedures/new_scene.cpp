@@ -32,16 +32,37 @@ void requireWithin(const char* what, double value, double least, double most, co
 
 double rounded(double value, double step) { return step * std::round(value / step); }
 
+// Of a muscle at its highest pressure [m].
+double shortest(const NewScene& scene) { return scene.length * (1 - scene.contraction); }
+
 // Rounded to the digits that a builder can measure.
 std::string number(double value) { return formatNumber(rounded(value * 1e6, 1) / 1e6); }
 
-// Their s: the first is a little away from the base, the last at the end.
-std::vector<double> tagPositions(int count) {
-  std::vector<double> out;
+// s from the first tag of a section to its last. Half a tag stays free where another section
+// follows.
+struct TagSpan {
+  double first, last;
+};
+TagSpan tagSpan(const NewScene& scene, bool end_of_arm) {
+  const double half = 0.5 * kWithBorder * scene.tag_size / shortest(scene);
+  const double margin = std::max(kFirstTag, scene.sections > 1 ? 1.1 * half : 0.0);
+  return {margin, end_of_arm ? 1 : 1 - margin};
+}
+
+std::vector<std::string> tagPositions(const NewScene& scene, int section, int count) {
+  const TagSpan span = tagSpan(scene, section + 1 == scene.sections);
+  std::vector<std::string> out;
   for (int k = 0; k < count; ++k) {
-    out.push_back(rounded(kFirstTag + (1 - kFirstTag) * k / (count - 1), 1e-3));
+    const double s = span.first + (span.last - span.first) * k / (count - 1);
+    out.push_back(number(rounded(s, 1e-3)));
   }
   return out;
+}
+
+// Length along which the tags of a section fit [m].
+double roomForTags(const NewScene& scene) {
+  const TagSpan span = tagSpan(scene, scene.sections == 1);
+  return (span.last - span.first) * shortest(scene);
 }
 
 std::string listText(const std::vector<std::string>& words) {
@@ -104,8 +125,6 @@ void writeArm(const NewScene& scene, std::ostream& out) {
 
 void writeSight(const NewScene& scene, std::ostream& out) {
   const int count = scene.tagsPerMuscle();
-  std::vector<std::string> positions;
-  for (const double s : tagPositions(count)) positions.push_back(number(s));
   out << "\n# " << scene.sections * scene.muscles * count
       << " printed tags: helix_arm tags prints them and a sheet that shows where each is mounted.\n"
          "tags:\n"
@@ -121,7 +140,7 @@ void writeSight(const NewScene& scene, std::ostream& out) {
     out << "    - section: " << sectionName(scene, muscle / scene.muscles) << "\n"
         << "      actuator: muscle_" << muscle + 1 << "\n"
         << "      ids: " << listText(ids) << "\n"
-        << "      s: " << listText(positions) << "\n"
+        << "      s: " << listText(tagPositions(scene, muscle / scene.muscles, count)) << "\n"
         << "      position_m: [0, 0, " << formatNumber(kStandOff)
         << "]  # z: distance of the paper from the muscle's centre line\n";
   }
@@ -182,8 +201,7 @@ void writeRegulator(const NewScene& scene, std::ostream& out) {
 
 int NewScene::tagsPerMuscle() const {
   if (tag_size <= 0) return 0;
-  const int fit = 1 + static_cast<int>(std::floor(length * (1 - contraction) * (1 - kFirstTag) /
-                                                  (kWithBorder * tag_size)));
+  const int fit = 1 + static_cast<int>(std::floor(roomForTags(*this) / (kWithBorder * tag_size)));
   return tags > 0 ? tags : std::min(fit, kMostTags);
 }
 
@@ -202,8 +220,7 @@ void NewScene::validate() const {
   const int count = tagsPerMuscle();
   basics::require(tags == 0 || (tags >= 2 && tags <= 20), "the new scene: tags is ", tags,
                   "; expected 2 to 20 per muscle, or 0 for as many as fit");
-  const double room = length * (1 - contraction) * (1 - kFirstTag);
-  basics::require(count >= 2 && (count - 1) * kWithBorder * tag_size <= room,
+  basics::require(count >= 2 && (count - 1) * kWithBorder * tag_size <= roomForTags(*this) + 1e-9,
                   "the new scene: ", std::max(count, 2), " tags of ", formatNumber(1e3 * tag_size),
                   " mm with their white border do not fit on a muscle of ",
                   formatNumber(1e3 * length), " mm; choose smaller or fewer tags");
