@@ -9,6 +9,7 @@
 #include "follow_report.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "interrupt_watch.hpp"
@@ -143,6 +144,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kJson) printJson(toJson(report));
   if (global.format == Format::kCsv) std::cout << csvOf(report);
   if (global.format == Format::kText) printText(report);
+  if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
 
@@ -205,7 +207,9 @@ Subcommand addFollow(CLI::App& app) {
       "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"
       "5 % of the step for good, null if never), unreachable (of each tip: true or false), states\n"
       "[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,\n"
-      "png. csv: the rows of --out. Progress is printed on stderr.\n"
+      "png. csv: the rows of --out. Progress is printed on stderr, and at the end the error "
+      "budget\n"
+      "of the last picture: standard deviations of the tip in mm.\n"
       "Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
       "code 1 if the time ends before the path begins, or the safety core vents the arm.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};

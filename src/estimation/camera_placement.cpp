@@ -29,6 +29,14 @@ double deviation(double value, const char* what) {
   return value;
 }
 
+// As movedBy(), but along the tangent also within the section: movedBy() has a kink at its ends,
+// which keeps the search from converging. At rest both agree to second order.
+lie::SE3 displaced(const lie::SE3& X_ST, const lie::Vector6& moved) {
+  lie::Vector6 turn = lie::Vector6::Zero();
+  turn.tail<3>() = moved.tail<3>();
+  return {X_ST.rotation * lie::SE3::exp(turn).rotation, X_ST.translation + moved.head<3>()};
+}
+
 // An estimate of everything that is fitted.
 struct Estimate {
   lie::SE3 X_CB;
@@ -75,9 +83,9 @@ class Problem {
   // Errors of the corners in expected standard deviations; empty if one is behind the camera.
   std::optional<Vector8> corners(std::size_t i, const lie::SE3& X_CB, double bleed,
                                  const model::Shape& shape, const lie::Vector6& moved) const {
-    const TagPlacement& nominal = layout_.tags[static_cast<std::size_t>(seen_[i].tag)];
-    const TagPlacement tag = movedBy(nominal, moved, arm_.restLength(nominal.section));
-    const lie::SE3 X_CT = X_CB * model::poseAt(shape, tag.section + tag.s) * tag.X_ST;
+    const TagPlacement& tag = layout_.tags[static_cast<std::size_t>(seen_[i].tag)];
+    const lie::SE3 X_CT =
+        X_CB * model::poseAt(shape, tag.section + tag.s) * displaced(tag.X_ST, moved);
     const Corners plane = layout_.corners(bleed);
     Vector8 out;
     for (int c = 0; c < 4; ++c) {

@@ -13,7 +13,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "tip compliance";
+constexpr char kCulprit[] = "compliance of the arm";
 constexpr double kForceStep = 0.25;    // of differences [N]
 constexpr double kPressureMove = 1e4;  // beyond it the compliance is computed again [Pa]
 constexpr int kPlacesPerSection = 4;

@@ -21,8 +21,8 @@ namespace {
 constexpr double kDegree = basics::kPi / 180;
 constexpr double kInward = 90 * kDegree;
 constexpr double kOblique = 60 * kDegree;
-// Tags side by side are this far apart, in sizes: with the white border that a detector needs.
-constexpr double kLeastPitch = 1.25;
+// Tags side by side are this far apart, in sizes: they may share the white that a detector needs.
+constexpr double kLeastPitch = 1.125;
 constexpr double kSameFace = 0.87;  // cosine of 30 degrees
 constexpr int kCorners = 50;
 // Parts of the samples, and of the arm's length.
@@ -82,11 +82,12 @@ void checkOverlaps(const io::Scene& scene, std::vector<Finding>& findings) {
       const double distance = (poses[i].translation - poses[j].translation).norm();
       const double facing = poses[i].rotation.col(2).dot(poses[j].rotation.col(2));
       if (distance >= pitch || facing < kSameFace) continue;
-      findings.push_back({Severity::kFault, "tags_overlap",
+      findings.push_back({distance < scene.tags->size ? Severity::kFault : Severity::kWarning,
+                          "tags_overlap",
                           "tags " + std::to_string(scene.tags->tags[j].id) + " and " +
                               std::to_string(scene.tags->tags[i].id),
                           "their centres are " + figure(1e3 * distance) + " mm apart; expected " +
-                              figure(1e3 * pitch) + " mm, a tag and its white border",
+                              figure(1e3 * pitch) + " mm, so that white is between them",
                           "move one of them along s, or print them smaller (tags.size_m)"});
     }
   }
@@ -99,13 +100,13 @@ struct Samples {
   std::set<int> seen;  // ids
 };
 
+// By the longest side, which is foreshortened least.
 double bitSize(const estimation::Corners& corners, int cells) {
-  double twice_area = 0;
+  double longest = 0;
   for (int c = 0; c < 4; ++c) {
-    const int next = (c + 1) % 4;
-    twice_area += corners(0, c) * corners(1, next) - corners(0, next) * corners(1, c);
+    longest = std::max(longest, (corners.col((c + 1) % 4) - corners.col(c)).norm());
   }
-  return std::sqrt(0.5 * std::abs(twice_area)) / cells;
+  return longest / cells;
 }
 
 double tipSd(const io::Scene& scene, const estimation::PlacedSight& placed,

@@ -12,8 +12,7 @@ namespace {
 
 using Clock = SerialPort::Clock;
 
-// Readings outside this range are impossible: the sensor is broken, or the device uses another
-// unit.
+// Readings outside this range mean a broken sensor, or another unit.
 constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
 
 // Margin for the watchdog of a device, whose clock and line may differ from ours.

@@ -40,6 +40,7 @@ QLabel* makeText(QWidget* parent, const char* name) {
 void showWords(QLabel* label, const std::string& text, Tone tone) {
   const QString shown = QString::fromStdString(text);
   if (label->text() != shown) label->setText(shown);
+  label->setVisible(!shown.isEmpty());
   const QString style = "color: " + colorOf(tone).name() + ";";
   if (label->styleSheet() != style) label->setStyleSheet(style);
 }

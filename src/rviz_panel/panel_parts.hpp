@@ -19,7 +19,7 @@ QColor colorOfChannel(int channel);
 /// A label of plain text that wraps, with an object name.
 QLabel* makeText(QWidget* parent, const char* name);
 
-/// Shows words in the colour of their tone; changes nothing where they are shown already.
+/// Shows words in the colour of their tone; hides the label where there are none.
 void showWords(QLabel* label, const std::string& text, ros_bridge::Tone tone);
 
 /// Greys a widget out where its action is not possible, with the reason as its tooltip.

@@ -25,6 +25,7 @@ constexpr double kLine = 1.5;           // [px]
 void drawCurve(QPainter& painter, const QRectF& area, const StripHistory& history, double top,
                const QColor& color, const std::function<double(const StripHistory::Row&)>& value) {
   painter.setPen(QPen(color, kLine));
+  painter.setClipRect(area.adjusted(0, -1, 0, 1));
   QPolygonF curve;
   const auto flush = [&] {
     if (curve.size() > 1) painter.drawPolyline(curve);
@@ -40,6 +41,7 @@ void drawCurve(QPainter& painter, const QRectF& area, const StripHistory& histor
     curve << QPointF(area.left() + x * area.width(), area.bottom() - y / top * area.height());
   }
   flush();
+  painter.setClipping(false);
 }
 
 void drawFrame(QPainter& painter, const QRectF& area, const QString& text) {

@@ -231,8 +231,8 @@ TEST(Calibrate, FaultsOfFilesAndWordsAreCallerErrors) {
   expectFault("pressure_1_kpa,curvature_rad\n", "rows");
   expectFault("pressure_1_kpa,pressure_4_kpa,curvature_rad\n0,0,0\n100,0,0.3\n", "pressure_4_kpa");
   expectFault("pressure_1_kpa,curvature_rad\n0,0.1\n900,0.3\n", "limits");
-  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n", "there is no \"springs\" to fit",
-              {"--fit", "springs"});
+  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n",
+              "\"springs\" is not a parameter to fit", {"--fit", "springs"});
   expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n", "SCENE,DATA.csv",
               {"--also", scenePath("spatial_101")});
   expectFault("capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,3,0,0,0,0,0,0,1\n",

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <fstream>
 #include <set>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -66,6 +67,26 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_EQ(result["states"][0]["state"], "open");
   EXPECT_EQ(result["states"][1]["state"], "closed");
   EXPECT_NE(outcome.err.find("closed loop: 3 of 6 s"), std::string::npos) << outcome.err;
+}
+
+TEST(Follow, EndsWithTheErrorBudgetAsATable) {
+  const Outcome outcome = follow({"--tip", kTips, "--seconds", "4"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json budget = outcome.json()["budget"];
+  EXPECT_NE(outcome.err.find("standard deviations in mm"), std::string::npos) << outcome.err;
+  std::size_t rows = 0;
+  std::istringstream lines(outcome.err.substr(outcome.err.find("error budget of the tip")));
+  for (std::string line; std::getline(lines, line);) {
+    for (const json& part : budget["parts"]) {
+      std::string name = part["name"].get<std::string>();
+      if (name == "open_loop") name = "open loop";
+      if (line.compare(0, name.size() + 1, name + " ") != 0) continue;
+      ++rows;
+      EXPECT_NEAR(std::stod(line.substr(line.rfind(' '))), 1e3 * part["sd_m"].get<double>(), 0.006)
+          << line;
+    }
+  }
+  EXPECT_EQ(rows, 7U) << outcome.err;
 }
 
 TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {

@@ -260,7 +260,7 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
     EXPECT_NE(command.output().find("interrupted"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("now vented"), std::string::npos);
+    EXPECT_NE(command.output().find("then vented"), std::string::npos);
   }
 }
 
@@ -308,7 +308,7 @@ TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
     EXPECT_NE(command.output().find("guard"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("now vented"), std::string::npos) << command.output();
+    EXPECT_NE(command.output().find("then vented"), std::string::npos) << command.output();
     if (number == SIGSTOP) kill(guard, SIGCONT);
     EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
   }

@@ -65,7 +65,7 @@ TEST(CameraPlacement, StatedErrorGrowsWithResidualsAndWithPriors) {
   exact.bleed_prior = 1e-8;
   const double least = error(seen, exact);
   EXPECT_GT(error(seen, loose), 3 * least);
-  EXPECT_GT(error(bench.look(1.2), exact), 2.5 * least);  // 1.2 px where 0.3 px are expected
+  EXPECT_GT(error(bench.look(0.75), exact), 2 * least);  // 0.75 px where 0.3 px are expected
 }
 
 TEST(CameraPlacement, FarStartsAreFound) {

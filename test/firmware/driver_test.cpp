@@ -106,7 +106,7 @@ Row onAnswers(const char* name, DeviceFault like, LiveBoard::Damage damage) {
 }
 template <class Fail>
 Row onBoard(const char* name, DeviceFault like, Causes causes, Fail fail) {
-  return {name, like, std::move(causes), 0.3, [=](BoardRig& rig) { rig.with(fail); }, kNothing};
+  return {name, like, std::move(causes), 0.5, [=](BoardRig& rig) { rig.with(fail); }, kNothing};
 }
 
 std::vector<Row> rowsOfTheLine() {
@@ -142,11 +142,11 @@ std::vector<Row> rowsOfTheBoard() {
               [](SimulatedBoard& board) { board.chip().reset(SimulatedChip::Reset::kPin); }),
       onBoard("hang", DeviceFault::kRestart, kReading,
               [](SimulatedBoard& board) { board.chip().hang(); }),
-      Row{"brown_out", DeviceFault::kNone, kLine, 0.3,
+      Row{"brown_out", DeviceFault::kNone, kLine, 0.5,
           [](BoardRig& rig) { rig.with([](SimulatedBoard& board) { board.setVoltage(3.5); }); },
           [](BoardRig& rig) { rig.with([](SimulatedBoard& board) { board.setVoltage(5); }); }},
       onChannel("inlet_stuck_open", DeviceFault::kStuckOpen,
-                {"over_limit", "not_following", "regulator_lost"}, 0.8,
+                {"over_limit", "not_following", "regulator_lost"}, 1.0,
                 ChannelFault::kInletStuckOpen),
       onMove(onChannel("inlet_stuck_shut", DeviceFault::kStuckShut, kReading, 1.0,
                        ChannelFault::kInletStuckShut)),

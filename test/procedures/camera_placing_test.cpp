@@ -186,14 +186,14 @@ TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
   EXPECT_NE(placed.reason.find("tags.groups"), std::string::npos) << placed.reason;
 }
 
-TEST(CameraPlacing, AnArmThatIsNotAtRestIsSaid) {
+TEST(CameraPlacing, AnArmThatIsFarFromItsModelIsSaid) {
   const io::Scene scene = demo();
   Random random(7);
   Truth truth = draw(scene, random, 0);
-  truth.shape = scene.arm.twists(scene.arm.inputAt(Eigen::Vector3d(0.5, 0, 0)));
+  truth.shape = scene.arm.twists(scene.arm.inputAt(Eigen::Vector3d(0.9, 0, 0)));
   const CameraPlacing placed = placeCamera(scene, modelShape(scene), {look(truth, 0.2, random)});
-  const bool said = !placed.success || !placed.warnings.empty();
-  EXPECT_TRUE(said);
+  EXPECT_TRUE(!placed.success || !placed.warnings.empty())
+      << placed.fit.shape_deviations << " deviations";
 }
 
 TEST(CameraPlacing, ASceneWithoutCameraOrTagsIsRefused) {

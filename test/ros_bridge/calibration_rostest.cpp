@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "support/calibration_rig.hpp"
 
@@ -130,12 +131,12 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
     return error ? error->tip_error : 1.0;
   };
   const double seen_before = tipErrorSeen();
-  Reload::Request reload;
-  reload.scene = goal.out;
-  for (const char* node : {"pressure_command", "vision", "calibration"}) {
-    const Reload::Response response = call<Reload>(std::string(node) + "/reload", reload);
-    EXPECT_TRUE(response.success) << response.message;
-  }
+  // As the cockpit's button does.
+  const ros_bridge::CallAnswer used = ros_bridge::useLastCalibration("/");
+  EXPECT_TRUE(used.success) << used.message;
+  const std::size_t cut = used.message.find(" is used by pressure_command, vision, calibration");
+  ASSERT_NE(cut, std::string::npos) << used.message;
+  EXPECT_TRUE(std::filesystem::remove(used.message.substr(0, cut))) << used.message;
   EXPECT_LE(tipErrorSeen(), seen_before / 2) << "from " << 1e3 * seen_before << " mm";
 }
 

@@ -76,6 +76,16 @@ TEST_F(SightLoop, TheTagsOfEachFitReachIt) {
   EXPECT_LT(countsNow()[1], without + 10);
 }
 
+TEST_F(SightLoop, DrawsTheErrorBudgetAsATable) {
+  Inbox<visualization_msgs::MarkerArray> markers(node_, names::kLoopMarkers);
+  EXPECT_TRUE(markers.next([](const visualization_msgs::MarkerArray& array) {
+    return std::any_of(array.markers.begin(), array.markers.end(), [](const auto& marker) {
+      return marker.ns == names::kErrorBudgetNs &&
+             marker.text.find(" mm placement\n") != std::string::npos;
+    });
+  }));
+}
+
 TEST_F(SightLoop, WhoeverFallsSilentLetsGoOfTheArm) {
   ASSERT_TRUE(comesTo(LoopStatus::CLOSED, targetAt(kMiddle)));
   ASSERT_TRUE(comesTo(LoopStatus::IDLE));

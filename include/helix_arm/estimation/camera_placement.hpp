@@ -63,7 +63,7 @@ struct CameraPlacement {
 /// the arm's shape and the bleed under their priors. The tag nearest to the base counts as exact:
 /// it defines the base.
 ///
-/// @param arm    only its rest lengths are used, for displacements along it.
+/// @param arm    only its rest lengths are used, for the prior of the shape.
 /// @param shape  the model's shape, which the prior is about.
 /// @param seen   one entry per tag, no tag twice, all finite.
 /// @param focal  converts errors of directions to pixels, > 0 [px].

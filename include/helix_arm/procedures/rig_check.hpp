@@ -48,7 +48,7 @@ struct RigCheck {
 inline constexpr double kFarthestTag = 0.05;
 /// Pixels of a tag's bit in the picture that is searched, shrunk by vision.quad_decimate: fewer
 /// cost detections, and below the second most tags are lost.
-inline constexpr double kWantedPixelsPerBit = 2.0, kLeastPixelsPerBit = 1.25;
+inline constexpr double kWantedPixelsPerBit = 1.5, kLeastPixelsPerBit = 1.0;
 
 /// Looks for what keeps a rig from working, without moving or connecting anything: tags that stand
 /// off the arm, face inward, overlap or are too small; how many are seen over the workspace and how

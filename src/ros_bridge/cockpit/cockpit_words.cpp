@@ -108,7 +108,7 @@ Possibility mayEnable(const CockpitView& view) {
   if (is(view, kFault)) return {"pressure remains after a fault; wait until the arm is vented"};
   for (const CockpitChannel& channel : view.channels) {
     if (std::isfinite(channel.measured)) continue;
-    return {"no reading of " + channel.name + " comes; look at the regulator and its node"};
+    return {"no reading of " + channel.name + " is received; check the regulator and its node"};
   }
   return {};
 }

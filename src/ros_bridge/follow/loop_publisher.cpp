@@ -9,6 +9,7 @@
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -18,7 +19,8 @@ namespace {
 
 // Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
-constexpr int kPoints = 24;  // of the drawn curve, a section
+constexpr int kPoints = 24;           // of the drawn curve, a section
+constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
 const char* nameOf(statics::InverseStatus status) {
   switch (status) {
@@ -87,6 +89,7 @@ void LoopPublisher::publish(const View& view) {
     force_text_ = load.normalised ? "contact" : "contact, " + fixed(load.force.norm(), 2) + " N";
   }
   if (!isDue(view)) return;
+  noteBudget(view);
   publishEstimate(view);
   status_ = statusOf(view, tipCovariance(view));
   status_publisher_.publish(status_);
@@ -97,6 +100,15 @@ void LoopPublisher::clear() {
   force_.reset();
   force_text_.clear();
   curve_.clear();
+  budget_text_.clear();
+}
+
+void LoopPublisher::noteBudget(const View& view) {
+  const auto& budget = view.loop.budget();
+  const bool fresh =
+      view.last_picture && std::abs(secondsBetween(*view.last_picture, view.stamp)) < kFreshBudget;
+  budget_text_ = budget && fresh ? procedures::budgetText(*budget) : std::string();
+  outside_ = budget && budget->state == estimation::BudgetState::kOutside;
 }
 
 void LoopPublisher::publishEstimate(const View& view) {
@@ -157,6 +169,8 @@ void LoopPublisher::draw() {
   if (status_.has_predicted) tips.curve = curve_;
   tips.text = status_.state;
   tips.force = force_;
+  tips.budget = budget_text_;
+  tips.outside = outside_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
   if (!force_text_.empty()) tips.text += "\n" + force_text_;
   marker_publisher_.publish(markers_.draw(ros::Time::now(), tips));

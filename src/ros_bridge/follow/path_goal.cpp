@@ -108,8 +108,7 @@ std::variant<PathGoal, GoalEnding> fromMsg(const FollowTipPathGoal& goal, const 
       return GoalEnding{
           Result::OLD_HEADER_TIMESTAMP,
           "the path was to start " + std::to_string(age) +
-              " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"
-              "alike"};
+              " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
     }
     basics::require(-age <= kLatestStart, "the path starts in ", -age, " s; expected at most ",
                     kLatestStart, " s");

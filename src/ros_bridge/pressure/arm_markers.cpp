@@ -131,12 +131,12 @@ struct LegendLine {
   const char* text;
   double r, g, b;
 };
-constexpr std::array<LegendLine, 5> kLegend = {
-    {{"white: model", 1.0, 1.0, 1.0},
-     {"orange: measured", 1.0, 0.55, 0.1},
-     {"cyan: predicted; dashes: model of the picture", 0.3, 0.9, 1.0},
-     {"magenta ball: wanted tip", 1.0, 0.3, 0.9},
-     {"green line: tip trace", 0.4, 1.0, 0.6}}};
+constexpr std::array<LegendLine, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
+                                                {"orange: measured", 1.0, 0.55, 0.1},
+                                                {"cyan line: predicted", 0.2, 0.9, 1.0},
+                                                {"cyan dashes: model then", 0.3, 0.9, 1.0},
+                                                {"magenta: wanted tip", 1.0, 0.3, 0.9},
+                                                {"green: tip trace", 0.4, 1.0, 0.6}}};
 
 }  // namespace
 

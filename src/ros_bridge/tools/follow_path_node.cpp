@@ -114,7 +114,7 @@ void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
 void FollowPathNode::onDone(const actionlib::SimpleClientGoalState& state,
                             const FollowTipPathResult* result) {
   if (result == nullptr) {
-    logFatal("the goal has ended without a result; is sight_loop still up?");
+    logFatal("the goal has ended without a result; is sight_loop still running?");
     return endWith(kFailed, "the goal has ended without a result");
   }
   const std::string message = basics::quoted(result->error_string, kLongestMessage);

@@ -97,6 +97,7 @@ inline constexpr char kPredictedTipNs[] = "predicted_tip";
 inline constexpr char kTipForceNs[] = "tip_force";
 inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
 inline constexpr char kLoopStateNs[] = "loop_state";
+inline constexpr char kErrorBudgetNs[] = "error_budget";
 
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kTargetsStatus[] = "targets";
