@@ -44,6 +44,7 @@ Subcommand addCalibrate(CLI::App& app);
 Subcommand addCamera(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
+Subcommand addNew(CLI::App& app);
 Subcommand addPath(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);

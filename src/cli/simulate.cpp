@@ -18,6 +18,8 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/board.hpp"
+#include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -37,6 +39,7 @@ struct SimulateOptions {
   std::string scene, out;
   int count = 20;
   std::uint32_t seed = 1;
+  bool rest = false, board = false;
 };
 
 // What was written.
@@ -212,6 +215,32 @@ std::string cornerComment(const io::Scene& scene) {
          "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
 }
 
+// What a rendered picture of the board shows besides its tags: an arm out of sight.
+const model::Twists kNoArm = model::Twists::Identity(6, 1) * 0.4;
+
+// Pictures of the calibration board by the camera of the scene.
+SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  if (!scene.camera) {
+    throw CallerError("scene " + scene.name + " has no camera; add the section camera");
+  }
+  const vision::TagBoard board;
+  const vision::TagFamily family(board.family);
+  vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
+  simulation::SimulatedCameraConfig config = scene.simulation.camera;
+  const fs::path directory = makeDirectory(options.out);
+  int number = 0;
+  for (const lie::SE3& pose :
+       simulation::boardPoses(scene.camera->model, options.count, options.seed)) {
+    config.seed = options.seed + static_cast<std::uint32_t>(number);
+    simulation::SimulatedCamera camera(simulation::boardView(scene.camera->model, board, pose),
+                                       family, {}, config);
+    const auto jpeg = encoder.encode(camera.render(kNoArm));
+    OutputFile(directory / pictureName(++number)).write(std::string(jpeg.begin(), jpeg.end()));
+  }
+  return {directory, number, board.count(), true};
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
@@ -236,7 +265,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 
   const lie::SE3 X_FB = scene.X_BF.inverse();
   for (int capture = 1; capture <= options.count; ++capture) {
-    rig.command(drawPressure(scene.arm, generator));
+    rig.command(options.rest ? scene.arm.inputAt(0) : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
@@ -271,10 +300,14 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 }
 
 int run(const SimulateOptions& options, const GlobalOptions& global) {
-  const SimulatedSet set = simulate(options, global);
-  const std::string truth = (set.directory / "truth.csv").string();
-  const std::string poses = set.tags > 0 ? (set.directory / "tag_poses.csv").string() : "";
-  const std::string corners = set.pictures ? (set.directory / "tag_corners.csv").string() : "";
+  if (options.board && options.rest) {
+    throw CallerError("--rest is of the arm, and --board shows none; leave out either");
+  }
+  const SimulatedSet set =
+      options.board ? simulateBoard(options, global) : simulate(options, global);
+  const auto pathOf = [&set](const char* file, bool written) {
+    return written ? json((set.directory / file).string()) : json(nullptr);
+  };
   const int pictures = set.pictures ? set.captures : 0;
   if (global.format == Format::kJson) {
     printJson({{"out", set.directory.string()},
@@ -282,10 +315,10 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"captures", set.captures},
                {"pictures", pictures},
                {"tags", set.tags},
-               {"scene", (set.directory / "scene.yaml").string()},
-               {"truth", truth},
-               {"tag_poses", poses.empty() ? json(nullptr) : json(poses)},
-               {"tag_corners", corners.empty() ? json(nullptr) : json(corners)}});
+               {"scene", pathOf("scene.yaml", !options.board)},
+               {"truth", pathOf("truth.csv", !options.board)},
+               {"tag_poses", pathOf("tag_poses.csv", !options.board && set.tags > 0)},
+               {"tag_corners", pathOf("tag_corners.csv", !options.board && set.pictures)}});
   }
   if (global.format == Format::kCsv) {
     CsvTable table;
@@ -296,9 +329,12 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"tags", std::to_string(set.tags)}});
     table.print(std::cout);
   }
-  if (global.format == Format::kText) {
+  if (global.format == Format::kText && options.board) {
+    std::cout << set.captures << " pictures of the calibration board in " << set.directory.string()
+              << ": " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
+  } else if (global.format == Format::kText) {
     std::cout << set.captures << " captures in " << set.directory.string()
-              << ": scene.yaml, truth.csv" << (poses.empty() ? "" : ", tag_poses.csv");
+              << ": scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
     if (set.pictures) {
       std::cout << ", tag_corners.csv, " << pictureName(1) << " to " << pictureName(set.captures)
                 << "\n";
@@ -325,6 +361,10 @@ Subcommand addSimulate(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
       ->capture_default_str();
+  command->add_flag("--rest", options->rest, "the arm at rest in every capture");
+  command->add_flag("--board", options->board,
+                    "instead, pictures of the calibration board (helix_arm tags --board) in the "
+                    "hands of a person, by the scene's camera");
   command->footer(
       "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
       "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"
@@ -334,7 +374,7 @@ Subcommand addSimulate(CLI::App& app) {
       "tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the\n"
       "detector finds in them).\n"
       "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and\n"
-      "tag_corners (null if absent).");
+      "tag_corners (null if absent). With --board: pictures alone.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

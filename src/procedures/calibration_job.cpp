@@ -10,6 +10,7 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "least_tip_error.hpp"
 #include "tip_error.hpp"
@@ -233,7 +234,7 @@ CalibrationOutcome runCalibration(const std::string& path,
         medianTipError(io::sceneOfText(outcome.scene_text, path), data.captures);
   }
   outcome.success = true;
-  outcome.message = "calibrated " + scene.name;
+  outcome.message = resultText(scene.name, outcome);
   return outcome;
 }
 

@@ -78,6 +78,20 @@ void CalibrationRun::lookAt(double now, const Settling& settling, Order& order) 
   }
 }
 
+void CalibrationRun::watchPictures(double now, const Settling& settling) {
+  const bool under_way = phase_ == RunPhase::kRamping || phase_ == RunPhase::kSettling;
+  if (!under_way || !settling.unseen()) {
+    unseen_since_.reset();
+    return;
+  }
+  if (!unseen_since_) unseen_since_ = now;
+  if (phase_ == RunPhase::kSettling || now - *unseen_since_ <= rules_.patience) return;
+  unseen_since_.reset();
+  end(RunEnd::kAborted, "step " + std::to_string(step_ + 1) + " has waited for pictures for " +
+                            std::to_string(std::lround(rules_.patience)) +
+                            " s (~patience_s): " + settling.reason);
+}
+
 CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settling) {
   if (last_time_ && now < *last_time_) {
     end(RunEnd::kAborted, "time went back by " + std::to_string(*last_time_ - now) +
@@ -85,9 +99,11 @@ CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settli
   }
   const double dt = last_time_ ? std::clamp(now - *last_time_, 0.0, kLongestStep) : 0.0;
   last_time_ = now;
-  if (settling.stale()) end(RunEnd::kAborted, settling.reason);
+  if (settling.state == SettleState::kStale) end(RunEnd::kAborted, settling.reason);
+  watchPictures(now, settling);
   Order order;
-  if (phase_ == RunPhase::kRamping && rampTo(plan_.row(step_).transpose(), dt)) {
+  const bool ramps = phase_ == RunPhase::kRamping && !waitsForPictures();
+  if (ramps && rampTo(plan_.row(step_).transpose(), dt)) {
     phase_ = RunPhase::kSettling;
     settling_since_ = now;
   } else if (phase_ == RunPhase::kSettling) {
@@ -95,7 +111,8 @@ CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settli
   } else if (phase_ == RunPhase::kReturning && rampTo(rest_, dt)) {
     // A run ends once the command is at rest, since the next one starts from the command.
     if (!returned_at_) returned_at_ = now;
-    const bool at_rest = settling.stale() || !settling.set_point || obeys(settling);
+    const bool at_rest =
+        settling.state == SettleState::kStale || !settling.set_point || obeys(settling);
     if (at_rest || now - *returned_at_ > rules_.patience) phase_ = RunPhase::kEnded;
   }
   order.pressure = pressure_;

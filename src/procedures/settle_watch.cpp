@@ -50,6 +50,20 @@ std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
   return moved[static_cast<std::size_t>(rank)];
 }
 
+// Why what came last at `last` is too old; empty if it is not.
+std::string staleness(std::optional<double> last, double now, double max_age, const char* what,
+                      const char* remedy) {
+  if (!last) return format("%s: none received yet; %s", what, remedy);
+  const double age = now - *last;
+  if (age < -max_age) {
+    return format(
+        "%s: the last are stamped %.2f s ahead of now (at most %g s); synchronise the clocks", what,
+        -age, max_age);
+  }
+  if (age <= max_age) return "";
+  return format("%s: none received for %.2f s (at most %g s); %s", what, age, max_age, remedy);
+}
+
 }  // namespace
 
 void SettleRules::validate() const {
@@ -103,29 +117,20 @@ void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
   while (sights_.size() > 1 && sights_[1].time <= windowBegin()) sights_.pop_front();
 }
 
-std::string SettleWatch::staleness(double now) const {
-  const auto stale = [&](bool none, double time, const char* what, const char* remedy) {
-    if (none) return format("%s: none received yet; %s", what, remedy);
-    const double age = now - time;
-    if (age < -rules_.max_age) {
-      return format(
-          "%s: the last are stamped %.2f s ahead of now (at most %g s); synchronise the clocks",
-          what, -age, rules_.max_age);
-    }
-    if (age <= rules_.max_age) return std::string();
-    return format("%s: none received for %.2f s (at most %g s); %s", what, age, rules_.max_age,
-                  remedy);
-  };
-  std::string out = stale(readings_.empty(), readings_.empty() ? 0 : readings_.back().time,
-                          "measured pressures", "is the regulator's node running?");
+std::string SettleWatch::pressureStaleness(double now) const {
+  std::string out =
+      staleness(readings_.empty() ? std::nullopt : std::optional(readings_.back().time), now,
+                rules_.max_age, "measured pressures", "is the regulator's node running?");
   if (out.empty() && set_point_) {
-    out = stale(false, set_last_, "commanded pressures", "is pressure_command running?");
-  }
-  if (out.empty()) {
-    out = stale(sights_.empty(), sights_.empty() ? 0 : sights_.back().time, "tag detections",
-                "are camera and vision running?");
+    out = staleness(set_last_, now, rules_.max_age, "commanded pressures",
+                    "is pressure_command running?");
   }
   return out;
+}
+
+std::string SettleWatch::pictureStaleness(double now) const {
+  return staleness(sights_.empty() ? std::nullopt : std::optional(sights_.back().time), now,
+                   rules_.max_age, "tag detections", "are camera and vision running?");
 }
 
 std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
@@ -183,8 +188,13 @@ std::string SettleWatch::motion(double begin) const {
 Settling SettleWatch::at(double now) const {
   Settling out;
   out.set_point = set_point_;
-  out.reason = staleness(now);
+  out.reason = pressureStaleness(now);
   if (!out.reason.empty()) return out;
+  out.reason = pictureStaleness(now);
+  if (!out.reason.empty()) {
+    out.state = SettleState::kUnseen;
+    return out;
+  }
   const double begin = windowBegin();
   Eigen::VectorXd mean;
   out.reason = pressureFault(begin, mean);

@@ -70,6 +70,32 @@ TEST(Calibrate, WritesASceneThatPredictsWhatWasMeasured) {
   EXPECT_NE(text.find("package_version"), std::string::npos);
 }
 
+TEST(Calibrate, TheTextLeadsWithTheTipErrorAndListsWhatWasDetermined) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "rig";
+  ASSERT_EQ(runCommand({"simulate", scenePath("demo"), "--out", rig, "--count", "8"}).exit_code, 0);
+  const std::vector<std::string> call{"calibrate", scenePath("demo"), rig + "/tag_corners.csv",
+                                      "--fit", "stiffness,length_scale,placement"};
+  const Outcome text = runCommand(call);
+  ASSERT_EQ(text.exit_code, 0) << text.err;
+  EXPECT_EQ(text.out.rfind("demo: tip error ", 0), 0u) << text.out;
+  EXPECT_NE(text.out.find(" mm before, "), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("\n  length_scale = 1.0"), std::string::npos) << text.out;
+  std::vector<std::string> as_json = call;
+  as_json.insert(as_json.end(), {"--format", "json"});
+  const json result = runCommand(as_json).json();
+  int kept = 0;
+  for (const auto& [name, parameter] : result["parameters"].items()) {
+    if (parameter["identifiable"]) continue;
+    ++kept;
+    EXPECT_EQ(text.out.find("  " + name + " "), std::string::npos) << text.out;
+  }
+  ASSERT_GT(kept, 10) << "tags that no picture shows";
+  EXPECT_NE(text.out.find(std::to_string(kept) + " parameters that the data do not determine"),
+            std::string::npos)
+      << text.out;
+}
+
 TEST(Calibrate, OneStiffnessForSeveralArms) {
   const TemporaryFile narrow(curvatures(scenePath("spatial_50"), 2e-4, 3));
   const TemporaryFile wide(curvatures(scenePath("spatial_101"), 2e-4, 3));
@@ -132,6 +158,8 @@ TEST(Calibrate, ARigIsFoundFromItsPictures) {
                                     {"--fit", "stiffness,length_scale,placement", "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
   const json result = outcome.json();
+  EXPECT_GT(result["tip_error_before_m"].get<double>(), 0.005);
+  EXPECT_LT(result["tip_error_after_m"].get<double>(), 0.003);
   EXPECT_EQ(result["error_unit"], "px");
   EXPECT_LT(result["held_out_error"].get<double>(), 0.5);
   EXPECT_NEAR(value(result, "length_scale"), 1.01, 0.003);

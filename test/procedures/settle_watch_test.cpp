@@ -211,13 +211,17 @@ TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   }
   const Settling state = arm.watch.at(arm.now + 0.6);
   EXPECT_TRUE(state.stale());
+  EXPECT_TRUE(state.unseen());
   EXPECT_NE(state.reason.find("tag detections: none received for 0.60 s"), std::string::npos)
       << state.reason;
   for (int k = 1; k <= 60; ++k) {  // and the other way round
     arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
     arm.watch.seen(arm.now + 0.6 + 0.01 * k, tagsAt(5));
   }
-  EXPECT_NE(arm.watch.at(arm.now + 1.2).reason.find("measured pressures"), std::string::npos);
+  const Settling unread = arm.watch.at(arm.now + 1.2);
+  EXPECT_TRUE(unread.stale());
+  EXPECT_FALSE(unread.unseen());
+  EXPECT_NE(unread.reason.find("measured pressures"), std::string::npos);
 }
 
 TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {

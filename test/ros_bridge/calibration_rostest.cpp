@@ -64,6 +64,7 @@ TEST_F(WholeCalibration, RunsThroughItsPlanAndLeavesASceneThatPredictsBetter) {
   ASSERT_EQ(ending(), "SUCCEEDED") << result.message;
   EXPECT_TRUE(result.success);
   EXPECT_EQ(result.out, goal.out);
+  EXPECT_EQ(result.message.rfind("tip error ", 0), 0u) << result.message;
   EXPECT_GT(result.tip_error_before, 0.005);
   EXPECT_LT(result.tip_error_after, 0.5 * result.tip_error_before);
   EXPECT_TRUE(atRest());

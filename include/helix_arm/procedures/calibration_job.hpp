@@ -37,7 +37,7 @@ struct CompanionArm {
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
-  std::string message;  ///< what was done, or cause and remedy
+  std::string message;  ///< resultText(), or cause and remedy
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;

@@ -186,9 +186,15 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   out.feedback.step = static_cast<std::uint32_t>(run.step() + 1);
   out.feedback.steps = static_cast<std::uint32_t>(run.steps());
   out.feedback.state = nameOf(run.phase());
-  if (run.phase() == procedures::RunPhase::kSettling && !state.settled()) {
+  const bool waits = run.waitsForPictures();
+  if (waits || (run.phase() == procedures::RunPhase::kSettling && !state.settled())) {
     out.feedback.state += ": " + state.reason;
   }
+  if (waits && !motion_->waited) {
+    logWarning("run_calibration waits for pictures, at most %g s (~patience_s): %s",
+               rules_.patience, state.reason.c_str());
+  }
+  motion_->waited = waits;
   out.feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
   out.feedback.samples = static_cast<std::uint32_t>(recorder_.count());
   return out;

@@ -47,6 +47,7 @@ class RunAction {
   struct Motion {
     model::Arm arm;
     procedures::CalibrationRun run;
+    bool waited = false;  ///< for pictures, in its last turn
   };
   /// How a run ended.
   struct Ending {
