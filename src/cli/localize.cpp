@@ -130,7 +130,11 @@ class Locator {
   }
 
   void localize(const cv::Mat& gray, LocatedFrame& located) {
-    if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
+    if (!localizer_) {
+      vision::LocalizerConfig config = scene_.vision;
+      config.remembers_rig = false;  // pictures may be of different days
+      localizer_.emplace(scene_.view(), config);
+    }
     const vision::Sight& sight = localizer_->locate(gray, model_);
     located.state = nameOf(sight.state);
     located.tags = sight.detections;
