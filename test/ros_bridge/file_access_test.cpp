@@ -164,7 +164,7 @@ TEST_F(FileAccessTest, ParametersMayNameAnyFolderButNoFileOfOthers) {
   EXPECT_EQ(refusal((outside_ / "new.csv").string()), "accepted");
   EXPECT_EQ(refusal("run.csv"), "~record is 'run.csv'; expected the absolute path of a .csv file");
   const std::string foreign = (outside_ / "data.csv").string();
-  EXPECT_EQ(refusal(foreign).find("~record is '" + foreign + "', which is there and was not"), 0U)
+  EXPECT_EQ(refusal(foreign).find("~record is '" + foreign + "', which exists and was not"), 0U)
       << refusal(foreign);
   fs::create_symlink(outside_ / "data.csv", outside_ / "link.csv");
   EXPECT_NE(refusal((outside_ / "link.csv").string()), "accepted");

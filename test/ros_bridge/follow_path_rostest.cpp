@@ -381,7 +381,7 @@ TEST_F(FollowPath, ARecordReplacesNoFileOfOthers) {
   const TemporaryFile foreign("a,b\n1,2\n", ".csv");
   const auto node = start(file, {"_record:=" + foreign.path(), "_figure:=run.png"});
   EXPECT_EQ(node->exitCode(60), 2) << node->output();
-  for (const std::string& words : {"~record is '" + foreign.path() + "', which is there",
+  for (const std::string& words : {"~record is '" + foreign.path() + "', which exists",
                                    std::string("~figure is 'run.png'; expected the absolute")}) {
     EXPECT_NE(node->output().find(words), std::string::npos) << node->output();
   }
