@@ -161,7 +161,7 @@ def expect_cli(reader, command):
 
 
 def expect_ros(reader, command):
-    message = reader.told("/result/message")
+    message = reader.told("run_calibration/result")
     error = re.search(r"tip error ([\d.]+) mm before, ([\d.]+) mm after; calibrated my_arm: K_kappa", message)
     expect(error, "the result of the calibration is " + message)
     expect(float(error.group(2)) < 0.5 * float(error.group(1)), "the tip error stays: " + message)
