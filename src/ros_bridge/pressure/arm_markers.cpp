@@ -24,11 +24,11 @@ constexpr int kRings = 24;                // of a tube, per section
 constexpr int kSides = 10;                // of a tube
 constexpr double kDisc = 0.004;           // thickness of a separator [m]
 constexpr double kLine = 0.002;           // width of the base curve [m]
-constexpr double kTextHeight = 0.022;     // legible in a view of a whole 0.4 m arm [m]
+constexpr double kBannerHeight = 0.022;   // legible in a view of a whole 0.4 m arm [m]
 constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
 constexpr double kReasonRise = 0.085;     // and of its reason [m]
 constexpr double kBannerRise = 0.14;      // of the state above the base [m]
-constexpr double kLegendHeight = 0.016;   // [m]
+constexpr double kLineHeight = 0.016;     // of all other text [m]
 constexpr std::size_t kLongestLine = 48;  // of the state's reason, in characters
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
@@ -171,14 +171,14 @@ void ArmMarkers::tell(const control::SafetyReport& report, const std::string& re
 void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
   const lie::SE3 X_BW = scene_.X_WB.inverse();
   Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
-  banner.scale.z = kTextHeight;
+  banner.scale.z = kBannerHeight;
   banner.color = stateColor(safety_);
   banner.text = stateText(safety_);
   banner.pose.position =
       toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kBannerRise)));
   Marker reason = banner;
   reason.id = 1;
-  reason.scale.z = kLegendHeight;
+  reason.scale.z = kLineHeight;
   reason.text = wrapped(reason_);
   reason.pose.position =
       toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kReasonRise)));
@@ -188,7 +188,7 @@ void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
   for (int i = 0; i < lines; ++i) {
     const LegendLine& entry = kLegend[static_cast<std::size_t>(i)];
     Marker line = marker(names::kLegendNs, i, Marker::TEXT_VIEW_FACING);
-    line.scale.z = kLegendHeight;
+    line.scale.z = kLineHeight;
     line.color = color(entry.r, entry.g, entry.b);
     line.text = lineOfColumn(i, lines, entry.text);
     line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
@@ -218,7 +218,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       addTube(curve, k * kRings, (k + 1) * kRings, actuator.X_O, look.muscle_radius, tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kTextHeight;
+      text.scale.z = kLineHeight;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
       text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
