@@ -130,11 +130,7 @@ class Locator {
   }
 
   void localize(const cv::Mat& gray, LocatedFrame& located) {
-    if (!localizer_) {
-      vision::LocalizerConfig config = scene_.vision;
-      config.remembers_rig = false;  // pictures may be of different days
-      localizer_.emplace(scene_.view(), config);
-    }
+    if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
     const vision::Sight& sight = localizer_->locate(gray, model_);
     located.state = nameOf(sight.state);
     located.tags = sight.detections;

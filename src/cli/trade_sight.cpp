@@ -57,7 +57,6 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
   using Clock = std::chrono::steady_clock;
   vision::LocalizerConfig config = scene.vision;
   config.tracking = mode;
-  config.remembers_rig = false;
   config.detector.quad_decimate = decimate;
   vision::ArmLocalizer localizer(scene.view(), config);
   std::vector<double> times, errors;

@@ -8,7 +8,6 @@
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/estimation/rig_memory.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
@@ -33,7 +32,6 @@ struct SimulatedSight::Workspace {
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
-      if (localizer_config.remembers_rig) memory.emplace(localizer_config.fit);
     } else {
       simulated.emplace(camera.view, camera.family, camera.body, camera.config);
       encoder.emplace(camera.config.jpeg_quality);
@@ -50,7 +48,6 @@ struct SimulatedSight::Workspace {
   std::mt19937_64 generator;
   std::normal_distribution<double> normal;
   std::optional<estimation::TwistFitter> fitter;
-  std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
@@ -75,10 +72,8 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
     }
   }
   if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
-  if (memory) fitter->know(memory->estimate());
   const estimation::TwistFit& fit =
       fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
-  if (memory) memory->learn(fit);
   last.reset();
   if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
   last = fit.shape;

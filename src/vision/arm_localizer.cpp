@@ -4,8 +4,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/estimation/rig_memory.hpp"
-
 namespace helix_arm::vision {
 namespace {
 
@@ -24,7 +22,6 @@ struct ArmLocalizer::Workspace {
   LocalizerConfig config;
   TagTracker tracker;
   estimation::TwistFitter fitter;
-  estimation::RigMemory memory;
   Sight sight;
 
   bool warm = false;                      // the last picture was measured
@@ -43,7 +40,6 @@ struct ArmLocalizer::Workspace {
         config(localizer_config),
         tracker(config.detector, config.tracking),
         fitter(view.layout, view.sections, config.fit),
-        memory(config.fit),
         expected_view(view) {}
 
   // Image positions of the tags of the last shape, moved as the model moved.
@@ -103,7 +99,6 @@ struct ArmLocalizer::Workspace {
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
-    if (config.remembers_rig) fitter.know(memory.estimate());
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
@@ -134,9 +129,6 @@ struct ArmLocalizer::Workspace {
 
   void remember(const model::Shape& model) {
     warm = sight.state == SightState::kMeasured;
-    if (config.remembers_rig && static_cast<int>(seen.size()) >= config.min_tags) {
-      memory.learn(sight.fit);
-    }
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
