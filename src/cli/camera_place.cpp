@@ -42,9 +42,7 @@ json reportOf(const Placed& result) {
   const CameraPlacing& placing = result.placing;
   json tags = json::array();
   for (std::size_t i = 0; i < placing.fit.tags.size(); ++i) {
-    tags.push_back({{"id", placing.tags[i]},
-                    {"rms_px", placing.fit.tags[i].rms},
-                    {"outlier", placing.fit.tags[i].outlier}});
+    tags.push_back({{"id", placing.tags[i]}, {"rms_px", placing.fit.tags[i].rms}});
   }
   json out{{"scene", result.scene.name},
            {"success", placing.success},
@@ -52,6 +50,7 @@ json reportOf(const Placed& result) {
            {"pictures", result.read.pictures},
            {"faults", faultsJson(result.read)},
            {"tags", tags},
+           {"outlier_tags", placing.outliers},
            {"warnings", placing.warnings},
            {"out", result.out.empty() ? json() : json(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",

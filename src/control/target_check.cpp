@@ -36,11 +36,11 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   return -1;
 }
 
-using Bounds = std::optional<model::Range> (*)(const model::Range& limits);
+using Bounds = model::Range (*)(const model::Range& limits);
 
-std::optional<model::Range> limitsAlone(const model::Range& limits) { return limits; }
-std::optional<model::Range> wayToLimits(const model::Range& limits) { return onTheWay(limits); }
-std::optional<model::Range> anywhere(const model::Range&) { return std::nullopt; }
+model::Range limitsAlone(const model::Range& limits) { return limits; }
+model::Range wayToLimits(const model::Range& limits) { return onTheWay(limits); }
+model::Range anyReading(const model::Range&) { return kPossibleReading; }
 
 // The pressures (n) of the arm after a change of those that `name` lists.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
@@ -68,10 +68,10 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
       return refuse(Fault::kNotFinite, "the pressure of ", actuator.name, " is ", pressure[j],
                     "; send a finite gauge pressure [Pa]");
     }
-    const std::optional<model::Range> range = bounds(actuator.limits);
-    if (range && !range->contains(pressure[j])) {
+    const model::Range range = bounds(actuator.limits);
+    if (!range.contains(pressure[j])) {
       return refuse(Fault::kOutOfRange, actuator.name, " is asked for ", pressure[j],
-                    " Pa; stay within ", range->lower, " to ", range->upper, " Pa (gauge)");
+                    " Pa; stay within ", range.lower, " to ", range.upper, " Pa (gauge)");
     }
     wanted[i] = pressure[j];
   }
@@ -114,7 +114,7 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
                   " actuators; send a reading of each of ", listOfNames(arm));
   }
-  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anywhere);
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anyReading);
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {

@@ -20,8 +20,11 @@ constexpr std::size_t kLeastTags = 2;
 // Half the step of differences: large against rounding, small against everything that bends.
 constexpr double kStep = 1e-6;  // [m, rad]
 // Of the cost, where the search ends.
-constexpr double kConverged = 1e-10;
+constexpr double kConverged = 1e-8;
 constexpr double kMostDamping = 1e10;
+// Decrease of the cost that a step promises: a fifth of a standard deviation. Below it an estimate
+// that converges slowly, along a valley, is good enough.
+constexpr double kNegligible = 0.04;
 
 double deviation(double value, const char* what) {
   basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
@@ -326,6 +329,11 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
       break;
     }
     if (damping >= kMostDamping) break;
+  }
+  if (out.status != PlacementStatus::kPlaced) {
+    const Problem::Normal normal = problem.linearise(at);
+    const double promised = normal.gradient.dot(normal.hessian.ldlt().solve(normal.gradient));
+    if (promised < kNegligible) out.status = PlacementStatus::kPlaced;
   }
   describe(problem, at, layout, shape, seen, options, out);
   return out;

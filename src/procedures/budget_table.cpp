@@ -41,6 +41,10 @@ std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
   for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
     const auto part = static_cast<BudgetPart>(i);
     rows.push_back(rowOf(nameOf(part), budget.part(part)));
+    if (part != BudgetPart::kUnexplained) continue;
+    TipSpread sum = budget.part(BudgetPart::kCalibration);
+    sum.covariance += budget.part(part).covariance;
+    rows.push_back(rowOf("both together", sum));
   }
   rows.push_back(rowOf("predicted", budget.predicted));
   rows.push_back(rowOf("open loop", budget.open_loop));

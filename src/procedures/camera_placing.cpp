@@ -5,6 +5,7 @@
 #include <iomanip>
 #include <map>
 #include <sstream>
+#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -95,6 +96,26 @@ std::string whyNotFitted(const CameraPlacing& placing) {
          " deg: bring more tags into sight, or move the camera closer";
 }
 
+// Takes the outliers of a fit out of the tags, unless no pose fits most of them: even with little
+// weight, a misplaced tag bends the arm's shape towards itself.
+void leaveOutOutliers(const io::Scene& scene, std::vector<estimation::CornerObservation>& seen,
+                      CameraPlacing& out) {
+  std::vector<estimation::CornerObservation> kept;
+  std::vector<int> tags;
+  for (std::size_t i = 0; i < out.fit.tags.size(); ++i) {
+    const int id = scene.tags->tags[static_cast<std::size_t>(seen[i].tag)].id;
+    if (out.fit.tags[i].outlier) {
+      out.outliers.push_back(id);
+    } else {
+      kept.push_back(seen[i]);
+      tags.push_back(id);
+    }
+  }
+  if (out.fit.status != PlacementStatus::kPlaced) return;
+  seen = std::move(kept);
+  out.tags = std::move(tags);
+}
+
 void advise(CameraPlacing& out) {
   if (!out.outliers.empty()) {
     out.warnings.push_back("these tags do not fit: " + io::listOf(out.outliers) +
@@ -147,13 +168,13 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
     out.reason = "no pose of the camera has most of the tags before it; check tags.groups";
     return out;
   }
-  out.fit = estimation::fitCameraPlacement(scene.arm, *scene.tags, shape, seen, camera.focal(),
-                                           *start, options);
-  for (const estimation::TagResidual& tag : out.fit.tags) {
-    if (tag.outlier) {
-      out.outliers.push_back(scene.tags->tags[static_cast<std::size_t>(tag.tag)].id);
-    }
-  }
+  const auto fit = [&](const lie::SE3& from) {
+    out.fit = estimation::fitCameraPlacement(scene.arm, *scene.tags, shape, seen, camera.focal(),
+                                             from, options);
+  };
+  fit(*start);
+  leaveOutOutliers(scene, seen, out);
+  if (!out.outliers.empty() && out.fit.status == PlacementStatus::kPlaced) fit(*start);
   out.X_WC = scene.X_WB * out.fit.X_CB.inverse();
   out.covariance = estimation::cameraCovariance(scene.X_WB, out.fit.X_CB, out.fit.covariance);
   const lie::SE3 change = scene.camera->X_WC.inverse() * out.X_WC;

@@ -6,14 +6,12 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/target_check.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
 using Clock = SerialPort::Clock;
-
-// Readings outside this range mean a broken sensor, or another unit.
-constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
 
 // Margin for the watchdog of a device, whose clock and line may differ from ours.
 constexpr double kWatchdogShare = 0.8;
@@ -202,7 +200,7 @@ void AsciiSerialDriver::requireWatched() {
 
 double AsciiSerialDriver::reading(double number) const {
   const double pressure = profile_.toPascals(number);
-  if (pressure >= kLowestPressure && pressure <= kHighestPressure) return pressure;
+  if (control::kPossibleReading.contains(pressure)) return pressure;
   throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
                  " kPa (gauge), which is impossible; check its sensor and its unit");
 }

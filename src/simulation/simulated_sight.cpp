@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "helix_arm/basics/number_requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {

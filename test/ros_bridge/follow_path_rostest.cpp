@@ -267,6 +267,7 @@ class FollowPath : public LoopRig {
  protected:
   static std::unique_ptr<Process> start(const TemporaryFile& path,
                                         const std::vector<std::string>& more = {}) {
+    ros::param::del("/follow_path");  // those of the run before would stay
     std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(),
                                         "_goal_tolerance_mm:=5", "_hold_s:=0.1"};
     command.insert(command.end(), more.begin(), more.end());

@@ -62,8 +62,11 @@ enum class Timed { kTarget, kReading };
 /// @param age  age of the stamp [s]; < 0 if it is in the future.
 std::optional<Refusal> checkAge(double age, double timeout, Timed what = Timed::kTarget);
 
+/// Readings outside this range mean a broken sensor, or another unit: gauge [Pa].
+inline constexpr model::Range kPossibleReading{-2e5, 1e8};
+
 /// Readings of all pressures of the arm: (n) gauge [Pa]. Unlike targets, they may lie outside the
-/// limits.
+/// limits, but not outside kPossibleReading.
 ///
 /// @param name  every actuator once, in any order; empty for the arm's order.
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,

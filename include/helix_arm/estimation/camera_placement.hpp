@@ -26,7 +26,7 @@ struct CameraPlacementOptions {
   /// Robust threshold in expected standard deviations (Cauchy loss, per tag): beyond it a tag
   /// loses weight and is an outlier.
   double robust_scale = 3.5;
-  int max_iterations = 50;  ///< of the Levenberg-Marquardt method
+  int max_iterations = 200;  ///< of the Levenberg-Marquardt method
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

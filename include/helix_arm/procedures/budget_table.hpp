@@ -10,12 +10,13 @@ namespace helix_arm::procedures {
 
 /// A row of an error budget for people.
 struct BudgetRow {
-  std::string name;      ///< "calibration" .., "predicted", "open loop"
+  std::string name;      ///< "calibration" .., "predicted", "open loop"; see budgetRows()
   Eigen::Vector3d axes;  ///< standard deviation along x, y, z of the base; < 0: a negative variance
   double worst;          ///< standard deviation along the worst direction [m]
 };
 
-/// The parts in their order, predicted, open loop.
+/// The parts in their order, predicted, open loop. After calibration and unexplained their sum,
+/// "both together": only that is a covariance.
 std::vector<BudgetRow> budgetRows(const estimation::TipErrorBudget& budget);
 
 /// A table in mm, for letters of one width; ends in a new line.

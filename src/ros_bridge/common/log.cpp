@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/common/log.hpp"
 
+#include <chrono>
 #include <cstdarg>
 #include <cstdio>
 
@@ -98,7 +99,7 @@ LogThread::~LogThread() {
     const basics::MutexLock lock(mutex_);
     ended_ = true;
   }
-  changed_.notifyOne();
+  changed_.notifyAll();
   thread_.join();
 }
 
@@ -111,7 +112,14 @@ void LogThread::write(LogLevel level, std::string line) {
       ++lost_;
     }
   }
-  changed_.notifyOne();
+  changed_.notifyAll();
+}
+
+bool LogThread::flush(double longest) {
+  basics::MutexLock lock(mutex_);
+  return changed_.waitFor(lock, std::chrono::duration<double>(longest),
+                          [this]()
+                              HELIX_ARM_REQUIRES(mutex_) { return waiting_.empty() && !writing_; });
 }
 
 void LogThread::run() {
@@ -122,12 +130,15 @@ void LogThread::run() {
     decltype(waiting_) lines;
     lines.swap(waiting_);
     const std::uint64_t lost = std::exchange(lost_, 0);
+    writing_ = true;
     lock.unlock();
     for (const auto& [level, line] : lines) writeNow(level, line);
     if (lost > 0) {
       writeNow(levels::Warn, std::to_string(lost) + " lines are missing here: the log was blocked");
     }
     lock.lock();
+    writing_ = false;
+    changed_.notifyAll();
   }
 }
 

@@ -24,11 +24,12 @@ constexpr int kRings = 24;                // of a tube, per section
 constexpr int kSides = 10;                // of a tube
 constexpr double kDisc = 0.004;           // thickness of a separator [m]
 constexpr double kLine = 0.002;           // width of the base curve [m]
-constexpr double kTextHeight = 0.022;     // legible in a view of a whole 0.4 m arm [m]
+constexpr double kBannerHeight = 0.022;   // legible in a view of a whole 0.4 m arm [m]
 constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
-constexpr double kBannerRise = 0.12;      // of the state above the base [m]
-constexpr double kLegendHeight = 0.016;   // [m]
-constexpr std::size_t kLongestLine = 60;  // of the state's reason, in characters
+constexpr double kReasonRise = 0.085;     // and of its reason [m]
+constexpr double kBannerRise = 0.14;      // of the state above the base [m]
+constexpr double kLineHeight = 0.016;     // of all other text [m]
+constexpr std::size_t kLongestLine = 48;  // of the state's reason, in characters
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
@@ -94,21 +95,25 @@ Eigen::Vector3d besideBase(const io::Scene& scene, double side = 1.0) {
          Eigen::Vector3d(0, side * (0.08 + 3.0 * scene.looks.front().separator_radius), 0);
 }
 
-// The state in capitals, then its reason in lines that fit the view.
-std::string bannerText(const control::SafetyReport& report, const std::string& reason) {
+std::string stateText(const control::SafetyReport& report) {
   std::string out = report.stopped ? "emergency stop, " : "";
   out += control::nameOf(report.state);
   std::transform(out.begin(), out.end(), out.begin(),
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
-  if (report.state == control::SafetyState::kEnabled && !report.resting) return out;
-  std::istringstream words(reason);
-  std::string line;
+  return out;
+}
+
+// A text in lines that fit the view; its first word, the state, stands above it already.
+std::string wrapped(const std::string& text) {
+  const std::size_t cut = text.find(": ");
+  std::istringstream words(cut == std::string::npos ? text : text.substr(cut + 2));
+  std::string out, line;
   for (std::string word; words >> word; line += (line.empty() ? "" : " ") + word) {
     if (line.size() + word.size() < kLongestLine) continue;
-    out += "\n" + line;
+    out += line + "\n";
     line.clear();
   }
-  return out + "\n" + line;
+  return out + line;
 }
 
 std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
@@ -166,17 +171,24 @@ void ArmMarkers::tell(const control::SafetyReport& report, const std::string& re
 void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
   const lie::SE3 X_BW = scene_.X_WB.inverse();
   Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
-  banner.scale.z = kTextHeight;
+  banner.scale.z = kBannerHeight;
   banner.color = stateColor(safety_);
-  banner.text = bannerText(safety_, reason_);
+  banner.text = stateText(safety_);
   banner.pose.position =
       toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kBannerRise)));
+  Marker reason = banner;
+  reason.id = 1;
+  reason.scale.z = kLineHeight;
+  reason.text = wrapped(reason_);
+  reason.pose.position =
+      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kReasonRise)));
+  if (!reason.text.empty()) out.markers.push_back(std::move(reason));
   out.markers.push_back(std::move(banner));
   const int lines = static_cast<int>(kLegend.size());
   for (int i = 0; i < lines; ++i) {
     const LegendLine& entry = kLegend[static_cast<std::size_t>(i)];
     Marker line = marker(names::kLegendNs, i, Marker::TEXT_VIEW_FACING);
-    line.scale.z = kLegendHeight;
+    line.scale.z = kLineHeight;
     line.color = color(entry.r, entry.g, entry.b);
     line.text = lineOfColumn(i, lines, entry.text);
     line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
@@ -206,7 +218,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       addTube(curve, k * kRings, (k + 1) * kRings, actuator.X_O, look.muscle_radius, tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kTextHeight;
+      text.scale.z = kLineHeight;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
       text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));

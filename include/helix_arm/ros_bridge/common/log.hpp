@@ -38,6 +38,11 @@ class LogThread {
   /// Queues a line. Thread-safe. If too many are waiting the line is lost, and the log says so.
   void write(LogLevel level, std::string line) HELIX_ARM_EXCLUDES(mutex_);
 
+  /// Waits until all lines are written, at most this long [s]. Required before ros::shutdown(),
+  /// after which rosconsole prints nothing.
+  /// @return whether they are written.
+  bool flush(double longest) HELIX_ARM_EXCLUDES(mutex_);
+
  private:
   void run();
 
@@ -45,6 +50,7 @@ class LogThread {
   basics::Condition changed_;
   std::vector<std::pair<LogLevel, std::string>> waiting_ HELIX_ARM_GUARDED_BY(mutex_);
   std::uint64_t lost_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
+  bool writing_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   bool ended_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::thread thread_;
 };

@@ -22,6 +22,9 @@ class NothingToDo : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Longest wait for the last lines of a log that is blocked [s].
+inline constexpr double kLastLines = 1.0;
+
 /// Runs `body` and converts its exceptions to printed faults and an exit code.
 ///
 /// ROS must be up, since it prints the faults.
@@ -53,9 +56,9 @@ int runNode(int argc, char** argv, const char* name) {
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
-  const LogThread log_thread;
+  LogThread log_thread;
   const EndRequest takes_over;
-  return guarded([&end_watch]() -> int {
+  return guarded([&]() -> int {
     const ClockGate clock;
     MasterWatch master;
     Node node;
@@ -68,6 +71,7 @@ int runNode(int argc, char** argv, const char* name) {
     const int verdict = node.finish();
     end_watch.waits(false);
     if (master.lost()) end_watch.hurry();
+    log_thread.flush(kLastLines);
     ros::shutdown();
     return thrown != kDone || master.lost() ? kFailed : verdict;
   });

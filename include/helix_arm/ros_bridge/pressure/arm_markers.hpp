@@ -20,7 +20,8 @@ namespace helix_arm::ros_bridge {
 /// - separators: the discs that hold the muscles
 /// - tip_trace: trace of the tip, smoothed over a few drawings
 /// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
-/// - state_banner: the state of the arm with its reason, above the base, in the state's colour
+/// - state_banner: the state of the arm (0) and its reason (1), above the base, in the state's
+/// colour
 /// - legend: what the curves are, one line each in its curve's colour
 class ArmMarkers {
  public:
