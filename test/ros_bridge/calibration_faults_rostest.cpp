@@ -6,14 +6,34 @@
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <ros/master.h>
+#include <ros/network.h>
 #include <ros/this_node.h>
 #include <sys/stat.h>
+#include <xmlrpcpp/XmlRpc.h>
 
+#include "helix_arm/RunCalibrationActionFeedback.h"
 #include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {
 namespace {
+
+// Process of a node that the launch file started; 0 if it does not answer.
+pid_t processOf(const std::string& node) {
+  XmlRpc::XmlRpcValue question, answer, uri;
+  question[0] = ros::this_node::getName();
+  question[1] = node;
+  if (!ros::master::execute("lookupNode", question, answer, uri, false)) return 0;
+  std::string host;
+  std::uint32_t port = 0;
+  if (!ros::network::splitURI(static_cast<std::string&>(uri), host, port)) return 0;
+  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
+  XmlRpc::XmlRpcValue caller;
+  caller[0] = ros::this_node::getName();
+  if (!client.execute("getPid", caller, answer) || answer.size() != 3) return 0;
+  return static_cast<int&>(answer[2]);
+}
 
 class CalibrationFaults : public CalibrationRig {
  protected:
@@ -256,6 +276,26 @@ TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
   EXPECT_NE(client_->getResult()->message.find("was not read"), std::string::npos)
       << client_->getResult()->message;
   EXPECT_TRUE(atRest());
+}
+
+TEST_F(CalibrationFaults, PicturesThatFailToComeForAWhileAreWaitedFor) {
+  Inbox<RunCalibrationActionFeedback> feedback(node_, "calibration/run_calibration/feedback");
+  const pid_t vision = processOf("/vision");
+  ASSERT_GT(vision, 0);
+  startRun();
+  ASSERT_EQ(kill(vision, SIGSTOP), 0);
+  const auto waits = feedback.next([](const RunCalibrationActionFeedback& one) {
+    return one.feedback.state.find("tag detections: none received for") != std::string::npos;
+  });
+  ASSERT_EQ(kill(vision, SIGCONT), 0);
+  EXPECT_TRUE(waits) << calibration_->outputNow();
+  ASSERT_TRUE(ends());
+  EXPECT_EQ(ending(), "SUCCEEDED") << client_->getResult()->message;
+  EXPECT_NE(calibration_->outputNow().find("run_calibration waits for pictures"), std::string::npos)
+      << calibration_->outputNow();
+  EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {
