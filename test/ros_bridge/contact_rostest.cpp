@@ -99,6 +99,10 @@ TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
   EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::ABORTED);
   EXPECT_NE(client_->getResult()->error_string.find("on_contact is STOP"), std::string::npos)
       << client_->getResult()->error_string;
+  // The command is held, although contacts without a goal are only reported.
+  const std::size_t before = loop_.all().size();
+  ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
+  EXPECT_EQ(loop_.last().state, LoopStatus::YIELDING) << loop_.last().message;
 }
 
 TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
