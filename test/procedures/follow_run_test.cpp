@@ -228,8 +228,6 @@ TEST(FollowRun, ARefusedPictureDoesNotChangeTheWatch) {
               estimation::SightingFault::kNotNewer);
   }
   EXPECT_EQ(spread(), before);
-  ASSERT_TRUE(loop.picture(0.08, 0.09, twists, covariance, fewer).accepted());
-  EXPECT_GT(spread(), 1.001 * before);
 }
 
 }  // namespace
