@@ -20,6 +20,8 @@ constexpr double kRim = 0.012;           // of a separator, beyond the muscles' 
 constexpr double kStandOff = 0.016;      // of a tag, likewise [m]
 constexpr double kWithBorder = 1.25;     // a tag with the white that the detector needs
 constexpr double kFirstTag = 0.04;       // its s
+constexpr double kTagBits = 8;           // across the black border of 36h11
+constexpr double kSmallBit = 3;          // of a tag that faces the camera [px]
 constexpr int kMostTags = 7;
 constexpr double kFocal = 930, kWidth = 1280, kHeight = 720;  // of a usual webcam [px]
 constexpr double kCameraDistance = 1.75;                      // in lengths of the arm
@@ -166,6 +168,11 @@ void writeSight(const NewScene& scene, std::ostream& out) {
          "  # The base is known as well as a tape measure tells, and white bleeds into black.\n"
          "  base_prior: {translation_m: 0.002, rotation_deg: 0.5}\n"
          "  bleed_prior_m: 0.0005\n";
+  if (kFocal * scene.tag_size / kTagBits / distance < kSmallBit) {
+    out << "  quad_decimate: 1  # small tags in the picture: the whole picture is searched, which "
+           "is "
+           "slower\n";
+  }
 }
 
 void writeRegulator(const NewScene& scene, std::ostream& out) {
