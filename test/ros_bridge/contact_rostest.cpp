@@ -68,6 +68,7 @@ class Contact : public LoopRig {
   FollowTipPathGoal slowGoal(std::uint8_t on_contact) const {
     FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 60.0);
     goal.on_contact = on_contact;
+    goal.hold_s = 0;  // without end, as the arm is simulated
     return goal;
   }
 
