@@ -175,7 +175,7 @@ def expect_ros(reader, command):
                              timeout=PATIENCE_S)
         steady.append(json.loads(run.stdout.decode())["steady_rms_m"][0])
     # With the loop closed, what remains is the error of the camera's place, so that it is not below that of the calibrated model.
-    expect(max(steady[1:]) < 0.6 * steady[0], "steady errors of follow: %s m" % steady)
+    expect(steady[1] < 0.5 * steady[0] and steady[2] < 2e-3, "steady errors of follow: %s m" % steady)
 
 
 def without_ros(steps):

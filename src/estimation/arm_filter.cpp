@@ -23,8 +23,15 @@ constexpr double kFarthestTheta = 4.0;  // in standard deviations; beyond it the
 constexpr int kMostOutliers = 2;        // consecutive ones; a third one indicates a change
 // Smallest pivot of a covariance that counts as positive, relative to its largest entry.
 constexpr double kLeastPivot = 1e-13;
+// Largest difference of opposite entries of a covariance, relative to the deviations.
+constexpr double kAsymmetry = 1e-6;
 
 bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
+  if (!(matrix.diagonal().minCoeff() > 0)) return false;
+  // The factorisation reads one half of the matrix, the update uses both.
+  const Eigen::VectorXd deviation = matrix.diagonal().cwiseSqrt();
+  const Eigen::ArrayXXd bound = kAsymmetry * deviation * deviation.transpose();
+  if (!((matrix - matrix.transpose()).array().abs() <= bound).all()) return false;
   const Eigen::LDLT<Eigen::MatrixXd> factors(matrix);
   return factors.info() == Eigen::Success &&
          factors.vectorD().minCoeff() > kLeastPivot * matrix.diagonal().maxCoeff();
@@ -261,9 +268,11 @@ ArmFilter::~ArmFilter() = default;
 ArmFilter::ArmFilter(ArmFilter&&) noexcept = default;
 ArmFilter& ArmFilter::operator=(ArmFilter&&) noexcept = default;
 
+SightingFault ArmFilter::check(const Input& input) const { return work_->check(input); }
+
 Sighting ArmFilter::see(const Input& input) {
   Workspace& w = *work_;
-  Sighting out{w.check(input), 0.0};
+  Sighting out{check(input), 0.0};
   if (!out.accepted()) return out;
   auto model = w.linearise(input.pressure);
   const auto before = w.last_time ? w.twistsAt(w.model, w.last_lengths) : std::nullopt;

@@ -32,6 +32,8 @@ ContactWatch::ContactWatch(const statics::ArmModel& model, const SightLoopConfig
 
 void ContactWatch::see(const estimation::ArmFilter::Input& picture,
                        const std::optional<std::vector<int>>& tags, estimation::ArmFilter& watch) {
+  // A picture that is not used, such as a repeated one, says nothing of the tags either.
+  if (watch.check(picture) != estimation::SightingFault::kNone) return;
   if (tags) takeTags(picture, *tags, watch);
   const estimation::Sighting sighting = watch.see(picture);
   if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;

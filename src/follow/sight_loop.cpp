@@ -22,9 +22,12 @@ constexpr double kSureTip = 0.01;          // largest uncertainty at which the l
 constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
 constexpr double kReadingPatience = 0.05;  // how far a picture may be newer than the readings [s]
-constexpr double kAtStart = 0.002;         // distance at which a path begins immediately [m]
+constexpr double kShortApproach = 0.04;    // of 2 mm; a path then begins immediately [s]
 constexpr double kDiverged = 0.02;         // [m]
 constexpr double kDivergingTime = 1.0;     // within which the error doubles [s]
+// An error that a load causes at once shrinks to this part while the loop corrects it.
+constexpr double kCorrectedPart = 0.75;
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 constexpr int kMostErrors = 512;  // of pictures
@@ -82,7 +85,9 @@ struct SightLoop::Workspace {
   void moveWanted(double dt);
   void command();
   std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
+  lie::SE3 presentTip(const lie::SE3& unknown);
   void begin(const Target& next);
+  void forgetErrors() { errors.clear(), suspicion.reset(); }
   void learn() { aim.learn(tracker.correction()), fades = false; }
   void fade();
   bool findPressures(double stamp, double now, estimation::SightingFault& fault);
@@ -112,6 +117,14 @@ struct SightLoop::Workspace {
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   TimeRing<double, kMostErrors> errors;
+  double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
+  bool reaches = false;       // the corrected model reaches the target
+  bool within_reach = false;  // it did when the target was set
+  // A divergence, unless the error shrinks.
+  struct Suspicion {
+    double since, error;  // [s], [m]
+  };
+  std::optional<Suspicion> suspicion;
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
   Eigen::VectorXd lengths;
@@ -152,11 +165,23 @@ std::optional<lie::SE3> SightLoop::Workspace::tipAt(const Eigen::VectorXd& press
   return model::tipPose(*shape);
 }
 
+// The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
+lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
+  const auto predicted =
+      observer.started() ? tipAt(observer.newest().pressure) : std::optional<lie::SE3>();
+  lie::SE3 out = predicted.value_or(unknown);
+  if (!target || (predicted && !reaches)) return out;
+  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target);
+  out.translation = std::get<Eigen::Vector3d>(*target);
+  return out;
+}
+
 void SightLoop::Workspace::begin(const Target& next) {
   if (!target && observer.started()) aim.startAt(observer.newest().pressure);
-  aim.solve(next, true);
+  reaches = within_reach = aim.solve(next, true).status == statics::InverseStatus::kReached;
   target = next;
-  errors.clear();
+  forgetErrors();
+  if (observer.started()) aimed_at = observer.time();
   error.reset();
 }
 
@@ -180,6 +205,7 @@ void SightLoop::Workspace::moveWanted(double dt) {
 void SightLoop::Workspace::command() {
   const statics::InverseResult& result = aim.solve(*target, false);
   turn.status = result.status;
+  reaches = result.status == statics::InverseStatus::kReached;
   turn.residual = result.residual;
   turn.position_error = result.position_error;
   turn.limits = result.limits;
@@ -208,18 +234,26 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
   return true;
 }
 
-// Detects an arm that moves away from a constant target within the model's reach: the model bends
-// in the wrong direction.
+// Detects an arm that moves away from a constant target within the model's reach, and goes on while
+// the loop corrects it: the model bends in the wrong direction.
 void SightLoop::Workspace::compare(double stamp, double now, const model::Twists& twists) {
   error.reset();
   const auto place = wanted.before(stamp);
   if (!place) return;
   error = (model::tipPose(twists).translation - *place).norm();
+  if (stamp <= aimed_at) return;  // says nothing of the present target
   errors.add(now, *error);
   const auto earlier = errors.before(now - kDivergingTime);
-  if (turn.state == LoopState::kClosed && !path && earlier && *error > kDiverged &&
-      *error > 2 * *earlier && turn.status == statics::InverseStatus::kReached) {
-    diverged = true;
+  const bool grows = earlier && *error > kDiverged && *error > 2 * *earlier;
+  if (turn.state != LoopState::kClosed || path || !within_reach) {
+    suspicion.reset();
+  } else if (!suspicion) {
+    if (grows) suspicion = Suspicion{now, *error};
+  } else if (*error < kCorrectedPart * suspicion->error) {
+    suspicion.reset();
+  } else {
+    const double patience = config.smoothing + config.time_constant + kCorrectingTime;
+    diverged = now - suspicion->since >= patience;
   }
 }
 
@@ -237,18 +271,15 @@ void SightLoop::aimAt(const Target& target) {
 void SightLoop::follow(control::TipPath path) {
   Workspace& w = *work_;
   const control::TipReference first = path.at(0.0);
-  const auto present = w.target               ? std::optional(tipOf(*w.target))
-                       : w.observer.started() ? w.tipAt(w.observer.newest().pressure)
-                                              : std::nullopt;
-  const lie::SE3 from = present.value_or(lie::SE3{Eigen::Matrix3d::Identity(), first.position});
-  const bool turns =
-      first.rotation && w.target && !std::holds_alternative<Eigen::Vector3d>(*w.target);
-  w.approach = turns ? control::TipApproach(from, lie::SE3{*first.rotation, first.position})
-                     : control::TipApproach(from.translation, first.position);
-  const bool there = (from.translation - first.position).norm() <= kAtStart;
+  const lie::SE3 to{first.rotation.value_or(Eigen::Matrix3d::Identity()), first.position};
+  const lie::SE3 from = w.presentTip(to);
+  w.approach = first.rotation ? control::TipApproach(from, to)
+                              : control::TipApproach(from.translation, first.position);
+  const bool there = w.approach->duration() <= kShortApproach;
   w.path_time = there ? 0.0 : -w.approach->duration();
   if (!w.target) w.begin(from.translation);
-  w.errors.clear();
+  w.forgetErrors();
+  w.within_reach = true;  // of the path's last point, which then stays the target
   w.path = std::move(path);
 }
 
@@ -282,7 +313,7 @@ void SightLoop::reset() {
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
   w.diverged = false;
-  w.errors.clear();
+  w.forgetErrors();
   if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
   w.fade();
 }
@@ -299,7 +330,8 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();
-    w.errors.clear();
+    w.forgetErrors();
+    w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
     w.slow_until = -std::numeric_limits<double>::infinity();
   }

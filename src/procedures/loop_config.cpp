@@ -12,7 +12,10 @@ namespace helix_arm::procedures {
 namespace {
 
 constexpr double kLeastDeviation = 1e-4;  // lower bound of calibrated deviations
-constexpr double kSlowSmoothing = 1.0;    // [s]
+// Upper bound of calibrated deviations: what is identifiable is not less certain, and exponentials
+// of multiples of it are finite.
+constexpr double kMostDeviation = 0.5;
+constexpr double kSlowSmoothing = 1.0;  // [s]
 
 // Largest relative standard error of the identifiable parameters with this name (also with a suffix
 // _ACTUATOR); absent if there are none.
@@ -21,7 +24,8 @@ std::optional<double> relativeError(const io::Provenance& calibration, const std
   for (const io::Provenance::Parameter& one : calibration.parameters) {
     const bool named = one.name == name || one.name.compare(0, name.size() + 1, name + "_") == 0;
     if (!named || !one.identifiable || one.value == 0) continue;
-    const double error = std::max(kLeastDeviation, one.standard_error / std::abs(one.value));
+    const double error =
+        std::clamp(one.standard_error / std::abs(one.value), kLeastDeviation, kMostDeviation);
     out = std::max(out.value_or(0.0), error);
   }
   return out;

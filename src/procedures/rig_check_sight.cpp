@@ -153,7 +153,7 @@ Samples sample(const io::Scene& scene, int count) {
 }
 
 std::string percentOf(int part, int whole) {
-  return figure(100.0 * part / std::max(1, whole), 2) + " %";
+  return figure(100.0 * part / std::max(1, whole), 3) + " %";
 }
 
 void judgeSize(const io::Scene& scene, const Samples& samples, SightFigures& figures,

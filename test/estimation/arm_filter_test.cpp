@@ -237,11 +237,15 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
        SightingFault::kWrongSize},
       {"not definite", [](ArmFilter::Input& i) { i.covariance(2, 2) = -1; },
        SightingFault::kNotPositive},
+      // One half of the matrix alone says nothing of the other.
+      {"not symmetric", [](ArmFilter::Input& i) { i.covariance(0, 5) = 1.0; },
+       SightingFault::kNotPositive},
       {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; }, SightingFault::kNotPositive},
   };
   for (const auto& test : cases) {
     ArmFilter::Input input = bench.at(2.0, pressure);
     test.spoil(input);
+    EXPECT_EQ(filter.check(input), test.fault) << test.name;
     EXPECT_EQ(filter.see(input).fault, test.fault) << test.name;
   }
   for (const int what : {0, 1, 2, 3, 4}) {

@@ -1,5 +1,7 @@
 #include "helix_arm/procedures/loop_config.hpp"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "support/refusal.hpp"
@@ -80,6 +82,14 @@ TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {
       filterOf("K_kappa: {value: 1.0e-4, standard_error: 0, identifiable: true}");
   EXPECT_GT(sure.stiffness_deviation.kappa, 0) << "a filter needs a deviation";
   EXPECT_LT(sure.stiffness_deviation.kappa, 1e-3);
+}
+
+// A scene that was edited by hand must not make the factors of the filter overflow.
+TEST(LoopConfig, AnErrorThatIsNoFigureIsLimited) {
+  const ArmFilterOptions filter =
+      filterOf("K_gamma: {value: 1.0e-9, standard_error: 1.0e+9, identifiable: true}");
+  EXPECT_TRUE(std::isfinite(std::exp(4 * filter.stiffness_deviation.gamma)));
+  EXPECT_LE(filter.stiffness_deviation.gamma, 1);
 }
 
 TEST(LoopConfig, ASlowLoopIsWarnedOf) {

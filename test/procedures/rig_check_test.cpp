@@ -65,7 +65,9 @@ TEST(RigCheck, TagsThatAreMountedWrongAreNamed) {
 }
 
 TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
-  expectFinding("demo", {{"tags.size_m", "0.012"}}, "tags_too_small", Severity::kWarning,
+  expectFinding("demo", {{"tags.size_m", "0.015"}}, "tags_too_small", Severity::kWarning,
+                "tags.size_m", "px a bit");
+  expectFinding("demo", {{"tags.size_m", "0.012"}}, "tags_too_small", Severity::kFault,
                 "tags.size_m", "px a bit");
   expectFinding("demo", {{"camera.rpy_deg", "[0, 0, 30]"}}, "few_tags", Severity::kFault, "camera",
                 "100 % of the workspace");
@@ -94,7 +96,7 @@ TEST(RigCheck, CurvesThatHardlyMoveAMuscleAreNamed) {
 TEST(RigCheck, TheRegulatorIsHeldAgainstTheLimits) {
   expectFinding("demo", {{"regulator.simulated.supply_kpa", "300"}}, "supply", Severity::kWarning,
                 "muscle_1", "its limit is 413.7 kPa, and the supply gives 300 kPa");
-  EXPECT_TRUE(checkSupply(sceneOf("demo"), 413685.6).empty());
+  EXPECT_TRUE(checkSupply(sceneOf("demo"), 413686).empty());
   EXPECT_EQ(checkSupply(sceneOf("demo"), 413685).size(), 1u);
   EXPECT_EQ(found(sceneOf("demo_modbus"), "no_watchdog").size(), 1u);
   EXPECT_TRUE(found(sceneOf("demo_serial"), "no_watchdog").empty());

@@ -140,6 +140,24 @@ TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
   }
 }
 
+// While something touches the arm the loop's state does not tell whether it is seen.
+TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoDuringContactEither) {
+  const auto yieldTo = [this](double end, bool sees) {
+    for (; path_time_ < end; path_time_ += 0.01) {
+      const double time = 100 + path_time_;
+      if (auto ending = watch_.turn(time, turnAt(1.0, LoopState::kYielding))) return ending;
+      if (sees) watch_.picture(*watch_.momentOf(time), {0.1, 0, 0});
+    }
+    return std::optional<GoalEnding>();
+  };
+  ASSERT_FALSE(runTo(1.0));
+  EXPECT_FALSE(yieldTo(10.0, true)) << "it is seen";
+  EXPECT_FALSE(yieldTo(12.9, false));
+  const auto ending = yieldTo(13.1, false);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
+}
+
 TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
   ASSERT_FALSE(runTo(1.0));
   follow::Turn held = turnAt(1.0, LoopState::kYielding);

@@ -181,13 +181,13 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
   expectRefusedInfo(sensor_msgs::CameraInfo(), "not calibrated");
   info = sound;
   info.K[0] = -600;
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.K[2] = std::nan("");
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.width = 0;
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.distortion_model = "equidistant";
   expectRefusedInfo(info, "'equidistant'");

@@ -136,7 +136,8 @@ void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLi
   takeCandidate();
   if (!run_) {
     if (!link.follows()) endHold();
-    loop.setOnContact(scene_.follow.on_contact);
+    // The goal's reaction holds as long as its last place: a stopped arm does not push on.
+    if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
     loop.hold();
     return;
   }

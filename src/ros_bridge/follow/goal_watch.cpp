@@ -26,7 +26,10 @@ std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn)
                       "contact with the arm, and on_contact is STOP: the path was aborted, "
                       "and the command is held; clear the arm, and send the goal again"};
   }
-  if (!moments_.empty() && time < moments_.back().time) moments_.clear();  // a jump back in time
+  if (!moments_.empty() && time < moments_.back().time) {  // a jump back in time
+    moments_.clear();
+    last_sight_ = time;
+  }
   moments_.push_back({time, *turn.path_time, turn.wanted, turn.predicted, turn.state});
   while (moments_.front().time < time - kMemory) moments_.pop_front();
   if (auto ending = sightEnding(time, turn.state)) return ending;
@@ -35,13 +38,19 @@ std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn)
 }
 
 std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState state) {
-  if (state != follow::LoopState::kOpen) {
+  // These states do not tell whether the arm is seen.
+  const bool stands =
+      state == follow::LoopState::kYielding || state == follow::LoopState::kDiverging;
+  if (!stands && state != follow::LoopState::kOpen) last_sight_ = time;
+  const bool seen = stands ? last_sight_ && time - *last_sight_ < rules_.sight_patience
+                           : state != follow::LoopState::kOpen;
+  if (seen) {
     was_seen_ = true;
     blind_since_.reset();
     return std::nullopt;
   }
   if (!blind_since_) blind_since_ = time;
-  // The loop has already coasted before it opened.
+  // The loop has already coasted before it opened, or was waited for above.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
   return GoalEnding{Result::SIGHT_LOST,
@@ -91,6 +100,7 @@ std::optional<GoalWatch::Moment> GoalWatch::momentOf(double stamp) const {
 }
 
 std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::Vector3d& tip) {
+  last_sight_ = std::max(last_sight_.value_or(moment.time), moment.time);
   if (moment.path_time < 0) return std::nullopt;
   const double error = (tip - moment.wanted.translation).norm();
   if (moment.path_time <= end_) {

@@ -35,7 +35,9 @@ LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
 
 void LoadPublisher::publish(const ros::Time& picture, const follow::SightLoop& loop) {
   const double since = secondsBetween(last_budget_, picture);
-  if (loop.budget() && (since < 0 || since >= kBudgetPeriod)) {
+  // During contact the budget is that of an earlier picture.
+  const bool present = loop.budget() && loop.budget()->time == picture.toSec();
+  if (present && (since < 0 || since >= kBudgetPeriod)) {
     publishBudget(picture, *loop.budget());
   }
   publishLoad(picture, loop);

@@ -177,6 +177,7 @@ bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& re
 
 bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
   loop_.reset();
+  load_publisher_.publish(stamp_, loop_);
   response.success = true;
   response.message =
       "what was learnt from pictures is cleared: the correction fades out within a second";
@@ -196,6 +197,7 @@ void SightLoopNode::adopt(io::Scene next) {
   loop_ = std::move(loop);
   targets_.adopt();
   sight_.adopt();
+  load_publisher_.publish(stamp_, loop_);
 }
 
 LoopPublisher::View SightLoopNode::view() {

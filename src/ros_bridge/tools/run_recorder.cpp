@@ -18,6 +18,7 @@
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
