@@ -157,7 +157,8 @@ def expect_cli(reader, command):
     check = asked("check", "my_arm.yaml")
     expect(check["passed"], "check finds %s" % check["findings"])
     expect(not any(one["check"] == "camera_uncalibrated" for one in check["findings"]), "the camera is not calibrated")
-    expect("muscle_1 2" in reader.told("regulator my_arm.yaml set"), "set did not reach 20 kPa")
+    reached = re.search(r"^reached muscle_1 (-?[\d.]+) kPa", reader.told("regulator my_arm.yaml set"), re.M)
+    expect(reached and abs(float(reached.group(1)) - 20) < 4, "set to 20 kPa: " + reader.told("regulator my_arm.yaml set"))
 
 
 def expect_ros(reader, command):
