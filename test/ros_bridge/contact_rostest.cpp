@@ -113,6 +113,9 @@ TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
   const std::size_t before = loop_.all().size();
   ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
   EXPECT_EQ(loop_.last().state, LoopStatus::YIELDING) << loop_.last().message;
+  // What is held without end is ended by a vent.
+  EXPECT_TRUE(call("pressure_command/vent"));
+  EXPECT_TRUE(comesTo(LoopStatus::IDLE));
 }
 
 TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
