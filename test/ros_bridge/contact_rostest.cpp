@@ -113,6 +113,8 @@ TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
   const std::size_t before = loop_.all().size();
   ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
   EXPECT_EQ(loop_.last().state, LoopStatus::YIELDING) << loop_.last().message;
+  push(0);
+  ASSERT_TRUE(waitFor([this] { return load_.last().state == ExternalLoad::NONE; }, kDeadline));
   // What is held without end is ended by a vent.
   EXPECT_TRUE(call("pressure_command/vent"));
   EXPECT_TRUE(comesTo(LoopStatus::IDLE));

@@ -20,9 +20,9 @@ class SilentPathServer {
  public:
   explicit SilentPathServer(const std::string& action)
       : node_(action),
-        status_publisher_(node_.advertise<actionlib_msgs::GoalStatusArray>("status", 100)),
-        feedback_publisher_(node_.advertise<FollowTipPathActionFeedback>("feedback", 100)),
-        result_publisher_(node_.advertise<FollowTipPathActionResult>("result", 100)),
+        status_publisher_(advertise<actionlib_msgs::GoalStatusArray>("status")),
+        feedback_publisher_(advertise<FollowTipPathActionFeedback>("feedback")),
+        result_publisher_(advertise<FollowTipPathActionResult>("result")),
         goal_subscriber_(node_.subscribe("goal", 10, &SilentPathServer::onGoal, this)),
         cancel_subscriber_(node_.subscribe("cancel", 10, &SilentPathServer::onCancel, this)),
         thread_([this] { beat(); }) {}
@@ -56,6 +56,15 @@ class SilentPathServer {
   }
 
  private:
+  // A test may publish damaged messages on the same topics: roscpp would read their headers, and
+  // end the process where they are cut off.
+  template <class Message>
+  ros::Publisher advertise(const std::string& topic) {
+    ros::AdvertiseOptions options;
+    options.init<Message>(topic, 100);
+    options.has_header = false;
+    return node_.advertise(options);
+  }
   void onGoal(const FollowTipPathActionGoalConstPtr& goal) {
     const std::lock_guard<std::mutex> lock(mutex_);
     goal_ = goal->goal_id;
