@@ -12,12 +12,6 @@
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
-
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
-
-}  // namespace
-
 void CommandTrace::sent(const ros::Time& stamp) {
   last_stamp_ = stamp;
   last_sent_ = ros::SteadyTime::now();

@@ -15,10 +15,9 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kTick = 0.1;                  // [s]
-constexpr double kLastWords = 1.0;             // of the topics that are recorded, after the end [s]
-constexpr double kWordPeriod = 1.0;            // between two lines of the log [s]
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+constexpr double kTick = 0.1;        // [s]
+constexpr double kLastWords = 1.0;   // of the topics that are recorded, after the end [s]
+constexpr double kWordPeriod = 1.0;  // between two lines of the log [s]
 
 FollowTipPathGoal goalOf(const FollowPathOptions& options) {
   FollowTipPathGoal out;

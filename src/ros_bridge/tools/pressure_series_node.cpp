@@ -20,7 +20,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
 // Refusals, and commands of another arm, end the series only after this number of consecutive
 // messages over this time.
 constexpr int kLeastTrouble = 10;
