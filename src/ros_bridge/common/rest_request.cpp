@@ -28,9 +28,10 @@ void CommandTrace::answered(const TargetStatus& status) {
   if (status.target_stamp == last_stamp_) waits_ = false;
 }
 
-bool CommandTrace::commands() const {
-  const bool overdue = waits_ && ros::SteadyTime::now() - last_sent_ > ros::WallDuration(kPatience);
-  return accepted_ && !overdue;
+bool CommandTrace::commands() const { return accepted_ && (!waits_ || awaitsAnswer()); }
+
+bool CommandTrace::awaitsAnswer() const {
+  return waits_ && ros::SteadyTime::now() - last_sent_ <= ros::WallDuration(kPatience);
 }
 
 void requestRest() {

@@ -63,16 +63,15 @@ void CommandLink::fallSilent() {
 }
 
 void CommandLink::rest() {
-  rests_ = rests_ || follows();
+  rests_ = rests_ || follows() || trace_.awaitsAnswer();
   fallSilent();
 }
 
 void CommandLink::restIfDue() {
   if (!rests_) return;
-  const bool commands = trace_.commands();
-  if (commands && !trace_.isAnswered()) return;
+  if (trace_.awaitsAnswer()) return;
   rests_ = false;
-  if (commands) requestRest();
+  if (trace_.commands()) requestRest();
 }
 
 std::optional<control::Refusal> CommandLink::refusal() const {

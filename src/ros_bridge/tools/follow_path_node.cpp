@@ -61,7 +61,7 @@ FollowPathNode::FollowPathNode()
       client_(node_, options_.action, false),
       timer_(repeat(node_, "the watch of the goal", kTick, &FollowPathNode::onTick, this)) {
   if (!options_.files.any()) return;
-  recorder_.emplace(node_, options_.action, options_.files, options_.path,
+  recorder_.emplace(node_, options_.files, options_.path,
                     goal_.path.points.back().time_from_start.toSec());
 }
 
@@ -103,6 +103,7 @@ void FollowPathNode::send() {
 }
 
 void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
+  if (recorder_) recorder_->add(feedback);
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_word_ < ros::WallDuration(kWordPeriod)) return;
   last_word_ = now;

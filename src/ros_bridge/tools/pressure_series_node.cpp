@@ -182,9 +182,8 @@ void PressureSeriesNode::publishTarget() {
 
 void PressureSeriesNode::endSeries() {
   if (EndRequest::isUrgent()) return;  // without a master, the call would block
-  const bool commands = trace_.commands();
-  if (commands && !trace_.isAnswered()) return;
-  if (commands) requestRest();
+  if (trace_.awaitsAnswer()) return;
+  if (trace_.commands()) requestRest();
   EndRequest::make();
 }
 
