@@ -13,6 +13,7 @@
 #include "helix_arm/Save.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 

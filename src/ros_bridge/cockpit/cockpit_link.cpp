@@ -14,6 +14,7 @@
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
