@@ -213,5 +213,23 @@ arm:
                     "give --start in SI units");
 }
 
+TEST(Inverse, RowsOfATableAreAsSingleCalls) {
+  const std::vector<double> a = numbersOf(forward("helical_50", "200,0,50")["tip"]["position_m"]);
+  const std::vector<double> b = numbersOf(forward("helical_50", "0,250,20")["tip"]["position_m"]);
+  const TemporaryFile table("x_m,y_m,z_m\n" + commaList(a) + "\n" + commaList(b) + "\n9,9,9\n",
+                            ".csv");
+  const Outcome outcome = inverse("helical_50", {"--targets", table.path()});
+  EXPECT_EQ(outcome.exit_code, 1) << "the last is out of reach";
+  const nlohmann::json rows = outcome.json()["rows"];
+  ASSERT_EQ(rows.size(), 3U);
+  EXPECT_EQ(rows[0], inverse("helical_50", {"--tip", commaList(a)}).json());
+  EXPECT_EQ(rows[1], inverse("helical_50", {"--tip", commaList(b)}).json());
+  EXPECT_EQ(rows[2]["status"], "unreachable");
+  expectCallerError(inverse("helical_50", {"--targets", table.path(), "--tip", "1,2,3"}),
+                    "give exactly one of --tip");
+  const TemporaryFile without("x_m,y_m\n1,2\n", ".csv");
+  expectCallerError(inverse("helical_50", {"--targets", without.path()}), "has no column z_m");
+}
+
 }  // namespace
 }  // namespace helix_arm::test
