@@ -16,7 +16,7 @@ class RigMemory {
  public:
   /// Part of the deviations of its priors to which an estimate is refined; placements and shapes
   /// that are not quite as thought allow no more.
-  static constexpr double kSurest = 0.1;
+  static constexpr double kSurest = 0.02;
 
   /// Starts with the priors of the options.
   explicit RigMemory(const TwistFitOptions& options);
