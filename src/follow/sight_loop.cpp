@@ -83,10 +83,11 @@ struct SightLoop::Workspace {
   void command();
   std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
   void begin(const Target& next);
-  void learn() { aim.learn(tracker.correction()), fades = false; }
+  void learn();
+  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
   void fade();
   bool findPressures(double stamp, double now, estimation::SightingFault& fault);
-  void compare(double stamp, double now, const model::Twists& twists);
+  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
 
   const SightLoopConfig config;
   const model::Arm arm;
@@ -99,7 +100,9 @@ struct SightLoop::Workspace {
   Aim aim;
 
   bool enabled = false, closed = true, diverged = false;
-  bool fades = false;                                            // the correction goes to 0
+  bool fades = false;  // the correction goes to 0
+  // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
+  Eigen::Vector3d beyond = Eigen::Vector3d::Zero(), beyond_goal = Eigen::Vector3d::Zero();
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
 
   std::optional<Target> target;
@@ -149,12 +152,33 @@ std::optional<lie::SE3> SightLoop::Workspace::tipAt(const Eigen::VectorXd& press
   }
   const auto shape = estimated.shape(lengths);
   if (!shape) return std::nullopt;
-  return model::tipPose(*shape);
+  lie::SE3 tip = model::tipPose(*shape);
+  tip.translation += contact.load().tip_beyond_fit;
+  return tip;
+}
+
+void SightLoop::Workspace::learn() {
+  aim.learn(tracker.correction());
+  beyond_goal = contact.load().tip_beyond_fit;
+  fades = false;
+}
+
+// The corrected model is brought where a load takes its tip to the wanted place.
+const statics::InverseResult& SightLoop::Workspace::solve(const Target& wanted_tip, bool fresh) {
+  if (!beyond.isZero(0)) {
+    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+    }
+    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+    }
+  }
+  return aim.solve(wanted_tip, fresh);
 }
 
 void SightLoop::Workspace::begin(const Target& next) {
   if (!target && observer.started()) aim.startAt(observer.newest().pressure);
-  aim.solve(next, true);
+  solve(next, true);
   target = next;
   errors.clear();
   error.reset();
@@ -178,7 +202,7 @@ void SightLoop::Workspace::moveWanted(double dt) {
 }
 
 void SightLoop::Workspace::command() {
-  const statics::InverseResult& result = aim.solve(*target, false);
+  const statics::InverseResult& result = solve(*target, false);
   turn.status = result.status;
   turn.residual = result.residual;
   turn.position_error = result.position_error;
@@ -188,6 +212,7 @@ void SightLoop::Workspace::command() {
 
 void SightLoop::Workspace::fade() {
   aim.learn(statics::Correction(arm));
+  beyond_goal.setZero();
   fades = true;
 }
 
@@ -210,11 +235,14 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
 
 // A still target from which the arm moves away although it is said to be within reach: the model
 // bends the wrong way.
-void SightLoop::Workspace::compare(double stamp, double now, const model::Twists& twists) {
+void SightLoop::Workspace::compare(double stamp, double now,
+                                   const estimation::ArmFilter::Input& picture) {
   error.reset();
   const auto place = wanted.before(stamp);
-  if (!place) return;
-  error = (model::tipPose(twists).translation - *place).norm();
+  const auto shape = tracker.shape(picture.pressure);
+  if (!place || !shape) return;
+  const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
+  error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
   errors.add(now, *error);
   const auto earlier = errors.before(now - kDivergingTime);
   if (turn.state == LoopState::kClosed && !path && earlier && *error > kDiverged &&
@@ -311,7 +339,9 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
   if (w.tracks(time) || w.fades) {
     const bool slow = !w.closed || time < w.slow_until;
-    w.aim.approach(-std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing)));
+    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing));
+    w.aim.approach(share);
+    w.beyond += share * (w.beyond_goal - w.beyond);
   }
   w.turn.commands = w.turn.state != LoopState::kIdle;
   if (w.turn.commands) {
@@ -348,7 +378,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   w.tip_deviation = std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
   if (w.tracks(now)) w.learn();
-  w.compare(stamp, now, twists);
+  w.compare(stamp, now, input);
   return out;
 }
 

@@ -8,6 +8,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
@@ -16,7 +17,7 @@ namespace {
 constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
-  MeasuredShape out{fit.twists, fit.covariance, {}};
+  MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
   for (const estimation::TagResidual& tag : fit.tags) out.tags.push_back(tag.tag);
   std::sort(out.tags.begin(), out.tags.end());
   return out;

@@ -221,7 +221,9 @@ io::Scene calibratedOn(const io::Scene& rig) {
   procedures::CalibrationData data;
   procedures::addCaptures(procedures::makeCaptures(known, seen, "the rig").captures, "the rig",
                           data);
+  data.sources.push_back({"the rig", std::string(64, '0'), static_cast<int>(seen.size())});
   procedures::CalibrationRequest request;
+  request.date = "2026-01-31T12:00:00Z";
   request.fit = {"stiffness", "length_scale", "placement"};
   const auto outcome = procedures::runCalibration(kDemo, {}, request, data);
   EXPECT_TRUE(outcome.success) << outcome.message;

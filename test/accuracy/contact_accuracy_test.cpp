@@ -21,8 +21,9 @@ using procedures::FollowResult;
 using procedures::FollowRow;
 
 constexpr double kMm = 1e3;
-constexpr double kForce = 0.3;        // [N]
-constexpr double kTouched = 14.5;     // time of the force [s]
+constexpr double kForce = 0.3;  // [N]
+constexpr int kTips = 4;
+constexpr double kCalm = 2.5;         // between the last step and the force [s]
 constexpr double kLeastScore = 20.0;  // of what nearly is an alarm
 
 io::Scene arm() {
@@ -47,15 +48,16 @@ FollowPlan randomTips(const io::Scene& scene, int count, double seconds, unsigne
   return plan;
 }
 
-// Four tips, and a force of a random direction across the arm's end at the last one.
-FollowPlan touchedPlan(const io::Scene& scene, double seconds, unsigned seed) {
-  FollowPlan plan = randomTips(scene, 4, seconds, seed);
+// Four tips, and a force of a random direction across the arm's end, which then lasts, some time
+// after the last step.
+FollowPlan touchedPlan(const io::Scene& scene, double held, unsigned seed) {
+  FollowPlan plan = randomTips(scene, kTips, kTips * (kCalm + held), seed);
   test::Random random(1000 + seed);
   statics::InverseSolver solver(scene.model);
   const Eigen::VectorXd& input = solver.toPosition(plan.tips.back(), scene.arm.inputAt(0.3)).input;
   const Eigen::Vector3d along = scene.model.tip(input).tip.rotation.col(0);
   const Eigen::Vector3d across = along.cross(random.direction<3>()).normalized();
-  plan.force = procedures::TimedForce{kTouched, kForce * across};
+  plan.force = procedures::TimedForce{plan.seconds - held, kForce * across};
   return plan;
 }
 
@@ -79,20 +81,20 @@ struct Draw {
 
 // The force as it is known 1.5 s after it came.
 std::optional<Draw> touch(const io::Scene& scene, unsigned seed) {
-  const FollowPlan plan = touchedPlan(scene, kTouched + 1.5, seed);
+  const FollowPlan plan = touchedPlan(scene, 1.5, seed);
   const FollowResult result = procedures::runFollow(scene, plan);
   EXPECT_EQ(result.vented, "") << seed;
   EXPECT_LE(result.alarms.size(), 1u) << seed;
   if (result.alarms.empty()) return std::nullopt;
   const FollowAlarm& alarm = result.alarms.front();
-  EXPECT_GT(alarm.time, kTouched) << seed << ": before the force";
+  EXPECT_GT(alarm.time, plan.force->time) << seed << ": before the force";
   EXPECT_FALSE(alarm.normalised);
   const Eigen::Vector3d error = alarm.force - plan.force->force;
   const FollowRow& last = result.rows.back();
   EXPECT_TRUE(last.wanted);
   const simulation::TrueArm truth(scene.model, scene.simulation.arm);
   const Eigen::Vector3d along = model::tipPose(truth.shape(last.pressure)).rotation.col(0);
-  return Draw{alarm.time - kTouched, (error - along * along.dot(error)).norm(),
+  return Draw{alarm.time - plan.force->time, (error - along * along.dot(error)).norm(),
               error.dot(alarm.covariance.ldlt().solve(error))};
 }
 
@@ -222,12 +224,12 @@ TEST_P(CarriedLoad, StaysWhereItIsWanted) {
   double first = 0, steady = 0, worst = 0;
   int found = 0;
   for (unsigned seed = 1; seed <= kDraws; ++seed) {
-    FollowPlan plan = touchedPlan(scene, kTouched + 4, seed);
+    FollowPlan plan = touchedPlan(scene, 4, seed);
     if (!GetParam().force.isZero(0)) plan.force->force = GetParam().force;
     const FollowResult result = procedures::runFollow(scene, plan);
     found += static_cast<int>(result.alarms.size());
-    first += std::pow(rms(result, kTouched, kTouched + 0.3), 2);
-    const double one = rms(result, kTouched + 1, kTouched + 4);
+    first += std::pow(rms(result, plan.force->time, plan.force->time + 0.3), 2);
+    const double one = rms(result, plan.force->time + 1, plan.force->time + 4);
     steady += one * one;
     worst = std::max(worst, one);
   }

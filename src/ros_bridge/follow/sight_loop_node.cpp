@@ -165,7 +165,9 @@ void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
   last_picture_ = stamp;
   load_publisher_.publish(stamp, loop_);
   if (action_.runs()) {
-    action_.picture(stamp, model::tipPose(measured), LoopPublisher::tipCovariance(view()));
+    lie::SE3 tip = model::tipPose(measured);
+    tip.translation += loop_.load().tip_beyond_fit;
+    action_.picture(stamp, tip, LoopPublisher::tipCovariance(view()));
   }
 }
 
