@@ -1,7 +1,7 @@
 #pragma once
 
-// All constants of the board, with their units. Another board (sensor, valves, limits, pins) is a
-// change of this file alone. docs/board.md has the wiring.
+// All constants of the board, with their units. Another sensor, valve, limit or pin is a change of
+// this file alone; the wiring in docs/board.md repeats the pins, and the tests follow the document.
 
 #include <avr/io.h>
 #include <stdbool.h>

@@ -11,7 +11,7 @@ typedef struct {
   Fault fault;
   int32_t set_point_pa;
   int32_t pressure_pa;
-  int32_t ahead_pa;  // pressure to be expected where mean and valves lag behind
+  int32_t ahead_pa;  // extrapolated by one reading: mean and valves lag behind
   uint8_t broken;    // readings in a row
   uint8_t over;      // the same
   uint8_t duty;      // of the inlet during feed_ms
@@ -47,12 +47,12 @@ static void read(uint8_t i) {
   }
   if (channel->over >= BAD_READINGS) {
     channel->over = BAD_READINGS;
-    // Whatever feeds this one may be the supply of all.
+    // The air that overfills this channel comes from the supply of all channels.
     for (uint8_t k = 0; k < CHANNELS; ++k) fail(&channels[k], FAULT_OVER_PRESSURE);
   }
 }
 
-// A muscle whose reading stands, whatever comes in, may fill up to the supply.
+// A muscle that is fed while its reading does not rise may fill up to the supply pressure.
 static void watchRise(Channel* channel) {
   const bool rises = channel->pressure_pa >= channel->rises_from_pa + RISE_PA;
   if (rises || !channel->fills) {
@@ -82,9 +82,9 @@ static void feed(Channel* channel, int32_t error_pa) {
 
 static void regulate(Channel* channel) {
   const int32_t error_pa = channel->set_point_pa - channel->ahead_pa;
-  // Noise of a reading that stands does not pass for a muscle that was filled.
+  // Hysteresis: the noise of a constant reading must not reset the count of watchRise().
   const int32_t least_pa = channel->fills ? DEAD_BAND_PA - HYSTERESIS_PA : DEAD_BAND_PA;
-  // One bad reading is no fault yet, but nothing to feed by.
+  // One bad reading is not a fault yet, but the valves must not act on it.
   const bool regulates = channel->mode == MODE_REGULATE && channel->broken == 0;
   channel->feed_ms = channel->bleed_ms = 0;
   channel->fills = regulates && channel->set_point_pa > 0 && error_pa > least_pa;

@@ -3,7 +3,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/// Why a channel vents and takes no set points, in order of weight.
+/// Why a channel vents and accepts no set points; a greater value replaces a smaller one.
 typedef enum {
   FAULT_NONE,
   FAULT_RESTARTED,      ///< the chip has started, whatever it did before
@@ -28,7 +28,7 @@ void channelClose(uint8_t channel);
 /// Vents, and ends the channel's fault where its cause is gone.
 void channelVent(uint8_t channel);
 
-/// Gauge pressure of the last reading [Pa]; of no meaning with a fault of the sensor.
+/// Gauge pressure of the last good reading [Pa].
 int32_t channelPressure(uint8_t channel);
 Fault channelFault(uint8_t channel);
 /// Whether any channel has a fault that a vent line alone does not end.

@@ -9,7 +9,7 @@
 #include "channel.h"
 #include "uart.h"
 
-#define LINE_MOST 24  // a longer one is none of the protocol
+#define LINE_MOST 24  // no line of the protocol is longer
 #define ANSWER_MOST 32
 #define WHOLE_DIGITS_MOST 5  // of kPa: with three decimals they fit 32 bits
 #define DECIMALS 3           // of kPa: whole pascals
@@ -38,7 +38,7 @@ static const char* nameOf(Fault fault) {
   }
 }
 
-// Such an answer is no reading: the host refuses it and quotes it in its message.
+// Not a reading: the host refuses this answer and quotes it in its message.
 static void sayFault(uint8_t channel, const char* name) {
   char out[ANSWER_MOST] = "p0=fault ";
   out[1] = (char)('0' + channel);
@@ -92,7 +92,7 @@ static bool parsePressure(const char* number, int32_t* pressure_pa) {
   return digits > 0;
 }
 
-// What stands behind "pK=".
+// Carries out the text after "pK=".
 static void obey(uint8_t channel, const char* order) {
   int32_t set_point_pa = 0;
   if (strcmp(order, "vent") == 0) {

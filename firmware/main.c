@@ -27,7 +27,7 @@ static void startTicks(void) {
   TIMSK1 = _BV(OCIE1A);
 }
 
-// Steady: an arm under pressure. 1 Hz: vented. 5 Hz: a fault that somebody has to look at.
+// Steady: a channel holds pressure. 1 Hz: all vent. 5 Hz: a fault that needs attention.
 static void showState(void) {
   static uint16_t ms;
   const uint16_t half_ms = channelsTripped() ? 100 : 500;
@@ -55,7 +55,7 @@ int main(void) {
       showState();
     }
     lineRun();
-    // An interrupt between the last look and the sleep is met at the next one, of the converter.
+    // If an interrupt comes just before the sleep, the next one, of the converter, ends the sleep.
     if (done == ticks && !uartHasInput()) sleep_mode();
   }
 }

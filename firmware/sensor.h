@@ -6,7 +6,7 @@ typedef enum { SENSOR_GOOD, SENSOR_LOW, SENSOR_HIGH } SensorState;
 
 typedef struct {
   SensorState state;
-  int32_t pressure_pa;  // gauge; of no meaning unless the sensor is good
+  int32_t pressure_pa;  // gauge; valid only if the sensor is good
 } Reading;
 
 /// Starts the conversion of all channels in turn.

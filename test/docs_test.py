@@ -19,11 +19,12 @@ from pathlib import Path
 
 README_LINES = 200
 PHRASES = ("way of the tip", "one a channel", "what became of", "as one has it", "nobody ramps")
-FOLDERS = ("action", "cmake", "config", "docs", "examples", "include", "launch", "msg", "rviz", "scripts", "src", "srv", "test")
+FOLDERS = ("action", "cmake", "config", "docs", "examples", "firmware", "include", "launch", "msg", "rviz", "scripts", "src",
+           "srv", "test")
 # Options of other programs, where a code span begins with one.
 FOREIGN_OPTIONS = {"--ros-args", "--clock", "--sanitize", "--self-test", "--minutes", "--prefix"}
-CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "cmake", "config", "docs", "examples", "include", "launch",
-           "LICENSE", "msg", "rviz", "scripts", "src", "srv", "test")
+CHECKED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "action", "cmake", "config", "docs", "examples", "firmware", "include",
+           "launch", "LICENSE", "msg", "rviz", "rviz_plugins.xml", "scripts", "src", "srv", "test")
 
 PATH = re.compile(r"(?<![\w/.$~<>*-])((?:%s)/[\w./*{},<>-]*)" % "|".join(FOLDERS))
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -80,7 +81,8 @@ class Command:
             text = self.help(name)
             self.options[name] = self.options_of(text)
             for nested in self.subcommands(text):
-                self.options[name] |= self.options_of(self.help(name, "SCENE", nested))
+                scene = ["SCENE"] if re.search(r"^Positionals:\n  SCENE ", text, re.M) else []
+                self.options[name] |= self.options_of(self.help(name, *scene, nested))
         if not self.options:
             raise OSError("%s --help names no subcommand" % path)
 
@@ -131,6 +133,8 @@ class Package:
         self.launch = {path.name: set(re.findall(r'<arg name="(\w+)"', path.read_text(encoding="utf-8")))
                        for path in (root / "launch").glob("*.launch")}
         self.types = {path.stem for kind in ("msg", "srv", "action") for path in (root / kind).iterdir()}
+        self.types |= {name for path in root.glob("*_plugins.xml")
+                       for name in re.findall(r'class name="helix_arm/(\w+)"', path.read_text(encoding="utf-8"))}
         self.nodes = {path.stem for path in (root / "src/nodes").glob("*.cpp")}
         self.topics, self.services = self.ros_names()
         self.cases = set()
@@ -336,6 +340,8 @@ PLANTS = (
     ("docs/scene.md", "\n```\ncat scripts/gone\n```", "path scripts/gone"),
     ("docs/scene.md", "\n`config/gone/*.yaml`", "path config/gone/*.yaml"),
     ("docs/scene.md", "\n`examples/gone.cpp`", "path examples/gone.cpp"),
+    ("docs/board.md", "\n`firmware/gone.c`", "path firmware/gone.c"),
+    ("docs/board.md", "\n`BoardFaults.Gone`", "no test case BoardFaults.Gone"),
     ("README.md", '\n```\n#include "helix_arm/io/gone.hpp"\n```', "includes helix_arm/io/gone.hpp"),
     ("docs/accuracy.md", "\n`gone.test`", "names gone.test"),
     ("docs/nodes.md", "\n```\nroslaunch helix_arm gone.launch\n```", "names gone.launch"),

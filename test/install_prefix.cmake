@@ -32,6 +32,20 @@ foreach(place "${SCRATCH}[:|]" "${SCRATCH}/share")
   endif()
 endforeach()
 
+# The firmware of the board is there, without what was built of it, and builds from there.
+set(firmware ${SCRATCH}/share/helix_arm/firmware)
+if(NOT EXISTS ${firmware}/Makefile OR NOT EXISTS ${firmware}/main.c OR EXISTS ${firmware}/build)
+  message(FATAL_ERROR "${firmware} lacks the sources of the firmware, or has what was built of them")
+endif()
+find_program(AVR_GCC avr-gcc)
+find_program(MAKE_EXECUTABLE NAMES gmake make)
+if(AVR_GCC AND MAKE_EXECUTABLE)
+  execute_process(COMMAND ${MAKE_EXECUTABLE} -C ${firmware} RESULT_VARIABLE result OUTPUT_QUIET ERROR_VARIABLE message)
+  if(NOT result EQUAL 0 OR NOT EXISTS ${firmware}/build/board_atmega328p_solenoid.hex)
+    message(FATAL_ERROR "the installed firmware does not build: ${message}")
+  endif()
+endif()
+
 # A package of somebody else finds it there, and links the library of the model with Eigen and yaml-cpp alone.
 set(example ${SCRATCH}/share/helix_arm/examples)
 execute_process(
@@ -72,6 +86,41 @@ execute_process(COMMAND ldd ${SCRATCH}/example/forward OUTPUT_VARIABLE libraries
 string(FIND "${libraries}" "${SCRATCH}/lib/libhelix_arm_core" at)
 if(at EQUAL -1 OR libraries MATCHES "not found|opencv|modbus|turbojpeg|ceres|roscpp|crypto")
   message(FATAL_ERROR "examples/forward needs more than helix_arm_core, Eigen and yaml-cpp: ${libraries}")
+endif()
+
+# A catkin workspace on top of it finds it, too.
+find_program(isolated catkin_make_isolated)
+if(isolated)
+  set(workspace ${SCRATCH}/workspace)
+  set(user ${workspace}/src/forward_user)
+  file(COPY ${example}/forward.cpp DESTINATION ${user})
+  file(WRITE ${user}/package.xml "<package format='2'><name>forward_user</name><version>0.0.1</version>
+    <description>Uses helix_arm.</description><maintainer email='user@example.com'>User</maintainer><license>BSD</license>
+    <buildtool_depend>catkin</buildtool_depend><depend>helix_arm</depend></package>\n")
+  file(WRITE ${user}/CMakeLists.txt "cmake_minimum_required(VERSION 3.16)
+project(forward_user CXX)
+find_package(catkin REQUIRED)
+find_package(helix_arm REQUIRED)
+catkin_package()
+add_executable(forward forward.cpp)
+target_link_libraries(forward helix_arm::core)
+install(TARGETS forward RUNTIME DESTINATION \${CATKIN_PACKAGE_BIN_DESTINATION})\n")
+  execute_process(
+    COMMAND ${CMAKE_COMMAND} -E env --unset=CMAKE_PREFIX_PATH
+      sh -c ". \"$0/setup.sh\"; \"$1\" --install --cmake-args -DPYTHON_EXECUTABLE=\"$2\" -DCMAKE_BUILD_TYPE=Release"
+      ${SCRATCH} ${isolated} ${PYTHON}
+    WORKING_DIRECTORY ${workspace} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
+  if(NOT result EQUAL 0)
+    message(FATAL_ERROR "catkin_make_isolated --install ended with ${result}: ${output}${message}")
+  endif()
+  execute_process(
+    COMMAND sh -c ". \"$0/setup.sh\"; exec \"$0/lib/forward_user/forward\" \"$1\" 200 0 50"
+      ${workspace}/install_isolated ${scene}
+    RESULT_VARIABLE result OUTPUT_VARIABLE other ERROR_VARIABLE message)
+  string(REGEX MATCHALL "-?[0-9.]+(e-?[0-9]+)?" other "${other}")
+  if(NOT result EQUAL 0 OR NOT other STREQUAL tip)
+    message(FATAL_ERROR "forward of a catkin workspace ended with ${result}: ${other} ${message}; expected ${tip}")
+  endif()
 endif()
 
 file(REMOVE_RECURSE ${SCRATCH})

@@ -20,6 +20,8 @@ set(below_ros_bridge/vision "${below_ros_bridge/pressure}")
 set(below_ros_bridge/calibration "${below_ros_bridge/pressure}")
 set(below_ros_bridge/follow "${below_ros_bridge/pressure}|ros_bridge/pressure")
 set(below_ros_bridge/tools "${below_ros_bridge/pressure}|ros_bridge/pressure|ros_bridge/vision")
+set(below_ros_bridge/cockpit "${below_ros_bridge/common}|ros_bridge/common")
+set(below_rviz_panel "ros_bridge/cockpit|ros_bridge/common")  # and what a box shows: values and words, no message
 set(below_nodes "ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/calibration|ros_bridge/tools|ros_bridge/common")
 set(below_cli "${below_procedures}|procedures|ros_bridge/calibration")  # its reader of recordings
 
@@ -33,9 +35,10 @@ set(others_simulation "Eigen|modbus|opencv2")
 set(others_io "Eigen|openssl|yaml-cpp")
 set(others_cli "Eigen|CLI|cairo|nlohmann")
 set(others_nodes "")
+set(others_rviz_panel "rviz|pluginlib|ros")  # and Qt, whose headers have no folder
 
-set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli)
-foreach(package common pressure vision calibration follow tools)
+set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli rviz_panel)
+foreach(package common pressure vision calibration cockpit follow tools)
   list(APPEND layers ros_bridge/${package})
   set(others_ros_bridge/${package} ".*")
 endforeach()

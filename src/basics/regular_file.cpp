@@ -26,7 +26,7 @@ const char* kindOf(mode_t mode) {
     case S_IFSOCK:
       return "a socket";
     default:
-      return "no regular file";
+      return "a special file";
   }
 }
 
@@ -41,8 +41,8 @@ std::string faultOf(const struct stat& status) {
 
 RegularFile::RegularFile(const std::string& path) {
   struct stat status {};
-  // Opening a device may be more than looking at it. What takes its place in between is met by the
-  // second look.
+  // Opening a device may have side effects, so the kind is checked first; it is checked again on
+  // the open file, in case the path was replaced in between.
   if (::stat(path.c_str(), &status) != 0) {
     fault_ = reasonOf(errno);
   } else if (fault_ = faultOf(status); fault_.empty()) {
@@ -71,7 +71,7 @@ std::optional<std::string> RegularFile::readAll(std::size_t most) {
   std::string bytes;
   if (expected <= most) bytes.reserve(static_cast<std::size_t>(expected));
   std::vector<char> block(kBlock);
-  // A file may grow while it is read, and those of /proc do not know their size.
+  // A file may grow while it is read, and files below /proc state no size.
   while (expected <= most && bytes.size() <= most) {
     const ssize_t count = readAt(bytes.size(), block.data(), block.size());
     if (count < 0) return std::nullopt;

@@ -48,26 +48,25 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
   refuse(request.tier == statics::Tier::kPlanar && !scene.planar,
          "--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
              " is spatial: use --tier linear");
-  refuse((loaded || request.tier == statics::Tier::kExact) && !scene.model.load(),
+  refuse(request.tier && statics::takesLoad(*request.tier) && !scene.model.load(),
          "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
              " has none: use --tier linear");
-  refuse(request.order && !loaded, "--order goes with --tier loaded");
+  refuse(request.order && !loaded, "--order needs --tier loaded");
   refuse(request.relative_tip_error && request.time, "give either --accuracy or --budget");
   const char* const goal = request.relative_tip_error ? "--accuracy" : "--budget";
   refuse((request.relative_tip_error || request.time) && request.tier && (!loaded || request.order),
          std::string(goal) +
-             " has nothing to choose; it goes with --tier auto, or with --tier loaded without "
-             "--order");
+             " needs tiers to choose from; use --tier auto, or --tier loaded without --order");
 }
 
-// As a scene has them.
+// The range that scenes allow.
 constexpr model::Range kTipErrorPercent{2e-7, 100};
 constexpr model::Range kTimeUs{1e-3, 1e9};
 
 [[noreturn]] void refuseEntry(const std::string& option, std::size_t position,
                               const std::string& entry) {
   throw CallerError(option + " has \"" + entry + "\" as value " + std::to_string(position) +
-                    "; expected finite numbers joined by commas, without blanks");
+                    "; expected finite numbers separated by commas, without spaces");
 }
 
 }  // namespace
@@ -183,7 +182,7 @@ statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments
     const char* const flag = request.relative_tip_error ? "--accuracy"
                              : request.time             ? "--budget"
                                                         : "--tier";
-    throw CallerError(std::string(flag) + " cannot be had with scene " + scene.name + ": " +
+    throw CallerError(std::string(flag) + " is not possible with scene " + scene.name + ": " +
                       error.what());
   }
 }

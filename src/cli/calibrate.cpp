@@ -9,8 +9,10 @@
 #include "command.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
@@ -43,9 +45,8 @@ std::vector<std::string> wordsOf(const std::string& list) {
 std::vector<std::string> partsOfAlso(const std::string& text) {
   std::vector<std::string> parts = wordsOf(text);
   if (parts.size() < 2) {
-    throw CallerError(
-        "--also " + text +
-        " is not SCENE,DATA.csv: the scene of another arm and what was measured of it");
+    throw CallerError("--also " + text +
+                      " is not SCENE,DATA.csv: the scene of another arm and its data set");
   }
   return parts;
 }
@@ -59,7 +60,7 @@ procedures::CompanionArm companionOf(const std::string& text) {
   return {std::move(scene), std::move(data)};
 }
 
-// What was measured, and scenes with their comments, are not to be written over.
+// --out must not overwrite a data set, or a scene with its comments.
 void requireOutputOfItsOwn(const CalibrateOptions& options) {
   std::vector<std::string> inputs = options.data;
   inputs.push_back(options.scene);
@@ -68,10 +69,9 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
     inputs.insert(inputs.end(), parts.begin(), parts.end());
   }
   for (const std::string& input : inputs) {
-    std::error_code ignored;  // one of them is not there
+    std::error_code ignored;  // one of them does not exist
     if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
-    throw CallerError("--out " + options.out +
-                      " is an input; expected the path of a file of its own");
+    throw CallerError("--out " + options.out + " is an input; expected the path of another file");
   }
 }
 
@@ -93,7 +93,7 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
       if (const auto* reading = std::get_if<estimation::CurvatureReading>(&capture.reading)) {
         entry["measured_rad"] = reading->curvature;
       }
-      // Captures that a calibration was not possible with have no place in it.
+      // Captures that the calibration rejected have no residual.
       if (calibration != nullptr && index < calibration->captures.size()) {
         const estimation::CaptureResidual& residual = calibration->captures[index];
         const model::Twists& shape = calibration->shapes[index];
@@ -160,6 +160,8 @@ void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcom
   json result{{"scene", scene.name},
               {"success", outcome.success},
               {"reason", outcome.success ? json() : json(outcome.message)},
+              {"tip_error_before_m", toJson(outcome.tip_error_before)},
+              {"tip_error_after_m", toJson(outcome.tip_error_after)},
               {"parameters", json::object()},
               {"contractions", contractionsJson(outcome, data)},
               {"arms", armsJson(outcome)},
@@ -219,7 +221,7 @@ void printCsvResult(const procedures::CalibrationOutcome& outcome) {
   table.print(std::cout);
 }
 
-// An error as people like to read it.
+// An error in the unit and precision of the text output.
 std::string errorText(double error, const std::string& unit) {
   std::ostringstream text;
   if (unit == "m") {
@@ -240,9 +242,27 @@ void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& he
   }
 }
 
+void printDetermined(const Calibration& calibration) {
+  const procedures::Determined found = procedures::determinedOf(calibration);
+  for (const estimation::Parameter& one : found.parameters) {
+    std::cout << "  " << procedures::textOf(one) << "\n";
+  }
+  if (!found.tags.empty()) {
+    std::cout << "  places of the tags " << io::listOf(found.tags)
+              << " (--format csv gives their numbers)\n";
+  }
+  if (found.omitted > 0) {
+    std::cout << "  " << found.omitted
+              << (found.omitted == 1 ? " parameter that the data do not determine keeps its value\n"
+                                     : " parameters that the data do not determine keep their "
+                                       "values (--format csv lists them)\n");
+  }
+}
+
 void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
                      const CalibrateOptions& options) {
-  std::cout << scene.name << "\n";
+  const std::string tip_error = procedures::tipErrorText(outcome);
+  std::cout << scene.name << (tip_error.empty() ? "" : ": " + tip_error) << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
     if (!fit.curve) continue;
     std::cout << "contraction " << name << ": RMS " << std::fixed << std::setprecision(2)
@@ -251,13 +271,8 @@ void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcom
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     std::cout << std::defaultfloat << std::setprecision(6);
-    for (const estimation::Parameter& one : calibration.parameters) {
-      std::cout << "  " << std::left << std::setw(24) << one.name << std::setw(13) << one.value
-                << " +- " << std::setw(12) << one.standard_error << " " << one.unit;
-      if (!one.identifiable) std::cout << "  not identifiable";
-      std::cout << "\n";
-    }
     if (outcome.success) {
+      printDetermined(calibration);
       std::cout << "RMS residual of the captures that fit: "
                 << errorText(calibration.rms, calibration.error_unit) << "\n";
     }
@@ -349,7 +364,8 @@ Subcommand addCalibrate(CLI::App& app) {
       "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
       "scene's, vision.*");
   command->footer(
-      "json: parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
+      "json: tip_error_before_m and tip_error_after_m (median over the captures with tags),\n"
+      "parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
       "correlation, rms, held_out_error (each pressure predicted by a fit without it) with\n"
       "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"
       "next_pressures_pa (most informative pressures to measure next), warnings, out, reason\n"

@@ -37,11 +37,14 @@ struct Subcommand {
 
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
+Subcommand addCheck(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
+Subcommand addCamera(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
+Subcommand addNew(CLI::App& app);
 Subcommand addPath(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);

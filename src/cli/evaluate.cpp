@@ -25,12 +25,12 @@ struct EvaluateOptions {
 struct CurvatureComparison {
   Eigen::MatrixXd pressures;  // (rows x actuators) [Pa]
   Eigen::VectorXd measured;
-  std::vector<std::optional<double>> model;  // none where it finds no shape
-  std::string reason;                        // why some have none
+  std::vector<std::optional<double>> model;  // (rows) absent if it finds no shape
+  std::string reason;                        // why some are absent
   std::optional<double> difference(int row) const {
     return model[row] ? std::optional(*model[row] - measured[row]) : std::nullopt;
   }
-  // Over the rows that have one; nothing where none has.
+  // Over the rows that have a model; absent if none has.
   std::optional<double> rms() const {
     double sum = 0;
     int count = 0;
@@ -53,13 +53,13 @@ struct CurvatureComparison {
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
   if (data.find("curvature_rad") < 0) {
     throw CallerError(data.path +
-                      " holds nothing to compare; expected a column curvature_rad beside "
-                      "pressure_1_kpa and so on, or tag poses");
+                      " has no measurements to compare with; expected the columns "
+                      "pressure_1_kpa .. and curvature_rad, or tag poses");
   }
   requirePressureDriven(scene);
   if (scene.arm.sectionCount() != 1) {
-    throw CallerError("curvature_rad is that of one section; scene " + scene.name + " has " +
-                      std::to_string(scene.arm.sectionCount()));
+    throw CallerError("curvature_rad applies to arms of one section; scene " + scene.name +
+                      " has " + std::to_string(scene.arm.sectionCount()));
   }
 }
 

@@ -27,7 +27,7 @@ struct CaptureComparison {
 struct TagComparison {
   std::vector<CaptureComparison> captures;
   double arm_length;                                   // at rest [m]
-  std::optional<double> median_rms, median_tip_error;  // over the sound captures [m]
+  std::optional<double> median_rms, median_tip_error;  // over the valid captures [m]
 
   std::optional<double> percent(const std::optional<double>& tip_error) const {
     return tip_error ? std::optional(100 * *tip_error / arm_length) : std::nullopt;
@@ -81,13 +81,13 @@ std::vector<FittedCapture> fittedOf(const TagComparison& c) {
   return captures;
 }
 
-// Empty where the model has a shape for some sound capture.
+// Empty if the model has a shape for at least one valid capture.
 std::string reasonForNoModel(const TagComparison& c) {
   if (c.median_tip_error) return {};
   const auto lacking = std::find_if(c.captures.begin(), c.captures.end(), [](const auto& capture) {
     return !capture.measured.model.converged();
   });
-  return "the model has no shape for any sound capture: " +
+  return "the model finds no shape for any valid capture: " +
          reasonForNoShape(lacking->measured.model.status);
 }
 

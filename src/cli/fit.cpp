@@ -19,8 +19,8 @@ struct FitOptions {
 };
 
 struct FitSummary {
-  std::optional<double> median_rms;   // over the sound captures [m]
-  std::vector<int> flagged_captures;  // that hold tags which do not fit
+  std::optional<double> median_rms;   // over the valid captures [m]
+  std::vector<int> flagged_captures;  // those with tags that do not fit
   std::vector<int> unknown_tags;
 };
 
@@ -87,7 +87,7 @@ void printJsonResult(const io::Scene& scene, const std::vector<FittedCapture>& c
              {"reason", reason.empty() ? json() : json(reason)}});
 }
 
-// Cells of a fit that is not there have their names and no values.
+// An absent fit gives the same columns with empty cells.
 void appendFit(const FittedCapture& capture, const TagLayout& layout, int sections,
                CsvTable::Row& row) {
   const int size = 6 * sections;

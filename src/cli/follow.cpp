@@ -9,6 +9,7 @@
 #include "follow_report.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "interrupt_watch.hpp"
@@ -99,7 +100,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   return plan;
 }
 
-// Tells on stderr how far a run is, every 10 %. False: interrupted.
+// Prints the progress on stderr, every 10 %. Returns false once interrupted.
 std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string& what) {
   const auto tenths = std::make_shared<int>(0);
   return [seconds = plan.seconds, what, tenths](double time) {
@@ -143,6 +144,7 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (global.format == Format::kJson) printJson(toJson(report));
   if (global.format == Format::kCsv) std::cout << csvOf(report);
   if (global.format == Format::kText) printText(report);
+  if (result.budget) std::cerr << procedures::budgetTable(*result.budget);
   return failureOf(report).empty() ? kDone : kNotPossible;
 }
 
@@ -168,23 +170,23 @@ Subcommand addFollow(CLI::App& app) {
       ->required()
       ->type_name("S")
       ->check(within(kSeconds));
-  command->add_flag("--open", arguments->open, "the loop stays open: the model alone");
+  command->add_flag("--open", arguments->open, "keep the loop open: the model alone commands");
   command
       ->add_option("--sight", arguments->sight,
                    "corners (of the visible tags, with 0.3 px of noise; fast) or rendered "
-                   "(pictures, which are searched)")
+                   "(pictures, in which the tags are detected)")
       ->check(CLI::IsMember({"corners", "rendered"}))
       ->capture_default_str();
   command->add_option("--force", arguments->force,
                       "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
-  command->add_option("--blind", arguments->blind, "the camera gives no pictures [s]: from,to");
+  command->add_option("--blind", arguments->blind, "interval without pictures [s]: from,to");
   command
       ->add_option("--latency-s", arguments->latency, "time from a picture to its measurement [s]")
       ->type_name("S")
       ->check(within(kLatency))
       ->capture_default_str();
   command->add_option("--seed", arguments->seed, "seed of all noise")->capture_default_str();
-  command->add_option("--out", arguments->out, "CSV file to write: one row a turn of 10 ms")
+  command->add_option("--out", arguments->out, "CSV file to write: one row per step of 10 ms")
       ->type_name("FILE");
   command
       ->add_option("--png", arguments->png,
@@ -196,7 +198,8 @@ Subcommand addFollow(CLI::App& app) {
       "Errors are those of the true tip against the wanted one.\n"
       "A path begins when the tip has moved to its first point, at most at 0.1 m/s. It is refused\n"
       "where the model misses it by more than 2 mm or a pressure needs more than 80 % of\n"
-      "safety.slew_kpa_s. A tip out of reach is no error: the arm goes to the closest place.\n"
+      "safety.slew_kpa_s. A tip out of reach is not an error: the arm goes to the closest "
+      "position.\n"
       "json: scene, rig (file, or null), seed, sight, open, seconds, pictures (used), reason "
       "(null, or why there are "
       "no\n"
@@ -204,7 +207,9 @@ Subcommand addFollow(CLI::App& app) {
       "steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +\n"
       "5 % of the step for good, null if never), unreachable (of each tip: true or false), states\n"
       "[{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}], budget (or null), out,\n"
-      "png. csv: the rows of --out. Progress is printed on stderr.\n"
+      "png. csv: the rows of --out. Progress is printed on stderr, and at the end the error "
+      "budget\n"
+      "of the last picture: standard deviations of the tip in mm.\n"
       "Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit\n"
       "code 1 if the time ends before the path begins, or the safety core vents the arm.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};

@@ -41,7 +41,7 @@ json rowsJson(const Eigen::Matrix3d& matrix) {
   return rows;
 }
 
-// Of an arm whose K_eps is unknown, forces are known per K_eps alone.
+// If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();
   for (const procedures::FollowAlarm& alarm : result.alarms) {
@@ -168,7 +168,7 @@ json runJson(const char* name, const procedures::FollowPlan& plan, const FollowR
 std::string failureOf(const FollowReport& report) {
   if (!report.result.vented.empty()) return "the arm was vented: " + report.result.vented;
   if (report.plan.path && !report.result.figures.path_rms) {
-    return "the tip was still on its way to the path's first point when the time was over; raise "
+    return "the time ended before the tip had reached the path's first point; raise "
            "--seconds";
   }
   return {};
@@ -203,7 +203,7 @@ std::string csvOf(const FollowReport& report) {
   out << "# Simulated run of scene " << report.scene.name << ", loop "
       << (report.plan.open ? "open" : "closed") << ", sight " << sightName(report.plan) << ", seed "
       << report.plan.seed
-      << ". Tips seen from the arm's base. A measured tip stands in the\n# row in which it became "
+      << ". Tips seen from the arm's base. A measured tip is in the\n# row in which it became "
          "known; measured_time_s is the time of its picture.\n";
   bool named = false;
   for (const FollowRow& row : report.result.rows) {

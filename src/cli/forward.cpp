@@ -52,7 +52,7 @@ struct ForwardResult {
     };
     return std::max_element(sections.begin(), sections.end(), less)->condition;
   }
-  // Nothing where the tier does not converge at all the inputs that it was tried at.
+  // Absent if the tier does not converge at all of the sampled inputs.
   std::optional<double> tipErrorPercent() const {
     const bool known = std::isfinite(choice.relative_tip_error);
     return known ? std::optional(100 * choice.relative_tip_error) : std::nullopt;
@@ -92,7 +92,7 @@ std::string failureOf(const ForwardResult& result) {
   return result.solution.converged() ? "" : reasonForNoShape(result.solution.status);
 }
 
-// Below this angle the winding of a section is rounding error.
+// Below this angle, the curvature of a section is rounding error.
 constexpr double kStraight = 1e-12;  // [rad]
 
 bool isStraight(const lie::Vector6& twist) { return twist.tail<3>().norm() < kStraight; }
@@ -161,7 +161,7 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
   return document;
 }
 
-// The curve where it was asked for, else one row with all numbers.
+// The curve if it was requested; otherwise one row with all numbers.
 CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   CsvTable table;
   for (const auto& point : result.curve) {

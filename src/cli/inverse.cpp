@@ -29,7 +29,7 @@ struct InverseArguments {
 };
 
 lie::SE3 poseArgument(const std::string& text) {
-  constexpr double kNormTolerance = 1e-3;  // more than rounding to a few digits does
+  constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const std::vector<double> p = numberList("--pose", text, 7);
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
@@ -52,7 +52,7 @@ statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
   if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
-    throw CallerError("--cocontraction goes with --prefer cocontract");
+    throw CallerError("--cocontraction needs --prefer cocontract");
   }
   options.cocontraction = arguments.cocontraction;
   return options;
@@ -82,10 +82,11 @@ std::string reasonFor(const InverseResult& result) {
               "residual of "
            << result.residual << " m";
   } else if (!std::isfinite(result.residual)) {
-    reason << "no shape holds the load at the inputs that were tried; lower the key load, or start "
-              "elsewhere with --start-kpa";
+    reason << "no shape balances the load at any input that was tried; lower the load, or give "
+              "another "
+              "start with --start-kpa";
   } else if (result.status == InverseStatus::kNotConverged) {
-    reason << "the search did not come to rest; the best found leaves a residual of "
+    reason << "the search did not converge; the best inputs found leave a residual of "
            << result.residual << " m";
   }
   return reason.str();
@@ -126,7 +127,7 @@ void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
   appendInputs(scene.arm, result.input, row);
   row.emplace_back("residual", exact(result.residual));
   row.emplace_back("position_error_m", exact(result.position_error));
-  std::string limits;  // one cell: actuator=limit, joined by blanks
+  std::string limits;  // one cell: actuator=limit, separated by spaces
   for (const json& limit : activeLimits(scene.arm, result)) {
     limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
               limit["limit"].get<std::string>();

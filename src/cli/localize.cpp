@@ -25,28 +25,28 @@ struct LocalizeOptions {
   std::vector<std::string> pictures;
 };
 
-// A fitted parameter that is farther from its prior than chance would have it.
+// A fitted parameter that is improbably far from its prior.
 struct Suspicion {
   std::string parameter;
-  double deviations;  // of its prior
+  double deviations;  // standard deviations of its prior
   std::string remedy;
 };
 
-// What one picture gave.
+// Result of one picture.
 struct LocatedFrame {
   std::string file;
-  std::string state;   // that of a sight, or "tags_only", "wrong_size" or "unreadable"
-  std::string reason;  // why there is no twist; empty where there is one
+  std::string state;   // that of the sight, or "tags_only", "wrong_size" or "unreadable"
+  std::string reason;  // why there is no twist; empty if there is one
   std::vector<TagDetection> tags;
   std::vector<int> unknown_tags, repeated_tags, unusable_tags, outlier_tags;
   std::optional<estimation::TwistFit> fit;
   std::vector<Suspicion> suspicious;
-  bool failed = false;  // there should have been tags, or a twist
+  bool failed = false;  // tags or a twist were expected and not found
 };
 
 std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
                                     const estimation::TwistFitOptions& options) {
-  constexpr double kLikely = 3.0;  // deviations
+  constexpr double kLikely = 3.0;  // standard deviations
   std::vector<Suspicion> suspicions;
   if (options.free_base) {
     const lie::Vector6 offset = fit.X_B0B.log();
@@ -71,7 +71,7 @@ std::vector<Suspicion> suspicionsOf(const estimation::TwistFit& fit,
   return suspicions;
 }
 
-// Finds tags, and the arm's shape where the scene says how its camera sees it.
+// Finds tags, and the arm's shape if the scene has a camera.
 class Locator {
  public:
   explicit Locator(const io::Scene& scene, model::Shape model)
@@ -100,7 +100,7 @@ class Locator {
     return located;
   }
 
-  // A frame that is none.
+  // Result of a frame that could not be read.
   LocatedFrame broken(const vision::Frame& frame) const {
     LocatedFrame located;
     located.file = frame.name;
@@ -110,7 +110,7 @@ class Locator {
     return located;
   }
 
-  // That its pictures have to have; any where they cannot be measured.
+  // Size that its pictures must have; any size if they are not measured.
   std::optional<cv::Size> expectedSize() const {
     if (!scene_.tags || !scene_.camera) return std::nullopt;
     return cv::Size(scene_.camera->model.width, scene_.camera->model.height);
@@ -130,11 +130,7 @@ class Locator {
   }
 
   void localize(const cv::Mat& gray, LocatedFrame& located) {
-    if (!localizer_) {
-      vision::LocalizerConfig config = scene_.vision;
-      config.remembers_rig = false;  // pictures may be of different days
-      localizer_.emplace(scene_.view(), config);
-    }
+    if (!localizer_) localizer_.emplace(scene_.view(), scene_.vision);
     const vision::Sight& sight = localizer_->locate(gray, model_);
     located.state = nameOf(sight.state);
     located.tags = sight.detections;
@@ -165,9 +161,9 @@ class Locator {
     }
     if (sight.state == SightState::kNoTags) {
       if (!sight.repeated_ids.empty())
-        return "the tags of the scene in sight are there more than once";
+        return "each visible tag of the scene appears more than once";
       if (!sight.unusable_ids.empty())
-        return "the tags of the scene lie where the lens folds the picture";
+        return "the visible tags of the scene are where the lens distortion cannot be inverted";
       return "no tag of the scene is in sight";
     }
     if (static_cast<int>(used.size()) < scene_.vision.min_tags) {
@@ -265,7 +261,7 @@ void printJsonResult(const io::Scene& scene, const statics::Solution& start,
   printJson({{"scene", scene.name}, {"model_status", nameOf(start.status)}, {"frames", list}});
 }
 
-// As RFC 4180 has it: paths may hold commas.
+// Quoted by RFC 4180, since paths may contain commas.
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
   std::string cell = "\"";
@@ -273,7 +269,7 @@ std::string quoted(const std::string& text) {
   return cell + "\"";
 }
 
-// A row a tag; one of a frame without tags has empty cells, as have frames without a twist.
+// One row per tag; a frame without tags has one row, and missing values are empty cells.
 void printCsvResult(const io::Scene& scene, const std::vector<LocatedFrame>& frames) {
   CsvTable table;
   for (const LocatedFrame& frame : frames) {
@@ -324,10 +320,11 @@ void printTextResult(const io::Scene& scene, const std::vector<LocatedFrame>& fr
     name("does not fit", frame.outlier_tags);
     name("not in the scene", frame.unknown_tags);
     name("seen more than once", frame.repeated_tags);
-    name("where the lens folds the picture", frame.unusable_tags);
+    name("where the lens distortion cannot be inverted", frame.unusable_tags);
     for (const Suspicion& suspicion : frame.suspicious) {
       std::cout << "; suspicious: " << suspicion.parameter << " is " << std::setprecision(1)
-                << suspicion.deviations << " deviations off its prior: " << suspicion.remedy;
+                << suspicion.deviations
+                << " standard deviations from its prior: " << suspicion.remedy;
     }
     if (!frame.reason.empty()) std::cout << "; " << frame.reason;
     std::cout << "\n";

@@ -45,7 +45,8 @@ int run(int argc, char** argv) {
       helix_arm::cli::addSimulate(app),  helix_arm::cli::addTrade(app),
       helix_arm::cli::addWorkspace(app), helix_arm::cli::addPath(app),
       helix_arm::cli::addFollow(app),    helix_arm::cli::addTags(app),
-      helix_arm::cli::addRegulator(app)};
+      helix_arm::cli::addCamera(app),    helix_arm::cli::addCheck(app),
+      helix_arm::cli::addNew(app),       helix_arm::cli::addRegulator(app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -20,7 +20,7 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
     case estimation::FitStatus::kConverged:
       return {};
     case estimation::FitStatus::kNotConverged:
-      return "the search for a shape that fits its tags came to no end" + check;
+      return "the fit of a shape to its tags did not converge" + check;
     case estimation::FitStatus::kUnexplained:
       return "no shape of the arm fits more than half of its tags" + check;
     case estimation::FitStatus::kUnderdetermined:
@@ -28,7 +28,7 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   }
   std::vector<int> tags;
   for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
-  // Three places determine a section's twist, in a plane two, and one place with its rotation.
+  // Three points determine a section's twist, two in a plane; one pose counts as all of them.
   const int places = scene.vision.fit.planar ? 2 : 3;
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
@@ -113,9 +113,9 @@ std::string reasonForNoFit(const std::vector<FittedCapture>& captures) {
   };
   if (any([](const FittedCapture& capture) { return capture.sound(); })) return {};
   if (any([](const FittedCapture& capture) { return capture.converged(); })) {
-    return "no capture is sound: each that could be fitted holds tags that do not fit";
+    return "no capture is valid: each that could be fitted has tags that do not fit";
   }
-  // The reason of most captures.
+  // The most frequent reason.
   std::map<std::string, int> counts;
   for (const FittedCapture& capture : captures) ++counts[capture.reason];
   const auto most =
@@ -135,8 +135,8 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
                std::to_string(counts[k]) + (counts[k] == 1 ? " tag" : " tags") + " in sight";
   }
   if (!lacking.empty()) return lacking + "; expected at least " + std::to_string(needed);
-  return "the tags in sight do not determine the arm's shape; tags farther apart and on different "
-         "sides of the arm would";
+  return "the visible tags do not determine the arm's shape; place tags farther apart and on "
+         "different sides of the arm";
 }
 
 std::optional<double> median(std::vector<double> values) {

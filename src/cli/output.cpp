@@ -126,7 +126,7 @@ std::string poseText(const lie::SE3& pose) {
 }
 
 void printJson(const json& result) {
-  // Names of files may hold bytes that are no UTF-8.
+  // File names may contain bytes that are not UTF-8.
   std::cout << result.dump(2, ' ', false, json::error_handler_t::replace) << '\n';
 }
 

@@ -26,7 +26,7 @@ struct PathArguments {
   int turns = 1;
 };
 
-// The names of shapes or planes.
+// Names of all shapes or planes, for the help.
 template <std::size_t kCount, class Named>
 std::vector<std::string> namesOf(const Named (&all)[kCount]) {
   std::vector<std::string> names;
@@ -34,13 +34,13 @@ std::vector<std::string> namesOf(const Named (&all)[kCount]) {
   return names;
 }
 
-// The one with a name that the option was checked to have.
+// The entry with a name that the option has already validated.
 template <std::size_t kCount, class Named>
 Named withName(const std::string& name, const Named (&all)[kCount]) {
   for (const Named named : all) {
     if (name == nameOf(named)) return named;
   }
-  throw CallerError(name + " is no name of a shape or a plane");
+  throw CallerError(name + " is not the name of a shape or a plane");
 }
 
 ShapedPath pathOf(const PathArguments& arguments) {
@@ -105,7 +105,7 @@ CsvTable::Row summaryRow(const ShapedPath& path, const std::vector<TipWayPoint>&
 
 int run(const PathArguments& arguments, const GlobalOptions& global) {
   if (!global.overrides.empty()) {
-    throw CallerError("--set changes a key of a scene, and path reads none; leave out --set");
+    throw CallerError("path reads no scene that --set could change; leave out --set");
   }
   const ShapedPath path = pathOf(arguments);
   const std::vector<TipWayPoint> points = control::wayPointsOf(path);
@@ -129,7 +129,8 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
 }  // namespace
 
 Subcommand addPath(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("path", "write a shape for the tip to draw");
+  CLI::App* command =
+      app.add_subcommand("path", "write a path of the tip: a circle, a square or a lemniscate");
   const auto arguments = std::make_shared<PathArguments>();
   command->add_option("SHAPE", arguments->shape, "circle, square or lemniscate")
       ->required()

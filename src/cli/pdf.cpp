@@ -30,12 +30,12 @@ cairo_status_t append(void* bytes, const unsigned char* data, unsigned int size)
 
 void check(cairo_status_t status) {
   if (status == CAIRO_STATUS_SUCCESS) return;
-  throw std::runtime_error(std::string("the PDF cannot be made: ") +
+  throw std::runtime_error(std::string("the PDF cannot be created: ") +
                            cairo_status_to_string(status));
 }
 
 void draw(const PrintedTag& tag, cairo_t* to) {
-  // One area: between areas of their own, viewers show seams.
+  // Drawn as one area, since viewers show seams between adjacent ones.
   for (const Box& box : tag.black) cairo_rectangle(to, box.x, box.y, box.width, box.height);
   cairo_fill(to);
 }
@@ -57,7 +57,7 @@ void draw(const Area& area, cairo_t* to) {
 }
 
 void draw(const Label& label, cairo_t* to) {
-  // Of the height of a line: the size of its font, and where its letters stand.
+  // Font size and baseline, as fractions of the line height.
   constexpr double kFontSize = 0.84, kBaseline = 0.79;
   const Box& box = label.box;
   cairo_select_font_face(to, "sans-serif", CAIRO_FONT_SLANT_NORMAL,
@@ -75,7 +75,7 @@ void draw(const Label& label, cairo_t* to) {
   const double shift = label.align == Align::kLeft     ? 0
                        : label.align == Align::kCentre ? 0.5 * spare
                                                        : spare;
-  // Smaller text stays in the middle of its line.
+  // Reduced text is centred vertically in its line.
   const double lift = (kBaseline / kFontSize - 0.5 / kFontSize) * (kFontSize * box.height - size);
   cairo_move_to(to, box.x + shift, box.y + kBaseline * box.height - lift);
   cairo_show_text(to, label.text.c_str());
@@ -102,7 +102,7 @@ std::string pdfOf(const std::vector<Page>& pages, const procedures::Paper& paper
   cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE, title.c_str());
   const Context to(cairo_create(surface.get()), cairo_destroy);
   cairo_scale(to.get(), kPointsPerMillimetre, kPointsPerMillimetre);
-  // Widths of text as on paper, not as on a screen.
+  // Text metrics of paper, not of a screen.
   const std::unique_ptr<cairo_font_options_t, void (*)(cairo_font_options_t*)> options(
       cairo_font_options_create(), cairo_font_options_destroy);
   cairo_font_options_set_hint_style(options.get(), CAIRO_HINT_STYLE_NONE);

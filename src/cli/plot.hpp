@@ -1,19 +1,12 @@
 #pragma once
 
-#include <filesystem>
 #include <string>
 
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
 
-/// Has plot_report draw a report as a picture.
-///
-/// @param without  what the user may do to go without the picture: "leave it out with --no-files".
-/// @throws CallerError naming the picture and the remedy.
-void drawReport(const std::filesystem::path& report, const std::filesystem::path& picture,
-                const std::string& without);
-/// The same of a report that is in no file.
+/// Has plot_report draw a report as a picture: see procedures::drawReportText().
 void drawJsonReport(const nlohmann::json& report, const std::string& picture,
                     const std::string& without);
 

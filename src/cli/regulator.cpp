@@ -26,18 +26,6 @@ constexpr double kLongest = 86400;  // [s]
 constexpr std::chrono::milliseconds kBetweenReadings(10);
 constexpr double kNoReading = std::numeric_limits<double>::quiet_NaN();
 
-// Where a channel is in its device.
-std::string addressOf(const regulator::Config& config, int channel) {
-  const auto i = static_cast<std::size_t>(channel);
-  if (const auto* serial = std::get_if<regulator::SerialConfig>(&config)) {
-    return i < serial->addresses.size() ? serial->addresses[i] : std::to_string(channel);
-  }
-  if (const auto* modbus = std::get_if<regulator::ModbusConfig>(&config)) {
-    return std::to_string(modbus->slots[i]);
-  }
-  return std::to_string(channel);
-}
-
 struct Probe {
   explicit Probe(int channels)
       : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}
@@ -46,7 +34,7 @@ struct Probe {
   std::vector<int> readings;  // (channels)
   double supply = kNoReading;
   double seconds = 0;
-  std::string reason;  // what went wrong; empty: nothing
+  std::string reason;  // cause of failure; empty on success
 };
 
 void readOnce(regulator::Driver& driver, Probe& probe) {
@@ -65,7 +53,7 @@ Probe probe(const io::Scene& scene, double seconds) {
   Probe result(scene.arm.actuatorCount());
   std::string bad_reply;
   try {
-    const auto driver = driverOf(scene);
+    const auto driver = makeDriver(scene);
     driver->connect();
     const double begin = steadyNow();
     while (!interrupted() && steadyNow() - begin < seconds) {
@@ -84,7 +72,7 @@ Probe probe(const io::Scene& scene, double seconds) {
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     if (result.readings[static_cast<std::size_t>(i)] > 0 || !result.reason.empty()) continue;
     result.reason = scene.arm.actuator(i).name + " gives no reading" +
-                    (bad_reply.empty() ? "; look at its sensor and address" : ": " + bad_reply);
+                    (bad_reply.empty() ? "; check its sensor and address" : ": " + bad_reply);
   }
   return result;
 }
@@ -95,7 +83,8 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
             << std::fixed;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int readings = result.readings[static_cast<std::size_t>(i)];
-    std::cout << scene.arm.actuator(i).name << " at " << addressOf(*scene.regulator, i) << ": ";
+    std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
+              << ": ";
     if (readings == 0) {
       std::cout << "no reading\n";
     } else {
@@ -115,7 +104,7 @@ void printProbe(const io::Scene& scene, const Probe& result, Format format) {
   CsvTable table;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const std::string& name = scene.arm.actuator(i).name;
-    const std::string address = addressOf(*scene.regulator, i);
+    const std::string address = regulator::addressOf(*scene.regulator, i);
     const int readings = result.readings[static_cast<std::size_t>(i)];
     channels.push_back({{"name", name},
                         {"address", address},
@@ -149,7 +138,7 @@ io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOption
   return scene;
 }
 
-std::unique_ptr<regulator::Driver> driverOf(const io::Scene& scene) {
+std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
   return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
 }
 
@@ -179,7 +168,7 @@ Vented ventAll(regulator::Driver& driver, const io::Scene& scene) {
         text << " gives no reading" << (bad_reply.empty() ? "" : ": " + bad_reply);
       } else {
         text << " still has " << result.pressure[full] / 1e3 << " kPa after " << rules.vent_time
-             << " s; shut the supply and look for a valve that does not close";
+             << " s; shut the supply and check for a valve that does not close";
       }
       result.reason = text.str();
       return result;
@@ -227,7 +216,7 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
   const io::Scene scene = loadRegulatedScene(options, global);
   Vented result{Eigen::VectorXd::Constant(scene.arm.actuatorCount(), kNoReading), {}};
   try {
-    const auto driver = driverOf(scene);
+    const auto driver = makeDriver(scene);
     driver->connect();
     result = ventAll(*driver, scene);
   } catch (const regulator::LinkError& error) {
@@ -298,7 +287,7 @@ Subcommand addRegulator(CLI::App& app) {
       guardRegulator)
       ->add_option(
           "--realtime-priority", options->realtime_priority,
-          "run ahead of other programs (SCHED_FIFO) if the user's limits allow it; default 0: not")
+          "real-time priority (SCHED_FIFO), if the user's limits allow it; default 0: none")
       ->type_name("N")
       ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
   addSeconds(add("emulate", "emulate the device at its address on this machine", emulateRegulator),
@@ -309,10 +298,10 @@ Subcommand addRegulator(CLI::App& app) {
       "guard ignores signals. A byte q on its stdin dismisses it; if stdin ends without one, it\n"
       "vents, trying for 10 s. After any other byte it expects one every 0.1 s; if ten in a row\n"
       "are missing, it kills the process at the other end of its socket, then vents. Through a\n"
-      "socket it sends back what it reads, to show that it stands by.\n"
+      "socket it sends back what it reads, to show that it is running.\n"
       "emulate takes names of faults on stdin, one per line. It prints set points, pressures\n"
-      "and valves every second. A serial device keeps its air if no line comes, unless its\n"
-      "profile has watchdog_s, as generic has.\n"
+      "and valves every second. A serial device holds its pressures if no line comes,\n"
+      "unless its profile has watchdog_s, as generic has.\n"
       "faults: " +
       simulation::deviceFaultNames() +
       "\n"

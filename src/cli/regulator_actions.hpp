@@ -32,7 +32,7 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
 /// @throws CallerError where it has none; as loadScene().
 io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOptions& global);
 
-std::unique_ptr<regulator::Driver> driverOf(const io::Scene& scene);
+std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene);
 
 /// How venting went.
 struct Vented {

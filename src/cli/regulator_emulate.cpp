@@ -26,13 +26,13 @@ using regulator::steadyNow;
 using simulation::DeviceFault;
 
 constexpr double kBetweenLines = 1;    // [s]
-constexpr double kSupplyAbove = 1.25;  // of what the muscles stand
+constexpr double kSupplyAbove = 1.25;  // relative to the largest pressure limit
 constexpr double kNoise = 500;         // [Pa]
 
-// An emulated device of either kind, as this command needs it.
+// An emulated device of either kind, through the functions that this command needs.
 struct Emulated {
   std::shared_ptr<void> device;
-  std::vector<int> channels;  // (actuators) where they are in the device
+  std::vector<int> channels;  // (actuators) positions in the device
   std::function<Eigen::VectorXd()> pressure, setPoint;
   std::function<std::vector<Valve>()> valves;
   std::function<void(DeviceFault)> setFault;
@@ -48,7 +48,7 @@ Emulated wrap(const std::shared_ptr<Device>& device, std::vector<int> channels) 
           [device](DeviceFault fault) { device->setFault(fault); }};
 }
 
-regulator::SimulatedRegulatorConfig valvesOf(const io::Scene& scene) {
+regulator::SimulatedRegulatorConfig emulatedConfigOf(const io::Scene& scene) {
   regulator::SimulatedRegulatorConfig config;
   config.supply_pressure =
       std::max(config.supply_pressure, kSupplyAbove * scene.arm.inputAt(1).maxCoeff());
@@ -58,13 +58,13 @@ regulator::SimulatedRegulatorConfig valvesOf(const io::Scene& scene) {
 
 Emulated emulate(const regulator::ModbusConfig& config, const io::Scene& scene) {
   if (config.host != "127.0.0.1" && config.host != "localhost") {
-    throw CallerError("emulate stands at 127.0.0.1, but the scene's regulator is at " +
+    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
                       config.host + "; add --set regulator.modbus_tcp.host=127.0.0.1");
   }
   simulation::ModbusDeviceConfig device;
   device.profile = config.profile;
   device.places = *std::max_element(config.slots.begin(), config.slots.end()) + 1;
-  device.regulator = valvesOf(scene);
+  device.regulator = emulatedConfigOf(scene);
   device.port = config.port;
   const auto made = std::make_shared<simulation::ModbusDevice>(device);
   return wrap(made, config.slots);
@@ -75,7 +75,7 @@ Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) 
   device.profile = config.profile;
   device.addresses = config.addresses;
   device.channels = scene.arm.actuatorCount();
-  device.regulator = valvesOf(scene);
+  device.regulator = emulatedConfigOf(scene);
   device.link = config.device;
   const auto made = std::make_shared<simulation::SerialDevice>(device);
   std::vector<int> channels;
@@ -85,8 +85,8 @@ Emulated emulate(const regulator::SerialConfig& config, const io::Scene& scene) 
 
 [[noreturn]] Emulated emulate(const regulator::SimulatedRegulatorConfig&, const io::Scene& scene) {
   throw CallerError("scene " + scene.name +
-                    " has a simulated regulator: there is no device to stand in for; emulate is "
-                    "for ascii_serial and modbus_tcp");
+                    " has a simulated regulator, hence no device to emulate; expected "
+                    "regulator.ascii_serial or regulator.modbus_tcp");
 }
 
 const char* wordOf(Valve valve) {
@@ -122,14 +122,14 @@ void obey(const std::string& word, const Emulated& emulated) {
     std::cout << "fault: " << word << std::endl;
     return;
   }
-  std::cerr << "there is no fault " << word << "; expected one of "
-            << simulation::deviceFaultNames() << "\n";
+  std::cerr << "unknown fault " << word << "; expected one of " << simulation::deviceFaultNames()
+            << "\n";
 }
 
-// The lines of stdin, as they come; at its end no more.
+// Reads stdin line by line, until its end.
 class Lines {
  public:
-  // Waits for some, for so long [s].
+  // Waits for lines, at most this long [s].
   std::vector<std::string> await(double seconds) {
     pollfd waited{open_ ? STDIN_FILENO : -1, POLLIN, 0};
     if (poll(&waited, 1, static_cast<int>(std::ceil(1e3 * std::max(seconds, 0.0)))) <= 0) return {};
@@ -153,7 +153,8 @@ class Lines {
 }  // namespace
 
 int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  if (global.format != Format::kText) throw CallerError("emulate prints text alone");
+  if (global.format != Format::kText)
+    throw CallerError("emulate prints only text; leave out --format");
   const io::Scene scene = loadRegulatedScene(options, global);
   const InterruptWatch watch;
   const Emulated emulated =

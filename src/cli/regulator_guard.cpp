@@ -23,11 +23,11 @@ using regulator::steadyNow;
 constexpr double kTrying = 10;  // [s]
 constexpr std::chrono::milliseconds kBetweenTries(50);
 
-// How whoever moves the arm has come to its end.
+// How the process that moves the arm (the ward) ended.
 enum class End { kDismissesGuard, kIsGone, kStandsStill };
 
-// Reads stdin until then, and answers. Whole periods without a beat are counted, not the time: a
-// machine that was suspended has lost one period.
+// Reads and answers stdin until then. Counts whole periods without a beat rather than time, so that
+// a machine that was suspended has lost only one period.
 End awaitEnd() {
   using regulator::GuardProcess;
   constexpr int kPeriod = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
@@ -42,7 +42,7 @@ End awaitEnd() {
     const ssize_t size = read(STDIN_FILENO, bytes, sizeof bytes);
     if (size < 0 && errno == EINTR) continue;
     if (size <= 0) return End::kIsGone;
-    // An answer, for whoever is behind a socket and listens.
+    // The answer is only for a ward behind a socket that reads it.
     send(STDIN_FILENO, bytes, static_cast<std::size_t>(size), MSG_NOSIGNAL | MSG_DONTWAIT);
     if (std::memchr(bytes, GuardProcess::kDismissal, static_cast<std::size_t>(size)) != nullptr) {
       return End::kDismissesGuard;
@@ -52,14 +52,14 @@ End awaitEnd() {
   }
 }
 
-// So that it neither holds the line nor wakes up and moves the arm on.
+// The ward must neither keep the line nor wake up and move the arm.
 void endWard() {
   ucred ward{};
   socklen_t size = sizeof ward;
   if (getsockopt(STDIN_FILENO, SOL_SOCKET, SO_PEERCRED, &ward, &size) == 0) kill(ward.pid, SIGKILL);
 }
 
-// Connects and vents until that is done, for a while.
+// Connects and vents, for at most kTrying.
 Vented vent(regulator::Driver& driver, const io::Scene& scene) {
   const double end = steadyNow() + kTrying;
   for (;;) {
@@ -80,9 +80,10 @@ Vented vent(regulator::Driver& driver, const io::Scene& scene) {
 int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(number, SIG_IGN);
   const io::Scene scene = loadRegulatedScene(options, global);
-  const auto driver = driverOf(scene);  // what it needs is there before it is needed
-  driver->ignoreOthers();               // its ward may be dying still, and hold the device
-  // Once what takes long is done. Refused, it says nothing: who started it has said so.
+  const auto driver = makeDriver(scene);  // early, so that a fault shows before it is needed
+  driver->ignoreOthers();  // the ward may still be exiting and hold the lock of the device
+  // After the slow preparations. A refusal is not printed here: the node that started the guard
+  // prints its own.
   regulator::scheduleRealtime(options.realtime_priority);
   if (options.realtime_priority > 0) regulator::lockMemory();
   const End end = awaitEnd();
@@ -91,15 +92,15 @@ int guardRegulator(const RegulatorOptions& options, const GlobalOptions& global)
   const double begin = steadyNow();
   const Vented result = vent(*driver, scene);
   std::ostringstream line;
-  line << "guard: whoever moved the arm "
-       << (end == End::kStandsStill ? "stood still and was killed; "
-                                    : "has ended without venting it; ")
+  line << "guard: the process that moved the arm "
+       << (end == End::kStandsStill ? "did not respond and was killed; "
+                                    : "ended without venting it; ")
        << regulator::describe(*scene.regulator);
   if (result.reason.empty()) {
     line << " is vented, after " << steadyNow() - begin << " s\n";
   } else {
     line << " is NOT vented: " << result.reason
-         << "; pressure may stand in the arm: shut the supply, open the relief valve by hand, then "
+         << "; the arm may be under pressure: shut the supply, open the relief valve by hand, then "
             "`helix_arm regulator "
          << options.scene << " vent`\n";
   }

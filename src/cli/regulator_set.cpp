@@ -35,19 +35,19 @@ constexpr std::chrono::milliseconds kTurn(5);
 struct Outcome {
   Eigen::VectorXd pressure;  // before it vented [Pa]
   SafetyState state = SafetyState::kDisabled;
-  std::string reason;  // what went wrong; empty: nothing
+  std::string reason;  // cause of failure; empty on success
 };
 
 class Session {
  public:
-  // guard: null where none is needed.
+  // guard: null if none is needed.
   Session(const io::Scene& scene, std::shared_ptr<const regulator::GuardProcess> guard, bool talks)
       : scene_(scene),
         guard_(std::move(guard)),
         talks_(talks),
         path_(control::SafetyCore(scene.safety.channels, scene.safety.rules),
-              std::make_unique<regulator::RegulatorIo>(driverOf(scene), scene.arm.actuatorCount(),
-                                                       regulator::ioRulesFor(scene.safety.rules))) {
+              std::make_unique<regulator::RegulatorIo>(makeDriver(scene), scene.arm.actuatorCount(),
+                                                       regulator::ioRulesOf(scene.safety.rules))) {
     path_.guardedBy(guard_);
   }
 
@@ -63,7 +63,7 @@ class Session {
   }
 
  private:
-  // Turns until it holds; false where it does not in time.
+  // Runs turns until the condition holds; false on a timeout.
   template <class Condition>
   bool turnUntil(double deadline, const Condition& condition) {
     for (;;) {
@@ -75,9 +75,9 @@ class Session {
     }
   }
 
-  // @return why not; empty where it is.
+  // @return the reason for refusal; empty on success.
   std::string enable() {
-    // What stood in the arm when the link came up is vented first.
+    // Pressure that is left from before the connection is vented first.
     const double deadline = steadyNow() + kLinkTime + scene_.safety.rules.vent_time;
     turnUntil(deadline, [this] {
       const bool unguarded = guard_ && control::isGone(guard_->state());
@@ -87,7 +87,7 @@ class Session {
     return path_.enable(steadyNow());
   }
 
-  // The time begins once the set points have arrived.
+  // The time starts when the set points are reached.
   std::string stay(const Eigen::VectorXd& target, double seconds) {
     control::SafetyCore& core = path_.core();
     double end = kNever;
@@ -147,7 +147,7 @@ void printOutcome(const Outcome& outcome, const io::Scene& scene, const Eigen::V
     table.print(std::cout);
   }
   if (format == Format::kText) {
-    std::cout << "it had " << pressureText(scene, outcome.pressure) << "; now "
+    std::cout << "reached " << pressureText(scene, outcome.pressure) << ", then "
               << control::nameOf(outcome.state) << "\n";
   }
 }
@@ -169,11 +169,11 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd target =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
   if (regulator::isHardware(*scene.regulator) && !options.yes) {
-    throw CallerError("set moves air at " + regulator::describe(*scene.regulator) +
-                      "; say --yes once nobody is within the arm's reach");
+    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
+                      "; add --yes once nobody is within the arm's reach");
   }
   const InterruptWatch watch;
-  std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is no reason to leave the pressure
+  std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
   std::shared_ptr<regulator::GuardProcess> guard;
   if (regulator::isHardware(*scene.regulator)) {
     guard = std::make_shared<regulator::GuardProcess>(guardCommand(options, global));

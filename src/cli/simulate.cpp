@@ -18,6 +18,8 @@
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_corners.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/board.hpp"
+#include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -37,6 +39,7 @@ struct SimulateOptions {
   std::string scene, out;
   int count = 20;
   std::uint32_t seed = 1;
+  bool rest = false, board = false;
 };
 
 // What was written.
@@ -55,8 +58,8 @@ fs::path makeDirectory(const std::string& out) {
     error.clear();
     fs::create_directories(directory, error);
     if (!error) return directory;
-    throw CallerError("--out " + out + " cannot be made: " + error.message() +
-                      "; choose another place");
+    throw CallerError("--out " + out + " cannot be created: " + error.message() +
+                      "; choose another folder");
   }
   if (!error && !fs::is_directory(status)) {
     throw CallerError("--out " + out + " is a file; expected a folder that is empty or absent");
@@ -64,7 +67,7 @@ fs::path makeDirectory(const std::string& out) {
   const bool empty = !error && fs::is_empty(directory, error);
   if (error) {
     throw CallerError("--out " + out + " cannot be read: " + error.message() +
-                      "; choose another place");
+                      "; choose another folder");
   }
   if (!empty) {
     throw CallerError("--out " + out + " is not empty; expected a folder that is empty or absent");
@@ -72,7 +75,7 @@ fs::path makeDirectory(const std::string& out) {
   return directory;
 }
 
-// A file that is written piece by piece.
+// A file that is written in parts.
 class OutputFile {
  public:
   explicit OutputFile(const fs::path& path) : path_(path) {
@@ -91,14 +94,14 @@ class OutputFile {
     if (file_) return;
     throw CallerError(path_.string() +
                       " cannot be written: " + std::strerror(errno == 0 ? EIO : errno) +
-                      "; make room, or choose another place with --out");
+                      "; free disk space, or choose another folder with --out");
   }
 
   fs::path path_;
   std::ofstream file_;
 };
 
-// A CSV that is written row by row, after a comment.
+// A CSV file that is written row by row, after a comment.
 class CsvFile {
  public:
   CsvFile(const fs::path& path, const std::string& comment) : file_(path) { file_.write(comment); }
@@ -115,7 +118,7 @@ class CsvFile {
   bool named_ = false;
 };
 
-// The scene with its overrides, and what was asked for beside it, which no scene file holds.
+// The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
   std::ostringstream text;
   text << io::sceneText(options.scene, overridesOf(global)) << "\n# Simulated with --count "
@@ -123,7 +126,7 @@ void writeScene(const fs::path& path, const SimulateOptions& options, const Glob
   OutputFile(path).write(text.str());
 }
 
-// Uniform within what the muscles stand.
+// Uniform within the limits of the muscles.
 Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) {
   Eigen::VectorXd pressure(arm.actuatorCount());
   for (int i = 0; i < pressure.size(); ++i) {
@@ -133,8 +136,8 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-// Of a scene without a simulated regulator, one that gives whatever the muscles stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene) {
+// For a scene without a simulated regulator: one that reaches all limits.
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene) {
   if (scene.regulator) {
     const auto* simulated = std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator);
     if (simulated != nullptr) return *simulated;
@@ -157,7 +160,7 @@ std::string pictureName(int capture) {
   return name.str();
 }
 
-// Of an instrument that sees all tags, as badly as vision.tag_position_noise_m says.
+// Measured by an instrument that sees all tags, with the noise vision.tag_position_noise_m.
 lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise,
                   std::mt19937_64& generator, std::normal_distribution<double>& normal) {
   Eigen::Vector3d shift;
@@ -171,7 +174,7 @@ lie::SE3 measured(const lie::SE3& X_BT, const estimation::TwistFitOptions& noise
   return pose;
 }
 
-// What the detector finds in a picture as it was written: tags of the scene that are there once.
+// Tags of the scene that the detector finds exactly once in a written picture.
 std::vector<io::TagCorners> tagsSeen(const estimation::TagLayout& layout,
                                      const std::vector<std::uint8_t>& jpeg,
                                      vision::TagDetector& detector) {
@@ -208,8 +211,34 @@ std::string poseComment(const io::Scene& scene) {
 
 std::string cornerComment(const io::Scene& scene) {
   return "Corners of the tags found in the pictures of scene " + scene.name +
-         ", in the order left below, right below, right above, left above as one reads the tag.\n"
+         ", in the order bottom left, bottom right, top right, top left as one reads the tag.\n"
          "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
+}
+
+// What a rendered picture of the board shows besides its tags: an arm out of sight.
+const model::Twists kNoArm = model::Twists::Identity(6, 1) * 0.4;
+
+// Pictures of the calibration board by the camera of the scene.
+SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(options.scene, global);
+  if (!scene.camera) {
+    throw CallerError("scene " + scene.name + " has no camera; add the section camera");
+  }
+  const vision::TagBoard board;
+  const vision::TagFamily family(board.family);
+  vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
+  simulation::SimulatedCameraConfig config = scene.simulation.camera;
+  const fs::path directory = makeDirectory(options.out);
+  int number = 0;
+  for (const lie::SE3& pose :
+       simulation::boardPoses(scene.camera->model, options.count, options.seed)) {
+    config.seed = options.seed + static_cast<std::uint32_t>(number);
+    simulation::SimulatedCamera camera(simulation::boardView(scene.camera->model, board, pose),
+                                       family, {}, config);
+    const auto jpeg = encoder.encode(camera.render(kNoArm));
+    OutputFile(directory / pictureName(++number)).write(std::string(jpeg.begin(), jpeg.end()));
+  }
+  return {directory, number, board.count(), true};
 }
 
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
@@ -217,7 +246,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   requirePressureDriven(scene);
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
-  simulation::SimulatedRig rig(scene.model, regulatorOf(scene), scene.simulation.arm, camera);
+  simulation::SimulatedRig rig(scene.model, simulatedConfigOf(scene), scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   std::mt19937_64 generator(options.seed);
   std::normal_distribution<double> normal;
@@ -236,7 +265,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 
   const lie::SE3 X_FB = scene.X_BF.inverse();
   for (int capture = 1; capture <= options.count; ++capture) {
-    rig.command(drawPressure(scene.arm, generator));
+    rig.command(options.rest ? scene.arm.inputAt(0) : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row;
@@ -271,10 +300,14 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 }
 
 int run(const SimulateOptions& options, const GlobalOptions& global) {
-  const SimulatedSet set = simulate(options, global);
-  const std::string truth = (set.directory / "truth.csv").string();
-  const std::string poses = set.tags > 0 ? (set.directory / "tag_poses.csv").string() : "";
-  const std::string corners = set.pictures ? (set.directory / "tag_corners.csv").string() : "";
+  if (options.board && options.rest) {
+    throw CallerError("--rest is of the arm, and --board shows none; leave out either");
+  }
+  const SimulatedSet set =
+      options.board ? simulateBoard(options, global) : simulate(options, global);
+  const auto pathOf = [&set](const char* file, bool written) {
+    return written ? json((set.directory / file).string()) : json(nullptr);
+  };
   const int pictures = set.pictures ? set.captures : 0;
   if (global.format == Format::kJson) {
     printJson({{"out", set.directory.string()},
@@ -282,10 +315,10 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"captures", set.captures},
                {"pictures", pictures},
                {"tags", set.tags},
-               {"scene", (set.directory / "scene.yaml").string()},
-               {"truth", truth},
-               {"tag_poses", poses.empty() ? json(nullptr) : json(poses)},
-               {"tag_corners", corners.empty() ? json(nullptr) : json(corners)}});
+               {"scene", pathOf("scene.yaml", !options.board)},
+               {"truth", pathOf("truth.csv", !options.board)},
+               {"tag_poses", pathOf("tag_poses.csv", !options.board && set.tags > 0)},
+               {"tag_corners", pathOf("tag_corners.csv", !options.board && set.pictures)}});
   }
   if (global.format == Format::kCsv) {
     CsvTable table;
@@ -296,9 +329,12 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"tags", std::to_string(set.tags)}});
     table.print(std::cout);
   }
-  if (global.format == Format::kText) {
+  if (global.format == Format::kText && options.board) {
+    std::cout << set.captures << " pictures of the calibration board in " << set.directory.string()
+              << ": " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
+  } else if (global.format == Format::kText) {
     std::cout << set.captures << " captures in " << set.directory.string()
-              << ": scene.yaml, truth.csv" << (poses.empty() ? "" : ", tag_poses.csv");
+              << ": scene.yaml, truth.csv" << (set.tags > 0 ? ", tag_poses.csv" : "");
     if (set.pictures) {
       std::cout << ", tag_corners.csv, " << pictureName(1) << " to " << pictureName(set.captures)
                 << "\n";
@@ -325,6 +361,10 @@ Subcommand addSimulate(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
       ->capture_default_str();
+  command->add_flag("--rest", options->rest, "the arm at rest in every capture");
+  command->add_flag("--board", options->board,
+                    "instead, pictures of the calibration board (helix_arm tags --board) in the "
+                    "hands of a person, by the scene's camera");
   command->footer(
       "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
       "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"
@@ -334,7 +374,7 @@ Subcommand addSimulate(CLI::App& app) {
       "tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (what the\n"
       "detector finds in them).\n"
       "json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and\n"
-      "tag_corners (null if absent).");
+      "tag_corners (null if absent). With --board: pictures alone.");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -115,7 +115,7 @@ void check(const TagsArguments& arguments, const GlobalOptions& global) {
     throw CallerError("nothing to print: give a SCENE with tags, --board or both");
   }
   if (arguments.scene.empty() && !global.overrides.empty()) {
-    throw CallerError("--set changes a key of a scene, and none is given; leave out --set");
+    throw CallerError("--set changes a key of SCENE, which is not given; leave out --set");
   }
   if (std::filesystem::path(arguments.out).extension() != ".pdf") {
     throw CallerError("--out " + arguments.out + " does not end in .pdf; name a .pdf file");
@@ -151,8 +151,9 @@ Subcommand addTags(CLI::App& app) {
   command->add_option("--paper", arguments->paper, "paper: a4 or letter")
       ->check(CLI::IsMember(paperNames()))
       ->capture_default_str();
-  command->add_flag("--board", arguments->board,
-                    "also a board of tags for the calibration of a camera; the same on all paper");
+  command->add_flag(
+      "--board", arguments->board,
+      "also a board of tags for the calibration of a camera; its size does not depend on --paper");
   command->footer(
       "Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up\n"
       "mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of\n"

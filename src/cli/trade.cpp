@@ -11,8 +11,8 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
 #include "output.hpp"
-#include "plot.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -21,8 +21,8 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr int kMostPictures = 10000;
-// Errors below this part of the arm's length are rounding: none of them is better than another.
-// plot_report has the same.
+// Errors below this fraction of the arm's length are rounding and count as equal. plot_report uses
+// the same.
 constexpr double kRounding = 1e-13;
 
 struct TradeOptions {
@@ -34,7 +34,7 @@ struct TradeOptions {
 struct Trade {
   std::string scene;
   std::vector<TradeRow> rows;
-  std::vector<std::string> notes;  // of what could not be measured
+  std::vector<std::string> notes;  // on parts that could not be measured
 };
 
 Trade measure(const io::Scene& scene, const TradeOptions& options) {
@@ -51,16 +51,15 @@ Trade measure(const io::Scene& scene, const TradeOptions& options) {
   };
   append(drawingRows(scene));
   if (options.pictures == 0) {
-    trade.notes.push_back("no pictures were asked for: nothing is measured of sight and fits");
+    trade.notes.push_back("no pictures were requested: sight and fit are not measured");
   } else if (!scene.camera || !scene.tags) {
-    trade.notes.push_back(
-        "the scene has no camera or no tags: nothing is measured of sight and fits");
+    trade.notes.push_back("the scene has no camera or no tags: sight and fit are not measured");
   } else {
     std::vector<TradeRow> sight = sightRows(scene, options.pictures);
     if (sight.empty()) {
       trade.notes.push_back(
-          "the scene's tier finds no shape to begin from at any picture: nothing is measured of "
-          "sight and fits");
+          "the scene's tier finds no shape to start from at any picture: sight and fit are not "
+          "measured");
     }
     append(std::move(sight));
   }
@@ -118,7 +117,7 @@ std::string errorText(double error) {
 
 void printText(const Trade& trade) {
   std::cout << trade.scene << ": time of one answer and largest error, in % of the arm's length\n"
-            << "(* nothing of its part is faster without being less accurate)\n";
+            << "(* no faster row of the same part is as accurate)\n";
   std::string part;
   for (const TradeRow& row : trade.rows) {
     if (row.part != part) {
@@ -138,8 +137,8 @@ fs::path makeFolder(const TradeOptions& options, const std::string& scene) {
   fs::create_directories(folder, error);
   if (!error && fs::is_directory(folder, error)) return folder;
   throw CallerError("--out " + folder.string() +
-                    " cannot be made: " + (error ? error.message() : "a file is in its place") +
-                    "; choose another place");
+                    " cannot be created: " + (error ? error.message() : "a file is in its place") +
+                    "; choose another folder");
 }
 
 int run(const TradeOptions& options, const GlobalOptions& global) {
@@ -157,7 +156,8 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   toCsv(trade).print(csv);
   io::writeFileAtomically(*folder / "trade.csv", csv.str());
   io::writeFileAtomically(*folder / "trade.json", report.dump(2) + "\n");
-  drawReport(*folder / "trade.json", *folder / "trade.png", "leave it out with --no-files");
+  procedures::drawReport(*folder / "trade.json", *folder / "trade.png",
+                         "leave it out with --no-files");
   std::cerr << "wrote trade.csv, trade.json and trade.png to " << folder->string() << "\n";
   return kDone;
 }

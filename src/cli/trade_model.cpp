@@ -17,9 +17,9 @@ using statics::Tier;
 constexpr int kCorners = 100;
 constexpr int kInner = 300;
 constexpr int kDrawnShapes = 8;
-constexpr int kDenseFactor = 16;  // points that a drawn line is compared at, between its own
+constexpr int kDenseFactor = 16;  // reference points per segment of a drawn line
 
-// Of a scene that has none: the loaded tiers run all the same, and show what they cost.
+// For a scene without load: the loaded tiers are measured all the same.
 statics::Load loadOf(const io::Scene& scene) {
   if (scene.model.load()) return *scene.model.load();
   statics::Load none;
@@ -39,7 +39,7 @@ std::vector<statics::TierSetting> settingsOf(const io::Scene& scene, const stati
   return out;
 }
 
-// Largest distance of the points meant from the line through every kDenseFactor-th of them.
+// Largest distance of the reference points from the line through every kDenseFactor-th of them.
 double lineError(const std::vector<Eigen::Vector3d>& meant) {
   double largest = 0.0;
   for (std::size_t i = 0; i + kDenseFactor < meant.size(); i += kDenseFactor) {
@@ -53,7 +53,7 @@ double lineError(const std::vector<Eigen::Vector3d>& meant) {
   return largest;
 }
 
-// Points of the curve, and of each muscle along it, at `points` places a section.
+// Points of the curve, and of each muscle along it, at `points` positions per section.
 void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie::SE3>>& curve,
                  int points, std::vector<std::vector<Eigen::Vector3d>>& lines) {
   lines.resize(arm.actuatorCount());

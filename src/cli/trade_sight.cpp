@@ -17,7 +17,7 @@ using vision::TrackingMode;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// What the camera of the simulated rig sees of a brisk motion, 30 pictures a second.
+// Pictures of the simulated rig in a fast motion, 30 per second.
 struct Film {
   std::vector<cv::Mat> pictures;
   std::vector<model::Shape> truth, model;
@@ -30,7 +30,7 @@ Film shoot(const io::Scene& scene, int count) {
   Film film;
   Eigen::VectorXd share(scene.arm.actuatorCount());
   for (int i = 0; i < count; ++i) {
-    // Each actuator swings over its range at a rate of its own, about once in three seconds.
+    // Each actuator oscillates over its range with its own frequency, about once in three seconds.
     for (int k = 0; k < share.size(); ++k) {
       share[k] = 0.5 + 0.48 * std::sin((0.06 + 0.01 * (k % 5)) * i + 2 * k);
     }
@@ -57,7 +57,6 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
   using Clock = std::chrono::steady_clock;
   vision::LocalizerConfig config = scene.vision;
   config.tracking = mode;
-  config.remembers_rig = false;
   config.detector.quad_decimate = decimate;
   vision::ArmLocalizer localizer(scene.view(), config);
   std::vector<double> times, errors;
@@ -75,14 +74,14 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
           basics::medianOf(errors) / scene.arm.restLength()};
 }
 
-// What a fit is asked for beside the shape.
+// Parameters that a fit estimates in addition to the shape.
 struct FitMode {
   const char* tier;
   const char* setting;
   bool free_base, free_bleed, cold;
 };
 
-// The corners that every picture shows, found once, so that only the fit is timed.
+// The corners of all pictures are detected once, so that only the fit is timed.
 std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
   using Clock = std::chrono::steady_clock;
   const estimation::ArmView view = scene.view();

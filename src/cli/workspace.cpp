@@ -33,7 +33,7 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
   if (maps.empty()) {
     throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
                       std::to_string(summary.points()) +
-                      (summary.points() == 1 ? " tip is" : " tips keep to") +
+                      (summary.points() == 1 ? " tip is" : " tips lie on") +
                       " a line or a point; sample more with --count, or leave out --png");
   }
   const json report{{"scene", scene},
@@ -44,13 +44,13 @@ void drawMaps(const WorkspaceArguments& arguments, const std::string& scene,
   drawJsonReport(report, arguments.png, "leave out --png");
 }
 
-// What is wrong with a --count; empty where nothing is.
+// Fault of a --count; empty if it is valid.
 std::string checkCount(const std::string& text) {
   const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
   const std::optional<double> number = digits ? io::parseNumber(text) : std::nullopt;
   if (number && *number >= 1 && *number <= static_cast<double>(kMostCount)) return {};
   return text + " is not a whole number from 1 to " + std::to_string(kMostCount) +
-         ", in digits as 1000000";
+         ", in digits such as 1000000";
 }
 
 statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
@@ -85,7 +85,7 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
               << " inputs; nothing was written\n";
     return kInterrupted;
   }
-  // The summary comes all the same where the picture fails, and does not name it.
+  // If the picture fails, the summary is printed all the same, without it.
   std::exception_ptr fault;
   try {
     if (!arguments.png.empty() && summary.points() > 0) {

@@ -19,12 +19,12 @@ constexpr std::size_t kCountWidth = 20;  // digits of the largest count
 bool isPly(const std::string& path) {
   const std::string end = std::filesystem::path(path).extension().string();
   if (end != ".ply" && end != ".csv") {
-    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; name one of them");
+    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; expected one of them");
   }
   return end == ".ply";
 }
 
-// A header's line ends where the name of a scene may go on.
+// A scene name must not end the line of a header.
 std::string oneLine(std::string text) {
   std::replace_if(
       text.begin(), text.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
@@ -53,7 +53,7 @@ CloudFile::CloudFile(const std::string& path, const model::Arm& arm, const Cloud
 std::string CloudFile::plyHeader() const {
   const std::string count = std::to_string(points_);
   std::ostringstream out;
-  // The count is known at the end; the padding keeps the header as long as it was.
+  // The count is only known at the end; padding keeps the length of the header constant.
   out << "ply\nformat binary_little_endian 1.0\n"
       << "comment tips of arm " << oneLine(origin_.scene) << ", tier " << origin_.tier << ", seed "
       << origin_.seed << "\ncomment x, y, z in m, seen from the arm's base, x along the arm"
@@ -104,7 +104,7 @@ std::string CloudFile::encodePly(const statics::WorkspacePoints& points) const {
 }
 
 std::string CloudFile::encodeCsv(const statics::WorkspacePoints& points) const {
-  constexpr int kInputDigits = 17;  // they read back as the same
+  constexpr int kInputDigits = 17;  // they read back as the same value
   constexpr int kTipDigits = 12;
   constexpr int kSensitivityDigits = 9;
   std::string out;

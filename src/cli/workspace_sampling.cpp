@@ -13,8 +13,8 @@
 namespace helix_arm::cli {
 namespace {
 
-// Points that medians and maps are made of: they are drawn evenly, so that the first are as good as
-// all.
+// Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
+// represent all.
 constexpr std::size_t kMostKept = 2000000;
 
 void add(const statics::WorkspacePoints& points, bool keep, WorkspaceSummary& summary) {
@@ -49,7 +49,7 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     std::string encoded;
   };
   const std::uint64_t total = arguments.inputs();
-  const int size = workspace.pieceSize();  // few enough to end soon after Ctrl-C
+  const int size = workspace.pieceSize();  // small enough to react to Ctrl-C soon
   const auto make = [&workspace, file, total, size](std::uint64_t first) {
     const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
     Piece piece{workspace.sample(first, count), {}};

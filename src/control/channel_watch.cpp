@@ -8,11 +8,11 @@
 namespace helix_arm::control {
 namespace {
 
-constexpr double kMends = 0.5;  // of the time that something is right again
-// Of the time that it may be wrong: what counts between two looks that disagree, at most; and what
-// is kept of it once it is right again.
+constexpr double kMends = 0.5;  // rate at which a correct reading undoes the time of a wrong one
+// As fractions of the permitted time: the most that one interval between disagreeing readings
+// counts, and the most that is remembered once the reading is right again.
 constexpr double kBetween = 0.25, kRemembered = 2;
-constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less stands
+constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less counts as constant
 
 }  // namespace
 
@@ -68,7 +68,7 @@ void ChannelWatch::pass(double now, const SafetyRules& rules) {
 
 void ChannelWatch::follow(double now, double set_point, const SafetyRules& rules) {
   pass(now, rules);
-  // A commander that trembles does not hide a leak.
+  // A commander whose targets jitter must not hide a leak.
   if (std::abs(set_point - stands_at_) > kTremble * rules.leak_drop) {
     stands_at_ = set_point;
     arrived_ = false;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::control {
@@ -11,18 +12,20 @@ namespace {
 constexpr char kCulprit[] = "pressure observer";
 constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
 constexpr double kRestlessness =
-    50.0;  // standard deviation of what the lag leaves out, per turn [Pa]
-constexpr double kLagUncertainty = 0.2;  // of a move that the lag predicts
+    50.0;  // standard deviation, per turn, of what the lag does not model [Pa]
+constexpr double kLagUncertainty = 0.2;  // of a change that the lag predicts
+constexpr double kLargest = 1e9;         // no regulator reads or is told more [Pa]
+
+// Not so if it is NaN.
+bool isPressure(double value) { return std::abs(value) <= kLargest; }
 
 }  // namespace
 
 PressureObserver::PressureObserver(int channels, double time_constant, double noise)
     : time_constant_(time_constant), noise_(noise) {
   basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
-  basics::requireValue(std::isfinite(time_constant) && time_constant > 0, kCulprit,
-                       "the time constant [s]", time_constant, "a finite value > 0");
-  basics::requireValue(std::isfinite(noise) && noise > 0, kCulprit, "the noise of a reading [Pa]",
-                       noise, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
+  basics::requirePositive(kCulprit, "the noise of readings [Pa]", noise);
   now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
   history_.assign(kMostMoments, {0.0, now_});
 }
@@ -48,7 +51,7 @@ void PressureObserver::update(double time, const Eigen::VectorXd& set_point,
                               const Eigen::VectorXd& reading) {
   if (count_ > 0 && time < moment(0).time) restart();
   if (count_ == 0) {
-    if (!reading.allFinite()) return;
+    if (!std::all_of(reading.begin(), reading.end(), isPressure)) return;
     now_.pressure = reading;
     now_.variance.setConstant(noise_ * noise_);
     return remember(time);
@@ -59,11 +62,11 @@ void PressureObserver::update(double time, const Eigen::VectorXd& set_point,
   for (Eigen::Index i = 0; i < reading.size(); ++i) {
     double& p = now_.pressure[i];
     double& V = now_.variance[i];
-    const double move = share * (set_point[i] - p);
+    const double move = isPressure(set_point[i]) ? share * (set_point[i] - p) : 0.0;
     p += move;
     const double unsure = kLagUncertainty * move;
     V = (1 - share) * (1 - share) * V + unsure * unsure + kRestlessness * kRestlessness;
-    if (!std::isfinite(reading[i])) continue;
+    if (!isPressure(reading[i])) continue;
     const double gain = V / (V + noise_ * noise_);
     p += gain * (reading[i] - p);
     V *= 1 - gain;

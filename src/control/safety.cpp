@@ -5,12 +5,13 @@
 #include <cmath>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::control {
 namespace {
 
-// A loop that stood still for longer makes up for no more than this when it goes on [s].
+// After a longer pause of the loop, the ramps continue with at most this step [s].
 constexpr double kLongestStep = 0.1;
 
 constexpr std::array<const char*, 4> kStateNames = {"disabled", "enabled", "fault", "vented"};
@@ -24,19 +25,19 @@ void require(bool holds, const char* what, double value, const char* rule) {
 }
 
 void requirePositive(const char* what, double value) {
-  require(std::isfinite(value) && value > 0, what, value, "a finite value > 0");
+  basics::requirePositive("safety rules", what, value);
 }
 
 void requireNotNegative(const char* what, double value) {
-  require(std::isfinite(value) && value >= 0, what, value, "a finite value >= 0");
+  basics::requireNotNegative("safety rules", what, value);
 }
 
-// What vents every channel, whatever its action.
+// Causes that vent every channel, whatever its action.
 bool isGrave(SafetyCause cause) {
   switch (cause) {
     case SafetyCause::kVentRequested:
     case SafetyCause::kEmergencyStop:
-    case SafetyCause::kRegulatorLost:  // whatever comes back knows nothing of what was held
+    case SafetyCause::kRegulatorLost:  // a returning regulator does not know what was held
     case SafetyCause::kOverLimit:
     case SafetyCause::kLeak:
     case SafetyCause::kNotVenting:
@@ -47,7 +48,7 @@ bool isGrave(SafetyCause cause) {
   }
 }
 
-// What is over once somebody speaks again.
+// Causes that end as soon as messages come again.
 bool passes(SafetyCause cause) {
   return cause == SafetyCause::kStaleTarget || cause == SafetyCause::kStaleReading ||
          cause == SafetyCause::kRegulatorLost;
@@ -62,9 +63,9 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
     basics::require(
         std::isfinite(limits.lower) && std::isfinite(limits.upper) && limits.lower <= limits.upper,
         name, ": the limits [Pa] are ", limits.lower, " to ", limits.upper,
-        "; expected finite ones, the lower first");
+        "; expected finite values, the lower first");
     basics::requireValue(channel.slew > 0, name, "slew [Pa/s]", channel.slew, "a value > 0");
-    // Else a reading could be a fault and no pressure at once.
+    // Otherwise a reading could be above its limit and count as vented at once.
     const double nearest = std::min(highestReading(channel, rules), -lowestReading(channel, rules));
     basics::require(rules.vented_below < nearest, name, ": vented_below [Pa] is ",
                     rules.vented_below, "; expected less than ", nearest,
@@ -119,18 +120,18 @@ void SafetyCore::adopt(std::vector<ChannelRules> channels, const SafetyRules& ru
   rules.validate();
   checkChannels(channels, rules);
   basics::require(channels.size() == channels_.size(), channels.size(), " channels for a core of ",
-                  channels_.size(), "; expected the same ones");
+                  channels_.size(), "; expected the same channels");
   for (int i = 0; i < count(); ++i) {
     const ChannelRules& channel = channels[i];
     basics::require(channel.name == channels_[i].name, "channel ", channel.name, " for ",
-                    channels_[i].name, "; expected the same ones");
+                    channels_[i].name, "; expected the same channels");
     if (orders_.valve[i] != Valve::kRegulate) continue;
     const bool inside = (report_.resting || channel.limits.contains(goal_[i])) &&
                         onTheWay(channel.limits).contains(orders_.set_point[i]);
     basics::require(inside, channel.name, " is commanded ", 1e-3 * goal_[i], " kPa and at ",
                     1e-3 * orders_.set_point[i], ", outside the new limits of ",
                     1e-3 * channel.limits.lower, " to ", 1e-3 * channel.limits.upper,
-                    " kPa; command it inside them first");
+                    " kPa; command a pressure inside them first");
   }
   channels_ = std::move(channels);
   rules_ = rules;
@@ -168,7 +169,7 @@ void SafetyCore::setState(SafetyState state, SafetyCause cause, int channel, dou
   ++report_.changes;
 }
 
-// A cause that comes about, in a state where it counts.
+// Handles a cause that occurs in a state in which it counts.
 void SafetyCore::raise(SafetyCause cause, int channel, double value, double limit) {
   const bool regulated = report_.state == SafetyState::kEnabled;
   report_.passing = report_.passing && passes(cause);
@@ -181,7 +182,7 @@ void SafetyCore::raise(SafetyCause cause, int channel, double value, double limi
   for (int i = 0; i < count(); ++i) {
     goal_[i] = orders_.set_point[i];
     const FaultAction action = channels_[i].action;
-    // A channel that does not follow is in no state to be held.
+    // A channel that does not follow its set point cannot hold it either.
     const bool own = cause == SafetyCause::kNotFollowing && i == channel;
     if (isGrave(cause) || own || action == FaultAction::kVent) {
       release(i);
@@ -264,7 +265,7 @@ void SafetyCore::measured(double now, const Eigen::Ref<const Eigen::VectorXd>& p
 }
 
 void SafetyCore::watchReadings() {
-  // The gravest first: the report keeps what comes first.
+  // In order of severity: the report keeps the first one.
   for (int i = 0; i < count(); ++i) {
     if (!watch_[i].overLimit()) continue;
     const double highest = highestReading(channels_[i], rules_);
@@ -276,7 +277,7 @@ void SafetyCore::watchReadings() {
     if (!regulated(i) || !watch_[i].leaks()) continue;
     raise(SafetyCause::kLeak, i, watch_[i].drop(), rules_.leak_drop);
   }
-  // Where the arm was seen to be empty.
+  // Once the readings have shown an empty arm.
   const auto emptied = [this] { return report_.state == SafetyState::kVented || rested_; };
   for (int i = 0; emptied() && i < count(); ++i) {
     if (!watch_[i].standing()) continue;
@@ -309,7 +310,7 @@ const ValveOrders& SafetyCore::advance(double now) {
   pass(now);
   const double dt = now_ - turn_at_;
   turn_at_ = now_;
-  // A fault is seen for a turn at least, however soon it ends.
+  // A fault is reported for at least one turn, however soon it ends.
   const bool fault = report_.state == SafetyState::kFault;
   if (report_.state == SafetyState::kEnabled) watchTimes();
   if (report_.state == SafetyState::kEnabled) regulate(dt);
@@ -350,7 +351,7 @@ void SafetyCore::regulate(double dt) {
 void SafetyCore::endHold() {
   const bool over = now_ - report_.since >= rules_.hold_time;
   for (int i = 0; i < count(); ++i) {
-    // Nobody holds what cannot be seen, or what does not hold.
+    // A channel is not held if its readings are missing, or if it does not hold.
     const bool unseen = watch_[i].silence(now_) > rules_.reading_timeout;
     const bool astray = orders_.valve[i] == Valve::kRegulate && watch_[i].notFollowing();
     if (over || unseen || astray) release(i);

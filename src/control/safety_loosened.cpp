@@ -21,7 +21,8 @@ std::string loosened(const ChannelRules& from, const ChannelRules& to) {
     return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
                 "kPa");
   }
-  // Farther below the atmosphere; or what stands there, without a target, once it is enabled.
+  // Farther below the atmosphere; or a higher lower limit, to which the channel rises without a
+  // target once it is enabled.
   if (to.limits.lower < std::min(0.0, from.limits.lower) ||
       to.limits.lower > std::max(0.0, from.limits.lower)) {
     return tell("the lower limit of " + from.name, 1e-3 * from.limits.lower, 1e-3 * to.limits.lower,
@@ -72,7 +73,7 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
   }
   constexpr double kNone = -std::numeric_limits<double>::infinity();
   if (next.min_supply.value_or(kNone) < rules.min_supply.value_or(kNone)) {
-    return "safety.min_supply_kpa would be lower, or gone";
+    return "safety.min_supply_kpa would be lower, or absent";
   }
   return {};
 }

@@ -4,7 +4,7 @@
 
 #include "helix_arm/control/safety.hpp"
 
-// What the safety core says of itself: culprit, value, rule and remedy.
+// Texts of the safety core: culprit, value, rule and remedy.
 
 namespace helix_arm::control {
 namespace {
@@ -30,29 +30,28 @@ std::string tooOld(const char* who, double silence, double limit) {
 const char* remedyOf(SafetyCause cause, bool stopped) {
   switch (cause) {
     case SafetyCause::kVentRequested:
-      return "call enable to go on";
+      return "call enable to continue";
     case SafetyCause::kEmergencyStop:
       return stopped ? "make the arm safe, release the stop, then call enable" : "call enable";
     case SafetyCause::kStaleTarget:
-      return "look for a commander that ended or a network that is cut, then call enable";
+      return "check that the commander runs and that the network is up, then call enable";
     case SafetyCause::kStaleReading:
-      return "look at the regulator's power, cable and address, then call enable";
+      return "check the regulator's power, cable and address, then call enable";
     case SafetyCause::kRegulatorLost:
-      return "look at the regulator's power and cable, then call enable";
+      return "check the regulator's power and cable, then call enable";
     case SafetyCause::kOverLimit:
-      return "look for a valve that sticks or a sensor that drifts, then call enable";
+      return "check for a valve that sticks or a sensor that drifts, then call enable";
     case SafetyCause::kLowSupply:
-      return "look at compressor, tank and main valve, then call enable";
+      return "check compressor, tank and main valve, then call enable";
     case SafetyCause::kNotFollowing:
-      return "look for a valve that sticks, a tube that is kinked or loose and a supply that is "
-             "too "
-             "weak, then call enable";
+      return "check for a valve that sticks, a kinked or loose tube and a supply that is too weak, "
+             "then call enable";
     case SafetyCause::kLeak:
-      return "look for a burst muscle or a loose tube, mend it, then call enable";
+      return "check for a burst muscle or a loose tube, repair it, then call enable";
     case SafetyCause::kNotVenting:
-      return "shut the supply and look for a valve that does not close, then call enable";
+      return "shut the supply and check for a valve that does not close, then call enable";
     case SafetyCause::kGuardLost:
-      return "look for what ended or stopped it (a kill, too little memory), then call enable";
+      return "find out what ended or stopped it (a kill, too little memory), then call enable";
     case SafetyCause::kNone:
       break;
   }
@@ -66,12 +65,12 @@ std::string SafetyCore::channelRefusal(int i, double now) const {
   const double silence = watch_[i].silence(now);
   if (!(silence <= rules_.reading_timeout)) {
     return tooOld(name, silence, rules_.reading_timeout) +
-           "; look at the regulator's power, cable and address";
+           "; check the regulator's power, cable and address";
   }
   if (watch_[i].empty(now, rules_)) return {};
   return format(
       "%s reads %.1f kPa, more than %g kPa from the atmosphere (safety.vented_below_kpa); wait for "
-      "it to vent, or look for a valve that does not close",
+      "it to vent, or check for a valve that does not close",
       name, 1e-3 * watch_[i].reading(), 1e-3 * rules_.vented_below);
 }
 
@@ -80,27 +79,26 @@ std::string SafetyCore::supplyRefusal(double now) const {
   const double silence = now - supply_at_;
   if (!(silence <= rules_.reading_timeout)) {
     return tooOld("the supply", silence, rules_.reading_timeout) +
-           "; look at the regulator, or leave out safety.min_supply_kpa where it does not measure "
+           "; check the regulator, or leave out safety.min_supply_kpa if it does not measure "
            "its supply";
   }
   if (supply_ >= *rules_.min_supply) return {};
   return format(
-      "the supply reads %.1f kPa, less than %g kPa (safety.min_supply_kpa); look at compressor, "
+      "the supply reads %.1f kPa, less than %g kPa (safety.min_supply_kpa); check compressor, "
       "tank and main valve",
       1e-3 * supply_, 1e-3 * *rules_.min_supply);
 }
 
 std::string SafetyCore::guardRefusal() const {
-  const std::string guard = "the guard, which vents where this process is killed, ";
+  const std::string guard = "the guard, which vents the arm if this process is killed, ";
   const char* const remedy =
-      "; look at what it and this process have printed (a kill, a scene file that is gone or "
-      "cannot "
-      "be read, too little memory), then call enable";
+      "; see what it and this process have printed (a kill, a scene file that is missing or "
+      "cannot be read, too little memory), then call enable";
   switch (guard_) {
     case Guard::kStarting:
-      return guard + "has not answered yet; call enable again once it has, in a moment";
+      return guard + "has not answered yet; call enable again in a moment";
     case Guard::kStandsStill:
-      return guard + "stands still" + remedy;
+      return guard + "does not respond" + remedy;
     case Guard::kEnded:
       return guard + "has ended" + remedy;
     case Guard::kNotNeeded:
@@ -111,13 +109,13 @@ std::string SafetyCore::guardRefusal() const {
 }
 
 std::string SafetyCore::refusal(double now) const {
-  if (report_.state == SafetyState::kEnabled) return "it is enabled already; send targets";
+  if (report_.state == SafetyState::kEnabled) return "it is already enabled; send targets";
   if (report_.stopped) return "the emergency stop is engaged; make the arm safe and release it";
   if (report_.state == SafetyState::kFault) return reason();
-  if (!link_up_) return "the regulator's link is down; look at its power and cable";
+  if (!link_up_) return "the regulator's link is down; check its power and cable";
   std::string unguarded = guardRefusal();
   if (!unguarded.empty()) return unguarded;
-  now = now >= now_ ? now : now_;  // as every other call has it; also where it is no number
+  now = now >= now_ ? now : now_;  // as in every other call; also if it is NaN
   for (int i = 0; i < count(); ++i) {
     std::string refused = channelRefusal(i, now);
     if (!refused.empty()) return refused;
@@ -151,21 +149,22 @@ std::string SafetyCore::causeText() const {
                     1e-3 * value, 1e-3 * limit, spike);
     case SafetyCause::kNotFollowing:
       return format(
-          "%s is %.1f kPa from where its set point should have brought it, more than %g kPa "
+          "%s is %.1f kPa from the pressure expected of its set point, more than %g kPa "
           "(safety.follow.tolerance_kpa) for %g s",
           name, 1e-3 * value, 1e-3 * limit, rules_.follow_time);
     case SafetyCause::kLeak:
       return format(
-          "%s fell %.1f kPa below its set point, which stood: more than %g kPa "
+          "%s fell %.1f kPa below its constant set point, more than %g kPa "
           "(safety.leak_drop_kpa) for %g s",
           name, 1e-3 * value, 1e-3 * limit, spike);
     case SafetyCause::kNotVenting:
       return format(
-          "%s reads %.1f kPa though it should be empty, more than %g kPa from the atmosphere "
+          "%s reads %.1f kPa although it should be empty, more than %g kPa from the atmosphere "
           "(safety.vented_below_kpa)",
           name, 1e-3 * value, 1e-3 * limit);
     case SafetyCause::kGuardLost:
-      return "the guard, which vents where this process is killed, has ended or stands still";
+      return "the guard, which vents the arm if this process is killed, has ended or does not "
+             "respond";
     case SafetyCause::kNone:
       break;
   }
@@ -186,11 +185,11 @@ std::string SafetyCore::actionText() const {
          (acting < count() ? ", the others vent" : "");
 }
 
-// What is said to a regulator that does not hear is not done.
+// A regulator without link has not carried out the order.
 std::string SafetyCore::ventText() const {
   if (link_up_) return "all channels vent";
-  return "all channels are to vent as soon as the regulator hears it; until then shut the supply "
-         "and open the relief valve by hand";
+  return "all channels will vent as soon as the regulator can be reached; until then shut the "
+         "supply and open the relief valve by hand";
 }
 
 std::string SafetyCore::overdueText() const {
@@ -225,7 +224,7 @@ std::string SafetyCore::reason() const {
     case SafetyState::kVented:
       break;
   }
-  return state + ": no pressure stands after " + causeText() + "; " +
+  return state + ": no pressure remains after " + causeText() + "; " +
          (report_.stopped && report_.cause != SafetyCause::kEmergencyStop
               ? std::string("release the emergency stop; ")
               : std::string()) +

@@ -3,7 +3,7 @@
 
 #include "helix_arm/control/safety.hpp"
 
-// The end of a commander that is no fault.
+// Rest: a commander ends without a fault.
 
 namespace helix_arm::control {
 
@@ -14,7 +14,7 @@ bool SafetyCore::rest(double now) {
   report_.resting = true;
   ++report_.changes;
   goal_.setZero();
-  down_at_ = target_at_ = std::numeric_limits<double>::infinity();  // nobody need speak any more
+  down_at_ = target_at_ = std::numeric_limits<double>::infinity();  // no further target is required
   return true;
 }
 

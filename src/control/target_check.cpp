@@ -36,21 +36,21 @@ int indexOf(const model::Arm& arm, const std::string& name) {
   return -1;
 }
 
-using Bounds = std::optional<model::Range> (*)(const model::Range& limits);
+using Bounds = model::Range (*)(const model::Range& limits);
 
-std::optional<model::Range> limitsAlone(const model::Range& limits) { return limits; }
-std::optional<model::Range> wayToLimits(const model::Range& limits) { return onTheWay(limits); }
-std::optional<model::Range> anywhere(const model::Range&) { return std::nullopt; }
+model::Range limitsAlone(const model::Range& limits) { return limits; }
+model::Range wayToLimits(const model::Range& limits) { return onTheWay(limits); }
+model::Range anyReading(const model::Range&) { return kPossibleReading; }
 
-// The pressures (n) of an arm, of which those that `name` lists change.
+// The pressures (n) of the arm after a change of those that `name` lists.
 Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
                                 const std::vector<std::string>& name,
                                 const std::vector<double>& pressure, Bounds bounds) {
   const std::size_t expected = name.empty() ? arm.actuatorCount() : name.size();
   if (pressure.size() != expected) {
     return refuse(Fault::kWrongSize, pressure.size(), " pressures for ", expected,
-                  name.empty() ? " actuators (no names: all of the arm's)" : " names",
-                  "; send one pressure for each of ", listOfNames(arm), ", or name those meant");
+                  name.empty() ? " actuators (without names, all of the arm)" : " names",
+                  "; send one pressure for each of ", listOfNames(arm), ", or name the actuators");
   }
   std::vector<bool> seen(arm.actuatorCount(), false);
   for (std::size_t j = 0; j < pressure.size(); ++j) {
@@ -68,10 +68,10 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
       return refuse(Fault::kNotFinite, "the pressure of ", actuator.name, " is ", pressure[j],
                     "; send a finite gauge pressure [Pa]");
     }
-    const std::optional<model::Range> range = bounds(actuator.limits);
-    if (range && !range->contains(pressure[j])) {
+    const model::Range range = bounds(actuator.limits);
+    if (!range.contains(pressure[j])) {
       return refuse(Fault::kOutOfRange, actuator.name, " is asked for ", pressure[j],
-                    " Pa; stay within ", range->lower, " to ", range->upper, " Pa (gauge)");
+                    " Pa; stay within ", range.lower, " to ", range.upper, " Pa (gauge)");
     }
     wanted[i] = pressure[j];
   }
@@ -101,11 +101,11 @@ std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
   if (age < -timeout) {
     return refuse(Fault::kStale, name, " is stamped ", -age,
                   " s ahead of this machine's clock, more than ", timeout, " s (", key,
-                  "); set the clocks alike");
+                  "); synchronise the clocks");
   }
   if (!(age > timeout)) return std::nullopt;
   return refuse(Fault::kStale, name, " is stamped ", age, " s ago, more than ", timeout, " s (",
-                key, "); send fresh ones, and set the clocks alike");
+                key, "); send fresh ones, and synchronise the clocks");
 }
 
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,
@@ -114,14 +114,14 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
                   " actuators; send a reading of each of ", listOfNames(arm));
   }
-  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anywhere);
+  return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure, anyReading);
 }
 
 Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twist) {
   const int expected = lie::SE3::kDof * sections;
   if (static_cast<int>(twist.size()) != expected) {
     return refuse(Fault::kWrongSize, twist.size(), " numbers for ", sections,
-                  " sections; send 6 a section, [v; w] from the base: ", expected);
+                  " sections; send 6 per section, [v; w], from the base on: ", expected);
   }
   for (std::size_t j = 0; j < twist.size(); ++j) {
     if (!std::isfinite(twist[j])) {
@@ -130,7 +130,7 @@ Checked<model::Twists> checkTwists(int sections, const std::vector<double>& twis
     }
     if (std::abs(twist[j]) > statics::kFarthestTarget) {
       return refuse(Fault::kOutOfRange, "twist[", j, "] is ", twist[j],
-                    "; send v [m] and w [rad] of a size that an arm has");
+                    "; send v [m] and w [rad] of magnitude at most ", statics::kFarthestTarget);
     }
   }
   return model::Twists(Eigen::Map<const model::Twists>(twist.data(), lie::SE3::kDof, sections));
@@ -144,7 +144,7 @@ Checked<Eigen::Vector3d> checkPosition(const Eigen::Vector3d& position) {
     }
     if (std::abs(position[axis]) > statics::kFarthestTarget) {
       return refuse(Fault::kOutOfRange, "the tip's ", "xyz"[axis], " is ", position[axis],
-                    "; send a position in metres, seen from the arm's base");
+                    "; send a position in metres, in the frame of the arm's base");
     }
   }
   return position;

@@ -25,7 +25,7 @@ void checkTime(const std::vector<TipWayPoint>& points, std::size_t i) {
           " s: sort the points by time and leave out repeated ones");
 }
 
-// Whether an option is given as for the first point.
+// Checks that an optional member is given as in the first point.
 void checkGiven(bool given, bool expected, std::size_t i, const char* what) {
   require(given == expected, kPoint, i + 1, given ? " has a " : " has no ", what,
           ", unlike point 1; expected a ", what, " for all points or for none");
@@ -52,7 +52,7 @@ Eigen::Matrix3Xd splineVelocities(const std::vector<TipWayPoint>& points) {
     return Eigen::Vector3d((points[i + 1].position - points[i].position) / step(i));
   };
   Eigen::Matrix3Xd v = Eigen::Matrix3Xd::Zero(3, n);
-  Eigen::VectorXd above = Eigen::VectorXd::Zero(n);  // of the diagonal, eliminated
+  Eigen::VectorXd above = Eigen::VectorXd::Zero(n);  // superdiagonal after elimination
   for (Eigen::Index i = 1; i + 1 < n; ++i) {
     const double before = step(i) / (step(i - 1) + step(i)), after = 1.0 - before;
     const double pivot = 2.0 - before * above[i - 1];
@@ -68,7 +68,7 @@ Eigen::Matrix3Xd splineVelocities(const std::vector<TipWayPoint>& points) {
 TipPath::TipPath(const std::vector<TipWayPoint>& points) {
   require(points.size() >= kFewestWayPoints && points.size() <= kMostWayPoints, "tip path: has ",
           points.size(), " points; expected ", kFewestWayPoints, " to ", kMostWayPoints,
-          ": send a single place as a target, and a longer path in parts");
+          ": send a single position as a target, and a longer path in parts");
   for (std::size_t i = 0; i < points.size(); ++i) checkPoint(points, i);
   has_rotations_ = points.front().rotation.has_value();
   Eigen::Matrix3Xd spline;

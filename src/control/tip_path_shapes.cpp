@@ -15,8 +15,8 @@ static_assert(kPointsPerTurn % 4 == 0);
 // Length of Bernoulli's lemniscate of radius 1: twice the lemniscate constant.
 constexpr double kLemniscateLength = 5.24411510858423962093;
 
-// Part of a side that is covered after a part w of its time: the speed rises as 3 q^2 - 2 q^3, so
-// that the acceleration at the corners is 0 and the spline does not overshoot them.
+// Fraction of a side that is covered after the fraction w of its time. The speed rises as 3 q^2 - 2
+// q^3, so that the acceleration at the corners is 0 and the spline does not overshoot them.
 double sideCovered(double w) {
   constexpr double kCruise = 1.0 / (1.0 - kSquareRamp);
   if (w > 0.5) return 1.0 - sideCovered(1.0 - w);
@@ -75,7 +75,7 @@ Turn turnOf(TipShape shape) {
 }
 
 void check(const ShapedPath& path) {
-  constexpr char kCulprit[] = "shape of a path";
+  constexpr char kCulprit[] = "path shape";
   constexpr double kShortestPeriod = 2.0 * kPointsPerTurn * kShortestStep;
   requireWithinReach(path.centre, "centre", "m", kCulprit);
   const double reach = path.centre.cwiseAbs().maxCoeff() + path.radius;

@@ -7,23 +7,31 @@
 #include <utility>
 
 #include "arm_parameters.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "filter of the arm";
+constexpr char kCulprit[] = "arm filter";
 constexpr double kStiffnessStep = 1e-3;  // of logarithms, in central differences
-// A pressure's error lasts for about half a second, which is fifteen pictures.
+// The error of a pressure persists for about half a second, which is fifteen pictures.
 constexpr double kPressurePersistence = 15.0;
-// A vibration's error lasts for about ten pictures.
+// The error due to a vibration persists for about ten pictures.
 constexpr double kSwingPersistence = 10.0;
-constexpr double kFarthestTheta = 4.0;  // of its deviations: farther the model is not linear
-constexpr int kMostOutliers = 2;        // in a row: a third one is a change
+constexpr double kFarthestTheta = 4.0;  // in standard deviations; beyond it the model is not linear
+constexpr int kMostOutliers = 2;        // consecutive ones; a third one indicates a change
 // Smallest pivot of a covariance that counts as positive, relative to its largest entry.
 constexpr double kLeastPivot = 1e-13;
+// Largest difference of opposite entries of a covariance, relative to the deviations.
+constexpr double kAsymmetry = 1e-6;
 
 bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
+  if (!(matrix.diagonal().minCoeff() > 0)) return false;
+  // The factorisation reads one half of the matrix, the update uses both.
+  const Eigen::VectorXd deviation = matrix.diagonal().cwiseSqrt();
+  const Eigen::ArrayXXd bound = kAsymmetry * deviation * deviation.transpose();
+  if (!((matrix - matrix.transpose()).array().abs() <= bound).all()) return false;
   const Eigen::LDLT<Eigen::MatrixXd> factors(matrix);
   return factors.info() == Eigen::Success &&
          factors.vectorD().minCoeff() > kLeastPivot * matrix.diagonal().maxCoeff();
@@ -33,12 +41,10 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 
 void ArmFilterOptions::validate() const {
   const auto nonNegative = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative(kCulprit, what, value);
   };
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                         "a finite value > 0");
+    basics::requirePositive(kCulprit, what, value);
   };
   nonNegative("the hysteresis", hysteresis);
   nonNegative("the creep [s^-1/2]", creep);
@@ -122,13 +128,13 @@ struct ArmFilter::Workspace {
   statics::Correction correction;
   std::vector<int> rows;
   Eigen::VectorXd bias_deviation;
-  Eigen::VectorXd scale;  // of the state
+  Eigen::VectorXd scale;  // of the entries of the state
   Gaussian state;
   std::optional<double> last_time;
   Eigen::VectorXd last_lengths;
-  Eigen::VectorXd settled;  // twists of the model, behind by the settling time
+  Eigen::VectorXd settled;  // twists of the model, delayed by the settling time
   std::optional<Step> step;
-  int outliers = 0;  // in a row
+  int outliers = 0;  // consecutive
 };
 
 void ArmFilter::Workspace::start() {
@@ -140,7 +146,8 @@ void ArmFilter::Workspace::start() {
   followCorrection();
 }
 
-// An arm that theta does not explain within reason, or a camera that lies: the bias takes it all.
+// If theta does not explain the arm within its bounds (or the camera is wrong), the bias takes the
+// whole deviation.
 void ArmFilter::Workspace::learn(const Gaussian::Measurement& measurement) {
   Gaussian next = state;
   next.update(measurement);
@@ -152,7 +159,7 @@ void ArmFilter::Workspace::learn(const Gaussian::Measurement& measurement) {
   }
 }
 
-// The same with theta where the model is linear; the bias takes what theta may not.
+// Limits theta to where the model is linear; the bias takes the rest.
 Gaussian ArmFilter::Workspace::withinReason(Gaussian given) const {
   const Eigen::VectorXd bound = kFarthestTheta * parameters.deviations();
   const Eigen::VectorXd theta = given.mean.head(parameters.count());
@@ -261,9 +268,11 @@ ArmFilter::~ArmFilter() = default;
 ArmFilter::ArmFilter(ArmFilter&&) noexcept = default;
 ArmFilter& ArmFilter::operator=(ArmFilter&&) noexcept = default;
 
+SightingFault ArmFilter::check(const Input& input) const { return work_->check(input); }
+
 Sighting ArmFilter::see(const Input& input) {
   Workspace& w = *work_;
-  Sighting out{w.check(input), 0.0};
+  Sighting out{check(input), 0.0};
   if (!out.accepted()) return out;
   auto model = w.linearise(input.pressure);
   const auto before = w.last_time ? w.twistsAt(w.model, w.last_lengths) : std::nullopt;

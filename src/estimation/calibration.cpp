@@ -12,15 +12,16 @@
 #include "calibration_statistics.hpp"
 #include "cross_validation.hpp"
 #include "experiment_design.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-// Readings so many times farther off than expected are worth a warning.
+// Residuals larger than expected by this factor cause a warning.
 constexpr double kNoisy = 3.0;
-// With fewer pressures leaving one out says nothing of how sure the rest is.
+// With fewer pressures, leaving one out tells nothing about the certainty of the others.
 constexpr std::size_t kFewestPressures = 3;
 
 Calibration refused(Calibration so_far, const Verdict& verdict) {
@@ -55,7 +56,7 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   return out;
 }
 
-// Of the first parameters; those behind them are not fitted.
+// Of the first parameters; the others are not fitted.
 Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance, int fitted, int all) {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(all, all);
   for (int i = 0; i < fitted; ++i) {
@@ -66,7 +67,7 @@ Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance, int fitted, int
   return out;
 }
 
-// What was found, without how the captures agree with it.
+// Adds the estimates, without the agreement of the captures.
 void addFit(const CalibrationFit& fit, Calibration& out) {
   out.parameters = fittedParameters(fit);
   const int fitted = static_cast<int>(out.parameters.size());
@@ -89,7 +90,7 @@ bool isOutlier(const Comparison& one, double robust_scale) {
   return one.square > robust_scale * robust_scale * one.residuals;
 }
 
-// How the readings that fit agree with it, by capture and together.
+// Adds the agreement of the used readings, per capture and in total.
 void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem& problem,
                   const std::vector<Comparison>& comparisons, double robust_scale,
                   Calibration& out) {
@@ -128,8 +129,8 @@ void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem
   }
 }
 
-// The jackknife sees what the noise of single readings does not: a model that is wrong in its own
-// way at each pressure.
+// The jackknife shows what the noise of single readings does not: a model whose error differs
+// between pressures.
 void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd& variance,
                  std::vector<Parameter>& parameters) {
   for (Parameter& one : parameters) {
@@ -142,7 +143,7 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
   }
 }
 
-// Whether leaving out one pressure at a time leaves the stiffness identified, too.
+// Whether the stiffness stays identified if any one pressure is left out.
 bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& variance) {
   const std::vector<ParameterInfo>& infos = problem.parameters();
   for (std::size_t i = 0; i < problem.selection().stiffness.size(); ++i) {
@@ -158,8 +159,8 @@ void addHeldOut(const CalibrationFit& fit, const Groups& groups, CrossValidation
   }
   if (!left_out.complete) {
     out.warnings.push_back(
-        "some of the fits without one pressure came to no end: held-out errors are of where they "
-        "stopped");
+        "some fits without one pressure did not converge: held-out errors are those of their last "
+        "iteration");
   }
   out.by_pressure = std::move(left_out.by_pressure);
   out.by_arm = std::move(left_out.by_arm);
@@ -173,8 +174,8 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
   std::vector<std::string> warnings;
   const std::size_t pressures = groups.pressure.size();
   if (pressures < kFewestPressures) {
-    warnings.push_back(text("there are captures at ", pressures,
-                            " pressures only: standard errors are of the noise alone"));
+    warnings.push_back(text("there are captures at only ", pressures,
+                            " pressures: standard errors reflect the noise alone"));
   }
   for (const Parameter& one : fit.held) {
     warnings.push_back(text("the captures do not determine ", one.name, ": it stays at ",
@@ -195,18 +196,18 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
     warnings.push_back("captures that do not fit the others: " + outliers);
   }
   if (!idle.empty()) {
-    warnings.push_back("captures at these pressures say nothing new: " + idle +
-                       "; captures at the pressures suggested would say more");
+    warnings.push_back("captures at these pressures add no information: " + idle +
+                       "; capture at the suggested pressures instead");
   }
   if (fit.noise_scale > kNoisy) {
-    warnings.push_back(text("readings are ", std::round(10 * fit.noise_scale) / 10,
-                            " times as far off as their noise: something that is not fitted is "
-                            "wrong, and standard errors are raised in proportion"));
+    warnings.push_back(text("residuals are ", std::round(10 * fit.noise_scale) / 10,
+                            " times as large as the noise: a parameter that is not fitted is "
+                            "wrong; standard errors are scaled accordingly"));
   }
   return warnings;
 }
 
-// Why the readings do not fit a fit that converged.
+// Why the readings disagree with a fit that converged.
 std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
                                    double robust_scale) {
   const auto outliers =
@@ -215,16 +216,17 @@ std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
   if (outliers * 2 <= static_cast<std::ptrdiff_t>(comparisons.size())) return std::nullopt;
   return Verdict{CalibrationStatus::kUnexplained,
                  text(outliers, " of ", comparisons.size(),
-                      " readings do not fit, whatever the parameters; check where the scene "
-                      "has camera and tags, and that the captures are of this arm")};
+                      " readings fit no values of the parameters; check the poses of camera and "
+                      "tags in the scene, and that the captures are of this arm")};
 }
 
 std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
   if (std::none_of(parameters.begin(), parameters.end(),
                    [](const Parameter& one) { return one.identifiable; })) {
-    return Verdict{CalibrationStatus::kNotIdentifiable,
-                   "the captures say nothing of what was to be fitted; capture at pressures that "
-                   "bend the arm farther, or fit other parameters"};
+    return Verdict{
+        CalibrationStatus::kNotIdentifiable,
+        "the captures determine none of the parameters to fit; capture at pressures that "
+        "bend the arm farther, or fit other parameters"};
   }
   return std::nullopt;
 }
@@ -237,15 +239,13 @@ bool ArmCaptures::isLoaded() const {
 
 void CalibrationOptions::validate() const {
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "calibration", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("calibration", what, value);
   };
   positive("the curvature noise", curvature_noise);
   positive("the corner noise", corner_noise);
   positive("the position noise", position_noise);
   const auto not_negative = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, "calibration", what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative("calibration", what, value);
   };
   not_negative("the rotation noise", rotation_noise);
   not_negative("the floor of the corners' noise", corner_floor);
@@ -295,7 +295,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   if (const auto verdict = unfit(read, options, kind)) return refused(std::move(out), *verdict);
 
   const Groups groups = groupByPressure(read);
-  // Shapes of their own predict nothing, and no pressure would say more of them than another.
+  // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes;
   const bool leave_out = predicts && options.held_out;
   std::vector<Comparison> comparisons;
@@ -309,10 +309,11 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
                stiffnessHolds(*one.problem, left_out.variance);
       });
   if (!fit.converged) {
-    return refused(std::move(out),
-                   {CalibrationStatus::kNotConverged,
-                    "the search came to no end; check where the scene has camera and tags, and "
-                    "that the captures are of this arm"});
+    return refused(
+        std::move(out),
+        {CalibrationStatus::kNotConverged,
+         "the fit did not converge; check the poses of camera and tags in the scene, and "
+         "that the captures are of this arm"});
   }
   addFit(fit, out);
   comparisons = fit.problem->compare(fit.noise_scale);

@@ -9,7 +9,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Pressures that are no farther apart are the same one: regulators are no better [Pa].
+// Pressures that differ by less count as the same, since regulators are not more accurate [Pa].
 constexpr double kSamePressure = 5000.0;
 
 bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
@@ -23,7 +23,8 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
   };
   if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
     if (arm.arm.sectionCount() != 1) {
-      return text("a curvature is that of one section, but the arm has ", arm.arm.sectionCount());
+      return text("a curvature applies to arms of one section, but the arm has ",
+                  arm.arm.sectionCount());
     }
     if (!(std::isfinite(curvature->curvature) && curvature->curvature >= 0)) {
       return text("its curvature is ", curvature->curvature, " rad; expected a finite value >= 0");
@@ -32,7 +33,7 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
     const int entries = 6 * arm.arm.sectionCount();
     if (twists->twists.size() != entries || twists->covariance.rows() != entries ||
         twists->covariance.cols() != entries) {
-      return text("its twists or their covariance are not of ", arm.arm.sectionCount(),
+      return text("its twists or their covariance are not those of ", arm.arm.sectionCount(),
                   " sections");
     }
     if (!twists->twists.allFinite() || !twists->covariance.allFinite() ||
@@ -84,7 +85,7 @@ std::string rigWords() {
   return out;
 }
 
-// Why such readings do not show what is asked for.
+// Why readings of this kind cannot determine the requested parameters.
 std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind) {
   const auto nothing = [](const std::string& reason) {
@@ -94,13 +95,14 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
       std::all_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
-    return nothing(text(info.word,
-                        " shows under load alone; give the scene its `load`, with a tier that "
-                        "takes it into account, or do not fit ",
-                        info.word));
+    return nothing(
+        text(info.word,
+             " has an effect only under load; give the scene its `load`, with a tier that "
+             "takes it into account, or do not fit ",
+             info.word));
   }
   if (!anyFitted(options, [](const FitParameterInfo&) { return true; })) {
-    return nothing("nothing to fit was named");
+    return nothing("no parameter to fit was named; name at least one");
   }
   const bool tags = isMet(FitNeed::kTags, kind);
   const bool rig = anyFitted(options, [](const FitParameterInfo& info) { return info.aboutRig(); });
@@ -112,13 +114,13 @@ std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
     if (!isMet(info.need, kind)) return nothing(text(info.word, " needs captures of tag corners"));
   }
   if (rig && arms.size() > 1) {
-    return nothing(rigWords() + " are those of one rig; fit them for one arm at a time");
+    return nothing(rigWords() + " belong to one rig; fit them for one arm at a time");
   }
   if (options.free_shapes && !tags) return nothing("free shapes need captures of tags");
   return std::nullopt;
 }
 
-// Why arms that are fitted together cannot share what is fitted.
+// Why arms that are fitted together cannot share the fitted parameters.
 std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                               const CalibrationOptions& options) {
   using Status = CalibrationStatus;
@@ -132,7 +134,8 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
       return Verdict{Status::kNothingToFit,
                      text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
                           arms.front().name, " ", arms.front().arm.actuatorCount(),
-                          "; a scale for each needs as many on every arm, a common one does not")};
+                          "; a scale per actuator needs the same number on every arm, a common "
+                          "scale does not")};
     }
     for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
       const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
@@ -242,14 +245,14 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
       if (first != nullptr && kindOf(first->reading) != kindOf(capture.reading)) {
         return Verdict{Status::kBadData,
                        who +
-                           "is another kind of reading than the captures before it; calibrate "
+                           "has another kind of reading than the captures before it; calibrate "
                            "with one kind at a time"};
       }
       if (first == nullptr) first = &capture;
     }
   }
   if (first == nullptr) {
-    return Verdict{Status::kNoCaptures, "there is no capture with a reading; record some first"};
+    return Verdict{Status::kNoCaptures, "no capture has a reading; record some first"};
   }
   ShapeModel model(arms, {});
   for (std::size_t a = 0; a < arms.size(); ++a) {
@@ -260,7 +263,7 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
       return Verdict{
           Status::kBadData,
           text(arms[a].name, ", capture ", capture.number, ": at ", pressureText(capture.pressure),
-               " the model finds no shape that holds the load; check the scene's load "
+               " the model finds no shape that balances the load; check the scene's load "
                "and K_eps")};
     }
   }
@@ -270,9 +273,10 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
   for (const ArmCaptures& arm : arms) {
     if (std::any_of(arm.captures.begin(), arm.captures.end(), differs)) return std::nullopt;
   }
-  return Verdict{Status::kOnePressure,
-                 text("all captures were taken at ", pressureText(first->pressure),
-                      ": nothing tells the parameters apart; capture at other pressures, too")};
+  return Verdict{
+      Status::kOnePressure,
+      text("all captures were taken at ", pressureText(first->pressure),
+           ", where the parameters cannot be distinguished; capture at other pressures, too")};
 }
 
 Groups groupByPressure(const std::vector<ArmCaptures>& arms) {

@@ -12,11 +12,12 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Of its prior's variance, the captures must take this share from a parameter to identify it.
+// The captures identify a parameter if they reduce the variance of its prior by this fraction.
 constexpr double kLeastGain = 0.75;
-// Logs of a stiffness that are known better than this hardly meet the curvature of their valley.
+// Logs of a stiffness with a smaller error are hardly affected by the curvature of their valley.
 constexpr double kSharp = 0.1;
-// So far to either side of a fitted log the valley is measured: two of the largest errors.
+// Range on either side of a fitted log over which the valley is sampled: twice the largest
+// permitted error.
 constexpr double kSpan = 2 * kLargestRelativeError;
 constexpr double kLeastRise = 1e-6;
 
@@ -31,8 +32,8 @@ Parameter heldParameter(const ParameterInfo& info) {
           false};
 }
 
-// All that moves the readings and could be fitted to them, whether it was asked for or not, except
-// what counts as exact.
+// All parameters that affect the readings and could be fitted, requested or not, except those that
+// count as exact.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
@@ -44,15 +45,14 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.uncertain_if_held || !info.entry) continue;
     const bool asked = std::find(entries.begin(), entries.end(), *info.entry) != entries.end();
-    // What the scene does not have is not there.
+    // Entries that are absent from the scene stay absent.
     if (!asked && entryOf(initial, *info.entry) > 0) entries.push_back(*info.entry);
   }
   return wanted;
 }
 
-// What is not fitted is known no better than before, and the rest was fitted as if it were right.
-//
-// @param all  with the fitted parameters among its own; moved to their values.
+// Covariance including the uncertainty of parameters that were held at their values during the fit.
+// @param all  problem whose parameters include the fitted ones; moved to their values.
 Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationProblem& fitted,
                                       CalibrationProblem& all, double noise_scale) {
   const std::vector<ParameterInfo>& known = fitted.parameters();
@@ -109,7 +109,7 @@ Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& be
 
 struct Candidate {
   CalibrationFit fit;
-  Eigen::MatrixXd marginal;  // (entries of the stiffness)^2 covariance, all others fitted with them
+  Eigen::MatrixXd marginal;  // (entries of the stiffness)^2, all others fitted
 };
 
 bool stiffnessIsIdentified(const CalibrationFit& fit) {
@@ -118,7 +118,7 @@ bool stiffnessIsIdentified(const CalibrationFit& fit) {
                      [](bool identified) { return identified; });
 }
 
-// @param all  all that could be fitted.
+// @param all  problem of all parameters that could be fitted.
 Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                       const Selection& selection, const Selection& all, double bias) {
   Candidate candidate;
@@ -149,15 +149,14 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   return candidate;
 }
 
-// Which of some entries are fitted; the others keep their priors.
+// A division of some entries into fitted and held ones; held entries keep their priors.
 struct Split {
   std::vector<int> fitted;
-  double entropy = 0;  // of the fitted ones, as far as they can be told before they are fitted
+  double entropy = 0;  // of the fitted ones, as estimated before the fit
 };
 
-// All ways to hold one entry or more, those that hold fewest first, of as many the surest.
-//
-// @param information  (entries)^2 with the priors, whatever the other parameters are.
+// All ways to hold one entry or more: those that hold fewest first, and among equals those with the
+// smallest entropy. @param information  (entries)^2 including the priors.
 std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_variance) {
   const int entries = static_cast<int>(information.rows());
   std::vector<Split> splits;

@@ -186,7 +186,7 @@ std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bo
   const std::vector<std::string> known = fitWords();
   for (const std::string& word : asked) {
     if (std::find(known.begin(), known.end(), word) != known.end()) continue;
-    throw std::invalid_argument("there is no \"" + word + "\" to fit; expected some of " +
+    throw std::invalid_argument("\"" + word + "\" is not a parameter to fit; expected some of " +
                                 joined(known));
   }
   std::set<FitParameter> out;
@@ -203,7 +203,7 @@ void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& opt
   for (const FitParameterInfo& info : fitParameters()) {
     const bool fitted = parameters.count(info.parameter) > 0;
     if (info.flag != nullptr) options.*info.flag = fitted;
-    // The last one asked for: of each actuator rather than one for all.
+    // The last request wins: per actuator rather than one scale for all.
     if (info.scaling != LengthScaling::kNone && fitted) options.length_scale = info.scaling;
   }
 }

@@ -14,12 +14,11 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Of the log of a stiffness that is held during a search: Ceres 1 and 2 have no common way to hold
-// one entry of a block.
+// Prior of the log of a stiffness that is held: Ceres 1 and 2 have no common way to fix one entry
+// of a block.
 constexpr double kHeldDeviation = 1e-4;
-// A search whose last step lowers the cost by less is at its end: a parameter that is off by its
-// standard error costs 0.5. Where the robust loss holds readings off, steps shrink slowly and go on
-// long after they matter.
+// Convergence: the last step lowers the cost by less. A parameter that is off by its standard error
+// costs 0.5. With the robust loss, steps may shrink slowly long after they matter.
 constexpr double kSettledStep = 1e-4;
 
 bool isAtItsEnd(const ceres::Solver::Summary& summary) {
@@ -101,8 +100,8 @@ struct CalibrationProblem::Workspace {
     return shared.model.elasticityAt(blocks.values().stiffness.data(), shared.model.initial());
   }
 
-  // What each reading sees only one of is eliminated first: the shape of its capture, or, where
-  // shapes are the model's, its tag.
+  // Blocks that only one reading depends on are eliminated first: the shape of its capture or, if
+  // shapes come from the model, its tag.
   int eliminationGroup(const ParameterBlocks::Block& block) const {
     const ParameterBlock first =
         shared.selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag;

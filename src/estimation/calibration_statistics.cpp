@@ -10,23 +10,24 @@
 namespace helix_arm::estimation {
 namespace {
 
-// The noise is found when a round changes it by less than this share; some rounds suffice.
+// The noise has converged if an iteration changes it by less than this fraction.
 constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
-// The expected noise counts as much as this many residuals.
+// Weight of the expected noise, in residuals.
 constexpr double kNoisePrior = 1.0;
-// Squares beyond so many limits of outliers say nothing of the noise.
+// Squared residuals beyond this multiple of the outlier limit are ignored for the noise.
 constexpr double kGross = 2.0;
-// Of the residuals, at least this share is taken to be free of parameters.
+// Minimum fraction of residuals that counts as degrees of freedom.
 constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
 
 bool everyCapture(int) { return true; }
 
-// The median of the squares of so many normal residuals (Wilson and Hilferty).
+// Median of the squared norm of this many standard normal residuals (Wilson and Hilferty).
 double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
 
-// The noise that half of the residuals keep below, of the expected one: no minority moves it far.
+// Noise relative to the expected noise, from the median residual, which a minority of outliers
+// hardly affects.
 double typicalNoise(const std::vector<Comparison>& comparisons, double data_parameters) {
   std::vector<double> sizes;
   double residuals = 0;
@@ -35,15 +36,15 @@ double typicalNoise(const std::vector<Comparison>& comparisons, double data_para
     residuals += one.residuals;
   }
   const double free = std::max(kLeastFree * residuals, residuals - data_parameters);
-  // The median of a few may be far too small: Rousseeuw's factor for such.
+  // The median of few residuals is biased low; Rousseeuw's factor corrects it.
   return basics::medianOf(std::move(sizes)) * std::sqrt(residuals / free) * (1 + 5 / free);
 }
 
-// The scale of the noise, of the expected one, that the residuals speak of.
+// Scale of the noise relative to the expected noise, estimated from the residuals.
 double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_parameters,
                     double scale) {
-  // What counts as an outlier must not depend on how much the outliers add: from one in thirteen
-  // on, each round would take in more of them.
+  // The outlier limit must not depend on the outliers themselves: from one outlier in thirteen on,
+  // each iteration would include more of them.
   const double typical =
       std::max(std::pow(typicalNoise(comparisons, data_parameters), 2), kLeastVariance);
   double weighted = 0, freedom = 0;
@@ -69,9 +70,9 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
   Statistics out;
   out.information = all.topLeftCorner(count, count);
-  // The readings of a capture see no shape but its own: eliminate one after the other.
+  // Readings of a capture depend on no other capture's shape, so shapes are eliminated one by one.
   struct Shape {
-    Eigen::MatrixXd covariance, by_rest;  // given the rest, and how the rest moves it
+    Eigen::MatrixXd covariance, by_rest;  // given the rest, and the derivative by the rest
     Eigen::Index first;
   };
   std::vector<Shape> shapes;
@@ -86,7 +87,7 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   }
   out.covariance =
       Eigen::LLT<Eigen::MatrixXd>(out.information).solve(Eigen::MatrixXd::Identity(count, count));
-  // Trace of covariance and readings' information: all that the priors do not determine.
+  // Trace of covariance times information of the readings: what the priors do not determine.
   double held = out.covariance.diagonal().dot(prior.head(count));
   for (const Shape& shape : shapes) {
     const Eigen::VectorXd variances =
@@ -100,8 +101,8 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
 
 Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   Estimate estimate;
-  // Placements that are not calibrated are off by far more than the noise: begin with what the
-  // residuals are there, so that no reading is lost to the robust loss.
+  // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
+  // residuals; otherwise the robust loss would discard all readings.
   std::vector<double> errors;
   for (const Comparison& one : problem.compare(1.0)) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));

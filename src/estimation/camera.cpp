@@ -10,7 +10,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr int kMaxNewtonSteps = 30;
-constexpr double kConverged = 1e-13;  // of a direction, far below a millionth of a pixel
+constexpr double kConverged = 1e-13;  // of a direction; far below a millionth of a pixel
 
 struct Distorted {
   Eigen::Vector2d direction;
@@ -37,7 +37,7 @@ Distorted distort(const std::array<double, 8>& k, double x, double y) {
   return out;
 }
 
-// On the side of the axis where the picture still follows the direction.
+// Whether the distortion is still invertible here: it preserves the orientation.
 bool unfolded(const Eigen::Matrix2d& jacobian) {
   return jacobian.determinant() > 0 && jacobian.trace() > 0;
 }

@@ -13,18 +13,20 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr int kCoefficients = 6;
-// Of the largest pressure: where a quintic must have its first sample at the latest.
+// Largest first pressure of a quintic, relative to the largest pressure.
 constexpr double kNearZero = 0.05;
-// Of the largest pressure: a smaller change is noise of the regulator and no new branch.
+// A smaller change of the pressure, relative to the largest one, is noise of the regulator and
+// starts no new branch.
 constexpr double kLeastMove = 0.01;
-// Slope that every curve keeps, as a share of the mean one: what stops cannot be inverted.
+// Smallest slope of a curve, relative to the mean slope; it keeps the curve invertible.
 constexpr double kLeastSlope = 1e-3;
-// Standard errors of its slope that a line through the samples must have to be a trend.
+// Minimum significance of the trend, in standard errors of its slope.
 constexpr double kLeastTrend = 2.0;
-// Of the largest pressure: what is closer is one pressure, written with other last digits.
+// Pressures closer than this, relative to the largest one, are the same value written with other
+// digits.
 constexpr double kSamePressure = 1e-6;
 constexpr int kSlopeChecks = 1001;
-// Pressures closer than this say nothing of a sixth coefficient that rounding does not drown.
+// If pressures are closer than this, rounding exceeds the effect of the sixth coefficient.
 constexpr double kRankThreshold = 1e-8;
 
 using Coefficients = Eigen::Matrix<double, kCoefficients, 1>;
@@ -70,8 +72,7 @@ std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
   return std::nullopt;
 }
 
-// 1 where the pressure had risen when the sample was taken, -1 where it had fallen, 0 before it
-// first moved.
+// 1 if the pressure had risen before the sample, -1 if it had fallen, 0 before its first change.
 std::vector<int> arrivals(const std::vector<double>& pressure, double least_move) {
   std::vector<int> out(pressure.size(), 0);
   for (std::size_t i = 1, last = 0; i < pressure.size(); ++i) {
@@ -95,7 +96,7 @@ std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
   const double least_move = kLeastMove * *std::max_element(pressure.begin(), pressure.end());
   const std::vector<int> before = arrivals(pressure, least_move);
   std::reverse(pressure.begin(), pressure.end());
-  std::vector<int> after = arrivals(pressure, least_move);  // backwards, a rise is a fall
+  std::vector<int> after = arrivals(pressure, least_move);  // in reverse order, a rise is a fall
   std::reverse(after.begin(), after.end());
   std::vector<Branches> out;
   for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -104,7 +105,7 @@ std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
   return out;
 }
 
-// The samples that count, by pressure; lengths at one pressure are their mean, with their number.
+// Samples of the branch, sorted by pressure; lengths at one pressure are averaged.
 struct Knots {
   std::vector<double> pressure, length, weight;
 
@@ -132,7 +133,7 @@ Knots knotsOf(const std::vector<LengthSample>& samples, const std::vector<bool>&
   return knots;
 }
 
-// Slope of the line through the samples that count [m/Pa]; 0 where it says nothing.
+// Slope of the line through the samples of the branch [m/Pa]; 0 if it is not significant.
 double trendOf(const std::vector<LengthSample>& samples, const std::vector<bool>& counts) {
   double n = 0, mean_p = 0, mean_l = 0;
   for (std::size_t i = 0; i < samples.size(); ++i) {
@@ -150,7 +151,7 @@ double trendOf(const std::vector<LengthSample>& samples, const std::vector<bool>
     ll += l * l;
   }
   const double slope = pl / pp;
-  // Rounding alone gives lengths that never change a slope.
+  // Lengths that differ only by rounding have no slope.
   if (ll <= n * std::pow(1e-12 * mean_l, 2)) return 0;
   const double variance = n > 2 ? std::max(0.0, ll - slope * pl) / (n - 2) / pp : 0;
   return std::abs(slope) > kLeastTrend * std::sqrt(variance) ? slope : 0;
@@ -162,7 +163,7 @@ double trendOf(const std::vector<LengthSample>& samples, const std::vector<bool>
 // @param R, z  of the orthogonal decomposition of the samples: |R c - z| is least.
 struct Constrained {
   Coefficients c;
-  bool tight;  // some constraint is
+  bool tight;  // whether any constraint is active
 };
 Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
                              const Eigen::Matrix<double, Eigen::Dynamic, kCoefficients>& G,
@@ -178,7 +179,7 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
   for (Eigen::Index round = 0; round < G.rows(); ++round) {
     Eigen::Index worst = 0;
     const double violation = (d - Mt.transpose() * x).maxCoeff(&worst);
-    // A thousandth of the least slope is no violation but rounding.
+    // A thousandth of the smallest slope is rounding, not a violation.
     if (violation <= 1e-3 * least) break;
     tight.push_back(worst);
     for (;;) {
@@ -189,7 +190,7 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
         columns.col(k) = Mt.col(tight[k]);
         target[k] = d[tight[k]];
       }
-      // Shortest x that meets all of them, and x = columns * wanted.
+      // Shortest x that meets all active constraints, x = columns * wanted.
       const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> rows(columns.transpose());
       const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> combination(columns);
       x = rows.solve(target);
@@ -227,7 +228,7 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
     return Failure{ContractionFitStatus::kTooFewPressures,
-                   textOf("pressures that differ: ", n, "; expected at least ", kCoefficients,
+                   textOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
                           " for a quintic: measure at more, or fit a table")};
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
@@ -242,14 +243,13 @@ Solution fitQuintic(const Knots& knots, double trend) {
   const Matrix6 R = decomposition.matrixQR().topRows<kCoefficients>();
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
-    return Failure{
-        ContractionFitStatus::kTooFewPressures,
-        textOf(n, " pressures, but so close together that they do not tell the ", kCoefficients,
-               " coefficients of a quintic apart: spread them, or fit a table")};
+    return Failure{ContractionFitStatus::kTooFewPressures,
+                   textOf(n, " pressures, too close together to determine the ", kCoefficients,
+                          " coefficients of a quintic: spread them, or fit a table")};
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
 
-  // Slopes in the direction of the trend.
+  // Slopes, positive in the direction of the trend.
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> G(kSlopeChecks, kCoefficients);
   for (int i = 0; i < kSlopeChecks; ++i) {
     double power = trend < 0 ? -1.0 : 1.0;
@@ -278,7 +278,7 @@ Solution fitTable(const Knots& knots, double trend) {
   };
   const double sign = trend < 0 ? -1.0 : 1.0;
   const double slope = kLeastSlope * std::abs(trend);
-  // What rises beyond the least slope: monotone where the lengths are steep enough.
+  // Length minus the smallest permitted change: monotone if the lengths are steep enough.
   const auto excess = [&](std::size_t i) {
     return sign * knots.length[i] - slope * knots.pressure[i];
   };
@@ -337,18 +337,18 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
     const char* const where = options.branch == Branch::kBoth     ? ""
                               : options.branch == Branch::kRising ? " on the rising branch"
                                                                   : " on the falling branch";
-    return failed(options.kind, {ContractionFitStatus::kTooFewPressures,
-                                 textOf("pressures that differ", where, ": ", knots.size(),
-                                        "; expected at least ", quintic ? kCoefficients : 2,
-                                        ": measure at more")});
+    return failed(options.kind,
+                  {ContractionFitStatus::kTooFewPressures,
+                   textOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+                          quintic ? kCoefficients : 2, ": measure at more")});
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
         options.kind,
         {ContractionFitStatus::kNoTrend,
-         textOf("the lengths neither rise nor fall with pressure; expected a line through "
-                "them to slope by at least ",
+         textOf("the lengths neither rise nor fall with pressure; expected a linear trend of "
+                "at least ",
                 kLeastTrend, " of its standard errors: check which column is which")});
   }
   Solution solution = quintic ? fitQuintic(knots, trend) : fitTable(knots, trend);
@@ -359,7 +359,7 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
   fit.status = ContractionFitStatus::kFitted;
 
   fit.residual = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(samples.size()));
-  std::vector<double> rising, falling;  // residuals of the samples that are on one branch only
+  std::vector<double> rising, falling;  // residuals of samples on one branch only
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const auto [pressure, length] = samples[i];
     const model::Range range = fit.curve->inputRange();

@@ -10,8 +10,9 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr double kSlowMotion = 1e4;  // of a pressure, until which slow parts hold [Pa]
-// Directions of less variance than this share of the largest are certain, as across a plane.
+constexpr double kSlowMotion = 1e4;  // of a pressure; slow contributions hold up to it [Pa]
+// A direction with less than this fraction of the largest variance counts as certain, such as
+// across a plane.
 constexpr double kLeastShare = 1e-9;
 // Chi-square's 99.9 % points for 0 to 3 degrees of freedom.
 constexpr std::array<double, 4> kLimits = {0.0, 10.83, 13.82, 16.27};
@@ -20,7 +21,7 @@ void set(TipErrorBudget& budget, BudgetPart part, const Eigen::Matrix3d& covaria
   budget.parts[static_cast<std::size_t>(part)].covariance = covariance;
 }
 
-// The parts that a filter knows, from its covariance and the model about its state.
+// Contributions from the covariance of the filter and the model at its state.
 void addKnown(const ArmFilter& filter, const ArmFilter::Linearisation& model,
               const model::Shape& shape, const Eigen::VectorXd& variance, TipErrorBudget& budget) {
   const Eigen::MatrixXd &H = model.by_theta, &H_p = model.by_pressure;

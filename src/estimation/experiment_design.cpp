@@ -10,16 +10,17 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Captures that add less than this share of what others do, or less than so little, say nothing
-// new.
+// Captures that add less than this fraction of the others' information, or less than an absolute
+// minimum, add nothing new.
 constexpr double kNothingNew = 0.02;
 constexpr double kLeastGainNats = 1e-3;
-// Levels of each actuator, of its range, at which captures are weighed.
+// Fractions of each actuator's range at which candidate captures are evaluated.
 constexpr double kLevels[] = {0.0, 0.5, 1.0};
-// All combinations of levels of so many actuators, else one actuator at a time and pairs.
+// Up to this many actuators, all combinations of levels are candidates; beyond, one actuator at a
+// time and pairs.
 constexpr int kMostCombined = 4;
 
-// Columns of what the shape depends on; of everything where that is not fitted.
+// Columns of the parameters that affect the shape; all columns if none of these is fitted.
 std::vector<int> shapeColumns(const std::vector<ParameterInfo>& infos) {
   std::vector<int> columns;
   for (std::size_t i = 0; i < infos.size(); ++i) {

@@ -7,13 +7,13 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Errors whose median is this many of the expected ones raise what is expected of them, in
-// proportion and up to a limit: tags that are off by more are wrong, however many they are.
+// If the median error exceeds the expected error by more than this factor, the expected error is
+// raised in proportion, up to a limit: larger errors are outliers, however many there are.
 constexpr double kNoisy = 1.5;
 constexpr double kMostNoise = 7.0;
-// Where fewer residuals than this are left over, ones as large as expected make up for them.
+// Minimum degrees of freedom; missing ones are filled with residuals of the expected size.
 constexpr double kLeastFreedom = 4.0;
-// No readings are taken for better than this share of their expected errors' variance.
+// Lower bound of the estimated variance, relative to the expected one.
 constexpr double kLeastVariance = 0.01;
 
 }  // namespace
@@ -47,7 +47,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, d
   double weights = 0, weights2 = 0, weighted = 0, slopes = 0, slopes2 = 0;
   for (std::size_t i = 0; i < fit.tags.size(); ++i) {
     const double weight = fit.tags[i].weight;
-    const double radial = weight * (2 * weight - 1);  // across it the slope is the weight
+    const double radial = weight * (2 * weight - 1);  // across it, the slope is the weight
     weights += weight;
     weights2 += weight * weight;
     weighted += weight * weight * squares[i];
@@ -55,7 +55,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, d
     slopes2 += (residuals - 1) * weight * weight + radial * radial;
   }
   const double all = residuals * static_cast<double>(fit.tags.size());
-  // Tags without weight are none.
+  // Tags of weight 0 do not count.
   const double count = residuals * weights * weights / weights2;
   const double freedom = std::max(0.0, count - data_parameters);
   const double spread = all * slopes2 / (slopes * slopes) - 1;

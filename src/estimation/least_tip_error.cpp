@@ -7,8 +7,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-// K_kappa is looked for within this factor (as a log) of the scene's, to this
-// precision.
+// K_kappa is searched within this factor (as a log) of the scene's, to this precision.
 constexpr double kScanWidth = 4.6;
 constexpr int kScanSteps = 400;
 constexpr double kScanPrecision = 1e-7;
@@ -29,7 +28,7 @@ std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& ar
     for (const Comparison& one : comparisons) sum += one.error;
     return sum / static_cast<double>(comparisons.size());
   };
-  // A mean of distances may have several valleys: the lowest of a scan, then golden sections.
+  // A mean of distances may have several minima: scan, then golden-section search around the best.
   double best = 0, least = errorAt(0);
   for (int step = -kScanSteps; step <= kScanSteps; ++step) {
     const double at = kScanWidth * step / kScanSteps, error = errorAt(at);

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "load_fork.hpp"
 
 namespace helix_arm::estimation {
@@ -14,17 +14,18 @@ namespace {
 
 constexpr char kCulprit[] = "contact";
 constexpr int kForkPeriod = 3;        // pictures
-constexpr int kLeastAge = 2;          // pictures of a fork whose score counts
+constexpr int kLeastAge = 2;          // pictures that a fork must have before its score counts
 constexpr double kArmingTime = 10.0;  // of pictures [s]
 constexpr double kLongestGap = 0.3;   // between pictures; a longer one counts as this [s]
 constexpr double kSureTip = 0.003;    // [m]
 constexpr double kGone = 7.8;         // 95 % point of chi-square, 3 degrees
 constexpr double kGoneTime = 0.5;     // [s]
 constexpr double kDetermined = 3.0;   // standard deviations
-constexpr int kMostOutliers = 2;      // in a row: a third one is another force
+constexpr int kMostOutliers = 2;      // consecutive; a third one is another force
 constexpr double kPlaceLead = 4.5;    // of log likelihoods
 
-// Young forks find what begins now; old ones are few, since they are sure that there was no force.
+// Young forks detect what begins now; few old ones are kept, since they are certain that there was
+// no force.
 bool isKept(std::int64_t age, std::int64_t number) {
   if (age <= 12) return true;
   if (age <= 48) return number % 4 == 0;
@@ -48,22 +49,19 @@ Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
 }  // namespace
 
 void LoadForksOptions::validate() const {
-  basics::requireValue(std::isfinite(limit) && limit > 0, kCulprit, "the limit of the score", limit,
-                       "a finite value > 0");
-  basics::requireValue(std::isfinite(deviation) && deviation > 0, kCulprit,
-                       "the deviation of forces [N]", deviation, "a finite value > 0");
-  basics::requireValue(std::isfinite(creep) && creep >= 0, kCulprit,
-                       "the creep of forces [N s^-1/2]", creep, "a finite value >= 0");
+  basics::requirePositive(kCulprit, "the limit of the score", limit);
+  basics::requirePositive(kCulprit, "the deviation of forces [N]", deviation);
+  basics::requireNotNegative(kCulprit, "the creep of forces [N s^-1/2]", creep);
 }
 
 struct LoadForks::Workspace {
   struct Fork {
     LoadFork state;
-    LoadFork origin;  // the same without the pictures since
+    LoadFork origin;  // the same without the pictures since then
     double time;      // [s]
     std::int64_t number, picture;
   };
-  // A force at one place.
+  // A force at one position of the arm.
   struct Hypothesis {
     LoadFork state;
     double log_likelihood;
@@ -79,15 +77,15 @@ struct LoadForks::Workspace {
 
   LoadForksOptions options;
   std::vector<Fork> forks;             // oldest first
-  std::vector<Hypothesis> hypotheses;  // during contact, one per place; the last is the tip
+  std::vector<Hypothesis> hypotheses;  // during contact, one per position; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
-  int outliers = 0;  // in a row, during contact
+  int outliers = 0;  // consecutive, during contact
   std::optional<double> gone_since;
   ExternalLoad load;
 };
 
-// Has something begun to touch the arm?
+// Detects the onset of a contact.
 void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& compliance,
                                   bool armed) {
   const ArmFilter::Step& step = *watch.lastStep();
@@ -105,7 +103,7 @@ void LoadForks::Workspace::search(double time, ArmFilter& watch, TipCompliance& 
     load.score = score;
   }
   if (armed && load.score > options.limit) {
-    // The copy before the one that found the force has not seen it.
+    // The fork before the one that found the force is not affected by it.
     begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
     watch.setState(hypotheses.back().state.withoutForce());
     return;
@@ -129,7 +127,7 @@ void LoadForks::Workspace::begin(const Fork& found, const LoadFork& before, std:
   forks.clear();
 }
 
-// An outlier is not used; several in a row are another force.
+// A single outlier is ignored; several in a row indicate another force.
 bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) {
   const LoadFork& tip = hypotheses.back().state;
   if (tip.distance2(tip.expect(step, by_force)) <=
@@ -143,7 +141,7 @@ bool LoadForks::Workspace::isUsable(const ArmFilter::Step& step, const Eigen::Ma
   return true;
 }
 
-// How large is the force, where does it act, and does it last?
+// Estimates magnitude and position of the force, and detects its end.
 void LoadForks::Workspace::follow(double time, const ArmFilter::Step& step,
                                   const std::vector<int>& rows, TipCompliance& compliance) {
   for (Hypothesis& hypothesis : hypotheses) hypothesis.state.predict(step, options.creep);

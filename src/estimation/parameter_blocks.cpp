@@ -76,14 +76,14 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
     values_.rig[*info.block].setZero(static_cast<Eigen::Index>(info.numbers.size()));
   }
   const int base_tag = first.layout.baseTag();
-  // Tags come last: there is one block for each.
+  // Tags come last, with one block each.
   for (const bool of_tags : {false, true}) {
     for (const FitParameterInfo& info : fitParameters()) {
       const bool is_of_tags = info.block == ParameterBlock::kTag;
       if (!info.aboutRig() || !selection.has(*info.block) || is_of_tags != of_tags) continue;
       if (!of_tags) addRig(info, options, 0, info.name);
       for (std::size_t i = 0; of_tags && i < tags.size(); ++i) {
-        // It fixes the frame that all is seen from.
+        // This tag fixes the frame of all the others.
         if (static_cast<int>(i) == base_tag) continue;
         addRig(info, options, static_cast<int>(i), info.name + ("_" + std::to_string(tags[i].id)));
       }

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "twist_equations.hpp"
 
@@ -10,7 +11,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr char kCulprit[] = "placed sight";
-// Half the step of differences of a tag's pose: large against rounding.
+// Half the step of the differences of a tag's pose; large compared with rounding.
 constexpr double kStep = 1e-5;  // [m, rad]
 
 lie::Vector6 bothParts(double translation, double rotation) {
@@ -19,7 +20,7 @@ lie::Vector6 bothParts(double translation, double rotation) {
   return out;
 }
 
-// What an exact camera sees of a tag.
+// Corners that an ideal camera sees.
 CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
   const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
   const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section + placed.s) * placed.X_ST;
@@ -32,8 +33,7 @@ CornerObservation observe(const ArmView& view, const model::Shape& shape, int ta
   return out;
 }
 
-// Rigid motion [v; w] of a tag by each of its displacements, seen from the base and about its
-// origin.
+// Rigid motion [v; w] of a tag per displacement, in the base frame, about the tag's origin.
 lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::Shape& shape) {
   lie::Matrix6 out;
   for (int entry = 0; entry < 6; ++entry) {
@@ -67,8 +67,7 @@ void PlacedSight::validate() const {
                        "that of the layout");
   const auto check = [](const lie::Vector6& given) {
     for (const double value : given) {
-      basics::requireValue(std::isfinite(value) && value >= 0, kCulprit,
-                           "a placement's deviation [m, rad]", value, "a finite value >= 0");
+      basics::requireNotNegative(kCulprit, "a placement's deviation [m, rad]", value);
     }
   };
   for (const lie::Vector6& tag : deviations.tags) check(tag);

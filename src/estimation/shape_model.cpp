@@ -12,9 +12,9 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Of the logs: step of the central differences, with an error of its square.
+// Step of the central differences of the logs; their error is of second order.
 constexpr double kStep = 1e-4;
-// Of the bending stiffness of an arm that has none yet, in squares of its actuators' offset.
+// Initial bending stiffness of an arm without one, in squares of its actuators' offset.
 constexpr double kLikelyBending = 0.2;
 
 int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
@@ -170,7 +170,7 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
   const bool fits_ratios = std::any_of(fitted_.begin(), fitted_.end(), [](StiffnessEntry entry) {
     return entry != StiffnessEntry::kEps;
   });
-  // Only where all actuators have the same ratios, one that is 0 can become another.
+  // An entry of 0 can only change if all actuators have the same ratios.
   const Elasticity factors = elasticityAt(logs.data(), {{1, 1, 1}, 1});
   const auto moved = [&](const model::Stiffness& own) {
     return elasticityAt(logs.data(), {own, 0}).ratios;

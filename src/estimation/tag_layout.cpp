@@ -44,7 +44,7 @@ void TagLayout::validate(int sections) const {
     const std::string name = "tag " + std::to_string(tag.id);
     if (tag.id < 0) refuse(name + ": expected an id >= 0");
     if (find(tag.id) != static_cast<int>(i))
-      refuse(name + " is placed twice; expected ids that differ");
+      refuse(name + " is placed twice; expected distinct ids");
     if (tag.section < 0 || tag.section >= sections) {
       refuse(name + " is on section " + std::to_string(tag.section) + "; expected 0 to " +
              std::to_string(sections - 1));

@@ -16,10 +16,10 @@ namespace {
 
 constexpr char kCulprit[] = "compliance of the arm";
 constexpr double kForceStep = 0.25;    // of differences [N]
-constexpr double kPressureMove = 1e4;  // beyond which the compliance is another one [Pa]
+constexpr double kPressureMove = 1e4;  // beyond it the compliance is computed again [Pa]
 constexpr int kPlacesPerSection = 4;
-constexpr int kMostPlacedSections = 4;  // places of more sections are too many to compare
-constexpr double kNoOutliers = 1e6;     // robust scale of a fit that has none
+constexpr int kMostPlacedSections = 4;  // more have too many positions to compare
+constexpr double kNoOutliers = 1e6;     // robust scale without outlier rejection
 
 statics::Load loadOf(const statics::ArmModel& model) {
   if (model.load()) return *model.load();
@@ -68,8 +68,8 @@ class LinearFit {
     return factors_.info() == Eigen::Success;
   }
 
-  // Fitted mean twists of another shape, less those of the one linearised at; nothing if a corner
-  // is behind the camera.
+  // Fitted mean twists of another shape minus those of the linearised one; absent if a corner is
+  // behind the camera.
   std::optional<Eigen::VectorXd> change(const model::Shape& shape) {
     if (!evaluate(shape)) return std::nullopt;
     return Eigen::VectorXd(-factors_.solve(system_.gradient)).head(6 * view_.sections);
@@ -123,7 +123,7 @@ struct TipCompliance::Workspace {
   Compliance compute(const ForcePlace& place);
   const Compliance& at(std::size_t place);
 
-  const statics::Load load;  // with the nominal K_eps
+  const statics::Load load;  // with nominal K_eps
   const bool normalised;
   const std::vector<ForcePlace> places;
   statics::CorrectedModel corrected;
@@ -133,7 +133,7 @@ struct TipCompliance::Workspace {
   std::optional<std::vector<int>> tags;
   std::optional<model::Shape> unforced;
   bool fits = false;
-  std::vector<std::optional<Compliance>> computed;  // of each place
+  std::vector<std::optional<Compliance>> computed;  // per position
 };
 
 std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::Load& with) const {

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <stdexcept>
 #include <utility>
 
 #include "fit_covariance.hpp"
@@ -23,11 +22,11 @@ constexpr double kLeastDamping = 1e-12;
 constexpr double kMaxDamping = 1e8;
 constexpr double kDampingFall = 0.1;
 constexpr double kDampingRise = 10.0;
-// Damping takes a parameter that the tags say nothing of as known to a metre or a radian.
+// Damping treats a parameter that the tags do not determine as known to a metre or a radian.
 constexpr double kLeastInformation = 1.0;
-// Steps that promise less than this part of an expected variance are not worth taking.
+// Converged if the step promises less than this fraction of the expected variance.
 constexpr double kConverged = 1e-5;
-// A cold search also starts this far to each side [rad], but at no more places than these.
+// A cold search also starts at this angle on each side [rad], with at most kMostColdStarts starts.
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
 
@@ -40,7 +39,7 @@ void require(bool holds, const char* what, double value, const char* rule) {
 struct TwistFitter::Workspace {
   TwistEquations equations;
   FitPoint at, next;
-  std::vector<double> errors;  // of the tags, in expected ones
+  std::vector<double> errors;  // of the tags, relative to the expected error
   TwistFit result, best;
   NormalEquations<Eigen::Dynamic> large, large_next;
 
@@ -62,7 +61,7 @@ struct TwistFitter::Workspace {
   int sections() const { return equations.sections(); }
   const TwistFitOptions& options() const { return equations.options(); }
 
-  // Levenberg and Marquardt from `at`; leaves out one of the tags seen, or none (-1).
+  // Levenberg-Marquardt from `at`; leaves out one visible tag, or none (-1).
   template <class Model, int kSize>
   void search(const Model& model, const std::vector<typename Model::Observation>& seen, int skipped,
               NormalEquations<kSize>& system, NormalEquations<kSize>& trial) {
@@ -150,7 +149,7 @@ struct TwistFitter::Workspace {
 
   template <class Observation>
   void checkSeen(const std::vector<Observation>& seen) const {
-    std::uint64_t before = 0;  // a bit a tag; kMaxTags of them
+    std::uint64_t before = 0;  // one bit per tag; kMaxTags of them
     for (const Observation& observation : seen) {
       const int tag = observation.tag;
       require(tag >= 0 && tag < static_cast<int>(layout().tags.size()), "the index of a tag", tag,
@@ -159,12 +158,12 @@ struct TwistFitter::Workspace {
       require((before & bit) == 0, "a tag that is seen twice", layout().tags[tag].id,
               "each at most once");
       before |= bit;
-      require(isFinite(observation), "a tag whose place is not finite", layout().tags[tag].id,
+      require(isFinite(observation), "a tag whose pose is not finite", layout().tags[tag].id,
               "finite numbers");
     }
   }
 
-  // Where most tags are farther off than expected, takes that for what is to be expected.
+  // If most tags have larger errors than expected, raises the expected error.
   template <class Model>
   void adaptToNoise(const Model& model, const std::vector<typename Model::Observation>& seen) {
     if (at.squares.size() != seen.size() || seen.empty()) return;
@@ -223,7 +222,7 @@ struct TwistFitter::Workspace {
       }
     }
     for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(equations.prior(), i);
-    // The best once more, so that the work space is where it ended.
+    // Repeats the best one, so that the workspace holds its result.
     if (!best.tags.empty()) {
       startFrom(best.twists);
       at.X_B0B = best.X_B0B;
@@ -249,16 +248,6 @@ TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
 
 const TagLayout& TwistFitter::layout() const { return work_->layout(); }
 const TwistFitOptions& TwistFitter::options() const { return work_->options(); }
-
-void TwistFitter::know(const RigEstimate& rig) {
-  const bool finite = rig.mean.allFinite() && rig.covariance.allFinite();
-  if (!finite || Eigen::LLT<RigEstimate::Matrix>(rig.covariance).info() != Eigen::Success) {
-    throw std::invalid_argument(
-        "twist fit: what is known of base and bleed is no estimate; expected finite numbers and a "
-        "covariance that is positive definite");
-  }
-  work_->equations.know(rig);
-}
 
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
@@ -297,17 +286,10 @@ void TwistFitOptions::validate() const {
   positive("the robust scale", robust_scale);
   positive("the model's prior of v [m]", model_prior.translation);
   positive("the model's prior of w [rad]", model_prior.rotation);
-  positive("the prior of the base's place [m]", base_prior.translation);
+  positive("the prior of the base's position [m]", base_prior.translation);
   positive("the prior of the base's rotation [rad]", base_prior.rotation);
   positive("the prior of the bleed [m]", bleed_prior);
   require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
-}
-
-RigEstimate::RigEstimate(const TwistFitOptions& options) {
-  Vector deviation;
-  deviation << Eigen::Vector3d::Constant(options.base_prior.translation),
-      Eigen::Vector3d::Constant(options.base_prior.rotation), options.bleed_prior;
-  covariance = deviation.cwiseAbs2().asDiagonal();
 }
 
 const char* nameOf(FitStatus status) {

@@ -7,7 +7,7 @@
 namespace helix_arm::follow {
 namespace {
 
-// Of the mean square of the Jacobian's entries: near a singular pose the lead stays small.
+// Relative to the mean square of the Jacobian's entries: limits the lead near a singular pose.
 constexpr double kLeadDamping = 1e-3;
 
 statics::InverseOptions nearby() {

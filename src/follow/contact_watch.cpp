@@ -8,7 +8,7 @@
 namespace helix_arm::follow {
 namespace {
 
-// The old tags err by their placements, and so do the new ones.
+// Both the old and the new set of tags have placement errors.
 constexpr double kTagChange = 2.0;
 
 estimation::TipCompliance complianceOf(const statics::ArmModel& model,
@@ -32,6 +32,8 @@ ContactWatch::ContactWatch(const statics::ArmModel& model, const SightLoopConfig
 
 void ContactWatch::see(const estimation::ArmFilter::Input& picture,
                        const std::optional<std::vector<int>>& tags, estimation::ArmFilter& watch) {
+  // A picture that is not used, such as a repeated one, says nothing of the tags either.
+  if (watch.check(picture) != estimation::SightingFault::kNone) return;
   if (tags) takeTags(picture, *tags, watch);
   const estimation::Sighting sighting = watch.see(picture);
   if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;
@@ -40,7 +42,7 @@ void ContactWatch::see(const estimation::ArmFilter::Input& picture,
   forks_.see(picture.time, largestDeviation(tip), watch, compliance_);
 }
 
-// Other tags err by other placements: without this, occlusion would look like contact.
+// Another set of tags has other placement errors; otherwise, occlusion would look like contact.
 void ContactWatch::takeTags(const estimation::ArmFilter::Input& picture,
                             const std::vector<int>& tags, estimation::ArmFilter& watch) {
   const bool changed = tags_ && *tags_ != tags;

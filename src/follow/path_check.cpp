@@ -5,20 +5,21 @@
 #include <sstream>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/lie/se3.hpp"
 
 namespace helix_arm::follow {
 namespace {
 
-constexpr char kCulprit[] = "check of a path";
+constexpr char kCulprit[] = "path check";
 constexpr double kStep = 0.01;  // [s]
 constexpr int kMostPlaces = 200'000;
-constexpr int kPlacesBeyond = 200;  // that are searched for the worst one, once one is out of reach
-constexpr int kHalvings = 6;        // of a step in which the pressures change too fast
-constexpr double kJumpPart = 0.5;  // of that change, if it stays within 1 / 2^kHalvings of the step
+constexpr int kPlacesBeyond = 200;  // examined after the first one out of reach
+constexpr int kHalvings = 6;        // of a step in which pressures change too fast
+constexpr double kJumpPart = 0.5;   // of that change within 1 / 2^kHalvings of the step: a jump
 
-// Inputs along a path, searched from each place to the next.
+// Inputs along a path, each position starting from the previous solution.
 class Walk {
  public:
   Walk(const control::TipPath& path, statics::InverseSolver& solver, Eigen::VectorXd start)
@@ -40,18 +41,17 @@ class Walk {
   Eigen::VectorXd input_;
 };
 
-// The fastest step of an actuator, as a multiple of what it may do.
+// The fastest step of an actuator, relative to its permitted change.
 struct Fastest {
   double excess = 0.0;
   int actuator = -1;
   double begin = 0.0, end = 0.0;  // [s]
-  Eigen::VectorXd from;           // inputs at its beginning
+  Eigen::VectorXd from;           // inputs at the beginning
   double change = 0.0;            // of the actuator [Pa]
 };
 
 void validate(const PathRules& rules, const model::Arm& arm) {
-  basics::requireValue(std::isfinite(rules.tolerance) && rules.tolerance > 0, kCulprit,
-                       "the tolerance [m]", rules.tolerance, "a finite value > 0");
+  basics::requirePositive(kCulprit, "the tolerance [m]", rules.tolerance);
   basics::requireValue(rules.slew.size() == arm.actuatorCount(), kCulprit,
                        "the number of slew rates", rules.slew.size(), "one per actuator");
   for (const double slew : rules.slew) {
@@ -83,17 +83,17 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
   text << "the path leaves the arm's reach after " << since << " s; farthest after "
        << placeText(out.time, out.position) << ": ";
   if (!std::isfinite(out.residual)) {
-    text << "no shape of the arm holds its load there; move the path or lower the load";
+    text << "no shape of the arm balances its load there; move the path or lower the load";
     out.reason = text.str();
     return out;
   }
-  text << 1e3 * out.residual << " mm from the closest that the arm reaches, and "
+  text << 1e3 * out.residual << " mm from the closest reachable position, and "
        << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
   out.reason = text.str();
   return out;
 }
 
-// Whether a fast step is a jump: halved again and again, it stays in one half.
+// Whether a fast step is a jump: if the step is halved repeatedly, the change stays in one half.
 bool isJump(const control::TipPath& path, statics::InverseSolver& solver, const Fastest& step) {
   double begin = step.begin, end = step.end;
   Eigen::VectorXd from = step.from;
@@ -129,7 +129,7 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
   if (jumps) {
     text << "the pressure of " << name << " has to jump by " << std::abs(step.change) / 1e3
          << " kPa after " << placeText(time, out.position)
-         << ", where the arm passes from one shape to another; move the path";
+         << ", where the arm snaps from one shape to another; move the path";
   } else {
     out.stretch = step.excess;
     text << "the path is too fast after " << placeText(time, out.position) << ": " << name
@@ -145,7 +145,7 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
 
 std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::Arm& arm,
                                      statics::InverseSolver& solver, const Eigen::VectorXd& start,
-                                     const PathRules& rules) {
+                                     const PathRules& rules, const std::function<bool()>& stops) {
   validate(rules, arm);
   const double duration = path.lastTime() - path.firstTime();
   const int places = std::clamp(static_cast<int>(std::ceil(duration / kStep)), 1, kMostPlaces);
@@ -154,6 +154,7 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
   Fastest fastest;
   double last = path.firstTime();
   for (int k = 0; k <= places; ++k) {
+    if (stops && stops()) return std::nullopt;
     const double time = path.firstTime() + duration * k / places;
     const statics::InverseResult& result = walk.to(time);
     if (!(result.residual <= rules.tolerance)) {

@@ -18,15 +18,18 @@ namespace {
 
 constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
 constexpr double kClosingTime = 0.5;       // [s]
-constexpr double kSureTip = 0.01;          // least certain prediction that closes it [m]
-constexpr double kFadeTime = 1.0 / 3.0;    // time constant of what fades over a second [s]
+constexpr double kSureTip = 0.01;          // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
-constexpr double kReadingPatience = 0.05;  // a picture may be newer than the readings by this [s]
-constexpr double kAtStart = 0.002;         // distance from which a path begins at once [m]
+constexpr double kReadingPatience = 0.05;  // how far a picture may be newer than the readings [s]
+constexpr double kShortApproach = 0.04;    // of 2 mm; a path then begins immediately [s]
 constexpr double kDiverged = 0.02;         // [m]
-constexpr double kDivergingTime = 1.0;     // in which the error doubles [s]
+constexpr double kDivergingTime = 1.0;     // within which the error doubles [s]
+// An error that a load causes at once shrinks to this part while the loop corrects it.
+constexpr double kCorrectedPart = 0.75;
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
-constexpr int kMostTurns = 2048;  // whose wanted tip is remembered
+constexpr int kMostTurns = 2048;  // history of the wanted tip
 constexpr int kMostErrors = 512;  // of pictures
 
 lie::SE3 tipOf(const Target& target) {
@@ -82,7 +85,9 @@ struct SightLoop::Workspace {
   void moveWanted(double dt);
   void command();
   std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
+  lie::SE3 presentTip(const lie::SE3& unknown);
   void begin(const Target& next);
+  void forgetErrors() { errors.clear(), suspicion.reset(); }
   void learn();
   const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
   void fade();
@@ -95,12 +100,12 @@ struct SightLoop::Workspace {
   estimation::ErrorBudget budget;
   ContactWatch contact;
   OnContact on_contact;
-  statics::CorrectedModel estimated;  // with all that the tracker knows
+  statics::CorrectedModel estimated;  // with everything the tracker has estimated
   control::PressureObserver observer;
   Aim aim;
 
   bool enabled = false, closed = true, diverged = false;
-  bool fades = false;  // the correction goes to 0
+  bool fades = false;  // the correction decays to 0
   // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
   Eigen::Vector3d beyond = Eigen::Vector3d::Zero(), beyond_goal = Eigen::Vector3d::Zero();
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
@@ -111,17 +116,25 @@ struct SightLoop::Workspace {
   double path_time = 0.0;                        // negative during the approach [s]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
 
-  std::array<double, kClosingPictures> accepted_at;  // arrivals, newest first [s]
+  std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   TimeRing<double, kMostErrors> errors;
+  double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
+  bool reaches = false;       // the corrected model reaches the target
+  bool within_reach = false;  // it did when the target was set
+  // A divergence, unless the error shrinks.
+  struct Suspicion {
+    double since, error;  // [s], [m]
+  };
+  std::optional<Suspicion> suspicion;
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
   Eigen::VectorXd lengths;
   Turn turn;
 };
 
-// Whether what the pictures teach goes into the command.
+// Whether the estimate from pictures corrects the command.
 bool SightLoop::Workspace::tracks(double now) const {
   if (!closed || yields() || diverged) return false;
   return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
@@ -176,15 +189,27 @@ const statics::InverseResult& SightLoop::Workspace::solve(const Target& wanted_t
   return aim.solve(wanted_tip, fresh);
 }
 
+// The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
+lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
+  const auto predicted =
+      observer.started() ? tipAt(observer.newest().pressure) : std::optional<lie::SE3>();
+  lie::SE3 out = predicted.value_or(unknown);
+  if (!target || (predicted && !reaches)) return out;
+  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target);
+  out.translation = std::get<Eigen::Vector3d>(*target);
+  return out;
+}
+
 void SightLoop::Workspace::begin(const Target& next) {
   if (!target && observer.started()) aim.startAt(observer.newest().pressure);
-  solve(next, true);
+  reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
   target = next;
-  errors.clear();
+  forgetErrors();
+  if (observer.started()) aimed_at = observer.time();
   error.reset();
 }
 
-// While something touches the arm, or nothing is to be moved, the path waits.
+// The path waits during a contact, or while the arm must not move.
 void SightLoop::Workspace::moveWanted(double dt) {
   velocity.setZero();
   turn.path_time.reset();
@@ -204,6 +229,7 @@ void SightLoop::Workspace::moveWanted(double dt) {
 void SightLoop::Workspace::command() {
   const statics::InverseResult& result = solve(*target, false);
   turn.status = result.status;
+  reaches = result.status == statics::InverseStatus::kReached;
   turn.residual = result.residual;
   turn.position_error = result.position_error;
   turn.limits = result.limits;
@@ -233,8 +259,8 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
   return true;
 }
 
-// A still target from which the arm moves away although it is said to be within reach: the model
-// bends the wrong way.
+// Detects an arm that moves away from a constant target within the model's reach, and goes on while
+// the loop corrects it: the model bends in the wrong direction.
 void SightLoop::Workspace::compare(double stamp, double now,
                                    const estimation::ArmFilter::Input& picture) {
   error.reset();
@@ -243,11 +269,19 @@ void SightLoop::Workspace::compare(double stamp, double now,
   if (!place || !shape) return;
   const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
   error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
+  if (stamp <= aimed_at) return;  // says nothing of the present target
   errors.add(now, *error);
   const auto earlier = errors.before(now - kDivergingTime);
-  if (turn.state == LoopState::kClosed && !path && earlier && *error > kDiverged &&
-      *error > 2 * *earlier && turn.status == statics::InverseStatus::kReached) {
-    diverged = true;
+  const bool grows = earlier && *error > kDiverged && *error > 2 * *earlier;
+  if (turn.state != LoopState::kClosed || path || !within_reach) {
+    suspicion.reset();
+  } else if (!suspicion) {
+    if (grows) suspicion = Suspicion{now, *error};
+  } else if (*error < kCorrectedPart * suspicion->error) {
+    suspicion.reset();
+  } else {
+    const double patience = config.smoothing + config.time_constant + kCorrectingTime;
+    diverged = now - suspicion->since >= patience;
   }
 }
 
@@ -265,18 +299,15 @@ void SightLoop::aimAt(const Target& target) {
 void SightLoop::follow(control::TipPath path) {
   Workspace& w = *work_;
   const control::TipReference first = path.at(0.0);
-  const auto present = w.target               ? std::optional(tipOf(*w.target))
-                       : w.observer.started() ? w.tipAt(w.observer.newest().pressure)
-                                              : std::nullopt;
-  const lie::SE3 from = present.value_or(lie::SE3{Eigen::Matrix3d::Identity(), first.position});
-  const bool turns =
-      first.rotation && w.target && !std::holds_alternative<Eigen::Vector3d>(*w.target);
-  w.approach = turns ? control::TipApproach(from, lie::SE3{*first.rotation, first.position})
-                     : control::TipApproach(from.translation, first.position);
-  const bool there = (from.translation - first.position).norm() <= kAtStart;
+  const lie::SE3 to{first.rotation.value_or(Eigen::Matrix3d::Identity()), first.position};
+  const lie::SE3 from = w.presentTip(to);
+  w.approach = first.rotation ? control::TipApproach(from, to)
+                              : control::TipApproach(from.translation, first.position);
+  const bool there = w.approach->duration() <= kShortApproach;
   w.path_time = there ? 0.0 : -w.approach->duration();
   if (!w.target) w.begin(from.translation);
-  w.errors.clear();
+  w.forgetErrors();
+  w.within_reach = true;  // of the path's last point, which then stays the target
   w.path = std::move(path);
 }
 
@@ -310,7 +341,7 @@ void SightLoop::reset() {
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
   w.diverged = false;
-  w.errors.clear();
+  w.forgetErrors();
   if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
   w.fade();
 }
@@ -323,11 +354,12 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   Workspace& w = *work_;
   const bool began = w.observer.started();
   double dt = began ? time - w.observer.time() : 0.0;
-  if (dt < 0) {  // the clock was set back: what is known of the arm stays
+  if (dt < 0) {  // the clock was set back: the estimate of the arm stays
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();
-    w.errors.clear();
+    w.forgetErrors();
+    w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
     w.slow_until = -std::numeric_limits<double>::infinity();
   }

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::follow {
 namespace {
@@ -18,16 +18,14 @@ void SightLoopConfig::validate() const {
   contact.validate();
   if (sight) sight->validate();
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                         "a finite value > 0");
+    basics::requirePositive(kCulprit, what, value);
   };
   positive("the smoothing time [s]", smoothing);
   positive("the time after which it coasts [s]", stale_after);
   positive("the time for which it coasts [s]", coast_time);
   positive("the regulator's time constant [s]", time_constant);
   positive("the noise of a reading [Pa]", reading_noise);
-  basics::requireValue(std::isfinite(watch_creep) && watch_creep >= 0, kCulprit,
-                       "the creep of the watch [s^-1/2]", watch_creep, "a finite value >= 0");
+  basics::requireNotNegative(kCulprit, "the creep of the watch [s^-1/2]", watch_creep);
 }
 
 double smoothingFor(double frequency, double damping, double time_constant) {

@@ -25,7 +25,7 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
   return model::PlanarArm(std::move(planar));
 }
 
-// Of each section [N]; none under load is a fault.
+// Of each section [N]; missing values are faults under load.
 std::vector<double> extensionalStiffness(const MapReader& scene, const Value& arm,
                                          const std::vector<SectionParts>& sections,
                                          FaultList& faults) {
@@ -40,8 +40,8 @@ std::vector<double> extensionalStiffness(const MapReader& scene, const Value& ar
     report(faults, (stiffness == nullptr ? arm : *stiffness).place,
            joinPath(scene.path("arm"), "stiffness.K_eps_n") +
                " is missing; expected a finite value > 0 [N], the extensional stiffness of one "
-               "actuator, for the key load needs it; without it there or in a stiffness of their "
-               "own: sections " +
+               "actuator, which the key load needs; missing there and in their own stiffness: "
+               "sections " +
                lacking);
   }
   if (values.size() != sections.size()) values.clear();
@@ -73,7 +73,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
                                  std::to_string(model::kMaxSections));
   }
   std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
-  // An unknown contraction leaves actuators out without a fault of their own.
+  // An unknown contraction omits its actuators, which is not a fault of their own.
   if (faults.count() != faults_before) return std::nullopt;
   std::vector<model::Section> sections;
   std::vector<SectionLook> looks;
@@ -89,7 +89,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
                     std::move(K_eps)};
   } catch (const std::invalid_argument& error) {
-    arm.complain("sections", std::string("make no arm: ") + error.what());
+    arm.complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;
   }
 }

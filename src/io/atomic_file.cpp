@@ -35,9 +35,9 @@ const char* remedyOf(int error) {
     case ENOSPC:
     case EDQUOT:
     case EFBIG:
-      return "make room, or choose another place";
+      return "free disk space, or choose another path";
     default:
-      return "choose another place";
+      return "choose another path";
   }
 }
 
@@ -78,8 +78,8 @@ std::string temporaryName(const std::string& name) {
   return prefixOf(name) + digits + kSuffix;
 }
 
-// A writer holds a lock on its temporary file, and the system takes it back when the writer ends.
-// What can be locked here has no writer left.
+// A writer locks its temporary file, and the system releases the lock when the writer ends. A file
+// that can be locked here has been abandoned.
 void removeAbandoned(int folder, const std::string& name) {
   const int listed = ::openat(folder, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (listed < 0) return;
@@ -101,7 +101,7 @@ void removeAbandoned(int folder, const std::string& name) {
   }
 }
 
-// A new file in a folder, gone again with the object unless it was renamed.
+// A new file in a folder; the destructor removes it unless it was renamed.
 class TemporaryFile {
  public:
   TemporaryFile(const Descriptor& folder, const std::string& name, const std::string& path)
@@ -150,8 +150,8 @@ class TemporaryFile {
       if (!file.isOpen()) name_.clear();
       if (!file.isOpen() && error == EEXIST) continue;
       if (!file.isOpen()) refuse(path_, error);
-      // Between its making and its lock another writer may take the file for an abandoned one.
-      // Where the file system has no locks it cannot.
+      // Between creation and lock, another writer may remove the file as abandoned. On file systems
+      // without locks it cannot.
       const bool taken = ::flock(*file, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
       struct stat now {};
       if (!taken && ::fstat(*file, &now) == 0 && now.st_nlink > 0) return file;
@@ -167,31 +167,31 @@ class TemporaryFile {
 
 struct Target {
   std::string directory, name;
-  std::optional<mode_t> permissions;  // of the file that is there
+  std::optional<mode_t> permissions;  // of the existing file
 };
 
 Target targetOf(const std::string& path) {
   struct stat present {};
   const bool exists = ::stat(path.c_str(), &present) == 0;
   if (!exists && errno != ENOENT) refuse(path, errno);
-  // Written to, it would be replaced by a file; followed, it would make one where nobody said so.
+  // A device would be replaced by a file, and a dangling link would create a file elsewhere.
   struct stat link {};
   if (!exists && ::lstat(path.c_str(), &link) == 0) {
-    refuse(path, "it is a link to a file that is not there",
+    refuse(path, "it is a link to a file that does not exist",
            "remove the link, or name the file that it leads to");
   }
   if (exists && S_ISDIR(present.st_mode)) {
     refuse(path, "it is a folder", "expected the path of a file");
   }
   if (exists && !S_ISREG(present.st_mode)) {
-    refuse(path, "it is no regular file", "expected the path of one, or a free one");
+    refuse(path, "it is not a regular file", "expected the path of a regular file, or a new one");
   }
-  // A file whose owner forbade writing is kept, even where the rules of the system would let it be
-  // replaced: its folder decides that, and root may do anything.
+  // A read-only file is kept, even if the system would allow replacing it: that depends on its
+  // folder only, and root may do anything.
   constexpr mode_t kWritable = S_IWUSR | S_IWGRP | S_IWOTH;
   if (exists && ((present.st_mode & kWritable) == 0 ||
                  ::faccessat(AT_FDCWD, path.c_str(), W_OK, AT_EACCESS) != 0)) {
-    refuse(path, "it is read-only", "allow writing to it, or choose another place");
+    refuse(path, "it is read-only", "allow writing to it, or choose another path");
   }
   std::error_code error;
   const fs::path target = exists ? fs::canonical(path, error) : fs::path(path);
@@ -227,7 +227,7 @@ class AtomicFile::Place {
   void commit() {
     file_.sync();
     file_.renameTo(target_.name);
-    // Not every file system can sync a folder; those that cannot say EINVAL.
+    // Not every file system can sync a folder; those that cannot return EINVAL.
     if (::fsync(*folder_) != 0 && errno != EINVAL) {
       throw FileError(path_ +
                       " is written, but a loss of power may undo it: its folder cannot be "

@@ -19,15 +19,15 @@ const char* const kTitle =
     "made\n"
     "# from, and how far to trust each number.\n";
 
-// A map of the file that describes actuators: a ring of several, or one.
+// A map in the file that describes actuators: a ring or a single one.
 struct ActuatorEntry {
   Value* keys;
   std::string path;
-  int first;  // of its actuators in the arm
+  int first;  // index of its first actuator in the arm
   int count;
 };
 
-// The sections of a document that is a scene.
+// The sections of the document of a valid scene.
 std::vector<Value::Entry>& sectionsOf(Value& document) {
   return findValue(*findValue(document, "arm"), "sections")->entries;
 }
@@ -53,7 +53,7 @@ std::vector<ActuatorEntry> actuatorEntries(Value& document) {
   return entries;
 }
 
-// All stiffnesses that are given, so that none keeps an old one.
+// All maps of stiffness in the document, so that no old value remains in any.
 std::vector<Value*> stiffnessesOf(Value& document) {
   std::vector<Value*> owners{findValue(document, "arm")}, given;
   for (Value::Entry& section : sectionsOf(document)) owners.push_back(&section.value);
@@ -74,7 +74,7 @@ void putStiffness(const model::Stiffness& stiffness, Value& document) {
 
 void putK_eps(const Scene& scene, double K_eps, Value& document) {
   basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
-                  "nothing loads scene ", scene.name, "; expected one with a load");
+                  "scene ", scene.name, " has no load; expected one with a load");
   for (Value* const one : stiffnessesOf(document)) {
     if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
   }
@@ -109,7 +109,7 @@ void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
   putPose(X_WC, *findValue(document, "camera"));
 }
 
-// The frame that the poses of a group are given in, seen from the base curve's.
+// The frame in which the poses of a group are given, relative to that of the base curve.
 lie::SE3 mountOf(const Scene& scene, const Value& group, int section) {
   const Value* name = group.find("actuator");
   for (int i = scene.arm.firstActuator(section);
@@ -124,7 +124,7 @@ bool isSame(const estimation::TagPlacement& a, const estimation::TagPlacement& b
          a.X_ST.translation == b.X_ST.translation;
 }
 
-// A group of one tag, mounted as those of another one.
+// A group of one tag with the mount of another group.
 Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPlacement& tag) {
   MapWriter group;
   for (const char* key : {"section", "actuator"}) {
@@ -164,7 +164,7 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-// Limits that were given and reach beyond a new curve.
+// Given limits that exceed the range of a new curve.
 void findLimitsBeyond(const std::string& name, const model::Range& range,
                       const std::vector<ActuatorEntry>& entries, FaultList& faults) {
   for (const ActuatorEntry& entry : entries) {
@@ -189,18 +189,21 @@ Value curveValue(const estimation::ContractionFit& fit) {
     return kpa;
   };
   MapWriter curve, value;
-  if (fit.kind == estimation::CurveKind::kQuintic) {
-    curve.numbers("coefficients_m",
-                  Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
-                                                    static_cast<int>(fit.coefficients.size())));
-    curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
-    curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
-    value.set("quintic", curve.value());
-  } else {
-    curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
-    curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
-                                  fit.lengths.data(), static_cast<int>(fit.lengths.size())));
-    value.set("table", curve.value());
+  switch (fit.kind) {
+    case estimation::CurveKind::kQuintic:
+      curve.numbers("coefficients_m",
+                    Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
+                                                      static_cast<int>(fit.coefficients.size())));
+      curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
+      curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
+      value.set("quintic", curve.value());
+      break;
+    case estimation::CurveKind::kTable:
+      curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
+      curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
+                                    fit.lengths.data(), static_cast<int>(fit.lengths.size())));
+      value.set("table", curve.value());
+      break;
   }
   return value.value();
 }
@@ -219,7 +222,7 @@ void putContraction(const Scene& scene, const std::string& name,
                   " of scene ", scene.name, " is a tendon; expected one that pressure drives");
   findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
   *present = curveValue(fit);
-  // Factors on the old curve say nothing of the new one.
+  // Scale factors of the old curve do not apply to the new one.
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     const bool scaled = entry.keys->find("length_scale") != nullptr;
     if (scaled && entry.keys->find("contraction")->text == name) {
@@ -234,7 +237,7 @@ Value& tagsOf(const Scene& scene, Value& document) {
   return *findValue(document, "tags");
 }
 
-// What writers of the parameters are given.
+// Input of the writers of parameters.
 struct Target {
   const Scene& scene;
   const SceneCalibration& calibration;
@@ -282,7 +285,7 @@ void writeBleed(const Target& to) {
   setValue(tags, "size_m", numberValue(to.scene.tags->size - 2 * to.calibration.bleed));
 }
 
-// What a fitted parameter changes of the scene.
+// Adds the changes of the scene for a fitted parameter.
 void addChange(estimation::FitParameter parameter, const Scene& scene,
                const estimation::Calibration& calibration, bool corners,
                SceneCalibration& changes) {
@@ -299,7 +302,7 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
     case FitParameter::kLengthScaleEach:
       changes.length_scale = calibration.length_scale;
       return;
-    case FitParameter::kContraction:  // from a fit of its own
+    case FitParameter::kContraction:  // has a fit of its own
       return;
     case FitParameter::kBase:
       if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
@@ -314,7 +317,7 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
   }
 }
 
-// Parameters that share keys share a writer.
+// The writer of a parameter; parameters with common keys share one.
 Writer writerOf(estimation::FitParameter parameter) {
   using estimation::FitParameter;
   switch (parameter) {
@@ -340,7 +343,7 @@ Writer writerOf(estimation::FitParameter parameter) {
 }
 
 void putCalibration(const Target& to) {
-  // Length scales are factors on the new curves.
+  // Length scales apply to the new curves, so they are written last.
   std::vector<Writer> writers{writerOf(estimation::FitParameter::kContraction)};
   for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
     const Writer writer = writerOf(info.parameter);
@@ -368,7 +371,7 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
   FaultList faults(path);
   auto [document, read_sha256] = readSceneDocument(path, overrides, faults);
   if (!sha256.empty() && read_sha256 != sha256) {
-    throw DocumentError(path + " was written to while it was calibrated; calibrate it again");
+    throw DocumentError(path + " changed while it was calibrated; calibrate it again");
   }
   const Scene scene = makeScene(document, faults);
   putCalibration({scene, calibration, document, faults});

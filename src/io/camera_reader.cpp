@@ -20,7 +20,7 @@ const NumberRule kPixels{"a whole number > 0", wholeAndPositive, 1, 20000, " px"
 const NumberRule kFocalLength = within(kPositive, 1, 1e6, " px");
 const NumberRule kPixelCoordinate = within(kFinite, -1e5, 1e5, " px");
 const NumberRule kDistortion = within(kFinite, -1e4, 1e4);
-// A camera that stands farther off stands there in mm.
+// A camera farther away than this was given in mm.
 const NumberRule kPlace = within(kFinite, -100, 100, " m");
 const NumberRule kFrameRate = within(kPositive, 0.01, 1000, " Hz");
 
@@ -86,8 +86,8 @@ std::optional<CameraConfig> readCamera(const MapReader& scene, const Value& docu
     camera.model.cy = (*centre)[1];
   }
   camera.model.distortion = readDistortion(keys);
-  keys.required("position_m", "where the camera stands in the world [m]");
-  keys.required("rpy_deg", "where its x axis, the optical axis, points [degrees]");
+  keys.required("position_m", "the position of the camera in the world [m]");
+  keys.required("rpy_deg", "the rotation of its frame, whose x axis is the optical axis [degrees]");
   camera.X_WC = readPose(keys, kPlace);
   camera.X_WC.rotation *= kOpticalInBody;
   if (const Value* webcam = value->find("webcam")) {

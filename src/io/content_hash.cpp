@@ -51,8 +51,7 @@ std::string sha256Of(const std::string& content) {
 std::string sha256OfFile(basics::RegularFile& file, const std::string& path, std::uint64_t most) {
   const auto refuse = [&path](const std::string& fault) {
     const bool complete = fault.find("; expected ") != std::string::npos;
-    throw FileError(path + " " + fault +
-                    (complete ? "" : "; expected a file that is there and may be read"));
+    throw FileError(path + " " + fault + (complete ? "" : "; expected an existing, readable file"));
   };
   const std::string too_large = basics::largerThan(most) + "; expected a smaller file";
   if (!file.isOpen()) refuse(file.fault());

@@ -71,8 +71,9 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
       OptionalCurve read = kind.read(curve);
       if (read) return NamedContraction{std::move(*read), kind.drive};
     } catch (const std::invalid_argument& error) {
-      contraction.complain(*given,
-                           std::string("is no contraction (in Pa, m and rad): ") + error.what());
+      contraction.complain(
+          *given,
+          std::string("is not a valid contraction (values in Pa, m and rad): ") + error.what());
     }
   }
   return std::nullopt;

@@ -14,10 +14,10 @@
 namespace helix_arm::io {
 namespace {
 
-constexpr double kLargest = 1e300;         // no change of units makes it infinite
-constexpr std::size_t kManyFaults = 1000;  // a file of quite another kind; nobody reads further
+constexpr double kLargest = 1e300;         // stays finite in any unit
+constexpr std::size_t kManyFaults = 1000;  // the file is of another kind; more faults help nobody
 
-// What a table costs in memory is a small multiple of these, in everything that is made of it.
+// The memory of a table, and of everything derived from it, is a small multiple of these.
 constexpr std::size_t kMostRows = 200'000;
 constexpr std::size_t kMostColumns = 1000;
 constexpr std::size_t kMostCells = 4'000'000;
@@ -35,7 +35,7 @@ std::size_t cellCount(std::string_view line) {
   return static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
 }
 
-// Takes the first cell of a line, and its comma.
+// Removes the first cell of a line and its comma.
 std::string_view takeCell(std::string_view& line) {
   const std::size_t end = line.find(',');
   const std::string_view cell = trimmed(line.substr(0, end));
@@ -86,7 +86,7 @@ class TableReader {
       const std::string_view name = takeCell(content);
       if (name.size() > kLongestName) {
         return refuse(line, "column " + std::to_string(i + 1) + " " +
-                                atMost(name.size(), " letters in its name", kLongestName));
+                                atMost(name.size(), " characters in its name", kLongestName));
       }
       data_.columns.emplace_back(name);
     }
@@ -112,22 +112,22 @@ class TableReader {
   void readRow(std::string_view content, int line) {
     if (rows_ == kMostRows) {
       return refuse(line, "is row " + std::to_string(rows_ + 1) + "; expected at most " +
-                              std::to_string(kMostRows) + " rows: give part of them");
+                              std::to_string(kMostRows) + " rows: split the file");
     }
     const std::size_t columns = data_.columns.size();
     if ((rows_ + 1) * columns > kMostCells) {
       return refuse(line, "is row " + std::to_string(rows_ + 1) + " of " + std::to_string(columns) +
                               " columns; expected at most " + std::to_string(kMostCells) +
-                              " cells: give part of the rows");
+                              " cells: split the file");
     }
     ++rows_;
     data_.lines.push_back(line);
     const std::size_t count = cellCount(content);
     if (count != columns) {
       faults_.add(line, "has " + std::to_string(count) + " cells; expected " +
-                            std::to_string(columns) + ", one for each column");
+                            std::to_string(columns) + ", one per column");
     }
-    // The number of cells of a sound table, whatever the row holds.
+    // The expected number of cells, even if the row has others.
     for (std::size_t i = 0; i < columns; ++i) {
       cells_.push_back(count == columns ? numberOf(takeCell(content), i, line) : 0);
     }
@@ -140,23 +140,23 @@ class TableReader {
     };
     if (cell.empty()) return complain("is empty; expected a finite number");
     if (cell.size() > kLongestCell) {
-      return complain(atMost(cell.size(), " letters", kLongestCell));
+      return complain(atMost(cell.size(), " characters", kLongestCell));
     }
     cell_.assign(cell);
     const std::optional<double> number = parseNumber(cell_);
-    if (!number) return complain("is no finite number; expected one");
+    if (!number) return complain("is not a finite number; expected one");
     if (std::abs(*number) > kLargest) {
-      return complain("is too large a number; expected at most " + formatNumber(kLargest));
+      return complain("is too large; expected at most " + formatNumber(kLargest));
     }
     return *number;
   }
 
   DataSet& data_;
   FaultList& faults_;
-  std::vector<double> cells_;  // row after row
+  std::vector<double> cells_;  // in row order
   std::size_t rows_ = 0;
   std::string cell_;
-  bool full_ = false;  // nothing more is read
+  bool full_ = false;  // the rest is not read
 };
 
 }  // namespace
@@ -171,7 +171,7 @@ DataSet loadDataSet(const std::string& path) {
   const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
   faults.throwIfAny();
   std::string_view text = *content;
-  const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // spreadsheets put it first
+  const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
   if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
     text.remove_prefix(byte_order_mark.size());
   }
@@ -198,8 +198,8 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
     if (std::find(names.begin(), names.end(), column) != names.end()) continue;
-    faults.add(
-        0, columnText(data.columns, i) + " is of no actuator; expected pressures in " + expected);
+    faults.add(0, columnText(data.columns, i) + " belongs to no actuator; expected pressures in " +
+                      expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();

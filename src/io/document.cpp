@@ -14,21 +14,20 @@
 namespace helix_arm::io {
 namespace {
 
-// Aliases can make a short file stand for a tree without end, or for one long text many times over.
+// With aliases, a short file may expand to an endless tree, or to many copies of a long text.
 constexpr std::size_t kMostBytes = kMostSceneBytes;
 constexpr int kMostValues = 20000;
 constexpr int kDeepest = 50;
-constexpr std::size_t kLongestKey = 200;  // a fault repeats all keys above it
+constexpr std::size_t kLongestKey = 200;  // each fault repeats the keys above it
 
-// Inside brackets yaml-cpp keeps all that may be a key until it knows, some 200 bytes for each
-// mark.
+// Inside brackets, yaml-cpp keeps every possible key until it is decided, about 200 bytes each.
 constexpr long kMostMarks = 4L * kMostValues;
 
 struct TooLarge {};
 
-// Notes where documents start, and throws TooLarge as soon as there is too much of them, before a
-// tree is made of it. YAML::LoadAll is no way to find a second document: it never comes back from a
-// stray `,` between documents.
+// Records where documents start, and throws TooLarge before an oversized tree is built.
+// YAML::LoadAll cannot be used to find a second document: it does not return from a stray `,`
+// between documents.
 class Survey : public YAML::EventHandler {
  public:
   std::optional<YAML::Mark> last;
@@ -53,7 +52,7 @@ class Survey : public YAML::EventHandler {
 
  private:
   void count() {
-    if (++count_ > 2 * kMostValues) throw TooLarge();  // keys are counted as well
+    if (++count_ > 2 * kMostValues) throw TooLarge();  // keys count, too
   }
   void enter() {
     count();
@@ -69,7 +68,7 @@ long markCount(const std::string& text) {
                        [&](char c) { return marks.find(c) != std::string::npos; });
 }
 
-// Where a text goes on after its first document. YAML::Load drops all that follows in silence.
+// Start of the second document of a text, which YAML::Load would ignore silently.
 std::optional<YAML::Mark> secondDocument(const std::string& text) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
@@ -122,7 +121,7 @@ struct Conversion {
   void addEntry(Value& map, std::set<std::string>& names, const YAML::Node& key,
                 const YAML::Node& node, const std::string& path, int depth) {
     const Place here = place(key.Mark(), map.place);
-    count();  // those that are left out as well
+    count();  // omitted ones, too
     if (!key.IsScalar()) {
       report(faults, here, nameOf(path) + " has a key that is not a word; expected a name");
       return;
@@ -131,7 +130,7 @@ struct Conversion {
     if (name.size() > kLongestKey) {
       report(faults, here,
              nameOf(path) + " has a key of " + std::to_string(name.size()) +
-                 " letters; expected a name of at most " + std::to_string(kLongestKey));
+                 " characters; expected a name of at most " + std::to_string(kLongestKey));
       return;
     }
     if (!names.insert(name).second) {
@@ -142,7 +141,7 @@ struct Conversion {
   }
 };
 
-// Without the words of the document that some of them end in.
+// Without the context that yaml-cpp appends to some messages.
 std::string reasonOf(const YAML::Exception& error) {
   const std::string unknown_anchor = YAML::ErrorMsg::UNKNOWN_ANCHOR;
   if (error.msg.compare(0, unknown_anchor.size(), unknown_anchor) == 0) return unknown_anchor;
@@ -156,10 +155,10 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
     if (text.size() > kMostBytes || markCount(text) > kMostMarks) throw TooLarge();
     if (const std::optional<YAML::Mark> second = secondDocument(text)) {
       const Place place{second->line + 1, {}};
-      report(faults, override_key ? start : place, "begins another document; expected one");
+      report(faults, override_key ? start : place, "begins a second document; expected only one");
       return std::nullopt;
     }
-    // What ends the conversion stands for all that came before it.
+    // A failed conversion reports the faults that were found before it.
     FaultList found = faults.ofSameFile();
     Conversion conversion{found, override_key};
     Value document = conversion.convert(YAML::Load(text), path, start, 0);
@@ -185,8 +184,7 @@ std::string kindOf(const Value& document) {
   return document.describe() + (document.kind == Value::Kind::kMap ? " of other keys" : "");
 }
 
-// The parts of `arm.sections.0.name`; entries may also be written as the messages do,
-// `arm.sections[0].name`.
+// The parts of `arm.sections.0.name`, or of `arm.sections[0].name`, as messages write it.
 std::vector<std::string> splitKey(const std::string& key) {
   std::vector<std::string> parts(1);
   for (const char c : key) {
@@ -199,7 +197,7 @@ std::vector<std::string> splitKey(const std::string& key) {
   return parts;
 }
 
-// The entry of a list that a part of a key numbers, null when there is none.
+// The list entry with the index `part`; null if there is none.
 Value* entryOf(Value& list, const std::string& part) {
   for (std::size_t i = 0; i < list.entries.size(); ++i) {
     if (part == std::to_string(i)) return &list.entries[i].value;
@@ -313,7 +311,7 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
   std::string path;
   for (const std::string& part : splitKey(change.key)) {
     if (part.empty()) {
-      report(faults, place, "is not a key; expected words and numbers joined by dots");
+      report(faults, place, "is not a key; expected words and numbers separated by dots");
       return;
     }
     if (target->kind == Value::Kind::kList) {
@@ -321,14 +319,14 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
       if (entry == nullptr) {
         report(faults, place,
                nameOf(path) + " has " + std::to_string(target->entries.size()) +
-                   " entries; expected the number of one of them, from 0, not " + part);
+                   " entries; expected an index from 0, not " + part);
         return;
       }
       target = entry;
       path += "[" + part + "]";
     } else if (target->kind == Value::Kind::kText) {
       report(faults, place,
-             nameOf(path) + " is " + target->describe() + "; expected a map or a list to go into");
+             nameOf(path) + " is " + target->describe() + "; expected a map or a list");
       return;
     } else {
       target->kind = Value::Kind::kMap;

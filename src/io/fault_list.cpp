@@ -3,7 +3,7 @@
 namespace helix_arm::io {
 namespace {
 
-// Cut, not through the middle of a letter of UTF-8.
+// Shortened, without cutting a UTF-8 character.
 std::string shortened(const std::string& text, std::size_t most) {
   if (text.size() <= most) return text;
   std::size_t end = most;

@@ -25,7 +25,7 @@ const NumberRule kReadingNoise = within(kPositive, 1e-3, 100, " kPa");
 constexpr double kUsualDamping = 0.1;        // of muscles and bellows
 constexpr double kHardwareNoise = 2e3;       // [Pa]
 constexpr double kLeastReadingNoise = 10.0;  // of a simulated regulator without noise [Pa]
-constexpr double kWatchedCreep = 0.1;        // of the creep, in the filter that watches for loads
+constexpr double kWatchedCreep = 0.1;  // relative to the creep, in the filter that detects loads
 
 double usualNoise(const std::optional<regulator::Config>& regulator) {
   const auto* simulated =
@@ -33,14 +33,14 @@ double usualNoise(const std::optional<regulator::Config>& regulator) {
   return simulated != nullptr ? std::max(simulated->noise, kLeastReadingNoise) : kHardwareNoise;
 }
 
-// The times that follow from the arm's vibration; a smoothing time that is given must suffice.
+// Times derived from the arm's vibration; a given smoothing time must be long enough.
 void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
   const auto given = keys.optionalNumber("smoothing_s", kTime);
   loop.smoothing = given.value_or(loop.smoothing);
   const double damping = keys.number("mode_damping", kDamping, kUsualDamping);
   if (!keys.has("mode_hz")) {
     if (keys.has("mode_damping")) {
-      keys.complain("mode_damping", "has no mode_hz beside it; expected both or none");
+      keys.complain("mode_damping", "is given without mode_hz; expected both or none");
     }
     return;
   }
@@ -50,8 +50,8 @@ void readVibration(const MapReader& keys, follow::SightLoopConfig& loop) {
   const double least = follow::smoothingFor(*frequency, damping, loop.time_constant);
   if (given && *given < least) {
     keys.fault("smoothing_s", "at least " + formatNumber(std::ceil(100 * least) / 100) +
-                                  " s, or the loop shakes an arm with this mode_hz and "
-                                  "mode_damping; leave smoothing_s out to get that");
+                                  " s, or the loop excites an arm with this mode_hz and "
+                                  "mode_damping; leave out smoothing_s to use that value");
   }
   loop.smoothing = std::max(loop.smoothing, least);
 }

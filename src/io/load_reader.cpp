@@ -25,8 +25,8 @@ std::vector<double> readMasses(const MapReader& load, const Value& value, const 
   const Value* given = value.find("mass_kg");
   if (given == nullptr) {
     load.fault("mass_kg",
-               "the mass of the whole arm [kg], or a list of one number a section; 0 "
-               "for an arm that weighs nothing beside what it carries");
+               "the mass of the whole arm [kg], or a list of one number per section; 0 "
+               "if it is negligible");
     return {};
   }
   const std::size_t sections = arm == nullptr ? 0 : arm->looks.size();
@@ -43,7 +43,7 @@ std::vector<double> readMasses(const MapReader& load, const Value& value, const 
   return masses;
 }
 
-// What is broken has its fault; the point is then a stand-in.
+// Invalid values were reported; the point then has default values.
 statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) {
   statics::PointLoad point;
   point.mass = keys.number("mass_kg", kMass, point.mass);
@@ -51,7 +51,7 @@ statics::PointLoad readPull(const MapReader& keys, const Eigen::Matrix3d& R_BW) 
   point.force = R_BW * readVector(keys, "force_n", kForce);
   point.moment = R_BW * readVector(keys, "moment_nm", kMoment);
   if (!keys.has("mass_kg") && !keys.has("force_n") && !keys.has("moment_nm")) {
-    keys.complain("", "pulls at nothing; expected some of mass_kg, force_n and moment_nm");
+    keys.complain("", "has no effect; expected at least one of mass_kg, force_n and moment_nm");
   }
   return point;
 }
@@ -118,8 +118,8 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
   if (arm == nullptr || faults.count() != faults_before) return std::nullopt;
   if (isWeightless(load)) {
     keys.fault("mass_kg",
-               "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: nothing "
-               "loads the arm; leave the key load out where that is meant");
+               "a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
+               "is zero; leave out the key load if that is intended");
     return std::nullopt;
   }
   load.K_eps = arm->K_eps;

@@ -39,14 +39,14 @@ std::optional<double> finiteNumber(const Value& value) {
   return parseNumber(value.text);
 }
 
-// The part of a rule that a value breaks; nothing when it keeps it.
+// The part of a rule that a value breaks; absent if it satisfies the rule.
 std::optional<std::string> brokenPart(const NumberRule& rule, const std::optional<double>& number) {
   if (!number || !rule.holds(*number)) return rule.text;
   if (*number >= rule.lowest && *number <= rule.highest) return std::nullopt;
   return formatNumber(rule.lowest) + " to " + formatNumber(rule.highest) + rule.unit;
 }
 
-// Levenshtein's distance: the edits that turn one word into the other.
+// Levenshtein distance between two words.
 std::size_t editDistance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), 0);
@@ -82,7 +82,7 @@ MapReader::MapReader(const Value& map, std::string path, std::vector<std::string
 
 const Value* MapReader::required(const std::string& key, const std::string& expected) const {
   const Value* value = map_.find(key);
-  // A map that is none has been reported as a whole.
+  // A value that is not a map was reported as a whole.
   if (value == nullptr && map_.kind == Value::Kind::kMap) {
     report(faults_, map_.place, path(key) + " is missing; expected " + expected);
   }
@@ -242,7 +242,7 @@ std::optional<std::string> MapReader::exactlyOne(const std::vector<std::string>&
 
 std::string nearestWord(const std::string& word, const std::vector<std::string>& known) {
   std::string nearest;
-  std::size_t least = word.size() / 2 + 1;  // more edits than that make another word
+  std::size_t least = word.size() / 2 + 1;  // beyond, the words are not similar
   for (const std::string& candidate : known) {
     const auto [shorter, longer] = std::minmax({word.size(), candidate.size()});
     if (longer - shorter >= least) continue;

@@ -13,7 +13,7 @@ constexpr int kLongestStride = 1024;
 const NumberRule kCount = within(kPositive, 1e-3, 1e6, " Pa");
 const NumberRule kActivationTime = within(kPositive, 0.01, 60, " s");
 
-// A whole number that must be there; what is broken has its fault.
+// A required whole number; an invalid one is reported.
 int word(const MapReader& keys, const std::string& key, int lowest = 0,
          int highest = kHighestWord) {
   return static_cast<int>(keys.integer(key, lowest, highest).value_or(lowest));

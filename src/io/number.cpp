@@ -9,7 +9,7 @@
 namespace helix_arm::io {
 
 std::optional<double> parseNumber(const std::string& text) {
-  // Making one takes longer than reading the number, and tables have millions.
+  // Constructing a stream takes longer than reading a number, and tables have millions of them.
   thread_local std::istringstream stream;
   stream.imbue(std::locale::classic());
   stream.clear();

@@ -22,8 +22,8 @@ Eigen::Matrix3d rotationOfRpyDeg(const Eigen::Vector3d& rpy_deg) {
 }
 
 Eigen::Vector3d rpyDegOf(const Eigen::Matrix3d& R) {
-  // Near a pitch of 90 degrees the yaw means little; roll then follows from whatever it is, so that
-  // the rotation is the same to the last bits.
+  // Near a pitch of 90 degrees the yaw is arbitrary; roll is computed from it, so that the rotation
+  // is accurate to rounding.
   const double yaw = std::atan2(R(1, 0), R(0, 0));
   const double c = std::cos(yaw), s = std::sin(yaw);
   const double pitch = std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0));

@@ -19,8 +19,7 @@ constexpr const char* kSerial = "ascii_serial";
 constexpr const char* kModbus = "modbus_tcp";
 constexpr std::size_t kLongestProfile = 200;  // of a path, in a message
 
-// Where shipped profiles are: in the share folder beside this library where it is installed, else
-// among the sources.
+// Folder of the shipped profiles: in the share folder if installed, otherwise in the sources.
 fs::path shippedFolder() {
   Dl_info library{};
   std::error_code error;
@@ -36,7 +35,7 @@ bool isPath(const std::string& profile) {
   return profile.find('/') != std::string::npos || fs::path(profile).extension() == ".yaml";
 }
 
-// Of a map that may be none.
+// The value of a key; null without a map or without the key.
 Value* child(Value* map, const char* key) {
   return map == nullptr ? nullptr : const_cast<Value*>(map->find(key));
 }
@@ -45,7 +44,7 @@ template <class Profile>
 using Reader = std::optional<Profile> (*)(const Value&, const std::string&, const std::string&,
                                           FaultList&);
 
-// What a profile file says below the one key at its top.
+// Content of a profile file below its single top-level key.
 template <class Profile>
 std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<Profile> reader,
                                 FaultList& faults) {
@@ -58,8 +57,8 @@ std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<P
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
   if (!found) return std::nullopt;
   if (*found != kind) {
-    file.complain(*found, "is another kind of regulator than the scene's; expected a profile of " +
-                              std::string(kind));
+    file.complain(
+        *found, "is not the scene's kind of regulator; expected a profile of " + std::string(kind));
     return std::nullopt;
   }
   std::optional<Profile> profile =

@@ -13,7 +13,7 @@ constexpr std::size_t kHashDigits = 64;
 
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
 
-// A time as ISO 8601 writes it, in UTC; whether the month has that day is left open.
+// A UTC time in ISO 8601; the number of days of the month is not checked.
 bool isUtcTime(const std::string& text) {
   const std::string form = "0000-00-00T00:00:00Z";
   if (text.size() != form.size()) return false;
@@ -28,7 +28,7 @@ bool isHash(const std::string& text) {
          });
 }
 
-// A text that keeps a form; empty where it does not.
+// A text with a required format; empty if it does not match.
 std::string formedText(const MapReader& keys, const std::string& key, const std::string& expected,
                        bool (*keeps)(const std::string&)) {
   std::string text = keys.text(key, expected).value_or("");
@@ -87,8 +87,8 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   provenance.date =
       formedText(keys, "date", "a time in UTC such as 2026-01-31T12:00:00Z", isUtcTime);
   provenance.package_version =
-      keys.text("package_version", "the version that calibrated").value_or("");
-  provenance.from = keys.text("from", "the path of the scene it began with").value_or("");
+      keys.text("package_version", "the version of the package").value_or("");
+  provenance.from = keys.text("from", "the path of the scene before the calibration").value_or("");
   if (keys.has("from_sha256")) {
     provenance.from_sha256 = formedText(keys, "from_sha256", "64 hexadecimal digits", isHash);
   }

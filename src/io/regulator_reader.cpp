@@ -29,17 +29,17 @@ std::optional<regulator::Config> readSimulated(const Value& value, const std::st
 }
 
 std::string channels(const ArmParts& arm) {
-  return std::to_string(arm.arm.actuatorCount()) + " entries, one an actuator";
+  return std::to_string(arm.arm.actuatorCount()) + " entries, one per actuator";
 }
 
-// One word a channel, each once.
+// One distinct word per channel.
 std::vector<std::string> readAddresses(const MapReader& keys, const Value& value,
                                        const ArmParts* arm, FaultList& faults) {
   const std::string path = keys.path("addresses");
   std::vector<std::string> addresses;
   std::set<std::string> seen;
   if (value.kind != Value::Kind::kList) {
-    keys.fault("addresses", "a list of words, one an actuator");
+    keys.fault("addresses", "a list of words, one per actuator");
     return addresses;
   }
   for (std::size_t i = 0; i < value.entries.size(); ++i) {
@@ -52,7 +52,7 @@ std::vector<std::string> readAddresses(const MapReader& keys, const Value& value
                       std::all_of(entry.text.begin(), entry.text.end(),
                                   [](char c) { return c > ' ' && c <= '~'; });
     if (!word) {
-      complain("a word without blanks");
+      complain("a word without spaces");
     } else if (!seen.insert(entry.text).second) {
       complain("one that no other actuator has");
     }
@@ -78,10 +78,10 @@ std::optional<regulator::Config> readSerial(const Value& value, const std::strin
   const bool addressed = profile && profile->write.find("{address}") != std::string::npos;
   if (addressed && given == nullptr) {
     keys.complain("addresses", "is missing; profile " + profile->name +
-                                   " speaks to each channel by its address: expected " +
-                                   (arm == nullptr ? "one an actuator" : channels(*arm)));
+                                   " addresses each channel: expected " +
+                                   (arm == nullptr ? "one per actuator" : channels(*arm)));
   } else if (profile && !addressed && given != nullptr) {
-    keys.complain("addresses", "is of no use: the lines of profile " + profile->name +
+    keys.complain("addresses", "is not used: the lines of profile " + profile->name +
                                    " have no {address}; expected none");
   }
   if (!profile || !device) return std::nullopt;
@@ -101,12 +101,12 @@ std::vector<int> readSlots(const MapReader& keys, const ArmParts* arm) {
   const std::set<double> different(given->begin(), given->end());
   const bool whole = std::equal(slots.begin(), slots.end(), given->begin());
   if (!whole || different.size() != given->size()) {
-    keys.fault("slots", "whole numbers, no slot twice");
+    keys.fault("slots", "distinct whole numbers");
   }
   return slots;
 }
 
-// What the arm may be asked for must be what the device takes: it is written as counts from 0 on.
+// The device must accept the limits of the arm: pressures are written as counts from 0 on.
 void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
                 const ArmParts& arm) {
   const model::Range takes{0 - profile.atmosphere,
@@ -116,7 +116,7 @@ void checkRange(const MapReader& keys, const regulator::ModbusProfile& profile,
     const model::Range& limits = actuator.limits;
     if (!model::isPressure(actuator.drive)) continue;
     if (takes.contains(limits.lower) && takes.contains(limits.upper)) continue;
-    keys.complain("profile", "is " + profile.name + ", which takes " +
+    keys.complain("profile", "is " + profile.name + ", which accepts " +
                                  formatNumber(kilopascals(takes.lower)) + " to " +
                                  formatNumber(kilopascals(takes.upper)) +
                                  " kPa; expected limits within that, not " + actuator.name +
@@ -140,7 +140,7 @@ std::optional<regulator::Config> readModbus(const Value& value, const std::strin
   return config;
 }
 
-// What stands under `regulator`, each kind with its reader.
+// A kind of regulator below `regulator`, with its reader.
 struct RegulatorKind {
   const char* key;
   std::optional<regulator::Config> (*read)(const Value& value, const std::string& path,
@@ -174,7 +174,8 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Val
       known.read(*value->find(*kind), regulator.path(*kind), arm, faults);
   if (!config || arm == nullptr || faults.count() != before) return std::nullopt;
   try {
-    regulator::makeDriver(*config, arm->arm.actuatorCount());  // made, not connected
+    regulator::makeDriver(*config,
+                          arm->arm.actuatorCount());  // constructed for its checks, not connected
   } catch (const std::invalid_argument& error) {
     regulator.complain(*kind, std::string("cannot be used: ") + error.what());
   }

@@ -15,7 +15,7 @@ control::FaultAction actionNamed(const std::string& word) {
   for (const control::FaultAction action : control::kFaultActions) {
     if (word == control::nameOf(action)) return action;
   }
-  throw std::logic_error("no fault action is named " + word);
+  throw std::logic_error("unknown fault action " + word);
 }
 
 std::vector<std::string> actionWords() {
@@ -44,7 +44,7 @@ std::optional<control::FaultAction> readAction(const MapReader& keys, const std:
   return action;
 }
 
-// One word for all, or a map of words by actuator.
+// One word for all channels, or a map from actuators to words.
 void readActions(const MapReader& safety, const Value& value,
                  const std::optional<regulator::Config>& regulator,
                  std::vector<control::ChannelRules>& channels, FaultList& faults) {
@@ -54,7 +54,7 @@ void readActions(const MapReader& safety, const Value& value,
       channel.action = action.value_or(channel.action);
     return;
   }
-  if (channels.empty()) return;  // of an arm that has faults, or none of pressure
+  if (channels.empty()) return;  // the arm has faults or no pressures
   std::vector<std::string> names;
   for (const control::ChannelRules& channel : channels) names.push_back(channel.name);
   const MapReader actions(value, safety.path("fault_action"), names, faults);
@@ -76,8 +76,9 @@ void readTargetTimeout(const MapReader& safety, bool simulated, control::SafetyR
   const double timeout =
       safety.number("target_timeout_s", seconds(kNotNegative), rules.target_timeout);
   if (timeout == 0 && !simulated) {
-    safety.fault("target_timeout_s",
-                 "a finite value > 0: only a simulated regulator may wait for targets for ever");
+    safety.fault(
+        "target_timeout_s",
+        "a finite value > 0: only a simulated regulator may wait for targets without limit");
   }
   rules.target_timeout = timeout > 0 ? timeout : std::numeric_limits<double>::infinity();
 }
@@ -92,7 +93,7 @@ std::vector<control::ChannelRules> channelsOf(const ArmParts* arm) {
   return channels;
 }
 
-// What is over a limit must not count as empty.
+// A pressure beyond a limit must not count as vented.
 void checkVentedBelow(const MapReader& safety, const SafetyConfig& config) {
   for (const control::ChannelRules& channel : config.channels) {
     const double nearest = std::min(control::highestReading(channel, config.rules),
@@ -135,7 +136,7 @@ SafetyConfig readSafety(const MapReader& scene, const Value& document, const Arm
   control::SafetyRules& rules = config.rules;
   config.commander_timeout =
       safety.number("commander_timeout_s", kPositive, config.commander_timeout);
-  // A regulator that is there but has faults gets no second one for being of an unknown kind.
+  // A regulator that was given but has faults is not also reported as unknown.
   const bool unknown = !regulator && document.find("regulator") != nullptr;
   readTargetTimeout(safety, unknown || (regulator && !hardware), rules);
   rules.reading_timeout =

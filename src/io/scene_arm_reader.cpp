@@ -10,7 +10,7 @@
 namespace helix_arm::io {
 namespace {
 
-// Nothing where there are faults that concern it.
+// Absent if the parts that it needs have faults.
 std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& document,
                                            const ArmParts* arm, FaultList& faults) {
   const std::size_t faults_before = faults.count();
@@ -20,7 +20,7 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const Value& 
   try {
     return statics::ArmModel(arm->arm, arm->planar, std::move(load), request);
   } catch (const std::invalid_argument& error) {
-    // It begins with its key.
+    // The message begins with the key.
     const std::string fault = error.what();
     const Value* key = document.find(fault.substr(0, fault.find_first_of(".:")));
     report(faults, (key == nullptr ? document : *key).place, fault);

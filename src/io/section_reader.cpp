@@ -14,7 +14,7 @@ Eigen::Matrix3d rotation(double angle, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(angle, axis).toRotationMatrix();
 }
 
-// A muscle at angle th of the cross-section: its z axis turned outward, its tangent then tilted.
+// Rotation of a muscle at the angle th of the cross-section: z axis outwards, tangent tilted.
 Eigen::Matrix3d muscleRotation(double th, double tilt) {
   return rotation(th - basics::kPi / 2, Eigen::Vector3d::UnitX()) *
          rotation(-tilt, Eigen::Vector3d::UnitZ());
@@ -26,7 +26,7 @@ const NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 const NumberRule kTilt{"an angle above -90 and below 90",
                        [](double x) { return std::abs(x) < 90; }};
 
-// What an actuator's keys say beside its pose.
+// Keys of an actuator except its pose.
 struct Fitting {
   const NamedContraction* contraction = nullptr;
   std::optional<model::Range> limits;
@@ -78,8 +78,8 @@ Fitting readFitting(const MapReader& keys, const ArmContext& arm) {
   return {&*found->second, readLimits(keys, *name, *found->second)};
 }
 
-// Of a ring: one factor for all its actuators, or one for each. A broken one is 1, beside its
-// fault.
+// Length scales of a ring: one factor, or one per actuator. Invalid ones are reported and read as
+// 1.
 std::vector<double> readLengthScales(const MapReader& ring, const Value& value, std::size_t count) {
   const std::string key = "length_scale";
   const Value* given = value.find(key);
@@ -89,7 +89,7 @@ std::vector<double> readLengthScales(const MapReader& ring, const Value& value, 
   return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
 }
 
-// Appends an actuator; incomplete ones still count, so that default names stay where they belong.
+// Appends an actuator. Incomplete ones count, so that default names keep their numbers.
 void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
                  const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
                  model::Section& section) {
@@ -99,13 +99,13 @@ void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
                                fitting.contraction->drive});
 }
 
-// Actuators without a name of their own are numbered from the base on.
+// Default name: actuators are numbered from the base on.
 std::string nextName(ArmContext& arm) { return "muscle_" + std::to_string(++arm.actuator_count); }
 
 void claimName(const MapReader& keys, const std::optional<std::string>& name, ArmContext& arm) {
   if (!name || arm.actuator_names.insert(*name).second) return;
   keys.complain(keys.has("name") ? "name" : "",
-                "makes a second actuator named " + *name + "; expected names that differ");
+                "makes a second actuator named " + *name + "; expected distinct names");
 }
 
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
@@ -119,7 +119,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
   const Fitting fitting = readFitting(ring, arm);
   if (arm.planar && count && *count != 2) {
-    ring.fault("count", "2, the muscles that a planar arm's ring can have");
+    ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
   if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
   if (!count || !radius) return;
@@ -129,8 +129,8 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
     const double th = 2 * basics::kPi * i / static_cast<double>(*count);
     lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
                  *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
-    // In the plane an untilted muscle needs no turn about its own axis, and sin(pi) no rounding
-    // error.
+    // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
+    // rounding error of sin(pi).
     if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
@@ -180,7 +180,8 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   if (const Value* K_eps = own == nullptr ? nullptr : own->find("K_eps_n")) {
     report(arm.faults, K_eps->place,
            keys.path("stiffness.K_eps_n") +
-               " is one actuator's; expected it in the stiffness of the section or of arm: K of a "
+               " is that of one actuator; expected it in the stiffness of the section or of arm: K "
+               "of a "
                "section is relative to one K_eps");
   }
   const Fitting fitting = readFitting(keys, arm);

@@ -27,7 +27,7 @@ std::string optionalText(const MapReader& keys, const std::string& key, const ch
   return keys.has(key) ? keys.text(key, expected).value_or(fallback) : fallback;
 }
 
-// One line, or a list of them; `key` may be missing.
+// One line, or a list of them; empty if the key is missing.
 std::vector<std::string> readLines(const MapReader& keys, const Value& map, const std::string& key,
                                    FaultList& faults) {
   std::vector<std::string> lines;
@@ -78,9 +78,10 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
   profile.atmosphere = pascals(keys.number("atmosphere_kpa", kAtmosphere, 0.0));
   profile.unit_word = optionalText(keys, "unit_word", "a word");
   profile.decimals = static_cast<int>(keys.integer("decimals", 0, 6, profile.decimals));
-  profile.separator = optionalText(keys, "separator", "what parts numbers", profile.separator);
+  profile.separator =
+      optionalText(keys, "separator", "the separator of numbers", profile.separator);
   profile.reply_separator =
-      optionalText(keys, "reply_separator", "what parts numbers", profile.separator);
+      optionalText(keys, "reply_separator", "the separator of numbers", profile.separator);
   profile.one_by_one = keys.truth("one_by_one", profile.one_by_one);
   profile.start = readLines(keys, value, "start", faults);
   profile.write = keys.text("write", kLine).value_or("");

@@ -8,7 +8,7 @@
 namespace helix_arm::io {
 namespace {
 
-constexpr double kNormTolerance = 1e-2;  // what rounding to two digits does
+constexpr double kNormTolerance = 1e-2;  // rounding to two digits
 
 lie::SE3 readPoseCells(const TagRow& at) {
   const Eigen::Quaterniond q(at["qw"], at["qx"], at["qy"], at["qz"]);

@@ -15,18 +15,18 @@ const NumberRule kAlongSection{"a number from 0 to 1", [](double s) { return s >
 bool wholeAndNotNegative(double x) { return x >= 0 && x == std::floor(x); }
 const NumberRule kTagId{"a whole number >= 0", wholeAndNotNegative, 0, 1e6};
 
-// A prior that is wider holds nothing.
+// A wider prior has no effect.
 const NumberRule kPlacementShift = within(kPositive, 1e-6, 0.1, " m");
 const NumberRule kPlacementTurn = within(kPositive, 1e-4, 90, " degrees");
 
-// What the poses of a group are given in: a section, and there the frame of an actuator, or of the
-// base curve where the group names none.
+// The frame of a group's poses: a section, and the frame of an actuator or (default) of the base
+// curve.
 struct Mount {
   int section = 0;
   lie::SE3 X_SM;
 };
 
-// The number of the entry that a key names among its choices.
+// Index of the choice that a key names.
 std::optional<int> indexOf(const MapReader& group, const std::string& key,
                            const std::vector<std::string>& names) {
   const std::optional<std::string> name = group.choice(key, names);
@@ -34,7 +34,7 @@ std::optional<int> indexOf(const MapReader& group, const std::string& key,
   return static_cast<int>(std::find(names.begin(), names.end(), *name) - names.begin());
 }
 
-// What is broken has its fault; the mount is then a stand-in.
+// Invalid keys were reported; the mount then has default values.
 Mount readMount(const MapReader& group, const ArmParts& parts) {
   Mount mount;
   if (group.has("section")) {
@@ -66,7 +66,7 @@ void readGroup(const MapReader& group, const std::string& family, int family_siz
   if (ids->empty()) group.complain("ids", "is empty; expected at least one tag");
   if (s && ids->size() != s->size()) {
     group.complain("s", "has " + std::to_string(s->size()) + " entries; expected " +
-                            std::to_string(ids->size()) + ", one for each of ids");
+                            std::to_string(ids->size()) + ", one per id");
   }
   for (std::size_t i = 0; i < ids->size(); ++i) {
     const int id = static_cast<int>((*ids)[i]);
@@ -75,10 +75,9 @@ void readGroup(const MapReader& group, const std::string& family, int family_siz
                                 std::to_string(family_size - 1) + ", the tags of " + family);
     }
     if (layout.find(id) >= 0) {
-      group.complain("ids",
-                     "places tag " + std::to_string(id) + " again; expected ids that differ");
+      group.complain("ids", "places tag " + std::to_string(id) + " again; expected distinct ids");
     }
-    // A tag whose s is missing still counts: its id is taken.
+    // A tag without s still counts, since its id is used.
     const double at = s && i < s->size() ? (*s)[i] : 0.0;
     layout.tags.push_back({id, mount.section, at, mount.X_SM * X_MT});
   }

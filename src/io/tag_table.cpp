@@ -16,7 +16,7 @@ int TagRow::number(const std::string& column) const {
   if (value >= 0 && value <= kMostNumber && value == std::floor(value)) {
     return static_cast<int>(value);
   }
-  faults.add(line(), column + " is no whole number from 0 to " + formatNumber(kMostNumber));
+  faults.add(line(), column + " is not a whole number from 0 to " + formatNumber(kMostNumber));
   return -1;
 }
 

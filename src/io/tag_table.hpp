@@ -46,7 +46,7 @@ std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag re
     if (is_new) captures.push_back({number, pressure, {}});
     Capture& capture = captures[found->second];
     if (capture.pressure != pressure) {
-      faults.add(row.line(), "changes the pressures of its capture; expected them as in line " +
+      faults.add(row.line(), "has other pressures than its capture; expected those of line " +
                                  std::to_string(capture.tags.front().line));
     }
     const auto [same, is_first] = lines.emplace(std::make_pair(number, id), row.line());

@@ -84,7 +84,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const Value& document
   try {
     config.detector.validate();
   } catch (const std::invalid_argument& error) {
-    scene.complain("vision", std::string("makes no detector: ") + error.what());
+    scene.complain("vision", std::string("does not configure a tag detector: ") + error.what());
   }
   return config;
 }

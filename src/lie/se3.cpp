@@ -9,8 +9,8 @@
 namespace helix_arm::lie {
 namespace {
 
-// Unit quaternion (x, y, z, w) of R, w >= 0, by the largest of its four components, so that none is
-// lost near pi.
+// Unit quaternion (x, y, z, w) of R, w >= 0, computed from its largest component, which is accurate
+// near pi, too.
 Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   const double trace = R.trace();
   Eigen::Vector4d q;
@@ -32,7 +32,7 @@ Eigen::Vector4d quaternionOf(const Eigen::Matrix3d& R) {
   return q;
 }
 
-// u.v in the eleven more bits of the extended format.
+// u.v with the additional eleven bits of the extended format.
 long double extendedDot(double ux, double uy, double uz, double vx, double vy, double vz) {
   const long double x = ux, y = uy, z = uz;
   return x * vx + y * vy + z * vz;
@@ -50,8 +50,8 @@ SE3 SE3::inverse() const { return {rotation.transpose(), -(rotation.transpose() 
 
 SE3 SE3::exp(const Tangent& xi) {
   const double vx = xi[0], vy = xi[1], vz = xi[2], wx = xi[3], wy = xi[4], wz = xi[5];
-  // |w|^2 as a double's products give it would be the largest error of all; w.v where the curve
-  // comes back to its start.
+  // In double precision, |w|^2 would contribute the largest error; w.v where the curve returns to
+  // its start.
   const long double square = extendedDot(wx, wy, wz, wx, wy, wz);
   const auto x = static_cast<double>(square);
   const auto [a, b, c, cosine] = expCoefficients(x, static_cast<double>(square - x));
@@ -62,7 +62,7 @@ SE3 SE3::exp(const Tangent& xi) {
   X.rotation << cosine + bx * wx, bx * wy - az, bx * wz + ay,  //
       bx * wy + az, cosine + by * wy, by * wz - ax,            //
       bx * wz - ay, by * wz + ax, cosine + bz * wz;
-  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: nothing cancels at large
+  // V v with w x (w x v) = w (w.v) - theta^2 v and 1 - c theta^2 = a: no cancellation at large
   // angles.
   const double along =
       c * (x <= kSeriesLimit ? wx * vx + wy * vy + wz * vz
@@ -77,7 +77,7 @@ SE3::Tangent SE3::log() const {
   const Eigen::Vector4d q = quaternionOf(rotation);
   const Eigen::Vector3d u = q.head<3>();
   const double sin_h = u.stableNorm();
-  // theta / sin(theta / 2) tends to 2 where the vector part vanishes.
+  // theta / sin(theta / 2) tends to 2 as the vector part vanishes.
   const double scale = sin_h > 0 ? 2.0 * std::atan2(sin_h, q[3]) / sin_h : 2.0;
   const Eigen::Vector3d w = scale * u;
   const double g = logCoefficient(w.squaredNorm());
@@ -93,7 +93,7 @@ Matrix6 SE3::adjoint() const {
 }
 
 Matrix6 SE3::leftJacobian(const Tangent& xi) {
-  // A left step turns about the origin: of the change of p = V v, w x p is the turning's.
+  // A left step rotates about the origin: the change of p = V v contains w x p.
   const Eigen::Matrix<double, 3, 6> D = translationJacobian(xi);
   const Eigen::Matrix3d V = D.leftCols<3>();
   const Eigen::Vector3d p = V * xi.head<3>();

@@ -145,7 +145,7 @@ Eigen::VectorXd ArmOf<Group>::inputAt(const Eigen::VectorXd& fraction) const {
   if (q.size() != actuatorCount()) refuse(q);
   for (int i = 0; i < q.size(); ++i) {
     const Range& limits = actuators_[i].limits;
-    // Rounding may step over the limit.
+    // Rounding may exceed the limit.
     q[i] = std::min(limits.lower + fraction[i] * (limits.upper - limits.lower), limits.upper);
   }
   return q;
@@ -184,8 +184,8 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
 
 template <class Group>
 typename Group::Tangent ArmOf<Group>::sectionTwist(const InputRef& q, int k) const noexcept {
-  // From the twist at rest: the map's large bending entries meet only the changes of length, and
-  // lose less.
+  // Starting from the twist at rest, the map's large bending entries multiply only length changes,
+  // which loses fewer digits.
   typename Group::Tangent g = rest_twists_[k];
   const auto& map = equilibria_[k].map;
   const int first = first_[k], count = first_[k + 1] - first;

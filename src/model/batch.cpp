@@ -6,8 +6,8 @@
 
 #include "helix_arm/lie/coefficients.hpp"
 
-// Debian's binaries are baseline x86-64: the loops below exist once for each instruction set, and
-// the loader picks. Not under the thread sanitizer: the picking runs before the sanitizer does.
+// Debian compiles for baseline x86-64, so the loops below are cloned per instruction set and
+// selected at load time. Not under the thread sanitizer, which starts after the selection.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
 #define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
 #else
@@ -26,18 +26,18 @@ struct alignas(64) Block {
   double change[3][kBlock];
 };
 
-// An actuator as the loops want it: the change of its length as a polynomial of the input itself,
-// and its column of the map.
+// An actuator in the form that the loops need: its length change as a polynomial of the input, and
+// its column of the map.
 struct FlatActuator {
   double coefficients[6];  // the first is zero
   double column[6];
 };
 
-// Actuators that share one pass over the inputs: more would not fit the vector registers.
+// Actuators per pass over the inputs; more would not fit the vector registers.
 constexpr int kGroup = 3;
 
-// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators, or the sum added to
-// what is there
+// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators; with kAdd, the sum
+// is added to the previous content.
 template <int kCount, bool kAdd>
 inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actuators,
                                                         const double* const* q, std::size_t count,
@@ -78,8 +78,8 @@ void addTwists(const FlatActuator* actuators, int size, const double* const* q, 
   sumGroup<true>(actuators, size, q, count, nullptr, block);
 }
 
-// Where tips are read from and written to; the same arrays, but for the section at the base, which
-// writes to the caller's.
+// Where tips are read from and written to: the same arrays, except for the section at the base,
+// which writes to the caller's.
 struct Tips {
   const double* from[3];
   double* to[3];
@@ -115,7 +115,7 @@ inline double squaredAngle(std::size_t j, const Block& block) {
          block.twist[5][j] * block.twist[5][j];
 }
 
-// Samples beyond the series. Counted, as a maximum of doubles would not vectorise.
+// Number of samples beyond the series; a maximum of doubles would not vectorise.
 HELIX_ARM_CLONES
 std::int64_t countFar(std::size_t count, const Block& block) {
   std::int64_t far = 0;
@@ -123,7 +123,7 @@ std::int64_t countFar(std::size_t count, const Block& block) {
   return far;
 }
 
-// tip = exp(twist) * tip, all samples within the series.
+// tip = exp(twist) * tip; all samples are within the series.
 template <bool kFirst>
 inline __attribute__((always_inline)) void moveNear(std::size_t count, const Block& block,
                                                     const Tips& tips) {
@@ -138,8 +138,8 @@ void moveTipsNear(std::size_t count, bool first, const Block& block, const Tips&
   first ? moveNear<true>(count, block, tips) : moveNear<false>(count, block, tips);
 }
 
-// The same where some are beyond: both ways are computed and a factor of 0 or 1 takes one, as a
-// branch would not vectorise.
+// The same if some samples are beyond the series: both forms are computed and selected by a factor
+// of 0 or 1, since a branch would not vectorise.
 template <bool kFirst>
 inline __attribute__((always_inline)) void moveFar(std::size_t count, const Block& block,
                                                    const Tips& tips) {
@@ -165,13 +165,13 @@ FlatActuator flatten(const Contraction& contraction, const double* column) {
   FlatActuator flat{};
   std::copy_n(column, 6, flat.column);
   if (contraction.pieces().size() == 1) {
-    // Curves of one piece begin at zero: only the scale is left to fold in.
+    // Curves of one piece start at zero, so only the scale is folded in.
     const Contraction::Piece& piece = contraction.pieces().front();
     double power = 1.0;
     for (int k = 0; k < 6; ++k, power *= piece.inverse_scale)
       flat.coefficients[k] = piece.coefficients[k] * power;
   } else {
-    flat.coefficients[1] = 1.0;  // the change itself, looked up before
+    flat.coefficients[1] = 1.0;  // the change itself, evaluated before
   }
   return flat;
 }

@@ -34,8 +34,8 @@ Polynomial derivative(const Polynomial& c) {
   return d;
 }
 
-// Where the polynomial changes sign inside (lo, hi), ascending: between neighbouring extrema there
-// is at most one place.
+// Sign changes of the polynomial inside (lo, hi), ascending: between adjacent extrema there is at
+// most one.
 std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   std::vector<double> roots;
   if (c.size() < 2) return roots;
@@ -43,7 +43,7 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   edges.insert(edges.begin(), lo);
   edges.push_back(hi);
   double from = lo;
-  double sign = 0.0;  // of the last edge that is not a zero: touching zero is no change
+  double sign = 0.0;  // of the last non-zero edge: a double root is not a sign change
   for (const double edge : edges) {
     const double value = evaluate(c, edge);
     if (value == 0) continue;
@@ -60,7 +60,8 @@ std::vector<double> signChanges(const Polynomial& c, double lo, double hi) {
   return roots;
 }
 
-// Slope at an end of a table, from three points, kept from overshooting (Fritsch and Carlson 1980).
+// Slope at an end of a table from three points, limited against overshooting (Fritsch and Carlson
+// 1980).
 double endSlope(double h0, double h1, double secant0, double secant1) {
   const double slope = ((2 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
   if (slope * secant0 <= 0) return 0.0;
@@ -91,7 +92,7 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients,
   const double u_max = max_pressure / reference_pressure;
   const std::vector<double> turns = signChanges(slope, 0.0, u_max);
   if (!turns.empty()) {
-    refuse("the pressure where the length turns back", turns.front() * reference_pressure,
+    refuse("the pressure where the length reverses", turns.front() * reference_pressure,
            "a length that is monotone up to the maximum pressure");
   }
   if (std::all_of(slope.begin(), slope.end(), [](double c) { return c == 0; })) {
@@ -101,7 +102,7 @@ Contraction Contraction::quintic(const std::array<double, 6>& coefficients,
   change[0] = 0.0;
   Contraction curve(coefficients[0], {{0.0, 1.0 / reference_pressure, change}},
                     {0.0, max_pressure});
-  requirePositive("the least length", curve.length_range_.lower);
+  requirePositive("the smallest length", curve.length_range_.lower);
   return curve;
 }
 
@@ -110,7 +111,7 @@ Contraction Contraction::table(const std::vector<double>& pressure,
   const std::size_t n = pressure.size();
   if (n < 2 || length.size() != n) {
     refuse("the number of lengths", static_cast<double>(length.size()),
-           "one for each pressure, at least 2 (pressures: " + std::to_string(n) + ")");
+           "one per pressure, at least 2 (pressures: " + std::to_string(n) + ")");
   }
   std::vector<double> h(n - 1), secant(n - 1);
   for (std::size_t i = 0; i < n; ++i) {
@@ -119,10 +120,10 @@ Contraction Contraction::table(const std::vector<double>& pressure,
     requirePositive("length" + point, length[i]);
     if (i == 0) continue;
     h[i - 1] = pressure[i] - pressure[i - 1];
-    if (!(h[i - 1] > 0)) refuse("pressure" + point, pressure[i], "a value above the one before it");
+    if (!(h[i - 1] > 0)) refuse("pressure" + point, pressure[i], "a value above the previous one");
     secant[i - 1] = (length[i] - length[i - 1]) / h[i - 1];
     if (!(secant[i - 1] * secant[0] > 0)) {
-      refuse("length" + point, length[i], "lengths that only fall or only rise");
+      refuse("length" + point, length[i], "lengths that all fall or all rise");
     }
   }
   std::vector<double> slope(n);
@@ -150,7 +151,7 @@ Contraction Contraction::tendon(double length, double radius, double max_angle) 
   requirePositive("length", length);
   requirePositive("radius", radius);
   requirePositive("max_angle", max_angle);
-  requirePositive("the least length", length - radius * max_angle);
+  requirePositive("the smallest length", length - radius * max_angle);
   return Contraction(length, {{0.0, 1.0, {0, -radius, 0, 0, 0, 0}}}, {0.0, max_angle});
 }
 
@@ -174,7 +175,7 @@ double Contraction::length(double q) const {
 }
 
 double Contraction::slope(double q) const {
-  static_cast<void>(length(q));  // the same range
+  static_cast<void>(length(q));  // with the same range check
   return slopeInside(q);
 }
 
@@ -197,9 +198,9 @@ double Contraction::inverse(double length) const {
 }
 
 double Contraction::inverseInside(double length, double guess) const noexcept {
-  // Halley, and a bisection wherever it would leave the bracket. It triples the digits (across a
-  // knot, where the curvature jumps, it doubles them), so what follows a step this small is below
-  // the rounding of the length.
+  // Halley's method, with bisection if it would leave the bracket. It converges cubically
+  // (quadratically across a knot, where the curvature jumps), so the error after a step this small
+  // is below rounding.
   double lower = input_range_.lower, upper = input_range_.upper;
   const double small_step = (pieces_.size() == 1 ? 3e-6 : 1e-9) * (upper - lower);
   double q = std::min(std::max(guess, lower), upper);
@@ -215,7 +216,7 @@ double Contraction::inverseInside(double length, double guess) const noexcept {
     double next = q - error * slope / ((slope * slope - error * half_bend) * piece.inverse_scale);
     const bool inside = next >= lower && next <= upper;
     if (!inside) next = 0.5 * (lower + upper);
-    // Where the slope nearly vanishes the digits come one by one.
+    // Convergence is only linear where the slope nearly vanishes.
     const bool cubic = inside && std::abs(error * half_bend) <= 3e-5 * slope * slope;
     const double last_bit = std::numeric_limits<double>::epsilon() * upper;
     if (std::abs(next - q) <= (cubic ? small_step : last_bit)) return next;

@@ -25,13 +25,13 @@ void checkStrands(const std::vector<Strand<Group>>& strands) {
     }
     if (!K.allFinite() || (K.array() < 0).any() || !(K[0] > 0)) {
       throw std::invalid_argument(
-          who + " has a stiffness that is not finite and >= 0, or none along its length");
+          who + " has a stiffness that is not finite and >= 0, or no extensional stiffness");
     }
   }
 }
 
-// The length that makes bending and shear comparable: distance of the actuators from the base
-// curve, and, where that is next to nothing, one that their own bending stiffness carries.
+// Length that scales bending against shear: distance of the actuators from the base curve or, if
+// this vanishes, that which corresponds to their own bending stiffness.
 template <class Group>
 double characteristicLength(const std::vector<Strand<Group>>& strands) {
   double offset = 0.0, bending = 0.0;
@@ -52,8 +52,8 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   checkStrands(strands);
   const int n = static_cast<int>(strands.size());
 
-  // Unknowns S g: with angles as arc lengths every column is a length, and no tolerance mistakes
-  // bending for noise.
+  // Unknowns S g: with angles scaled to arc lengths, all columns are lengths, and bending is not
+  // mistaken for noise.
   Vector S_inverse = Vector::Ones();
   S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
 
@@ -63,8 +63,8 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
     stack.middleRows<dof>(i * dof) =
         K.cwiseSqrt().asDiagonal() * X_O.inverse().adjoint() * S_inverse.asDiagonal();
   }
-  // Largest rows first: with column pivoting this keeps the small rows' digits when K_gamma dwarfs
-  // K_kappa.
+  // Largest rows first: with column pivoting, this keeps the digits of small rows if K_gamma is
+  // much larger than K_kappa.
   std::vector<int> order(n * dof);
   std::iota(order.begin(), order.end(), 0);
   const Eigen::VectorXd size = stack.rowwise().template lpNorm<Eigen::Infinity>();

@@ -25,7 +25,7 @@ Twists Shape::twists() const {
 Shape Shape::about(const Twists& twists) const {
   basics::requireValue(twists.cols() == sectionCount(), "shape",
                        "the number of sections of other twists", twists.cols(),
-                       "as many as it has");
+                       "the same number as the shape");
   if (pieces_per_section_ == 1) return twists;
   Shape out = *this;
   const Twists moved = (twists - this->twists()) / pieces_per_section_;

@@ -20,7 +20,7 @@ void addCaptures(std::vector<estimation::Capture> captures, const std::string& f
   if (meet) {
     const int offset = *taken.rbegin();
     for (estimation::Capture& one : captures) one.number += offset;
-    data.warnings.push_back("captures of " + file + " are called by their number + " +
+    data.warnings.push_back("captures of " + file + " are renumbered: their number + " +
                             std::to_string(offset));
   }
   std::move(captures.begin(), captures.end(), std::back_inserter(data.captures));
@@ -40,7 +40,7 @@ CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<st
       count = static_cast<int>(read.captures.size());
       if (!read.unknown_tags.empty()) {
         out.warnings.push_back(
-            path + " has tags that the scene has not: " + io::listOf(read.unknownIds()));
+            path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
       }
       addCaptures(std::move(read.captures), path, out);
     }
@@ -54,7 +54,8 @@ std::optional<std::string> repeatedSource(const std::vector<io::Provenance::Data
   for (const io::Provenance::Data& source : sources) {
     const auto [known, is_new] = files.emplace(source.sha256, source.file);
     if (!is_new) {
-      return source.file + " holds the same as " + known->second + "; give each data set once";
+      return source.file + " has the same content as " + known->second +
+             "; give each data set once";
     }
   }
   return std::nullopt;

@@ -10,8 +10,10 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "least_tip_error.hpp"
+#include "tip_error.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -27,11 +29,11 @@ bool areCorners(const std::vector<estimation::Capture>& captures) {
                                   captures.front().reading);
 }
 
-// What the words of a request name with this data.
+// Parameters that the words of a request select for this data.
 std::set<FitParameter> fittedOf(const CalibrationRequest& request, const CalibrationData& data) {
   std::set<FitParameter> fitted =
       estimation::fitParametersOf(request.fit, areCorners(data.captures));
-  // Captures of an arm show how far off its curves are, but not the curves themselves.
+  // Captures of an arm determine the error of its curves, but not the curves themselves.
   if (data.lengths.empty() && fitted.erase(FitParameter::kContraction) > 0) {
     fitted.insert(FitParameter::kLengthScale);
   }
@@ -49,7 +51,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
     if (info.implied && areCorners(data.captures)) fitted.insert(info.parameter);
   }
   estimation::setFitted(fitted, options);
-  // Placements alone are not to depend on how good the model is.
+  // Placements that are fitted alone must not depend on the accuracy of the model.
   options.free_shapes = !about_shape;
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
@@ -72,7 +74,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   return options;
 }
 
-// Which of the scene's curves the data of free lengths is of.
+// The contraction curve that the free lengths belong to.
 std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
                                      std::string& message) {
   std::string names;
@@ -82,7 +84,7 @@ std::optional<std::string> curveName(const io::Scene& scene, const std::string& 
   }
   if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.front();
   message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
-                                "; say which of them was measured"
+                                "; name the one that was measured"
                           : "scene " + scene.name + " has no contraction " + asked +
                                 "; expected one of " + names;
   return std::nullopt;
@@ -118,7 +120,7 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   return out;
 }
 
-// The captures of one more arm, but those that show nothing of it.
+// Adds the captures of another arm, without those that show no tag of it.
 void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
   ArmCaptures arm = makeArmCaptures(scene, {});
@@ -165,7 +167,7 @@ CalibrationOutcome runCalibration(const std::string& path,
                             one.data.warnings.end());
     if (!one.data.lengths.empty()) {
       return refused(outcome, "the data of " + one.scene.name +
-                                  " holds free lengths; give those of the scene alone");
+                                  " holds free lengths; give only those of the scene's own arm");
     }
   }
   if (const auto twice = repeatedSource(sources)) return refused(outcome, *twice);
@@ -176,7 +178,7 @@ CalibrationOutcome runCalibration(const std::string& path,
   const bool fits_curve = fitted.count(FitParameter::kContraction) > 0;
   if (!fits_curve && !data.lengths.empty()) {
     return refused(outcome,
-                   "the data holds free lengths, but no contraction is to be fitted; leave it out, "
+                   "the data holds free lengths, but no contraction is fitted; leave it out, "
                    "or fit contraction as well");
   }
   if (fits_curve) {
@@ -191,22 +193,25 @@ CalibrationOutcome runCalibration(const std::string& path,
     curves.contractions = outcome.contractions;
   }
   if (!fits_arm && !companions.empty()) {
-    return refused(outcome, "other arms share the stiffness, but none is to be fitted");
+    return refused(outcome,
+                   "other arms share the stiffness, but it is not fitted; fit it, or leave out the "
+                   "other arms");
   }
   io::SceneCalibration changes;
   if (fits_arm) {
-    // What follows is of the arm with its new curves.
+    // From here on, the arm has its new curves.
     if (!curves.contractions.empty()) {
       curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
       if (!companions.empty()) {
-        outcome.warnings.push_back("the other arms keep the curves of their own scenes");
+        outcome.warnings.push_back(
+            "the other arms keep the contraction curves of their own scenes");
       }
     }
     addArm(scene, data.captures, outcome);
     for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
     for (const ArmCaptures& arm : outcome.arms) {
-      if (arm.captures.empty()) return refused(outcome, "there is no capture of " + arm.name);
+      if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
     const CalibrationOptions options = optionsOf(scene, request, fitted, data);
     outcome.calibration = estimation::calibrate(outcome.arms, options);
@@ -223,8 +228,13 @@ CalibrationOutcome runCalibration(const std::string& path,
   changes.contractions = curves.contractions;
   changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
   outcome.scene_text = io::calibratedSceneText(path, overrides, changes, sha256);
+  if (fits_arm) {
+    outcome.tip_error_before = medianTipError(scene, data.captures);
+    outcome.tip_error_after =
+        medianTipError(io::sceneOfText(outcome.scene_text, path), data.captures);
+  }
   outcome.success = true;
-  outcome.message = "calibrated " + scene.name;
+  outcome.message = resultText(scene.name, outcome);
   return outcome;
 }
 

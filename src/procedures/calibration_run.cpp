@@ -5,20 +5,20 @@
 #include <cmath>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kSamePressure = 1.0;  // commands go around through messages [Pa]
-// After a pause of the caller a ramp goes on where it was, and does not leap.
+constexpr double kSamePressure = 1.0;  // commands are rounded in messages [Pa]
+// After a pause of the caller, a ramp continues without a jump.
 constexpr double kLongestStep = 0.1;  // [s]
 
 constexpr std::array<const char*, 4> kPhases = {"ramping", "settling", "returning", "ended"};
 
 void requirePositive(const char* what, double value) {
-  basics::requireValue(std::isfinite(value) && value > 0, "a calibration run", what, value,
-                       "a finite value > 0");
+  basics::requirePositive("a calibration run", what, value);
 }
 
 }  // namespace
@@ -27,7 +27,7 @@ const char* nameOf(RunPhase phase) { return kPhases[static_cast<std::size_t>(pha
 
 void RunRules::validate() const {
   basics::requireValue(captures >= 1 && captures <= kMaxCaptures, "a calibration run", "captures",
-                       captures, "1 to 5 a pressure");
+                       captures, "1 to 5 per pressure");
   requirePositive("ramp", ramp);
   requirePositive("patience", patience);
 }
@@ -78,24 +78,41 @@ void CalibrationRun::lookAt(double now, const Settling& settling, Order& order) 
   }
 }
 
+void CalibrationRun::watchPictures(double now, const Settling& settling) {
+  const bool under_way = phase_ == RunPhase::kRamping || phase_ == RunPhase::kSettling;
+  if (!under_way || !settling.unseen()) {
+    unseen_since_.reset();
+    return;
+  }
+  if (!unseen_since_) unseen_since_ = now;
+  if (phase_ == RunPhase::kSettling || now - *unseen_since_ <= rules_.patience) return;
+  unseen_since_.reset();
+  end(RunEnd::kAborted, "step " + std::to_string(step_ + 1) + " has waited for pictures for " +
+                            std::to_string(std::lround(rules_.patience)) +
+                            " s (~patience_s): " + settling.reason);
+}
+
 CalibrationRun::Order CalibrationRun::advance(double now, const Settling& settling) {
   if (last_time_ && now < *last_time_) {
-    end(RunEnd::kAborted, "time has gone back by " + std::to_string(*last_time_ - now) +
-                              " s: was a clock set, or the node that gives /clock started anew?");
+    end(RunEnd::kAborted, "time went back by " + std::to_string(*last_time_ - now) +
+                              " s; was a clock set, or the node that publishes /clock restarted?");
   }
   const double dt = last_time_ ? std::clamp(now - *last_time_, 0.0, kLongestStep) : 0.0;
   last_time_ = now;
-  if (settling.stale()) end(RunEnd::kAborted, settling.reason);
+  if (settling.state == SettleState::kStale) end(RunEnd::kAborted, settling.reason);
+  watchPictures(now, settling);
   Order order;
-  if (phase_ == RunPhase::kRamping && rampTo(plan_.row(step_).transpose(), dt)) {
+  const bool ramps = phase_ == RunPhase::kRamping && !waitsForPictures();
+  if (ramps && rampTo(plan_.row(step_).transpose(), dt)) {
     phase_ = RunPhase::kSettling;
     settling_since_ = now;
   } else if (phase_ == RunPhase::kSettling) {
     lookAt(now, settling, order);
   } else if (phase_ == RunPhase::kReturning && rampTo(rest_, dt)) {
-    // The next run begins where the command is: this one ends once the command is at rest, too.
+    // A run ends once the command is at rest, since the next one starts from the command.
     if (!returned_at_) returned_at_ = now;
-    const bool at_rest = settling.stale() || !settling.set_point || obeys(settling);
+    const bool at_rest =
+        settling.state == SettleState::kStale || !settling.set_point || obeys(settling);
     if (at_rest || now - *returned_at_ > rules_.patience) phase_ = RunPhase::kEnded;
   }
   order.pressure = pressure_;

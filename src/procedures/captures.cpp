@@ -13,7 +13,7 @@ namespace {
 
 struct NamedKind {
   DataKind kind;
-  const char* column;  // that tells it
+  const char* column;  // which identifies the kind
   const char* text;
 };
 
@@ -52,14 +52,15 @@ std::string idsOf(const estimation::TagLayout& layout) {
   return io::listOf(ids);
 }
 
-// Readings of tags by their ids as readings of tags of the layout.
+// Converts readings by tag id to readings by tag of the layout.
 template <class Observation>
 class TagReadings {
  public:
   explicit TagReadings(const io::Scene& scene, const std::string& file)
       : scene_(scene), file_(file), layout_(tagsOf(scene, file)) {}
 
-  // observe(tag) gives what is seen of a tag of the scene, nothing where that is a fault.
+  // observe(tag) returns the observation of a tag of the scene, absent if it was reported as a
+  // fault.
   template <class Tags, class Observe>
   void add(int number, const Eigen::VectorXd& pressure, const Tags& tags, Observe observe) {
     std::vector<Observation> reading;
@@ -95,8 +96,8 @@ class TagReadings {
 LoadedCaptures curvaturesOf(const io::Scene& scene, const io::DataSet& data,
                             const Eigen::MatrixXd& pressures) {
   if (scene.arm.sectionCount() != 1) {
-    refuse(data.path, "holds curvatures, which are those of one section, but scene " + scene.name +
-                          " has " + std::to_string(scene.arm.sectionCount()));
+    refuse(data.path, "holds curvatures, which apply to arms of one section, but scene " +
+                          scene.name + " has " + std::to_string(scene.arm.sectionCount()));
   }
   io::FaultList faults(data.path);
   LoadedCaptures loaded;
@@ -123,7 +124,7 @@ LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
   return readings.take();
 }
 
-// Directions of a tag's corners; nothing, and a fault, where the distortion cannot be undone.
+// Directions of a tag's corners; absent, with a fault, where the distortion cannot be inverted.
 std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera,
                                                 const io::TagCorners& tag, io::FaultList& faults) {
   estimation::Corners directions;
@@ -132,8 +133,8 @@ std::optional<estimation::Corners> directionsOf(const estimation::Camera& camera
     if (!direction) {
       const std::string number = std::to_string(i + 1);
       faults.add(tag.line, "x" + number + "_px, y" + number +
-                               "_px are not in the picture; expected a place where the camera's "
-                               "distortion can be undone");
+                               "_px are outside the picture; expected a point where the camera's "
+                               "distortion can be inverted");
       return std::nullopt;
     }
     directions.col(i) = *direction;
@@ -145,7 +146,7 @@ void requirePressures(const std::string& file, const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (model::isPressure(arm.actuator(i).drive)) continue;
     refuse(file, "gives pressures, but actuator " + arm.actuator(i).name +
-                     " of the scene is a tendon; expected an arm of pressure actuators");
+                     " of the scene is a tendon; expected an arm driven by pressure");
   }
 }
 
@@ -163,7 +164,8 @@ DataKind kindOf(const io::DataSet& data) {
     if (data.find(kind.column) < 0) continue;
     if (found != nullptr) {
       refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
-                            " and " + kind.column + " of " + kind.text + "; expected one of them");
+                            " and " + kind.column + " of " + kind.text +
+                            "; expected only one of them");
     }
     found = &kind;
   }
@@ -172,7 +174,7 @@ DataKind kindOf(const io::DataSet& data) {
   for (const NamedKind& kind : kKinds) {
     expected += (expected.empty() ? "" : ", ") + std::string(kind.column) + " of " + kind.text;
   }
-  refuse(data.path, "has none of the columns that tell what it holds; expected " + expected);
+  refuse(data.path, "has none of the columns that identify its kind of data; expected " + expected);
 }
 
 Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {

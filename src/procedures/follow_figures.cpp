@@ -19,7 +19,7 @@ double rms(Rows begin, Rows end) {
   return std::sqrt(sum / static_cast<double>(end - begin));
 }
 
-// Time from the first row until the error stays within the bound; nothing if it never does.
+// Time from the first row until the error stays within the bound; absent if it never does.
 std::optional<double> settleTime(Rows begin, Rows end) {
   const double step = errorOf(*begin);
   const double bound = kSettledWithin + kSettledPart * step;

@@ -6,6 +6,7 @@
 #include <variant>
 
 #include "follow_figures.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/simulation/lockstep.hpp"
 
@@ -15,8 +16,8 @@ namespace {
 constexpr double kTurn = 0.01;           // [s]
 constexpr double kProgressPeriod = 1.0;  // [s]
 
-// Of a scene without a simulated regulator, one that gives whatever the actuators stand.
-regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uint32_t seed) {
+// For a scene without a simulated regulator: one that reaches all limits.
+regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   const auto* simulated = scene.regulator
                               ? std::get_if<regulator::SimulatedRegulatorConfig>(&*scene.regulator)
                               : nullptr;
@@ -34,7 +35,7 @@ regulator::SimulatedRegulatorConfig regulatorOf(const io::Scene& scene, std::uin
 
 void requireSight(const io::Scene& scene) {
   basics::require(scene.camera && scene.tags, "scene ", scene.name,
-                  " has no `camera` or no `tags`; a loop over sight needs both");
+                  " has no `camera` or no `tags`; the closed loop needs both");
 }
 
 // Of the arm of the scene, its tags in their order.
@@ -67,7 +68,7 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
   config.blind = plan.blind;
   return simulation::Lockstep(
       {scene.model,
-       simulation::SimulatedRig(rig.model, regulatorOf(rig, plan.seed), rig.simulation.arm),
+       simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
        simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},
@@ -93,7 +94,7 @@ FollowRow rowOf(const simulation::Lockstep& lockstep, const follow::Turn& turn,
   return row;
 }
 
-// Adds what the loop says of contacts in one turn.
+// Records contacts that the loop reports in one turn.
 void addAlarm(double time, const estimation::ExternalLoad& load, bool touched,
               std::vector<FollowAlarm>& alarms) {
   if (!load.contact) return;
@@ -121,8 +122,7 @@ FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,
 
 FollowResult runFollow(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan,
                        const std::function<bool(double)>& progress) {
-  basics::requireValue(std::isfinite(plan.seconds) && plan.seconds > 0, "follow",
-                       "the duration [s]", plan.seconds, "a finite value > 0");
+  basics::requirePositive("follow", "the duration [s]", plan.seconds);
   basics::require(plan.path.has_value() != !plan.tips.empty(),
                   "follow: expected either tips or a path");
   const auto tips = static_cast<std::int64_t>(plan.tips.size());

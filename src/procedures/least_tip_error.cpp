@@ -11,8 +11,8 @@ namespace {
 using estimation::ArmCaptures;
 using estimation::Calibration;
 
-// Shapes fitted to the tags of each capture by itself, where they determine one, with the
-// placements that a calibration found.
+// Twists fitted to the tags of each capture separately, if they determine one, with the calibrated
+// placements.
 ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
                      const Calibration& calibration) {
   ArmCaptures out = data;
@@ -49,13 +49,13 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
 std::optional<estimation::LeastTipError> leastTipError(
     const io::Scene& scene, const ArmCaptures& data, const Calibration& calibration,
     const estimation::CalibrationOptions& options) {
-  // The paper's definition knows of no other parameter.
+  // The paper's definition has no other parameters.
   const bool fitted = options.K_kappa && calibration.stiffness;
   if (!fitted || options.length_scale != estimation::LengthScaling::kNone) return std::nullopt;
   const bool curvatures =
       std::holds_alternative<estimation::CurvatureReading>(data.captures.front().reading);
   if (curvatures) return estimation::fitLeastTipError({data});
-  // In its plane a twist has no covariance across it.
+  // The covariance of a planar twist is singular.
   if (data.planar) return std::nullopt;
   return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
 }

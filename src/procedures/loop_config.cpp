@@ -11,17 +11,21 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kLeastDeviation = 1e-4;  // no calibration knows more than that
-constexpr double kSlowSmoothing = 1.0;    // [s]
+constexpr double kLeastDeviation = 1e-4;  // lower bound of calibrated deviations
+// Upper bound of calibrated deviations: what is identifiable is not less certain, and exponentials
+// of multiples of it are finite.
+constexpr double kMostDeviation = 0.5;
+constexpr double kSlowSmoothing = 1.0;  // [s]
 
-// The largest relative standard error of the identifiable parameters of a name, which may go on
-// with _ and an actuator; nothing if there is none.
+// Largest relative standard error of the identifiable parameters with this name (also with a suffix
+// _ACTUATOR); absent if there are none.
 std::optional<double> relativeError(const io::Provenance& calibration, const std::string& name) {
   std::optional<double> out;
   for (const io::Provenance::Parameter& one : calibration.parameters) {
     const bool named = one.name == name || one.name.compare(0, name.size() + 1, name + "_") == 0;
     if (!named || !one.identifiable || one.value == 0) continue;
-    const double error = std::max(kLeastDeviation, one.standard_error / std::abs(one.value));
+    const double error =
+        std::clamp(one.standard_error / std::abs(one.value), kLeastDeviation, kMostDeviation);
     out = std::max(out.value_or(0.0), error);
   }
   return out;
@@ -41,8 +45,9 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
 }  // namespace
 
 follow::SightLoopConfig loopConfigOf(const io::Scene& scene) {
-  basics::require(!scene.safety.channels.empty(), "scene ", scene.name,
-                  " has actuators that no pressure drives; a loop over sight needs pressures");
+  basics::require(
+      !scene.safety.channels.empty(), "scene ", scene.name,
+      " has actuators that are not driven by pressure; the closed loop needs pressures");
   follow::SightLoopConfig out = scene.follow;
   out.filter.planar = scene.vision.fit.planar;
   out.sight = placedSightOf(scene);
@@ -54,8 +59,7 @@ std::string loopWarning(const follow::SightLoopConfig& config) {
   if (config.smoothing <= kSlowSmoothing) return {};
   return "follow: the loop smooths over " +
          io::formatNumber(std::round(100 * config.smoothing) / 100) +
-         " s, so that it corrects the arm that slowly; stiffen or damp the arm, and give paths "
-         "rather than distant targets";
+         " s, which is slow; stiffen or damp the arm, and give paths rather than distant targets";
 }
 
 }  // namespace helix_arm::procedures

@@ -9,7 +9,7 @@ namespace helix_arm::procedures {
 namespace {
 
 constexpr double kHeading = 15.0, kFooter = 13.0;
-constexpr double kRulerColumn = 11.0;  // that the ruler on the left takes
+constexpr double kRulerColumn = 11.0;  // width of the ruler on the left
 constexpr int kRulerLength = 100;
 constexpr double kNumberHeight = 2.6;
 
@@ -51,7 +51,7 @@ void addUprightRuler(const Point& zero, Page& page) {
   }
 }
 
-// The squares of one row of cells that belong together.
+// A horizontal run of adjacent black cells.
 struct Run {
   int begin, end;
   bool operator==(const Run& other) const { return begin == other.begin && end == other.end; }

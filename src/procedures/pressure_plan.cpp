@@ -34,7 +34,7 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm,
     return refuse(control::Fault::kWrongSize,
                   "a plan of " + std::to_string(rows.size()) + " pressures for " +
                       std::to_string(count) +
-                      " actuators; send one a step and actuator, row by row");
+                      " actuators; send one per step and actuator, row by row");
   }
   Eigen::MatrixXd plan(rows.size() / count, count);
   for (Eigen::Index step = 0; step < plan.rows(); ++step) {
@@ -49,8 +49,8 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm,
   }
   if ((plan.rowwise() - plan.row(0)).isZero(0.0)) {
     return refuse(control::Fault::kOutOfRange,
-                  "a plan of one pressure; nothing tells parameters apart where it is always the "
-                  "same: send at least two that differ");
+                  "a plan of one pressure, which cannot distinguish parameters; send at least two "
+                  "different pressures");
   }
   return plan;
 }

@@ -16,7 +16,7 @@ Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
     throw std::invalid_argument("a tour over " + std::to_string(fraction) +
                                 " of the range; expected a fraction in (0, 1]");
   }
-  // Rows: rest, the stops of one turn with the first one repeated, all together, rest.
+  // Rows: rest, the stops of one turn with the first repeated, all actuators together, rest.
   Eigen::MatrixXd share = Eigen::MatrixXd::Zero(kStops + 4, arm.actuatorCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;

@@ -3,7 +3,6 @@
 #include <string>
 
 #include "helix_arm/estimation/calibration_parameters.hpp"
-#include "helix_arm/estimation/rig_memory.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -26,11 +25,8 @@ void takeErrors(const io::Provenance& calibration, FitParameter parameter, const
 
 std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene) {
   if (!scene.camera || !scene.tags) return std::nullopt;
-  // Base and bleed are learnt from the pictures.
-  const estimation::TwistFitOptions fit = scene.vision.remembers_rig
-                                              ? estimation::RigMemory::heldOptions(scene.vision.fit)
-                                              : scene.vision.fit;
-  estimation::PlacedSight out{scene.view(), fit, {*scene.tags, scene.tag_prior, fit.base_prior}};
+  estimation::PlacedSight out{
+      scene.view(), scene.vision.fit, {*scene.tags, scene.tag_prior, scene.vision.fit.base_prior}};
   if (!scene.calibration) return out;
   const auto wordOf = [](FitParameter parameter) -> std::string {
     return estimation::infoOf(parameter).name;

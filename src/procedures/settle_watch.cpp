@@ -5,15 +5,16 @@
 #include <cstdio>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
-// So many of the tags must stand still: a few of them may be misread.
+// Fraction of the tags that must be still; a few may be misread.
 constexpr double kStillShare = 0.75;
 
-// Of each history: more than two minutes bring, at 1000 and at 60 Hz.
+// Limits of the histories: more than two minutes at 1000 and at 60 Hz.
 constexpr std::size_t kMostReadings = 1 << 17;
 constexpr std::size_t kMostSights = 1 << 13;
 
@@ -25,12 +26,11 @@ std::string format(const char* pattern, Arguments... arguments) {
 }
 
 void requirePositive(const char* what, double value) {
-  basics::requireValue(std::isfinite(value) && value > 0, "the settle rules", what, value,
-                       "a finite value > 0");
+  basics::requirePositive("the settle rules", what, value);
 }
 
-// How far tags moved from one picture to another: that of the tag that kStillShare of those in both
-// stay below [px]; nothing where no tag is in both.
+// Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
+// below [px]; absent without common tags.
 std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
                                       const std::vector<TagSighting>& b) {
   std::vector<double> moved;
@@ -48,6 +48,20 @@ std::optional<double> distanceBetween(const std::vector<TagSighting>& a,
       static_cast<std::ptrdiff_t>(std::ceil(kStillShare * static_cast<double>(moved.size()))) - 1;
   std::nth_element(moved.begin(), moved.begin() + rank, moved.end());
   return moved[static_cast<std::size_t>(rank)];
+}
+
+// Why what came last at `last` is too old; empty if it is not.
+std::string staleness(std::optional<double> last, double now, double max_age, const char* what,
+                      const char* remedy) {
+  if (!last) return format("%s: none received yet; %s", what, remedy);
+  const double age = now - *last;
+  if (age < -max_age) {
+    return format(
+        "%s: the last are stamped %.2f s ahead of now (at most %g s); synchronise the clocks", what,
+        -age, max_age);
+  }
+  if (age <= max_age) return "";
+  return format("%s: none received for %.2f s (at most %g s); %s", what, age, max_age, remedy);
 }
 
 }  // namespace
@@ -74,11 +88,11 @@ template <class Entry>
 void SettleWatch::add(std::deque<Entry>& history, Entry entry, std::size_t most) const {
   if (!history.empty()) {
     const double step = entry.time - history.back().time;
-    if (step == 0) history.pop_back();  // a clock that stands still
+    if (step == 0) history.pop_back();  // the clock does not advance
     if (step < 0 || step > rules_.max_age) history.clear();
   }
   history.push_back(std::move(entry));
-  // Stamps that creep would never let one go.
+  // Stamps that advance very slowly would keep all entries.
   if (history.size() > most) history.pop_front();
 }
 
@@ -93,7 +107,7 @@ void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
 void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   checkSize(pressure);
   add(readings_, Reading{time, pressure}, kMostReadings);
-  // Pictures are later than pressures: what they may still ask for is kept.
+  // Pictures arrive later than pressures, so the history that they may need is kept.
   const double oldest = time - rules_.window - rules_.max_age;
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
@@ -103,29 +117,20 @@ void SettleWatch::seen(double time, std::vector<TagSighting> tags) {
   while (sights_.size() > 1 && sights_[1].time <= windowBegin()) sights_.pop_front();
 }
 
-std::string SettleWatch::staleness(double now) const {
-  const auto stale = [&](bool none, double time, const char* what, const char* remedy) {
-    if (none) return format("%s: none has come yet; %s", what, remedy);
-    const double age = now - time;
-    if (age < -rules_.max_age) {
-      return format(
-          "%s: the last are stamped %.2f s ahead of now (at most %g s); set the clocks alike", what,
-          -age, rules_.max_age);
-    }
-    if (age <= rules_.max_age) return std::string();
-    return format("%s: none has come for %.2f s (at most %g s); %s", what, age, rules_.max_age,
-                  remedy);
-  };
-  std::string out = stale(readings_.empty(), readings_.empty() ? 0 : readings_.back().time,
-                          "measured pressures", "is the regulator's node up?");
+std::string SettleWatch::pressureStaleness(double now) const {
+  std::string out =
+      staleness(readings_.empty() ? std::nullopt : std::optional(readings_.back().time), now,
+                rules_.max_age, "measured pressures", "is the regulator's node running?");
   if (out.empty() && set_point_) {
-    out = stale(false, set_last_, "commanded pressures", "is pressure_command up?");
-  }
-  if (out.empty()) {
-    out = stale(sights_.empty(), sights_.empty() ? 0 : sights_.back().time, "tag detections",
-                "are camera and vision up?");
+    out = staleness(set_last_, now, rules_.max_age, "commanded pressures",
+                    "is pressure_command running?");
   }
   return out;
+}
+
+std::string SettleWatch::pictureStaleness(double now) const {
+  return staleness(sights_.empty() ? std::nullopt : std::optional(sights_.back().time), now,
+                   rules_.max_age, "tag detections", "are camera and vision running?");
 }
 
 std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) const {
@@ -138,7 +143,7 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
     return format("pressures were measured for %.2f s; expected %g s",
                   readings_.back().time - readings_.front().time, rules_.window);
   }
-  // A mean over both halves: noise averages out, a drift does not.
+  // Mean over each half: noise averages out, a drift does not.
   const double middle = 0.5 * (begin + end);
   const auto size = static_cast<Eigen::Index>(names_.size());
   Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(size, 2);
@@ -149,14 +154,13 @@ std::string SettleWatch::pressureFault(double begin, Eigen::VectorXd& mean) cons
     sums.col(half) += reading.pressure;
     counts[half] += 1;
   }
-  if ((counts == 0).any())
-    return "too few pressures were measured while the picture was waited for";
+  if ((counts == 0).any()) return "too few pressures were measured before the picture came";
   mean = sums.rowwise().sum() / counts.sum();
   const Eigen::VectorXd wanted = set_point_.value_or(mean);
   for (int half = 0; half < 2; ++half) {
     for (Eigen::Index i = 0; i < size; ++i) {
       const double off = sums(i, half) / counts[half] - wanted[i];
-      // Not <=: a pressure that is no number is not settled.
+      // Not <=: a NaN is not settled.
       if (std::abs(off) <= rules_.pressure_tolerance) continue;
       return format("%s is %.2f kPa from %s; expected at most %g kPa",
                     names_[static_cast<std::size_t>(i)].c_str(), 1e-3 * off,
@@ -173,7 +177,7 @@ std::string SettleWatch::motion(double begin) const {
   }
   for (std::size_t k = 0; k + 1 < sights_.size(); ++k) {
     const auto moved = distanceBetween(sights_[k].tags, sights_.back().tags);
-    if (!moved) return "other tags are in sight than before";
+    if (!moved) return "the set of visible tags changed";
     if (*moved <= rules_.corner_tolerance) continue;
     return format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
                   sights_.back().time - sights_[k].time, rules_.corner_tolerance);
@@ -184,8 +188,13 @@ std::string SettleWatch::motion(double begin) const {
 Settling SettleWatch::at(double now) const {
   Settling out;
   out.set_point = set_point_;
-  out.reason = staleness(now);
+  out.reason = pressureStaleness(now);
   if (!out.reason.empty()) return out;
+  out.reason = pictureStaleness(now);
+  if (!out.reason.empty()) {
+    out.state = SettleState::kUnseen;
+    return out;
+  }
   const double begin = windowBegin();
   Eigen::VectorXd mean;
   out.reason = pressureFault(begin, mean);
@@ -195,7 +204,7 @@ Settling SettleWatch::at(double now) const {
   }
   if (sights_.back().tags.empty()) {
     out.state = SettleState::kNoTags;
-    out.reason = "no tag of the arm is in sight; look at the camera's picture";
+    out.reason = "no tag of the arm is in sight; check the camera's picture";
     return out;
   }
   out.reason = motion(begin);

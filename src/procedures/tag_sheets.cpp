@@ -13,13 +13,13 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kGap = 3.0;    // between cards
-constexpr double kRim = 1.5;    // of a card around its tag: holds its marks, and allows for the cut
-constexpr double kMark = 1.0;   // size of the marks in it
-constexpr double kStrip = 5.0;  // below the card, for its text
+constexpr double kGap = 3.0;          // between cards
+constexpr double kRim = 1.5;          // around its tag: room for marks, and for inaccurate cuts
+constexpr double kMark = 1.0;         // size of the marks in it
+constexpr double kStrip = 5.0;        // below the card, for its text
 constexpr double kMillimetre = 1e-3;  // [m]
 
-// Cards and how many of them a page takes.
+// Grid of cards on a page.
 struct CardGrid {
   double side;  // of a tag's square
   double card;  // side of the card, without its strip
@@ -40,7 +40,7 @@ CardGrid gridOf(double tag_size, const vision::TagFamily& family, const Paper& p
   const double most = std::min(area.width, area.height - kStrip);
   basics::require(
       card <= most, "tags.size_m is ", io::formatNumber(tag_size), ": with its border a ",
-      family.name(), " tag is ", rounded(card, 1), " mm wide, and ", paper.name, " leaves ",
+      family.name(), " tag is ", rounded(card, 1), " mm wide, but ", paper.name, " has room for ",
       rounded(most, 1), " mm; expected at most ",
       rounded(std::floor((most - 2 * kRim) / cells * family.borderCells()) * kMillimetre, 3),
       " m. Print smaller tags");
@@ -138,7 +138,7 @@ Page boardSheet(const vision::TagBoard& board, const Paper& paper) {
   const Box area = areaBesideRulers(paper);
   basics::require(width <= area.width && height <= area.height, "a board of ", rounded(width, 1),
                   " x ", rounded(height, 1), " mm; expected at most ", rounded(area.width, 1),
-                  " x ", rounded(area.height, 1), " mm, which ", paper.name, " leaves");
+                  " x ", rounded(area.height, 1), " mm, the printable area of ", paper.name);
   Page page = headedPage(
       paper,
       "Calibration board: " + board.family + ", " + std::to_string(board.columns) + " x " +

@@ -15,8 +15,8 @@ constexpr double kScale = 6.0;   // below, for s
 constexpr double kEdge = 7.0;    // beside the first and last s
 constexpr double kMostSquare = 9.0, kLeastSquare = 2.5;
 
-// The angle at which the skin is cut open: in the middle of the widest strip without a tag or an
-// actuator, if possible that before the angle 0.
+// The angle at which the skin is cut open: in the middle of the widest strip without tags or
+// actuators, preferably the one before the angle 0.
 double cutOf(std::vector<double> angles) {
   constexpr double kClearlyWider = 1e-3;
   std::sort(angles.begin(), angles.end());
@@ -31,7 +31,7 @@ double cutOf(std::vector<double> angles) {
   return cut;
 }
 
-// Places of one section on the page.
+// Layout of one section on the page.
 struct Skin {
   Box field;
   double cut;  // angle at the upper edge [rad]
@@ -55,7 +55,7 @@ Skin skinOf(const model::Arm& arm, const std::vector<UnrolledTag>& tags, const B
   return {{box.x + kNames, box.y, box.width - kNames, box.height - kScale}, cutOf(angles)};
 }
 
-// As large as the tags' distances on the page allow.
+// Side of the squares: as large as the distances between tags allow.
 double squareSide(const std::vector<Point>& centres) {
   constexpr double kShare = 0.9;
   double least = kMostSquare / kShare;
@@ -99,7 +99,7 @@ void addScale(double rest_length, const Skin& skin, Page& page) {
   }
 }
 
-// A white square with a black edge hides the lines behind it.
+// The white square hides the lines behind it.
 void addTag(const UnrolledTag& tag, const Point& centre, double side, Page& page) {
   constexpr double kText = 0.42;  // height of the id, as a share of the side
   constexpr double kEdgeWidth = 0.2;

@@ -12,9 +12,9 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kAtCentre = 1e-9;  // where a point has no side of the base curve [m]
+constexpr double kAtCentre = 1e-9;  // below it, a point has no direction from the base curve [m]
 
-// In [0, 2 pi). What rounding puts below 0 would otherwise be a whole turn away from it.
+// In [0, 2 pi). Rounding just below 0 would otherwise appear almost a whole turn away.
 double positiveAngle(const Vector2d& yz) {
   constexpr double kRounding = 1e-9;
   const double angle = std::atan2(yz.y(), yz.x());
@@ -33,7 +33,7 @@ int nearestActuator(const model::Arm& arm, int section, const Vector3d& point) {
   return nearest;
 }
 
-// The side of the base curve on which something is: its direction across the arm.
+// Direction from the base curve to a point, in the cross-section.
 Vector2d outwardsAt(const Vector2d& point, const Vector2d& otherwise) {
   if (point.norm() > kAtCentre) return point.normalized();
   return otherwise.norm() > kAtCentre ? Vector2d(otherwise.normalized())
@@ -59,7 +59,7 @@ UnrolledTag unroll(const model::Arm& arm, const estimation::TagPlacement& tag) {
   const Vector2d from_muscle = centre.tail<2>() - muscle;
   out.standoff = from_muscle.dot(muscle_outwards);
   out.aside = muscle_outwards.x() * from_muscle.y() - muscle_outwards.y() * from_muscle.x();
-  // On the page: s to the right, larger angles downwards.
+  // On the page, s runs to the right and the angle downwards.
   out.turn = std::atan2(-up.x(), -up.tail<2>().dot(around));
   out.tilt = std::acos(std::clamp(face.tail<2>().dot(outwards), -1.0, 1.0));
   return out;

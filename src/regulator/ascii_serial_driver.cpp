@@ -6,16 +6,14 @@
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/target_check.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
 using Clock = SerialPort::Clock;
 
-// Outside of these there is no air: a sensor that is broken, or a device that speaks another unit.
-constexpr double kLowestPressure = -2e5, kHighestPressure = 1e8;  // gauge [Pa]
-
-// Of the watchdog of a device, whose clock and whose line are not ours.
+// Margin for the watchdog of a device, whose clock and line may differ from ours.
 constexpr double kWatchdogShare = 0.8;
 
 const SerialProfile& valid(const SerialProfile& profile) {
@@ -50,7 +48,7 @@ AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
   if (addressed) {
     basics::requireValue(addresses.size() == static_cast<std::size_t>(channels), kCulprit,
                          "the number of addresses", addresses.size(),
-                         "one a channel, " + std::to_string(channels));
+                         "one per channel, " + std::to_string(channels));
   } else {
     basics::requireValue(addresses.empty(), kCulprit, "the number of addresses", addresses.size(),
                          "none: the profile's lines have no {address}");
@@ -62,10 +60,10 @@ AsciiSerialDriver::AsciiSerialDriver(const SerialConfig& config, int channels)
     const bool word = !address.empty() && std::all_of(address.begin(), address.end(),
                                                       [](char c) { return c > ' ' && c <= '~'; });
     basics::require(word, kCulprit, ": address ", i, " is \"", basics::quoted(address),
-                    "\"; expected a word without blanks");
+                    "\"; expected a word without spaces");
     basics::require(std::find(addresses.begin(), addresses.end(), address) ==
                         addresses.begin() + static_cast<std::ptrdiff_t>(i),
-                    kCulprit, ": address ", address, " is given twice; expected one a channel");
+                    kCulprit, ": address ", address, " is given twice; expected one per channel");
   }
   channels_.resize(profile_.one_by_one ? static_cast<std::size_t>(channels) : 1);
   for (std::size_t i = 0; addressed && i < channels_.size(); ++i) {
@@ -107,18 +105,18 @@ void AsciiSerialDriver::ready() {
   }
 }
 
-// An answer that is on its way from before must not pass for the first one of now.
+// A late answer from before must not be taken for the first one of this connection.
 void AsciiSerialDriver::awaitQuiet() {
   const Clock::time_point deadline = after(3 * profile_.timeout);
   Clock::time_point quiet = after(profile_.timeout);
   while (Clock::now() < quiet) {
-    // Keeps waiting where half a line came, too.
+    // Also waits for the rest of a line that has begun.
     const std::optional<std::string> line =
         port_.receiveLine(profile_.terminator, std::min(quiet, deadline));
     if (port_.discardInput() || line) quiet = after(profile_.timeout);
     if (Clock::now() >= deadline) {
-      throw LinkError(device_ + " does not stop talking, but its profile " + profile_.name +
-                      " says that it speaks on being asked; switch its streaming off, or use "
+      throw LinkError(device_ + " keeps sending, but its profile " + profile_.name +
+                      " says that it only answers requests; switch off its streaming, or use "
                       "another profile");
     }
   }
@@ -130,7 +128,7 @@ void AsciiSerialDriver::awaitReading() {
   while (Clock::now() < deadline) {
     try {
       if (listen(deadline)) return;
-    } catch (const BadReply&) {  // the first line may be the end of one
+    } catch (const BadReply&) {  // the first line may be incomplete
       error = std::current_exception();
     }
   }
@@ -162,7 +160,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   if (reply == nullptr) return {};
   const std::optional<std::string> answer = port_.receiveLine(profile_.terminator, deadline);
   if (!answer && !port_.unfinished().empty()) {
-    throw BadReply(device_ + " ends its answer to \"" + line + "\" half-way: \"" +
+    throw BadReply(device_ + " sent an incomplete answer to \"" + line + "\": \"" +
                    basics::quoted(port_.unfinished()) + "\"");
   }
   if (!answer) {
@@ -177,7 +175,7 @@ LineFields AsciiSerialDriver::exchange(const LineFormat& command, const LineForm
   }
 }
 
-// It remembers: a line that lets air out may have been the first after the silence.
+// Remembered until all channels are vented, since the first line after a silence may be a vent.
 void AsciiSerialDriver::noteSilence() {
   const std::chrono::duration<double> silence = Clock::now() - last_line_;
   lapsed_ = lapsed_ || silence.count() > kWatchdogShare * profile_.watchdog;
@@ -194,31 +192,31 @@ void AsciiSerialDriver::requireWatched() {
   }
   noteSilence();
   if (!lapsed_) return;
-  throw LinkError(device_ + " got no line for more than " +
+  throw LinkError(device_ + " received no line for more than " +
                   milliseconds(kWatchdogShare * profile_.watchdog) +
                   ", and may have vented by itself (watchdog_s of its profile " + profile_.name +
-                  "); is this machine too busy?");
+                  "); reduce the load of this machine");
 }
 
 double AsciiSerialDriver::reading(double number) const {
   const double pressure = profile_.toPascals(number);
-  if (pressure >= kLowestPressure && pressure <= kHighestPressure) return pressure;
+  if (control::kPossibleReading.contains(pressure)) return pressure;
   throw BadReply(device_ + " reads " + std::to_string(pressure / 1e3) +
-                 " kPa (gauge), which no air has; check its sensor and its unit");
+                 " kPa (gauge), which is impossible; check its sensor and its unit");
 }
 
 void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
   if (fields.supply) supply_ = reading(*fields.supply);
   if (fields.set_point && channel.sent) {
-    // Devices round to digits of their own; another unit, or another one who sets it, is further
-    // off.
+    // Devices round to their own number of digits. Larger differences mean another unit, or another
+    // client that sets it.
     const double tolerance =
         std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
     if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
-      throw BadReply(device_ + " " + channel.address + " holds the set point " +
-                     std::to_string(*fields.set_point) + ", but was sent " +
-                     std::to_string(*channel.sent) +
-                     "; check its unit, its range and that it takes set points from the line");
+      throw BadReply(
+          device_ + " " + channel.address + " holds the set point " +
+          std::to_string(*fields.set_point) + ", but was sent " + std::to_string(*channel.sent) +
+          "; check its unit, its range and that it accepts set points from the serial line");
     }
   }
   if (fields.pressures.empty()) return;
@@ -229,7 +227,8 @@ void AsciiSerialDriver::note(const LineFields& fields, Channel& channel) {
 }
 
 double AsciiSerialDriver::numberOf(double pressure) const {
-  // Down, so that the device gets no more than was ordered; a millionth of a digit is arithmetic.
+  // Rounded down, so that the device never gets more than was ordered; the tolerance covers
+  // floating-point error.
   const double scale = std::pow(10.0, profile_.decimals);
   return std::floor(profile_.fromPascals(pressure) * scale + 1e-6) / scale;
 }
@@ -245,7 +244,7 @@ void AsciiSerialDriver::ventChannel(Channel& channel) {
   channel.sent.reset();
   channel.state = State::kUnknown;
   std::exception_ptr first;
-  // Whatever became of one line, the next may yet let the air out.
+  // If one line fails, the next one may still vent the device.
   for (std::size_t i = vented ? lines_.vent.size() - 1 : 0; i < lines_.vent.size(); ++i) {
     try {
       note(exchange(lines_.vent[i], addressOf(lines_.vent_reply), channel), channel);
@@ -304,7 +303,7 @@ void AsciiSerialDriver::write(const control::ValveOrders& orders) {
   const auto size = static_cast<std::size_t>(count_);
   basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
                        "ascii serial regulator", "the number of orders", orders.valve.size(),
-                       "one a channel");
+                       "one per channel");
   basics::require(orders.set_point.allFinite(),
                   "ascii serial regulator: a set point is not finite; expected pascals");
   if (!profile_.one_by_one) return writeTogether(orders);
@@ -317,8 +316,8 @@ void AsciiSerialDriver::vent() {
   eachChannel([this](Channel& channel, int) { ventChannel(channel); });
 }
 
-// Takes the lines that have come, waiting for the first until the deadline; whether one of them was
-// a reading.
+// Reads the lines that have arrived, waiting for the first until the deadline. Returns whether one
+// of them was a reading.
 bool AsciiSerialDriver::listen(Clock::time_point deadline) {
   const auto channels = static_cast<std::size_t>(count_);
   bool heard = false;
@@ -344,7 +343,7 @@ bool AsciiSerialDriver::listen(Clock::time_point deadline) {
 }
 
 void AsciiSerialDriver::ask() {
-  // What a write brought is a reading of now only for so long.
+  // Readings in answers to a write are valid only for this time.
   const Clock::time_point oldest = Clock::now() - spanOf(profile_.timeout);
   eachChannel([&](Channel& channel, int) {
     if (channel.heard > oldest && !channel.readings.empty()) return;
@@ -359,8 +358,8 @@ void AsciiSerialDriver::overhear() {
   const Channel& all = channels_.front();
   if (!all.readings.empty() || Clock::now() < all.heard + spanOf(profile_.timeout)) return;
   if (!port_.unfinished().empty()) {
-    throw BadReply(device_ + " has ended no line for " + milliseconds(profile_.timeout) + ": \"" +
-                   basics::quoted(port_.unfinished()) + "\"");
+    throw BadReply(device_ + " has not completed a line for " + milliseconds(profile_.timeout) +
+                   ": \"" + basics::quoted(port_.unfinished()) + "\"");
   }
   throw LinkError(device_ + " has sent no reading for " + milliseconds(profile_.timeout) +
                   "; check its power and the profile " + profile_.name);
@@ -368,7 +367,7 @@ void AsciiSerialDriver::overhear() {
 
 void AsciiSerialDriver::read(Pressures& pressures) {
   basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
-                       "the number of readings", pressures.pressure.size(), "one a channel");
+                       "the number of readings", pressures.pressure.size(), "one per channel");
   pressures = Pressures(count_);
   std::exception_ptr error;
   try {
@@ -377,7 +376,7 @@ void AsciiSerialDriver::read(Pressures& pressures) {
     } else {
       overhear();
     }
-  } catch (const std::runtime_error&) {  // the other channels' readings are good
+  } catch (const std::runtime_error&) {  // the readings of other channels are valid
     error = std::current_exception();
   }
   int i = 0;

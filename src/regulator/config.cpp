@@ -48,6 +48,18 @@ std::string describeChannels(const Config& config) {
       config);
 }
 
+std::string addressOf(const Config& config, int channel) {
+  const auto i = static_cast<std::size_t>(channel);
+  return std::visit(
+      Overloaded{[=](const SimulatedRegulatorConfig&) { return std::to_string(channel); },
+                 [=](const SerialConfig& serial) {
+                   return i < serial.addresses.size() ? serial.addresses[i]
+                                                      : std::to_string(channel);
+                 },
+                 [=](const ModbusConfig& modbus) { return std::to_string(modbus.slots[i]); }},
+      config);
+}
+
 bool isHardware(const Config& config) {
   return !std::holds_alternative<SimulatedRegulatorConfig>(config);
 }
@@ -63,7 +75,7 @@ bool closesValves(const Config& config) {
 std::unique_ptr<Driver> makeDriver(const Config& config, int channels) {
   const auto checked = [channels](std::unique_ptr<Driver> driver, std::size_t configured) {
     basics::require(configured == static_cast<std::size_t>(channels), "a regulator of ", configured,
-                    " channels for ", channels, " actuators; expected one each");
+                    " channels for ", channels, " actuators; expected one channel per actuator");
     return driver;
   };
   return std::visit(

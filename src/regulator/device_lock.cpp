@@ -25,7 +25,7 @@ struct Name {
     const std::string text = kPrefix + device.substr(0, kLongestName);
     static_assert(sizeof kPrefix + kLongestName < sizeof address.sun_path);
     address.sun_family = AF_UNIX;
-    std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: no file
+    std::copy(text.begin(), text.end(), address.sun_path + 1);  // after a 0: an abstract socket
     size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + text.size());
   }
   const sockaddr* get() const { return reinterpret_cast<const sockaddr*>(&address); }
@@ -33,12 +33,12 @@ struct Name {
 
 int makeSocket() { return socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0); }
 
-// Of whoever listens there.
+// Describes the process that listens on the socket.
 std::string holderOf(const Name& name) {
   const int caller = makeSocket();
   ucred holder{};
   socklen_t size = sizeof holder;
-  // A full queue of callers refuses one more, and the holder may just have gone.
+  // A full backlog refuses the call, and the holder may just have ended.
   const bool told = caller >= 0 && connect(caller, name.get(), name.size) == 0 &&
                     getsockopt(caller, SOL_SOCKET, SO_PEERCRED, &holder, &size) == 0 &&
                     holder.pid > 0;
@@ -59,13 +59,13 @@ std::optional<std::string> DeviceLock::take(const std::string& device) {
   release();
   const Name name(device);
   const int mine = makeSocket();
-  if (mine < 0) return std::nullopt;  // the device's own socket will not be made either
+  if (mine < 0) return std::nullopt;  // the device's own socket will fail, too
   if (bind(mine, name.get(), name.size) != 0) {
     const bool taken = errno == EADDRINUSE;
     ::close(mine);
     return taken ? std::optional(holderOf(name)) : std::nullopt;
   }
-  listen(mine, SOMAXCONN);  // tells callers who holds it; nobody is ever answered
+  listen(mine, SOMAXCONN);  // lets callers find the holder; no call is answered
   socket_ = mine;
   device_ = device;
   return std::nullopt;

@@ -22,8 +22,9 @@ using Clock = std::chrono::steady_clock;
 constexpr int kBetweenLooks = 5;  // [ms]
 
 [[noreturn]] void fail(const std::string& what, int error) {
-  throw std::runtime_error("the guard that vents where this process is killed cannot be started: " +
-                           what + ": " + std::strerror(error));
+  throw std::runtime_error(
+      "the guard, which vents the arm if this process is killed, cannot be started: " + what +
+      ": " + std::strerror(error));
 }
 
 }  // namespace
@@ -40,7 +41,7 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, ends[0], STDIN_FILENO);
 #if __GLIBC_PREREQ(2, 34)
-  // Peers of this process are to see their connections end with it.
+  // Other connections of this process must close when it ends, so the guard does not inherit them.
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
   posix_spawnattr_t attributes;
@@ -56,7 +57,7 @@ GuardProcess::GuardProcess(const std::vector<std::string>& command, int realtime
     ::close(line_);
     fail(command[0], error);
   }
-  beat();  // from now on silence counts
+  beat();  // silence counts from now on
   beats_ = std::thread([this, realtime_priority] { keepBeating(realtime_priority); });
 }
 
@@ -71,7 +72,7 @@ GuardProcess::~GuardProcess() {
 }
 
 void GuardProcess::beat() const {
-  // Fails where the guard has ended or does not listen: who looks at state() sees to it.
+  // Fails if the guard has ended or does not read; state() reports it.
   send(line_, &kBeat, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
@@ -80,14 +81,14 @@ void GuardProcess::keepBeating(int realtime_priority) {
   const std::chrono::duration<double> period(kBeatPeriod);
   basics::MutexLock lock(mutex_);
   while (!ends_.waitFor(lock, period, [this]() HELIX_ARM_REQUIRES(mutex_) { return ended_; })) {
-    // Periods, not the time: a machine that was suspended has lost one.
+    // Counts periods rather than time: a machine that was suspended has lost only one.
     if (takeAnswers()) {
       patience_ = kMissedBeats;
       answered_ = true;
     } else if (patience_ > 0) {
       --patience_;
     }
-    // More would fill the line of one that is stopped, and leave no room for its dismissal.
+    // More beats would fill the buffer of a stopped guard and leave no room for its dismissal.
     if (patience_ > 0) beat();
   }
 }
@@ -102,7 +103,7 @@ bool GuardProcess::takeAnswers() const {
 void GuardProcess::dismiss() {
   dismissed_ = true;
   if (hasEnded()) return;
-  // Fails only where the guard has just ended.
+  // Fails only if the guard has just ended.
   send(line_, &kDismissal, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
   shutdown(line_, SHUT_WR);
   const auto deadline = Clock::now() + std::chrono::duration<double>(kDismissTime);
@@ -117,7 +118,7 @@ control::Guard GuardProcess::state() const {
   return answered_ ? Guard::kStands : Guard::kStarting;
 }
 
-// Whatever ends it closes its end of the line.
+// The guard's end of the socket closes however the guard ends.
 bool GuardProcess::hangsUp() const {
   pollfd end{line_, 0, 0};
   return poll(&end, 1, 0) > 0 && (end.revents & POLLHUP) != 0;

@@ -12,8 +12,8 @@
 namespace helix_arm::regulator {
 namespace {
 
-constexpr double kHighestNumber = 1e9;   // times 10^6 still counts exactly
-constexpr std::size_t kMostDigits = 15;  // a double holds any of them exactly
+constexpr double kHighestNumber = 1e9;   // times 10^6 is still exact
+constexpr std::size_t kMostDigits = 15;  // a double represents any of them exactly
 constexpr int kHighestExponent = 22;     // and 10 to any power up to this
 constexpr double kPowersOfTen[kHighestExponent + 1] = {
     1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -47,7 +47,7 @@ std::string numberText(double value, int decimals) {
 
 }  // namespace
 
-// Walks along one line.
+// Reads one line from left to right.
 class LineFormat::Reader {
  public:
   explicit Reader(std::string_view line) : line_(line) {}
@@ -153,8 +153,9 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
   demand(std::all_of(text_.begin(), text_.end(), isPrintable),
          "has a byte that is neither printable ASCII nor a tab");
   demand(!isBlank(text_.front()) && !isBlank(text_.back()),
-         "begins or ends with a blank; blanks at the ends of lines are not looked at");
-  demand(style_.decimals >= 0 && style_.decimals <= 6, "is to have other than 0 to 6 decimals");
+         "begins or ends with a blank; expected none, since they are ignored there");
+  demand(style_.decimals >= 0 && style_.decimals <= 6,
+         "has numbers of more than 6 decimals; expected 0 to 6");
   for (std::size_t at = 0; at < text_.size();) {
     const std::size_t begin = at;
     if (isBlank(text_[at])) {
@@ -184,14 +185,14 @@ LineFormat::LineFormat(const std::string& text, LineStyle style)
     demand(!tail || i + 1 == parts_.size(), "has " + parts_[i].text + " before its end");
     const bool fixed = kind == Kind::kLiteral || kind == Kind::kBlank;
     demand(fixed || tail || !after_value,
-           "has nothing before " + parts_[i].text + " that parts it from the field in front");
+           "has nothing before " + parts_[i].text + " to separate it from the previous field");
     after_value = !fixed;
     demand(
         fixed || kind == Kind::kWord || text_.find(parts_[i].text) == text_.rfind(parts_[i].text),
         "has " + parts_[i].text + " twice");
   }
   demand(!(has("{pressure}") && has("{pressures}")), "has both {pressure} and {pressures}");
-  demand(!has("{unit}") || !style_.unit_word.empty(), "has {unit}, but there is no word for it");
+  demand(!has("{unit}") || !style_.unit_word.empty(), "has {unit}, but unit_word is missing");
 }
 
 bool LineFormat::has(std::string_view field) const {
@@ -200,7 +201,7 @@ bool LineFormat::has(std::string_view field) const {
 
 std::string LineFormat::line(const std::string& address, const LineFields& fields) const {
   const auto number = [&](const std::optional<double>& value, const Part& part) {
-    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" wants ", part.text,
+    basics::require(value.has_value(), "\"", basics::quoted(text_), "\" needs ", part.text,
                     ", which is not given");
     return numberText(*value, style_.decimals);
   };
@@ -281,8 +282,7 @@ std::optional<LineFields> LineFormat::read(std::string_view line, const std::str
           const bool parted =
               k == 0 || (blank_separator ? reader.skipBlanks() : reader.skip(style_.separator));
           if (!parted) {
-            return miss(std::to_string(pressures) + " pressures, but " + std::to_string(k) +
-                        " are all");
+            return miss(std::to_string(pressures) + " pressures, not " + std::to_string(k));
           }
           const std::optional<double> value = reader.number();
           if (!value) return miss("a number");
@@ -326,8 +326,8 @@ LineFields LineFormat::parse(std::string_view line, const std::string& address,
     return std::move(*fields);
   }
   const std::string rest(inner.substr(mismatch.at));
-  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" is no \"" + basics::quoted(text_) +
-                 "\": expected " + mismatch.expected +
+  throw BadReply("\"" + basics::quoted(std::string(inner)) + "\" does not match \"" +
+                 basics::quoted(text_) + "\": expected " + mismatch.expected +
                  (rest.empty() ? " at its end" : " at \"" + basics::quoted(rest, 16) + "\""));
 }
 

@@ -33,16 +33,16 @@ void check(const ModbusProfile& profile, const ModbusApp& app, const Checker& ch
     return word < first || word >= first + profile.outlets;
   };
   checker.require(apart(app.command, profile.output_pressure), "app.command", app.command,
-                  "a register that is no set point");
+                  "a register other than the set point's");
   checker.require(apart(app.status, profile.input_pressure), "app.status", app.status,
-                  "a register that is no reading");
+                  "a register other than the reading's");
   checker.within("app.regulate", app.regulate, 0, kHighestWord);
   checker.within("app.off", app.off, 0, kHighestWord);
   checker.within("app.acknowledge", app.acknowledge, 0, kHighestWord);
   checker.within("app.status_mask", app.status_mask, 1, kHighestWord);
   const auto masked = [&app](int word) { return word >= 0 && (word & app.status_mask) == word; };
-  checker.require(masked(app.ready), "app.ready", app.ready, "bits of app.status_mask alone");
-  checker.require(masked(app.running), "app.running", app.running, "bits of app.status_mask alone");
+  checker.require(masked(app.ready), "app.ready", app.ready, "only bits of app.status_mask");
+  checker.require(masked(app.running), "app.running", app.running, "only bits of app.status_mask");
   checker.require(app.running != app.ready, "app.running", app.running, "another word than ready");
   checker.require(app.off != app.regulate, "app.off", app.off, "another word than regulate");
   checker.within("app.activation_time_s", app.activation_time, 0.01, 60);

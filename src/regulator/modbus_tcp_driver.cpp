@@ -25,8 +25,8 @@ namespace helix_arm::regulator {
 namespace {
 
 constexpr int kHighestRegister = 0xffff;
-constexpr double kVacuum = -1.05e5;     // gauge, with what a sensor may err [Pa]
-constexpr double kHairOfACount = 1e-6;  // what is computed in doubles is whole within this
+constexpr double kVacuum = -1.05e5;     // gauge, with the error of a sensor [Pa]
+constexpr double kHairOfACount = 1e-6;  // rounding error of counts computed in doubles
 constexpr std::chrono::milliseconds kBetweenLooks(5);
 
 struct Freer {
@@ -37,12 +37,12 @@ const ModbusConfig& valid(const ModbusConfig& config) {
   const ModbusProfile& profile = config.profile;
   profile.validate();
   const std::string culprit = "regulator " + profile.name;
-  basics::require(!config.slots.empty(), culprit, ": slots are none; expected one a channel");
+  basics::require(!config.slots.empty(), culprit, ": there are no slots; expected one per channel");
   std::set<int> seen;
   for (const int place : config.slots) {
     basics::requireValue(place >= 0, culprit.c_str(), "slot", place, "a number >= 0");
     basics::requireValue(seen.insert(place).second, culprit.c_str(), "slot", place,
-                         "slots that differ");
+                         "distinct slots");
     const int last = profile.slot(place) + 1;
     basics::requireValue(profile.output_base + last * profile.output_stride <= kHighestRegister &&
                              profile.input_base + last * profile.input_stride <= kHighestRegister,
@@ -76,7 +76,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
   if (profile.app) {
     for (const int slot : slotsOf(config)) registers.insert(profile.status(slot));
   }
-  // What lies between slots is read along, where one request is enough for that.
+  // Registers between slots are included if one request then suffices.
   std::set<int> filled;
   for (const int number : registers) {
     if (!filled.empty() && number - *filled.rbegin() < MODBUS_MAX_READ_REGISTERS) {
@@ -88,7 +88,7 @@ std::set<int> inputsOf(const ModbusConfig& config) {
   return filled;
 }
 
-// The reply was complete: an exception, or the answer to something else.
+// The reply was complete: an exception, or the answer to another request.
 bool isReply(int error) { return error > MODBUS_ENOBASE && error <= EMBBADSLAVE; }
 
 std::string hex(int word) {
@@ -125,8 +125,8 @@ class ModbusTcpDriver::Link {
  private:
   struct Slot {
     int number;
-    int command;   // what it was told last
-    double since;  // when it was told so, where that is something new [s]
+    int command;   // last command sent
+    double since;  // time of its last change [s]
   };
 
   void disconnect() noexcept {
@@ -155,7 +155,7 @@ class ModbusTcpDriver::Link {
   TcpLink tcp_;
   ModbusRegisters outputs_, inputs_;
   std::unique_ptr<modbus_t, Freer> context_;
-  bool lost_ = false;  // nobody answers, though it may hear
+  bool lost_ = false;  // no reply arrives, although the device may receive requests
 };
 
 modbus_t* ModbusTcpDriver::Link::context() const {
@@ -165,7 +165,7 @@ modbus_t* ModbusTcpDriver::Link::context() const {
 
 void ModbusTcpDriver::Link::open() {
   const int socket = tcp_.open(profile_.timeout);
-  // The address is for connections of libmodbus' own, whose time cannot be bounded.
+  // The address is not used: libmodbus' own connect() has no time limit.
   context_.reset(modbus_new_tcp("127.0.0.1", 0));
   if (!context_) {
     ::close(socket);
@@ -178,7 +178,7 @@ void ModbusTcpDriver::Link::open() {
   modbus_set_slave(context_.get(), profile_.unit_id);
   modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
   modbus_set_response_timeout(context_.get(), seconds, microseconds);
-  // Without one of its own, the response's holds for all of its bytes.
+  // Without a timeout of its own, a byte is limited by that of the response.
   modbus_set_byte_timeout(context_.get(), 0, 0);
 }
 
@@ -188,8 +188,9 @@ void ModbusTcpDriver::Link::connect() {
   clearOutputs();
   try {
     if (profile_.app) {
-      // A slot that regulates already goes on, at no pressure: to acknowledge ends its app, and an
-      // app that has ended keeps the air in. Where replies cannot be understood it stays at that.
+      // A slot that already regulates continues, at no pressure: acknowledging would end its app,
+      // and an ended app keeps the air in. If replies cannot be understood, this is all that is
+      // sent.
       commandAll(profile_.app->regulate);
       send();
       fetch();
@@ -202,7 +203,7 @@ void ModbusTcpDriver::Link::connect() {
       awaitStatus(profile_.app->ready, "get ready");
       commandAll(profile_.app->regulate);
       send();
-      awaitStatus(profile_.app->running, "start to regulate");
+      awaitStatus(profile_.app->running, "start regulating");
     } else {
       send();
     }
@@ -238,7 +239,7 @@ void ModbusTcpDriver::Link::awaitStatus(int status, const char* purpose) {
       text << tcp_.place() << ": slot " << late->number << " of " << profile_.name << " does not "
            << purpose << " within " << profile_.app->activation_time << " s: its status is "
            << hex(statusOf(*late)) << ", expected " << hex(status)
-           << "; is there such a slot, and has it a fault or a lock?";
+           << "; check that the slot exists and has no fault or lock";
       throw LinkError(text.str());
     }
     std::this_thread::sleep_for(kBetweenLooks);
@@ -258,14 +259,14 @@ double ModbusTcpDriver::Link::pressureOf(int place, std::uint16_t word) const {
   if (pressure < kVacuum) {
     std::ostringstream text;
     text << tcp_.place() << ": register " << place << " of " << profile_.name << " reads "
-         << pressure / 1e3 << " kPa; expected no less than vacuum: are registers, count_pa and "
-         << "atmosphere_kpa the device's?";
+         << pressure / 1e3 << " kPa; expected no less than vacuum: check registers, count_pa and "
+         << "atmosphere_kpa of the profile";
     throw BadReply(text.str());
   }
   return pressure;
 }
 
-// No app, and no pressure: the atmosphere, also in a device that counts from vacuum.
+// No app and the pressure of the atmosphere, also in a device that counts from vacuum.
 void ModbusTcpDriver::Link::clearOutputs() {
   outputs_.clear();
   for (const Slot& slot : slots_) {
@@ -281,7 +282,7 @@ void ModbusTcpDriver::Link::write(const control::ValveOrders& orders) {
                   "regulator ", profile_.name, ": orders are of ", orders.valve.size(),
                   " channels; expected ", places_.size());
   basics::require(orders.set_point.allFinite(), "regulator ", profile_.name,
-                  ": a set point is not finite; expected all to be");
+                  ": a set point is not finite; expected finite pascals");
   context();
   clearOutputs();
   for (Slot& slot : slots_) {
@@ -309,7 +310,7 @@ void ModbusTcpDriver::Link::vent() {
       send(run);
     } catch (const std::exception&) {
       error = std::current_exception();
-      lost = std::exchange(lost_, false) || lost;  // the next ones are to be heard as well
+      lost = std::exchange(lost_, false) || lost;  // the next answers must be awaited, too
     }
     if (!context_) break;
   }
@@ -329,9 +330,9 @@ void ModbusTcpDriver::Link::read(Pressures& pressures) {
     const int status = statusOf(slot);
     close();
     throw LinkError(tcp_.place() + ": slot " + std::to_string(slot.number) + " of " +
-                    profile_.name + " has stopped to regulate: its status is " + hex(status) +
+                    profile_.name + " has stopped regulating: its status is " + hex(status) +
                     ", expected " + hex(profile_.app->running) +
-                    "; look at its faults, and at air and power");
+                    "; check its faults, its air and its power");
   }
   for (std::size_t i = 0; i < places_.size(); ++i) {
     const int place = profile_.reading(places_[i]);
@@ -349,7 +350,7 @@ void ModbusTcpDriver::Link::send() {
 void ModbusTcpDriver::Link::send(const ModbusRegisters::Run& run) {
   const auto size = static_cast<int>(run.words.size());
   check(modbus_write_registers(context(), run.first, size, run.words.data()) == size,
-        "does not take set points");
+        "does not accept set points");
 }
 
 void ModbusTcpDriver::Link::fetch() {
@@ -367,15 +368,16 @@ void ModbusTcpDriver::Link::check(bool done, const char* what) {
   const std::string text =
       tcp_.place() + ": " + profile_.name + " " + what + ": " + modbus_strerror(error);
   if (isReply(error)) {
-    modbus_flush(context());  // what is left of it would be taken for the next reply
-    throw BadReply(text + "; are its registers those of the profile, and is unit_id its own?");
+    modbus_flush(context());  // the rest of it would be taken for the next reply
+    throw BadReply(text + "; check the registers of the profile, and unit_id");
   }
   if (error == ETIMEDOUT) {
     lost_ = true;
   } else {
     close();
   }
-  throw LinkError(text + "; is it on, and does nobody else hold all of its connections?");
+  throw LinkError(text +
+                  "; check that it is switched on, and that no other client holds its connections");
 }
 
 ModbusTcpDriver::ModbusTcpDriver(const ModbusConfig& config)

@@ -8,11 +8,11 @@
 namespace helix_arm::regulator {
 namespace {
 
-constexpr double kJustThen = 2;  // between an error and the fault that it made [s]
+constexpr double kJustThen = 2;  // between an error and the fault that it caused [s]
 
 }  // namespace
 
-IoRules ioRulesFor(const control::SafetyRules& rules) {
+IoRules ioRulesOf(const control::SafetyRules& rules) {
   IoRules out;
   out.vented_below = rules.vented_below;
   out.vent_time = rules.vent_time;
@@ -42,13 +42,13 @@ const control::ValveOrders& PressurePath::turn(double now) {
   }
   last_turn_ = now;
   if (io_) {
-    // A link that dropped and came back between two turns has dropped all the same.
+    // A link that dropped and came back between two turns counts as dropped.
     const std::uint64_t breaks = io_->breaks();
     if (breaks != breaks_seen_) core_.linked(now, false);
     breaks_seen_ = breaks;
     core_.linked(now, io_->up());
     fresh_ = io_->take(reading_);
-    // One that was long on its way, or waited for a turn that did not come, tells nothing of now.
+    // A reading that was delayed, or that waited for a late turn, does not describe the present.
     const double age = now - reading_.time;
     if (fresh_ && age <= core_.rules().reading_timeout) {
       core_.measured(now, reading_.pressures.pressure, reading_.pressures.supply, age);

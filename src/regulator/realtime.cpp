@@ -51,12 +51,12 @@ std::string tryRealtime(int priority) {
 }
 
 std::string lockMemory() {
-  // Below a limit it would be what comes later that fails, wherever that is.
+  // Below a limit, mlockall() would succeed and later allocations would fail.
   rlimit limit{};
   const bool any = getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;
   int error = EPERM;
   if (any || has(kIpcLock)) {
-    // As pages come into use: stacks of threads are large and mostly untouched.
+    // Pages are locked when first used, since stacks of threads are large and mostly unused.
     error = mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0 ? 0 : errno;
   }
   if (error == 0) return {};

@@ -12,6 +12,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 
@@ -24,7 +25,7 @@ int openCounter() {
   return counter;
 }
 
-constexpr double kLinesAWatchdog = 4;  // at least, of a device that watches its line
+constexpr double kLinesAWatchdog = 4;  // at least, for a device with a watchdog
 
 std::unique_ptr<Driver> requireDriver(std::unique_ptr<Driver> driver) {
   basics::require(driver != nullptr, "regulator I/O without a driver; expected one");
@@ -49,8 +50,7 @@ double steadyNow() {
 
 void IoRules::validate() const {
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "regulator I/O", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("regulator I/O", what, value);
   };
   positive("the period [s]", period);
   positive("the timeout of orders [s]", order_timeout);
@@ -61,8 +61,7 @@ void IoRules::validate() const {
   basics::requireValue(most_bad_replies >= 1, "regulator I/O", "the number of bad replies",
                        most_bad_replies, "at least 1");
   positive("the pressure that is none [Pa]", vented_below);
-  basics::requireValue(std::isfinite(vent_time) && vent_time >= 0, "regulator I/O",
-                       "the time to vent [s]", vent_time, "a finite value >= 0");
+  basics::requireNotNegative("regulator I/O", "the time to vent [s]", vent_time);
 }
 
 RegulatorIo::RegulatorIo(std::unique_ptr<Driver> driver, int channels, const IoRules& rules)
@@ -90,7 +89,7 @@ void RegulatorIo::order(const control::ValveOrders& orders, std::uint64_t breaks
   orders_.draft().valves = orders;
   orders_.draft().breaks = breaks;
   orders_.post();
-  eventfd_write(wake_, 1);  // fails only where 2^64 orders are not waited for
+  eventfd_write(wake_, 1);  // fails only after 2^64 unread orders
 }
 
 bool RegulatorIo::take(Reading& reading) {
@@ -171,7 +170,7 @@ void RegulatorIo::disconnect(const std::exception& error) {
   note(error);
   ++breaks_;
   up_ = false;
-  // What keeps its air is told again, until it must be empty or the link is gone.
+  // The order is repeated until the device must be empty or the link is lost.
   const double end = steadyNow() + rules_.vent_time;
   while (driver_->keepsAirOnClose() && steadyNow() < end && pause(rules_.first_back_off)) {
     ventUnheard();
@@ -183,7 +182,7 @@ void RegulatorIo::ventUnheard() {
   try {
     driver_->vent();
   } catch (const std::exception&) {
-    // A device whose answers are lost may hear all the same.
+    // The device may receive orders even if its answers are lost.
   }
 }
 
@@ -233,7 +232,7 @@ void RegulatorIo::exchange() {
   try {
     driver_->read(reading.pressures);
   } catch (const BadReply&) {
-    readings_.post();  // the other channels' readings are good
+    readings_.post();  // the readings of other channels are valid
     throw;
   }
   readings_.post();

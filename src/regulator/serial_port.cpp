@@ -30,13 +30,14 @@ std::string openingFault(int error) {
     case ENOENT:
     case ENODEV:
     case ENXIO:
-      return "is not there; plug it in, or name it as `ls /dev/serial/by-id` does";
+      return "does not exist; plug it in, or use a name that `ls /dev/serial/by-id` lists";
     case EACCES:
     case EPERM:
-      return "may not be opened; add yourself to the group dialout (sudo usermod -aG dialout "
+      return "cannot be opened without permission; add yourself to the group dialout (sudo usermod "
+             "-aG dialout "
              "$USER) and log in again";
     case EBUSY:
-      return "is held by another program; end that one (fuser tells which it is)";
+      return "is used by another program; end that one (fuser shows which it is)";
     case EISDIR:
       return "is a folder; expected a serial line such as /dev/ttyUSB0";
     default:
@@ -75,12 +76,14 @@ speed_t speedOf(int baud) {
     case 2000000:
       return B2000000;
     default:
-      basics::require(false, "serial port: baud is ", baud, "; expected a usual one, as 115200");
+      basics::require(false, "serial port: baud is ", baud,
+                      "; expected a standard rate such as 115200");
   }
   return B0;
 }
 
-// It would stay marked as taken where its holder is killed, and no guard could open it.
+// Not for pseudo terminals: one stays exclusive if its holder is killed, and no guard could open
+// it.
 bool isPseudoTerminal(int file) {
   constexpr unsigned kFirstMajor = 136, kLastMajor = 143;  // of Linux
   struct stat status {};
@@ -89,7 +92,7 @@ bool isPseudoTerminal(int file) {
   return number >= kFirstMajor && number <= kLastMajor;
 }
 
-// Rounded up: poll() of 0 ms before the deadline would spin.
+// Rounded up: poll() with 0 ms before the deadline would spin.
 int millisecondsTo(SerialPort::Clock::time_point deadline) {
   const auto left =
       std::chrono::ceil<std::chrono::milliseconds>(deadline - SerialPort::Clock::now());
@@ -113,13 +116,12 @@ void SerialPort::open(const std::string& device, int baud) {
   termios settings{};
   if (tcgetattr(file_, &settings) != 0) {
     close();
-    fail("is no serial line; expected one such as /dev/ttyUSB0");
+    fail("is not a serial line; expected one such as /dev/ttyUSB0");
   }
   claim();
   cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD;
-  // A board that starts anew when the line drops keeps running, HUPCL off, from one program to the
-  // next.
+  // With HUPCL off, a board that resets when the line drops keeps running between programs.
   settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | PARENB | CRTSCTS | HUPCL);
   settings.c_iflag &= ~static_cast<tcflag_t>(IXOFF | IXANY);
   settings.c_cc[VMIN] = 0;
@@ -127,33 +129,33 @@ void SerialPort::open(const std::string& device, int baud) {
   if (cfsetspeed(&settings, speed) != 0 || tcsetattr(file_, TCSANOW, &settings) != 0) {
     const int error = errno;
     close();
-    fail("does not take " + std::to_string(baud) + " baud: " + std::strerror(error));
+    fail("does not support " + std::to_string(baud) + " baud: " + std::strerror(error));
   }
 }
 
 void SerialPort::claim() {
   if (flock(file_, LOCK_EX | LOCK_NB) != 0) {
     const int error = errno;
-    // Not close(): the line and what is on its way there are another's.
+    // Not close(): line and buffers belong to another process.
     ::close(file_);
     file_ = -1;
     fail(openingFault(error == EWOULDBLOCK ? EBUSY : error));
   }
-  if (!isPseudoTerminal(file_)) ioctl(file_, TIOCEXCL);  // not every kind of line has it
+  if (!isPseudoTerminal(file_)) ioctl(file_, TIOCEXCL);  // not supported by every device
 }
 
 void SerialPort::close() noexcept {
   if (file_ < 0) return;
   ioctl(file_, TIOCNXCL);
   awaitSent();
-  tcflush(file_, TCOFLUSH);  // else closing waits for a line that takes nothing
-  flock(file_, LOCK_UN);     // a process that is just being forked has it open, too
+  tcflush(file_, TCOFLUSH);  // otherwise close() waits for a device that accepts nothing
+  flock(file_, LOCK_UN);     // a process that is just being forked has the file open, too
   ::close(file_);
   file_ = -1;
   input_.clear();
 }
 
-// The last words may be a vent.
+// The last line may be a vent.
 void SerialPort::awaitSent() const noexcept {
   const auto end = Clock::now() + kLastWords;
   int waiting = 0;
@@ -165,8 +167,7 @@ void SerialPort::awaitSent() const noexcept {
 bool SerialPort::awaitInput(Clock::time_point deadline) const {
   pollfd line{file_, POLLIN, 0};
   const int ready = poll(&line, 1, millisecondsTo(deadline));
-  if (ready < 0 && errno != EINTR)
-    fail(std::string("cannot be waited for: ") + std::strerror(errno));
+  if (ready < 0 && errno != EINTR) fail(std::string("cannot be polled: ") + std::strerror(errno));
   if (ready <= 0) return false;
   if ((line.revents & POLLIN) == 0) fail(kUnplugged);
   return true;
@@ -187,7 +188,7 @@ std::size_t SerialPort::takeInput() {
 bool SerialPort::discardInput() {
   bool any = !input_.empty();
   if (file_ < 0) fail("is not open");
-  // A device that never stops is met by the line that does not fit.
+  // A device that never stops sending exceeds the longest line, which is refused below.
   for (std::size_t taken = 0; taken < 16 * kLongestLine && awaitInput(Clock::time_point());) {
     const std::size_t count = takeInput();
     if (count == 0) break;
@@ -216,7 +217,7 @@ void SerialPort::send(const std::string& bytes, Clock::time_point deadline) {
     const int ready = poll(&line, 1, millisecondsTo(deadline));
     if (ready > 0 && (line.revents & POLLOUT) == 0) fail(kUnplugged);
     if (ready <= 0 && Clock::now() >= deadline) {
-      fail("takes no more lines; check its cable and whether it is switched on");
+      fail("accepts no more lines; check its cable, and that it is switched on");
     }
   }
 }
@@ -234,7 +235,7 @@ std::optional<std::string> SerialPort::receiveLine(const std::string& terminator
     if (input_.size() > kLongestLine) {
       const std::string begin = basics::quoted(input_, 32);
       input_.clear();
-      throw BadReply(device_ + " sends a line of more than " + std::to_string(kLongestLine) +
+      throw BadReply(device_ + " sent a line of more than " + std::to_string(kLongestLine) +
                      " bytes: \"" + begin + "\"");
     }
     if (awaitInput(deadline)) {

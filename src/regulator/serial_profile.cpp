@@ -38,7 +38,7 @@ std::vector<LineFormat> formats(const char* key, const std::vector<std::string>&
   return lines;
 }
 
-// Of a line that is sent: what of it nobody could fill in is refused.
+// A line to the device must not have fields that cannot be filled in.
 void requireSendable(const char* key, const LineFormat& line,
                      std::initializer_list<const char*> allowed) {
   for (const char* field : {"{address}", "{pressure}", "{pressures}", "{set_point}", "{supply}",
@@ -47,7 +47,7 @@ void requireSendable(const char* key, const LineFormat& line,
       return std::string_view(word) == field;
     });
     basics::require(known || !line.has(field), kCulprit, ": ", key, " has ", field,
-                    ", which a line to the device cannot");
+                    ", which a line to the device cannot have");
   }
 }
 
@@ -95,20 +95,21 @@ void validateLines(const SerialProfile& profile) {
                   ": close is given, but one_by_one is false: one channel alone cannot be closed");
   if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
   const bool unasked = !lines.read;
-  basics::require(!unasked || !profile.one_by_one, kCulprit,
-                  ": read is missing, so one_by_one must be false: readings come unasked, in one "
-                  "line for all channels");
+  basics::require(
+      !unasked || !profile.one_by_one, kCulprit,
+      ": read is missing, so one_by_one must be false: unsolicited readings come in one "
+      "line for all channels");
   basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
-                  ": read is missing, so write_reply and vent_reply must be: what comes unasked "
-                  "answers nothing");
+                  ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
+                  "lines answer nothing");
   basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
-                  ": supply_line and skip are of lines that come unasked, but read is given");
+                  ": supply_line and skip apply to unsolicited lines, but read is given");
 }
 
 }  // namespace
 
 void SerialProfile::validate() const {
-  require(isBaud(baud), "baud", baud, "1200, 2400, 4800, 9600 and so on up to 2000000");
+  require(isBaud(baud), "baud", baud, "a standard rate from 1200 to 2000000");
   basics::require(terminator == "\r" || terminator == "\n" || terminator == "\r\n", kCulprit,
                   ": terminator is \"", basics::quoted(terminator),
                   "\"; expected a carriage return, a line feed or both");
@@ -117,19 +118,19 @@ void SerialProfile::validate() const {
   require(decimals >= 0 && decimals <= 6, "decimals", decimals, "0 to 6");
   for (const std::string& text : {separator, reply_separator}) {
     basics::require(keepsToSeparators(text), kCulprit, ": a separator is \"", basics::quoted(text),
-                    "\"; expected 1 to 4 characters that are in no number");
+                    "\"; expected 1 to 4 characters that no number contains");
   }
   basics::require(std::all_of(unit_word.begin(), unit_word.end(),
                               [](char c) { return c > ' ' && c <= '~' && c != '{' && c != '}'; }),
                   kCulprit, ": unit_word is \"", basics::quoted(unit_word),
-                  "\"; expected a word without blanks and braces");
+                  "\"; expected a word without spaces and braces");
   require(timeout >= 1e-3 && timeout <= 10, "timeout [s]", timeout, "0.001 to 10");
   require(watchdog >= std::max(0.1, 2 * timeout), "watchdog [s]", watchdog,
           "0.1 or more, and at least twice the timeout");
   basics::require(!write.empty(), kCulprit, ": write is missing");
   basics::require(!reply.empty(), kCulprit, ": reply is missing");
   basics::require(!vent.empty(), kCulprit,
-                  ": vent is missing: without it no fault can be survived");
+                  ": vent is missing; a fault must be able to release the pressure");
   validateLines(*this);
 }
 

@@ -19,7 +19,7 @@ void SimulatedDriver::write(const control::ValveOrders& orders) {
     const bool closes = orders.valve[k] == control::Valve::kClose;
     if (orders.valve[k] == control::Valve::kVent) set_point_[i] = 0;
     if (orders.valve[k] == control::Valve::kRegulate) set_point_[i] = orders.set_point[i];
-    // Closed, a tight muscle keeps what it has.
+    // A closed channel without leaks keeps its pressure.
     if (closes && valve_[k] != control::Valve::kClose) set_point_[i] = regulator_.pressure()[i];
     valve_[k] = orders.valve[k];
   }

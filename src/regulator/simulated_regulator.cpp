@@ -2,15 +2,16 @@
 
 #include <cmath>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 
 namespace helix_arm::regulator {
 namespace {
 
+constexpr char kCulprit[] = "simulated regulator";
 constexpr double kLowSupply = 0.1;  // of the supply
 
 void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, "simulated regulator", what, value, rule);
+  basics::requireValue(holds, kCulprit, what, value, rule);
 }
 
 int requireChannels(int channels) {
@@ -21,11 +22,9 @@ int requireChannels(int channels) {
 }  // namespace
 
 void SimulatedRegulatorConfig::validate() const {
-  require(std::isfinite(time_constant) && time_constant > 0, "the time constant [s]", time_constant,
-          "a finite value > 0");
-  require(std::isfinite(supply_pressure) && supply_pressure > 0, "the supply pressure [Pa]",
-          supply_pressure, "a finite value > 0");
-  require(std::isfinite(noise) && noise >= 0, "the noise [Pa]", noise, "a finite value >= 0");
+  basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
+  basics::requirePositive(kCulprit, "the supply pressure [Pa]", supply_pressure);
+  basics::requireNotNegative(kCulprit, "the noise [Pa]", noise);
 }
 
 SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config)
@@ -38,7 +37,7 @@ SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorCon
 
 void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_point) {
   require(set_point.size() == pressure_.size(), "the number of set points",
-          static_cast<double>(set_point.size()), "one a channel");
+          static_cast<double>(set_point.size()), "one per channel");
   for (int i = 0; i < set_point.size(); ++i) {
     require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }
@@ -49,7 +48,7 @@ void SimulatedRegulator::step(double dt) {
   require(dt >= 0, "the time step [s]", dt, "a value >= 0");
   const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
   const double first = pressure_[0];
-  // What is above the supply does not flow back.
+  // Pressure above the supply does not flow back.
   pressure_ += covered * (set_point_.cwiseMin(pressure_.cwiseMax(supply())) - pressure_);
   if (fault_ == AirFault::kBurst) pressure_[0] = (1 - covered) * first;
   if (fault_ == AirFault::kStuckOpen) pressure_[0] = first + covered * (supply() - first);

@@ -26,7 +26,7 @@ namespace {
 
 constexpr std::size_t kMostAddresses = 3;
 
-// 0 once connected, else the error's number.
+// Returns 0 on success, otherwise errno.
 int connectWithin(int socket, const sockaddr* address, socklen_t size, double timeout) {
   if (connect(socket, address, size) == 0) return 0;
   if (errno != EINPROGRESS) return errno;
@@ -49,11 +49,11 @@ int connectWithin(int socket, const sockaddr* address, socklen_t size, double ti
 const char* remedyOf(int error) {
   switch (error) {
     case ECONNREFUSED:
-      return "is its Modbus server on, and is this its port?";
+      return "check that its Modbus server runs, and on this port";
     case ETIMEDOUT:
     case EHOSTUNREACH:
     case ENETUNREACH:
-      return "is it switched on, and on this network?";
+      return "check that it is switched on, and on this network";
     default:
       return "check host, port and cable";
   }
@@ -90,7 +90,7 @@ std::vector<TcpLink::Address> TcpLink::resolve(double timeout) {
   Resolved resolved = look(host_, port_, AI_NUMERICHOST);
   if (resolved.error.empty()) return resolved.addresses;
 
-  // A resolver has no timeout that could be set: it runs on its own, and is not waited for.
+  // The resolver has no adjustable timeout: it runs in a thread of its own that nothing waits for.
   if (!pending_.valid()) {
     auto promise = std::make_shared<std::promise<Resolved>>();
     pending_ = promise->get_future().share();
@@ -117,8 +117,7 @@ void TcpLink::claim(const Address& address) {
   getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
   const auto holder = lock_.take("modbus_tcp " + std::string(host) + " port " + port_);
   if (!holder || ignores_others_) return;
-  throw LinkError(place_ + " is driven by " + *holder +
-                  "; end that one first, or vent and stop the arm through it");
+  throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
 }
 
 int TcpLink::open(double timeout) {
@@ -133,7 +132,7 @@ int TcpLink::open(double timeout) {
       error = errno;
       continue;
     }
-    // libmodbus waits by select(), which cannot take a larger one.
+    // libmodbus waits with select(), which cannot handle larger descriptors.
     error =
         socket < FD_SETSIZE ? connectWithin(socket, address.get(), address.size, timeout) : EMFILE;
     if (error == 0) {

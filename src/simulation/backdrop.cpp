@@ -8,10 +8,10 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr int kFractionBits = 4;  // of the pixels that OpenCV draws with
+constexpr int kFractionBits = 4;  // of OpenCV's fixed-point coordinates
 constexpr int kMostCorners = 8;
 
-// A frame on the picture that things are drawn in.
+// A frame in the picture for drawing.
 struct Place {
   cv::Point2d center;
   cv::Point2d right;  // of unit length
@@ -29,8 +29,8 @@ void fillBox(cv::Mat& picture, const Place& place, double x, double y, double ha
   fillPolygon(picture, corners, 4, gray);
 }
 
-// What looks like a tag's border holds a pattern that four quarter turns leave as it is. No family
-// has a tag near such a one, since its tags differ from themselves turned.
+// Looks like the border of a tag, but its pattern has a four-fold symmetry, so that no family has a
+// tag near it.
 void paintMockTag(cv::Mat& picture, const Place& place, double half, bool hollow) {
   fillBox(picture, place, 0, 0, 1.3 * half, 1.3 * half, 225);
   fillBox(picture, place, 0, 0, half, half, 35);

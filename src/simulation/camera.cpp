@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "backdrop.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "occluders.hpp"
@@ -18,16 +19,16 @@ namespace {
 
 using estimation::ArmView;
 
-constexpr double kLeastCosine = 0.02;  // of a face that is drawn at all
+constexpr double kLeastCosine = 0.02;  // of the angle of a face that is still drawn
 
-// The arm is drawn as bands from rim to middle, the light from the left.
+// The arm is drawn as bands from rim to middle, with light from the left.
 struct Band {
-  double left, right;  // in half widths
+  double left, right;  // relative to half the width
   double gray;
 };
 constexpr std::array<Band, 5> kBands = {
     {{-1.0, 1.0, 62}, {-0.88, 0.82, 84}, {-0.72, 0.55, 104}, {-0.55, 0.2, 122}, {-0.4, -0.1, 136}}};
-constexpr double kRingGray = 0.9;  // every other piece of the arm, as if it had rings
+constexpr double kRingGray = 0.9;  // of every other piece of the arm, which gives it rings
 constexpr int kPiecesPerSection = 32;
 
 constexpr int kNoiseTable = 1 << 16;
@@ -40,7 +41,7 @@ struct ArmNode {
   double depth = 0;       // [m]
 };
 
-// Something to draw, farthest first.
+// An object to draw; the farthest first.
 struct Layer {
   double depth;  // [m]
   int tag;       // -1: a piece of the arm
@@ -55,8 +56,7 @@ void SimulatedCameraConfig::validate() const {
                        not_negative);
   basics::requireValue(std::isfinite(noise) && noise >= 0, kSimulatedCamera,
                        "the noise [gray levels]", noise, not_negative);
-  basics::requireValue(std::isfinite(exposure) && exposure > 0, kSimulatedCamera, "the exposure",
-                       exposure, "a finite value > 0");
+  basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
   basics::requireValue(std::isfinite(bleed) && bleed >= 0, kSimulatedCamera, "the bleed [m]", bleed,
                        not_negative);
   basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
@@ -82,12 +82,12 @@ struct SimulatedCamera::Workspace {
   SimulatedCameraConfig config;
   TagPainter tags;
   cv::Mat backdrop, sharp, blurred, picture;
-  std::vector<float> noise;  // what develop() adds before it cuts the fraction off
+  std::vector<float> noise;  // added by develop() before truncation
   std::mt19937 generator;
   Occluders occluders;
   int picture_number = 0;
 
-  // Of the picture in work.
+  // State of the picture that is being rendered.
   std::vector<lie::SE3> tag_poses;  // X_CT
   std::vector<ArmNode> nodes;
   std::vector<Layer> layers;
@@ -95,17 +95,16 @@ struct SimulatedCamera::Workspace {
 
 namespace {
 
-// The view, if all parts hold.
+// Returns the view after checking all parts.
 const ArmView& checked(const ArmView& view, const ArmBody& body,
                        const SimulatedCameraConfig& config) {
   view.validate();
   config.validate();
-  basics::requireValue(std::isfinite(body.radius) && body.radius > 0, kSimulatedCamera,
-                       "the arm's radius [m]", body.radius, "a finite value > 0");
+  basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", body.radius);
   return view;
 }
 
-// Includes the half that turns cutting into rounding.
+// Includes 0.5, so that truncation becomes rounding.
 std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
   std::mt19937 generator(seed);
   std::normal_distribution<double> normal;
@@ -136,7 +135,7 @@ SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagF
 const cv::Mat& SimulatedCamera::Workspace::render(const model::Shape& shape) {
   basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
                        "the number of sections", shape.sectionCount(),
-                       "one a section of the arm in view");
+                       "one per section of the arm in view");
   basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
                        "finite twists");
   backdrop.copyTo(sharp);
@@ -183,7 +182,8 @@ void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
   }
   for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
     if (!nodes[i].seen || !nodes[i + 1].seen) continue;
-    // By its far side, so that tags on its near side, and those beside them, come after it.
+    // Its depth is that of its far side, so that tags on its near side and beside it are drawn
+    // later.
     layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + body.radius, -1, i});
   }
   std::sort(layers.begin(), layers.end(),
@@ -193,7 +193,7 @@ void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
 void SimulatedCamera::Workspace::drawPiece(int piece) {
   const ArmNode& from = nodes[piece];
   const ArmNode& to = nodes[piece + 1];
-  // Across the arm at each end, from the neighbours, so that pieces join without gaps.
+  // Direction across the arm at each end, from the neighbours, so that pieces join without gaps.
   const auto across = [this](int i) {
     const int last = static_cast<int>(nodes.size()) - 1;
     const ArmNode& before = nodes[std::max(0, i - 1)].seen ? nodes[std::max(0, i - 1)] : nodes[i];

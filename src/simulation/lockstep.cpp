@@ -4,7 +4,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::simulation {
@@ -18,20 +18,18 @@ constexpr int kMostReadings = 100;  // until the arm may be enabled
 
 void LockstepConfig::validate() const {
   const auto positive = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                         "a finite value > 0");
+    basics::requirePositive(kCulprit, what, value);
   };
   positive("the step [s]", step);
   positive("the pictures' period [s]", picture_period);
-  basics::requireValue(std::isfinite(latency) && latency >= 0, kCulprit, "the latency [s]", latency,
-                       "a finite value >= 0");
+  basics::requireNotNegative(kCulprit, "the latency [s]", latency);
 }
 
 Lockstep::Lockstep(Parts parts, const LockstepConfig& config)
     : parts_(std::move(parts)), config_(config) {
   config_.validate();
-  std::string refusal = "it was not read";
-  // Noise may look like pressure in one reading or another.
+  std::string refusal = "the regulator was not read";
+  // With noise, single readings may look like pressure.
   for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
     reading_ = parts_.rig.measure();
     parts_.core.measured(0.0, reading_);

@@ -34,7 +34,7 @@ constexpr int kBacklog = 16;
 constexpr double kRestartTime = 0.05;             // [s]
 constexpr std::uint32_t kRestOfRequest = 100000;  // longest wait for it [us]
 
-// An open file that is closed with the object.
+// Owns a file descriptor.
 class File {
  public:
   explicit File(int number = -1) : number_(number) {}
@@ -67,7 +67,7 @@ Context newContext(int port) {
   Context context(modbus_new_tcp("127.0.0.1", port));
   if (!context) throw std::runtime_error(modbus_strerror(errno));
   modbus_set_byte_timeout(context.get(), 0, kRestOfRequest);
-  // libmodbus waits so long before it answers some requests with an exception.
+  // libmodbus waits this long before it answers some requests with an exception.
   modbus_set_response_timeout(context.get(), 0, 1);
   return context;
 }
@@ -110,7 +110,7 @@ class ModbusDevice::Server {
     eventfd_write(wake_.number(), 1);
   }
 
-  // What a caller asks of the device as it is now.
+  // Asks the device for its present state.
   template <class Ask>
   auto ask(const Ask& ask) {
     const basics::MutexLock lock(mutex_);
@@ -135,7 +135,7 @@ class ModbusDevice::Server {
   }
 
  private:
-  // An answer that is held back.
+  // A delayed answer.
   struct Late {
     double due;
     int client;
@@ -159,7 +159,7 @@ class ModbusDevice::Server {
   mutable basics::Mutex mutex_;
   ModbusImage image_ HELIX_ARM_GUARDED_BY(mutex_);
   DeviceFault fault_ HELIX_ARM_GUARDED_BY(mutex_) = DeviceFault::kNone;
-  bool deaf_before_ HELIX_ARM_GUARDED_BY(mutex_) = false;  // it was silent
+  bool deaf_before_ HELIX_ARM_GUARDED_BY(mutex_) = false;  // whether it was silent before
   std::uint64_t writes_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
   double last_write_ HELIX_ARM_GUARDED_BY(mutex_) = -std::numeric_limits<double>::infinity();
   int connections_ HELIX_ARM_GUARDED_BY(mutex_) = 0;
@@ -169,7 +169,7 @@ class ModbusDevice::Server {
   int port_ = 0;
   Context context_;
   std::array<int, 2> pair_{};
-  std::array<File, 2> ends_;  // libmodbus writes its answers into the first
+  std::array<File, 2> ends_;  // libmodbus writes its answers to the first
   std::vector<File> clients_;
   std::vector<pollfd> waited_;
   std::vector<Late> late_;
@@ -219,7 +219,7 @@ void ModbusDevice::Server::run() {
   }
 }
 
-// Waits for a request, a late answer or a change.
+// Waits for a request, a due answer or a change.
 void ModbusDevice::Server::await(bool clients) {
   waited_.assign({{wake_.number(), POLLIN, 0}});
   if (clients) {
@@ -249,7 +249,7 @@ void ModbusDevice::Server::restart() {
     try {
       listen(port_);
       listens = true;
-    } catch (const std::runtime_error&) {  // somebody has taken the port: until it is free again
+    } catch (const std::runtime_error&) {  // the port is in use: try again later
     }
   }
   const basics::MutexLock lock(mutex_);
@@ -351,7 +351,7 @@ void ModbusDevice::Server::sendLate() {
   const double now = regulator::steadyNow();
   for (std::size_t i = late_.size(); i-- > 0;) {
     if (late_[i].due > now) continue;
-    // To one that no longer listens: it is dropped when that is noticed.
+    // Fails if the client has closed; it is removed when that is noticed.
     send(late_[i].client, late_[i].reply.data(), late_[i].reply.size(), MSG_NOSIGNAL);
     late_.erase(late_.begin() + static_cast<std::ptrdiff_t>(i));
   }

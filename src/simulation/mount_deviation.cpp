@@ -3,14 +3,14 @@
 #include <cmath>
 #include <random>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/number_requirement.hpp"
 
 namespace helix_arm::simulation {
 namespace {
 
 const char* const kCulprit = "true mounts";
 
-// Streams of one seed, so that the camera's noise does not shift the tags'.
+// Separate streams of one seed, so that the camera's noise does not affect the tags'.
 enum Stream : std::uint32_t { kCameraStream, kTagStream };
 
 class Noise {
@@ -34,8 +34,7 @@ class Noise {
 
 void MountDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value >= 0, kCulprit, what, value,
-                         "a finite value >= 0");
+    basics::requireNotNegative(kCulprit, what, value);
   };
   check("the deviation of the camera's place [m]", camera_translation);
   check("the deviation of the camera's direction [rad]", camera_rotation);

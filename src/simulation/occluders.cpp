@@ -7,7 +7,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kWander = 0.4;  // of a bar from the middle, in pictures
+constexpr double kWander = 0.4;  // of a bar from the middle, relative to the picture
 
 }  // namespace
 

@@ -22,16 +22,16 @@ namespace {
 
 PseudoTerminal::PseudoTerminal() {
   file_ = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-  if (file_ < 0) fail("there is no pseudo terminal to be had");
+  if (file_ < 0) fail("no pseudo terminal is available");
   char path[128];
   if (grantpt(file_) != 0 || unlockpt(file_) != 0 || ptsname_r(file_, path, sizeof path) != 0) {
     const int error = errno;
     close(file_);
     errno = error;
-    fail("a pseudo terminal cannot be opened up");
+    fail("a pseudo terminal cannot be unlocked");
   }
   path_ = path;
-  // Raw from the first byte on, whatever program opens it; else it would echo.
+  // Raw mode from the start; otherwise the terminal would echo until a program opens it.
   const int other = open(path, O_RDWR | O_NOCTTY | O_CLOEXEC);
   termios settings{};
   if (other < 0 || tcgetattr(other, &settings) != 0) {
@@ -76,7 +76,8 @@ void DeviceLink::pointTo(const std::string& target) {
   std::error_code ignored;
   const auto there = std::filesystem::symlink_status(path_, ignored);
   if (std::filesystem::exists(there) && !std::filesystem::is_symlink(there)) {
-    throw std::runtime_error(path_ + " is there and no symlink; expected a free place for one");
+    throw std::runtime_error(
+        path_ + " exists and is not a symlink; expected a path where one can be created");
   }
   const std::filesystem::path other = std::filesystem::canonical(path_, ignored);
   if (other.parent_path() == "/dev/pts" && other != target_ && other != target) {
@@ -85,12 +86,12 @@ void DeviceLink::pointTo(const std::string& target) {
   }
   const std::string fresh = path_ + "." + std::to_string(getpid());
   std::filesystem::remove(fresh, ignored);
-  if (symlink(target.c_str(), fresh.c_str()) != 0) fail(fresh + " cannot be made");
+  if (symlink(target.c_str(), fresh.c_str()) != 0) fail(fresh + " cannot be created");
   if (rename(fresh.c_str(), path_.c_str()) != 0) {
     const int error = errno;
     std::filesystem::remove(fresh, ignored);
     errno = error;
-    fail(path_ + " cannot be made");
+    fail(path_ + " cannot be created");
   }
   target_ = target;
 }

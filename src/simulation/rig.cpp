@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
@@ -60,8 +61,7 @@ std::string describe(const statics::Load& load, const Eigen::Vector3d& tip_force
 
 void ArmDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireValue(std::isfinite(value) && value > 0, "true arm", what, value,
-                         "a finite value > 0");
+    basics::requirePositive("true arm", what, value);
   };
   check("the factor on K_gamma", K_gamma_scale);
   check("the factor on K_kappa", K_kappa_scale);
@@ -85,7 +85,7 @@ void TrueArm::setTipForce(const Eigen::Vector3d& force) {
   } else {
     basics::require(load_.has_value(),
                     "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
-                    "section, for a force at the tip of the true arm needs it");
+                    "section, which a force at the tip of the true arm needs");
     statics::Load load = *load_;
     statics::PointLoad tip;
     tip.section = arm().sectionCount() - 1;
@@ -102,7 +102,7 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
       model().solveLengths(length_scale_.cwiseProduct(arm().lengths(clamped)));
   if (!solution.converged()) {
     std::ostringstream message;
-    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape holds "
+    message << "true arm: at " << (1e-3 * clamped).transpose() << " kPa no shape balances "
             << describe(*load_, tip_force_) << " (" << statics::nameOf(solution.status)
             << ", residual " << solution.residual << "); lower the load or raise K_eps";
     throw std::runtime_error(message.str());

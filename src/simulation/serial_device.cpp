@@ -23,8 +23,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::milliseconds kEmptyLine{2};    // between looks whether somebody has come
-constexpr std::chrono::milliseconds kNoTerminal{50};  // between tries to get one
+constexpr std::chrono::milliseconds kEmptyLine{2};    // between checks for a new client
+constexpr std::chrono::milliseconds kNoTerminal{50};  // between attempts to create one
 constexpr double kSlowness = 2.5;                     // of an answer, in timeouts
 
 double seconds(Clock::duration span) { return std::chrono::duration<double>(span).count(); }
@@ -34,7 +34,7 @@ Clock::duration spanOf(double s) {
 
 }  // namespace
 
-// The thread of a device, and all that it shares with others.
+// Thread of a device, with all state that it shares.
 class SerialDevice::Worker {
  public:
   explicit Worker(SerialDeviceConfig config)
@@ -101,7 +101,7 @@ class SerialDevice::Worker {
  private:
   void wake() const {
     const std::uint64_t one = 1;
-    // It fails only where the thread is to wake already.
+    // Fails only if the thread is already due to wake.
     [[maybe_unused]] const ssize_t ignored = write(wake_, &one, sizeof one);
   }
 
@@ -120,7 +120,7 @@ class SerialDevice::Worker {
     [[maybe_unused]] const ssize_t ignored = read(wake_, &count, sizeof count);
   }
 
-  // False where there is no terminal to be had, or no place for its link, just now.
+  // False if no terminal or no link is available at present.
   bool restart() {
     const basics::MutexLock lock(mutex_);
     std::unique_ptr<PseudoTerminal> fresh;
@@ -159,7 +159,7 @@ class SerialDevice::Worker {
         speakUnasked();
         next_unasked = now + spanOf(config_.period);
       }
-      // Once it is no longer busy, what it still owes comes at once.
+      // Once it is no longer slow, delayed answers are sent at once.
       sendDelayed(fault() == DeviceFault::kSlow ? now : Clock::time_point::max());
       Clock::time_point next = now + std::chrono::milliseconds(1000);
       if (config_.profile.read.empty()) next = std::min(next, next_unasked);
@@ -211,7 +211,7 @@ class SerialDevice::Worker {
       bytes += config_.profile.terminator;
     }
     if (fault == DeviceFault::kSlow) {
-      // One line at a time, as a device that is busy.
+      // One line at a time, like a device that is busy.
       const Clock::time_point begin = delayed_.empty() ? Clock::now() : delayed_.back().first;
       delayed_.emplace_back(begin + spanOf(kSlowness * config_.profile.timeout), bytes);
     } else {
@@ -234,7 +234,7 @@ class SerialDevice::Worker {
   DeviceFault fault_ HELIX_ARM_GUARDED_BY(mutex_) = DeviceFault::kNone;
   Clock::time_point last_step_ HELIX_ARM_GUARDED_BY(mutex_);
 
-  // Of the thread alone.
+  // Used only by the thread.
   std::unique_ptr<PseudoTerminal> terminal_;
   std::mt19937 generator_;
   std::string input_;

@@ -24,9 +24,9 @@ const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   basics::requireValue(
       config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
       kCulprit, "the number of addresses", config.addresses.size(),
-      "one a channel where the profile has {address}, else none");
+      "one per channel if the profile has {address}, else none");
   basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kCulprit,
-                  ": the profile has no {address} to tell channels apart");
+                  ": the profile has no {address} to distinguish channels");
   basics::requireValue(config.period > 0, kCulprit, "the period [s]", config.period, "a value > 0");
   return config;
 }
@@ -53,7 +53,7 @@ void SerialDialogue::restart() {
   silence_ = 0;
 }
 
-// Until the next set point.
+// In force until the next set point.
 void SerialDialogue::ventAll() {
   const auto channels = static_cast<std::size_t>(config_.channels);
   set_point_ = Eigen::VectorXd::Zero(config_.channels);
@@ -73,7 +73,7 @@ void SerialDialogue::step(double dt) {
   simulated_.step(dt);
 }
 
-// A closed channel keeps the pressure that it has.
+// A closed channel keeps its pressure.
 void SerialDialogue::apply() {
   Eigen::VectorXd goal = Eigen::VectorXd::Zero(config_.channels);
   for (int i = 0; i < goal.size(); ++i) {
@@ -107,7 +107,7 @@ std::string SerialDialogue::readings(const LineFormat& format, int channel, Devi
                                   : config_.addresses[static_cast<std::size_t>(channel)];
   std::string line = format.line(address, fields);
   if (wrong_unit && format.has("{unit}")) {
-    // The last one is the unit's: numbers hold no letters, addresses come first.
+    // The last occurrence is the unit: numbers contain no letters, and addresses come first.
     const std::size_t at = line.rfind(profile.unit_word);
     line.replace(at, profile.unit_word.size(), profile.unit_word == "psi" ? "kPa" : "psi");
   }

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -14,7 +15,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kLeastCosine = 0.2;  // as estimation::visibleTags()
+constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
@@ -29,13 +30,10 @@ struct SimulatedSight::Workspace {
   Workspace(const CameraSetup& camera, const estimation::ArmView& known,
             const vision::LocalizerConfig& localizer_config, const SimulatedSightConfig& given)
       : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
-    basics::requireValue(std::isfinite(config.corner_noise) && config.corner_noise >= 0,
-                         "simulated sight", "the noise of corners [px]", config.corner_noise,
-                         "a finite value >= 0");
+    basics::requireNotNegative("simulated sight", "the noise of corners [px]", config.corner_noise);
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
-      if (localizer_config.remembers_rig) memory.emplace(localizer_config.fit);
     } else {
       simulated.emplace(camera.view, camera.family, camera.body, camera.config);
       encoder.emplace(camera.config.jpeg_quality);
@@ -52,7 +50,6 @@ struct SimulatedSight::Workspace {
   std::mt19937_64 generator;
   std::normal_distribution<double> normal;
   std::optional<estimation::TwistFitter> fitter;
-  std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
@@ -77,10 +74,8 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
     }
   }
   if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
-  if (memory) fitter->know(memory->estimate());
   const estimation::TwistFit& fit =
       fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
-  if (memory) memory->learn(fit);
   last.reset();
   if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
   last = fit.shape;

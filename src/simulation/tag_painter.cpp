@@ -14,11 +14,11 @@ using Areas = TagPattern::Areas;
 
 // Gray levels of paper and ink in full light.
 constexpr double kWhite = 222, kBlack = 34;
-// A face turned away from the camera, where the light is, still gets this much of it.
+// Light on a face that is turned away from the camera, which carries the light source.
 constexpr double kAmbientLight = 0.65;
 constexpr double kMostCells = 1e3;      // from a tag's corner to a pixel that may show it
-constexpr int kOutlinePoints = 8;       // a side of a tag, as distortion bends it
-constexpr double kOutlineMargin = 2.0;  // that these may miss [px]
+constexpr int kOutlinePoints = 8;       // per side of a tag, which distortion bends
+constexpr double kOutlineMargin = 2.0;  // error of the outline between these points [px]
 
 cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
   cv::Mat out(camera.height + 1, camera.width + 1, CV_32FC2);
@@ -35,8 +35,8 @@ cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
   return out;
 }
 
-// The mean of the card over a pixel is painted where the pixel shows nothing but card, and mixed in
-// where it shows less.
+// Paints the mean of the card over a pixel; if the card covers it only in part, mixes it with the
+// background.
 void paintPixel(const Areas& areas, double light, uchar& pixel) {
   if (areas.whole == 0) return;
   const double card = std::clamp(areas.card / areas.whole, 0.0, 1.0);
@@ -70,7 +70,7 @@ cv::Rect TagPainter::boxOf(const lie::SE3& X_CT) const {
     const double along = 2.0 * (i % kOutlinePoints) / kOutlinePoints - 1;
     const Eigen::Vector3d side[] = {{along, -1, 0}, {1, along, 0}, {-along, 1, 0}, {-1, -along, 0}};
     const auto pixel = camera_.project(X_CT * (half * side[i / kOutlinePoints]));
-    if (!pixel) return whole;  // it reaches out of what the camera can see
+    if (!pixel) return whole;  // it extends beyond what the camera can see
     least = least.cwiseMin(*pixel);
     most = most.cwiseMax(*pixel);
   }
@@ -101,9 +101,9 @@ void TagPainter::lookThrough(int y, const cv::Rect& box, const Eigen::Matrix3d& 
   }
 }
 
-// Every pixel's corners are seen through the camera on the tag's plane, and the quadrangle between
-// them is measured exactly. Pixels tile the plane, so no edge moves and no area is lost; each line
-// between two pixels is measured once.
+// The corners of every pixel are projected onto the tag's plane, and the quadrangle between them is
+// integrated exactly. Pixels tile the plane, so edges are not displaced and no area is lost; each
+// line between two pixels is integrated once.
 void TagPainter::draw(int tag, const lie::SE3& X_CT, cv::Mat& picture) {
   const TagPattern& pattern = patterns_[tag];
   const cv::Rect box = boxOf(X_CT);
@@ -111,7 +111,7 @@ void TagPainter::draw(int tag, const lie::SE3& X_CT, cv::Mat& picture) {
 
   Eigen::Matrix3d direction_of_cells;
   direction_of_cells.col(0) = cell_ * X_CT.rotation.col(0);
-  direction_of_cells.col(1) = -cell_ * X_CT.rotation.col(1);  // rows run down
+  direction_of_cells.col(1) = -cell_ * X_CT.rotation.col(1);  // rows run downwards
   direction_of_cells.col(2) =
       X_CT.translation -
       0.5 * cells_ * (direction_of_cells.col(0) + direction_of_cells.col(1)).eval();

@@ -6,9 +6,9 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kFarOff = 1e4;  // beyond every point asked for [cells]
+constexpr double kFarOff = 1e4;  // beyond all points in use [cells]
 
-// The cells that a strip between two lines touches.
+// The cells that a strip between two lines overlaps.
 struct Strip {
   int first, last;
 };
@@ -30,8 +30,8 @@ TagPattern::Areas& TagPattern::Areas::operator-=(const Areas& other) {
 }
 
 TagPattern::TagPattern(const cv::Mat& cells, double bleed) {
-  // A strip as wide as the bleeding to both sides of every line between cells is white where either
-  // side is. The strips at both ends are what surrounds the card.
+  // A strip around every line between cells, as wide as the bleed on both sides, is white if either
+  // cell is. The outermost strips are the surroundings of the card.
   const int size = cells.rows;
   std::vector<Strip> strips{{-1, -1}};
   lines_ = {-kFarOff, 0.0};
@@ -76,9 +76,9 @@ TagPattern::Point TagPattern::at(double x, double y, const Point& hint) const {
   return {x, y, find(x, hint.column), find(y, hint.row)};
 }
 
-// Green's theorem: an area is the integral of x dy around it; that part of it which is white is the
-// integral of the white width on the left of the contour. Both are linear in x within a rectangle,
-// so the middle of each piece of the line tells its integral.
+// By Green's theorem, an area is the integral of x dy around it; its white part is the integral of
+// the white width to the left of the contour. Both are linear in x within a rectangle, so the
+// midpoint of each piece of the line gives its integral.
 TagPattern::Areas TagPattern::along(const Point& a, const Point& b) const {
   const double dx = b.x - a.x, dy = b.y - a.y;
   Areas areas;

@@ -8,7 +8,7 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kRidge = 1e-12;  // of memories one unit long that say the same
+constexpr double kRidge = 1e-12;  // relative to memories of unit length; for nearly parallel ones
 
 }  // namespace
 
@@ -29,7 +29,7 @@ double Anderson<kMost>::advance(Values x, const Eigen::Ref<const Eigen::VectorXd
         Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kDepth, kDepth>;
     using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kDepth, 1>;
     Matrix G = gram_.topLeftCorner(kept, kept);
-    // Memories of very different sizes: each is one unit long.
+    // Memories differ widely in size, so each is scaled to unit length.
     const Vector unit = G.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
     Vector right(kept);
     for (int i = 0; i < kept; ++i) right[i] = unit[i] * changes_.col(i).dot(change);

@@ -37,7 +37,7 @@ ArmModel::ArmModel(model::Arm arm, std::optional<model::PlanarArm> planar, std::
   basics::require(!takesLoad(setting.tier) || load, "tier: ", nameOf(setting.tier),
                   " needs a load");
   solvers_ = std::make_unique<Solvers>(std::move(arm), std::move(planar), std::move(load),
-                                       TierChoice{setting, 0.0, "the setting is given"});
+                                       TierChoice{setting, 0.0, "as set by the caller"});
 }
 ArmModel::ArmModel(std::unique_ptr<Solvers> solvers) : solvers_(std::move(solvers)) {}
 ArmModel::ArmModel(const ArmModel& other) : solvers_(std::make_unique<Solvers>(*other.solvers_)) {}

@@ -9,22 +9,23 @@
 namespace helix_arm::statics {
 namespace {
 
-// Aim below the tolerance: it leaves room for rounding when lengths become inputs.
+// Below the tolerance, which leaves room for rounding when lengths become inputs.
 constexpr double kGoalFraction = 0.1;
-constexpr double kAtRest = 1e-13;  // relative decrease that is no longer worth a step
-// A residual that no step shortens by a thousandth of the tolerance is as short as it gets; twice
-// that, as the decrease is of the square.
+constexpr double kAtRest = 1e-13;  // relative decrease below which the descent ends
+// A residual counts as minimal if no step shortens it by a thousandth of the tolerance; twice that,
+// since the decrease is that of the square.
 constexpr double kRestFraction = 2e-3;
-constexpr double kNewtonGain = 0.1;  // an undamped step leaves less than this of the cost
+constexpr double kNewtonGain = 0.1;  // accepted decrease of the cost by an undamped step
 
-// A step is taken where it gains this part of what the linear model promises.
+// A step is accepted if it gains at least this fraction of the decrease that the linear model
+// predicts.
 constexpr double kLeastRatio = 1e-3;
-// The damping falls where it gains more than the one, and rises where it gains less than the other.
+// The damping falls above the first ratio and rises below the second.
 constexpr double kGoodRatio = 0.75;
 constexpr double kPoorRatio = 0.25;
 constexpr double kDampingFall = 0.1;
 constexpr double kDampingRise = 4.0;
-constexpr double kDampingRiseRefused = 8.0;    // after a step that was not taken
+constexpr double kDampingRiseRefused = 8.0;    // after a step that was rejected
 constexpr double kLeastDampingRefused = 1e-4;  // and at least to this
 
 }  // namespace
@@ -59,7 +60,7 @@ void BoxLevenbergMarquardt::sumNormalEquations(const InversePoint& point) noexce
 }
 
 void BoxLevenbergMarquardt::buildNormalEquations(const InversePoint& point) noexcept {
-  // A position has three rows: a size known here is worth a tenth of a solution's time.
+  // A position has three rows; the fixed size saves a tenth of the time of a solution.
   task_.rows() == 3 ? sumNormalEquations<3>(point) : sumNormalEquations<Eigen::Dynamic>(point);
 }
 
@@ -71,9 +72,9 @@ void BoxLevenbergMarquardt::linearise(const InversePoint& point) noexcept {
   }
 }
 
-// Three muscles and a position: the square system is solved as it is, a third of the work of its
-// normal equations. False where that would leave the box or does not gain much, which is for the
-// damped steps to sort out.
+// For three muscles and a position, solves the square system directly, at a third of the cost of
+// the normal equations. Returns false if that leaves the box or gains little; the damped steps then
+// take over.
 bool BoxLevenbergMarquardt::takeNewtonStep(InversePoint& point) noexcept {
   const Eigen::Matrix3d J = point.jacobian.topRows<3>();
   const Eigen::Vector3d a = J.col(0), b = J.col(1), c = J.col(2), r = point.residual.head<3>();

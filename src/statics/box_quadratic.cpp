@@ -25,7 +25,7 @@ const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
                 : upper[i] <= 0 && g[i] < 0 ? State::kUpper
                                             : State::kFree;
   }
-  // Every pass fixes or releases one variable; the cap only guards against cycling on ties.
+  // Every pass fixes or releases one variable; the limit only guards against cycling on ties.
   for (int pass = 0; pass < 10 * n_ + 10; ++pass) {
     solveFree();
     if (advance() && !release()) break;
@@ -33,8 +33,8 @@ const Eigen::VectorXd& BoxQuadratic::solve() noexcept {
   return x_;
 }
 
-// Minimiser over the free variables with the others held: L D L' on packed rows, written out
-// because n is small and known only at run time.
+// Minimises over the free variables with the others fixed: L D L' on packed rows, hand-written
+// since n is small and known only at run time.
 void BoxQuadratic::solveFree() noexcept {
   free_count_ = 0;
   for (int i = 0; i < n_; ++i) {
@@ -57,7 +57,7 @@ void BoxQuadratic::solveFree() noexcept {
       pivot -= sum * factor_(a, b);
       right -= factor_(a, b) * y_[b];
     }
-    // Rounding may push a tiny pivot below zero; the caller's damping bounds H away from it.
+    // Rounding may make a tiny pivot negative; the caller's damping keeps H positive definite.
     inverse_pivot_[a] = 1.0 / std::max(pivot, 1e-300);
     y_[a] = right;
   }
@@ -68,8 +68,8 @@ void BoxQuadratic::solveFree() noexcept {
   }
 }
 
-// Goes to the free minimiser or to the first bound on the way, which is then held; true when none
-// was in the way.
+// Moves to the free minimiser or to the first bound on the way, which is then fixed. Returns true
+// if no bound was in the way.
 bool BoxQuadratic::advance() noexcept {
   double fraction = 1.0;
   int blocking = -1;
@@ -91,7 +91,7 @@ bool BoxQuadratic::advance() noexcept {
   return false;
 }
 
-// Frees the held variable whose bound pulls hardest against the descent; false when there is none.
+// Releases the fixed variable with the steepest descent into the box; false if there is none.
 bool BoxQuadratic::release() noexcept {
   if (free_count_ == n_) return false;
   int worst = -1;

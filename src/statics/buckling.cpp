@@ -9,8 +9,8 @@ namespace helix_arm::statics {
 template <class Group>
 double bucklingBound(const model::ArmOf<Group>& arm, const Load& load) {
   const int sections = arm.sectionCount();
-  std::vector<double> own;                                     // compliance of bending
-  std::vector<double> bend(sections + 1), sway(sections + 1);  // of all before a section
+  std::vector<double> own;                                     // bending compliance of each section
+  std::vector<double> bend(sections + 1), sway(sections + 1);  // of everything before a section
   double shear = 0.0, size = 0.0;
   for (int k = 0; k < sections; ++k) {
     const double l = arm.freeLength(k);
@@ -27,7 +27,7 @@ double bucklingBound(const model::ArmOf<Group>& arm, const Load& load) {
   };
   double bound = 0.0;
   for (int k = 0; k < sections; ++k) {
-    // Simpson's rule: exact.
+    // Simpson's rule is exact here.
     bound += load.mass[k] * load.gravity.norm() *
              (byForce(k, 0.0) + 4.0 * byForce(k, 0.5) + byForce(k, 1.0)) / 6.0;
   }

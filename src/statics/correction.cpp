@@ -3,6 +3,7 @@
 #include <cmath>
 #include <utility>
 
+#include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "tip_motions.hpp"
@@ -14,8 +15,7 @@ constexpr char kCulprit[] = "correction of the model";
 constexpr double kStep = 3e-5;  // of differences under load, relative to the arm's length
 
 void requireFactor(const char* what, double value) {
-  basics::requireValue(std::isfinite(value) && value > 0, kCulprit, what, value,
-                       "a finite value > 0");
+  basics::requirePositive(kCulprit, what, value);
 }
 
 bool equal(const model::Stiffness& a, const model::Stiffness& b) {

@@ -18,12 +18,12 @@ namespace {
 using Eigen::Vector3d;
 using lie::Vector6;
 
-// Work on a motion that no actuator resists, relative to the load's scale: none up to this, or to
-// so many tolerances.
+// Work on a motion that no actuator resists, relative to the load's scale: up to this value, or
+// this multiple of the tolerance, it counts as zero.
 constexpr double kNoWork = 1e-8;
 constexpr double kNoWorkTolerances = 10;
 
-// The options that hold for an arm and its load.
+// Checks the options, which must suit the arm and its load.
 const ExactOptions& checked(const model::Arm& arm, const Load& load, const ExactOptions& options) {
   const int sections = arm.sectionCount();
   load.validate(sections);
@@ -54,14 +54,14 @@ class ExactArm::Statics {
   std::vector<model::CurvePoint<lie::SE3>> curve(const model::Twists& unloaded, int count) const;
 
  private:
-  // What an integration along the arm met.
+  // Counters and faults of an integration along the arm.
   struct Trace {
     bool finite = true;
     bool supported = true;
   };
 
-  // Calls visit(X, turned) with the pose at each of the stops, s over the whole arm that do not
-  // decrease, and the integral of the angular strain up to it.
+  // Calls visit(X, turned) at each of the stops, which are non-decreasing s over the whole arm,
+  // with the pose there and the integral of the angular strain up to it.
   template <class Visit>
   Trace trace(const Reached& reached, const model::Twists& unloaded,
               const std::vector<double>& stops, const Visit& visit) const;
@@ -131,7 +131,7 @@ model::Shape ExactArm::Statics::unloadedShape(const model::Twists& unloaded) con
 
 void ExactArm::Statics::check(const model::Twists& unloaded) const {
   basics::requireValue(unloaded.cols() == rod_.sections(), "exact tier",
-                       "the number of unloaded twists", unloaded.cols(), "one for each section");
+                       "the number of unloaded twists", unloaded.cols(), "one per section");
   basics::require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
 }
 

@@ -14,7 +14,7 @@ using Eigen::VectorXd;
 
 constexpr double kNoMotion = 1e-9;  // of a singular value, relative to the largest
 
-// The combinations of a section's actuators that move it, orthonormal (n x rank).
+// The combinations of a section's inputs that move it, orthonormal (n x rank).
 MatrixXd motionsOf(const model::Arm& arm, const VectorXd& range, int k) {
   MatrixXd map = arm.equilibrium(k).map;
   map *= range.segment(arm.firstActuator(k), map.cols()).asDiagonal();

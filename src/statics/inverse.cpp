@@ -22,9 +22,11 @@ namespace {
 constexpr int kMostLoadedStarts = 6;  // each takes a thousand times as long as without load
 constexpr int kValleyBudget = 6000;   // iterations in valleys for one target
 constexpr int kLoadedValleyBudget = 60;
-constexpr double kSnapFraction = 1e-2;      // of the tolerance: closer to a limit is at it
-constexpr double kLimitMargin = 1e-9;       // of an input's range: closer to a limit is at it
-constexpr double kRotationRounding = 1e-6;  // of a target's R R' from the identity
+constexpr double kSnapFraction = 1e-2;  // of the tolerance: a length closer to a limit is set to it
+constexpr double kLimitMargin =
+    1e-9;  // of an input's range: an input closer to a limit counts as at it
+constexpr double kRotationRounding =
+    1e-6;  // permitted deviation of R R' of a target from the identity
 
 void requirePositive(const char* name, double value) {
   if (std::isfinite(value) && value > 0) return;
@@ -32,7 +34,7 @@ void requirePositive(const char* name, double value) {
                               std::to_string(value) + "; expected a finite value > 0");
 }
 
-// Farther away the arm would vanish in the rounding of the distance.
+// At larger distances, the size of the arm would vanish in rounding.
 template <class Target>
 void requireNear(const char* what, const Target& target) {
   if (target.allFinite() && target.cwiseAbs().maxCoeff() <= kFarthestTarget) return;
@@ -41,7 +43,7 @@ void requireNear(const char* what, const Target& target) {
                               std::to_string(kFarthestTarget) + " m or rad");
 }
 
-// The options that hold for an arm, with a load or without.
+// Checks the options for an arm with or without a load.
 InverseOptions checked(InverseOptions options, bool loaded) {
   requirePositive("position_tolerance", options.position_tolerance);
   requirePositive("rotation_weight", options.rotation_weight);
@@ -61,7 +63,7 @@ InverseOptions checked(InverseOptions options, bool loaded) {
 class InverseSolver::Workspace {
  public:
   Workspace(const model::Arm& arm, const ArmModel* loaded, const InverseOptions& options);
-  // Its parts refer to each other.
+  // Not copyable, since its parts refer to each other.
   Workspace(const Workspace&) = delete;
   Workspace& operator=(const Workspace&) = delete;
 
@@ -88,9 +90,9 @@ class InverseSolver::Workspace {
   InverseValley valley_;
   InverseStarts starts_;
   InversePreference preference_;
-  Eigen::VectorXd input_;  // inputs of the current lengths, also the guess for the next ones
+  Eigen::VectorXd input_;  // inputs at the current lengths, and initial guess for the next ones
   InversePoint current_, best_;
-  bool answered_ = false;  // current_ is the last answer, to a target of this kind
+  bool answered_ = false;  // whether current_ is the last answer, to a target of this kind
   InverseResult result_;
 };
 
@@ -152,7 +154,7 @@ void InverseSolver::Workspace::aimAt(const model::Twists& twists) noexcept {
 const InverseResult& InverseSolver::Workspace::solve(const model::InputRef& start) {
   checkStart(start);
   minimiser_.restart();
-  // Along a path the start is the last answer: its tip and Jacobian are still at hand.
+  // Along a path, each start is the previous answer, whose tip and Jacobian are still valid.
   const bool at_hand = answered_ && start == input_;
   for (int i = 0; i < n_; ++i) {
     if (!at_hand) current_.lengths[i] = arm_.actuator(i).contraction.lengthInside(start[i]);
@@ -165,8 +167,8 @@ const InverseResult& InverseSolver::Workspace::solve(const model::InputRef& star
     minimiser_.evaluate(current_);
   }
   Descent outcome = minimiser_.descend(current_, options_.max_iterations);
-  // Twists are linear in the lengths: their least squares has one minimum. Tips may hide theirs
-  // behind another.
+  // Twists are linear in the lengths, so their least squares have one minimum. Tips may have local
+  // minima.
   if (outcome != Descent::kReached && task_.kind() != InverseTask::Kind::kTwists) {
     valley_.restart();
     outcome = valley_.follow(current_, outcome);
@@ -184,8 +186,8 @@ const InverseResult& InverseSolver::Workspace::solve(const model::InputRef& star
   return result_;
 }
 
-// The best of the starts, left in current_. It counts as at rest where any start as good came to
-// rest.
+// Leaves the best of the starts in current_. It counts as converged if any start as good has
+// converged.
 Descent InverseSolver::Workspace::tryOtherStarts(Descent first) noexcept {
   const double infinity = std::numeric_limits<double>::infinity();
   double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;
@@ -205,7 +207,7 @@ Descent InverseSolver::Workspace::tryOtherStarts(Descent first) noexcept {
   return at_rest ? Descent::kAtRest : Descent::kExhausted;
 }
 
-// An actuator that ends within rounding of a limit is at it.
+// A length within rounding of a limit is set to it.
 void InverseSolver::Workspace::snapToLimits() noexcept {
   const double near = kSnapFraction * options_.position_tolerance;
   bool snapped = false;

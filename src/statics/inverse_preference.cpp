@@ -58,8 +58,8 @@ int InversePreference::follow(InversePoint& point, Eigen::VectorXd& input) noexc
   return steps;
 }
 
-// One step: to the least preference cost on the tangent of the target's solutions, then back onto
-// them. False, and nothing moved, where none is left to take.
+// One step: minimises the preference on the tangent of the solution set, then returns to the set.
+// False, without a move, if no step is left.
 bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noexcept {
   const double before = cost(input);
   minimiser_.linearise(point);
@@ -68,8 +68,8 @@ bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noe
     const model::Actuator& actuator = arm_.actuator(i);
     const double range = actuator.limits.upper - actuator.limits.lower;
     const double mean_slope = (box_.upper()[i] - box_.lower()[i]) / range;
-    // Where the contraction is flat a length says nothing of its input: the slope is kept away from
-    // zero.
+    // Where the contraction is flat, a length does not determine its input, so the slope is bounded
+    // away from zero.
     const double slope = actuator.contraction.slopeInside(input[i]);
     const double kept = std::copysign(std::max(std::abs(slope), kLeastSlope * mean_slope), slope);
     slope_[i] = 1.0 / (kept * range);

@@ -13,7 +13,8 @@ namespace {
 
 constexpr int kSamples = 1024;
 constexpr int kNearestStarts = 12;  // of all
-constexpr int kCornerStarts = 10;   // then of the limits' corners; later ones are spread over all
+constexpr int kCornerStarts =
+    10;  // then of the corners of the limits; later ones are spread over all
 constexpr int kMaxActuatorsForCorners = 6;
 constexpr std::uint64_t kGeneratorSeed = 20240229;
 constexpr int kStride = 97;  // between the later starts; coprime to their number
@@ -31,7 +32,7 @@ InverseStarts::InverseStarts(const model::Arm& arm, const ArmModel* loaded, cons
       const double fraction = corner ? (s >> i) & 1 : basics::fractionOf(generator());
       lengths_(i, s) = box.lower()[i] + fraction * (box.upper()[i] - box.lower()[i]);
     }
-    // Starts are ranked by these: for that the loaded tier serves, and the exact one is not needed.
+    // Starts are ranked with the loaded tier, which is sufficient even for the exact one.
     const bool by_load = loaded != nullptr && loaded->choice().setting.tier == Tier::kLoaded;
     tips_.push_back(by_load ? loaded->tipOfLengths(lengths_.col(s)).tip
                             : model::tipPose(arm.twistsOfLengths(lengths_.col(s))));
@@ -39,8 +40,8 @@ InverseStarts::InverseStarts(const model::Arm& arm, const ArmModel* loaded, cons
   used_.resize(lengths_.cols());
 }
 
-// Of the first `count` starts that have not been used, the one with its tip nearest to the target;
-// -1 where there is none.
+// The start among the first `count` unused ones whose tip is nearest to the target; -1 if there is
+// none.
 int InverseStarts::nearest(int count, const InverseTask& task) const noexcept {
   int choice = -1;
   double least = std::numeric_limits<double>::infinity();

@@ -29,7 +29,8 @@ InverseTask::InverseTask(const model::Arm& arm, const ArmModel* loaded, double r
       scale_(Eigen::VectorXd::Ones(arm.actuatorCount())),
       scaled_(arm.actuatorCount()) {
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    // Of the map, not of A: an untilted ring can shear and twist, but its muscles cannot make it.
+    // Rank of the map rather than of A: an untilted ring can shear and twist, but its muscles
+    // cannot cause it.
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(arm.equilibrium(k).map);
     qr.setThreshold(kMapRankTolerance);
     map_rank_ += static_cast<int>(qr.rank());
@@ -90,8 +91,7 @@ void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& resi
   evaluateTip(lengths, residual, jacobian);
 }
 
-// The common case without the general chain: one set of coefficients gives the tip and its
-// derivative.
+// The common case of one section: one set of coefficients gives the tip and its derivative.
 void InverseTask::evaluateSingleSection(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                         Eigen::MatrixXd& jacobian) const noexcept {
   const auto& map = arm_->equilibrium(0).map;
@@ -147,7 +147,7 @@ void InverseTask::evaluateLoadedTip(const Eigen::VectorXd& lengths, Eigen::Vecto
   }
 }
 
-// Differences: of the mean twists there is no shorter way.
+// By differences, since there is no closed form for the mean twists.
 void InverseTask::evaluateLoadedTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                                        Eigen::MatrixXd& jacobian) const {
   const double step_size = 3e-5 * arm_->restLength();
@@ -200,7 +200,7 @@ double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept
 double InverseTask::squaredErrorOfTip(const SE3& tip) const noexcept {
   double error = (tip.translation - pose_.translation).squaredNorm();
   if (kind_ == Kind::kPose) {
-    // |R - R*|_F^2 / 2 is the square of the angle to first order: good enough to rank starts by.
+    // |R - R*|_F^2 / 2 is the squared angle to first order, which suffices to rank starts.
     error +=
         0.5 * rotation_weight_ * rotation_weight_ * (tip.rotation - pose_.rotation).squaredNorm();
   }

@@ -3,12 +3,13 @@
 namespace helix_arm::statics {
 namespace {
 
-// A residual this small, of the arm's length, is a near miss; where the linear model promises to
-// take this share of its square away, the target may well be reached.
+// A residual below this, relative to the arm's length, is a near miss. If the linear model predicts
+// a decrease of its square by this fraction, the target may be reachable.
 constexpr double kNearMiss = 1e-2;
 constexpr double kValleyPromise = 0.5;
-constexpr double kValleyGain = 0.9;  // a step along a valley leaves less of the squared residual
-constexpr int kValleyDescent = 25;   // iterations from a step back to the bottom of the valley
+constexpr double kValleyGain =
+    0.9;  // required decrease factor of the squared residual by a step along a valley
+constexpr int kValleyDescent = 25;  // iterations from a step back to the bottom of the valley
 
 }  // namespace
 

@@ -19,7 +19,7 @@ void LengthBox::readInputs(const Eigen::VectorXd& lengths, Eigen::VectorXd& inpu
   for (int i = 0; i < size(); ++i) {
     const model::Actuator& actuator = arm_.actuator(i);
     const model::Range& limits = actuator.limits;
-    // A length at its bound is the limit itself, to the last bit.
+    // A length at its bound maps to exactly the limit.
     if (lengths[i] == at_lower_limit_[i]) {
       input[i] = limits.lower;
     } else if (lengths[i] == at_upper_limit_[i]) {

@@ -32,9 +32,9 @@ void Load::validate(int sections) const {
   const auto notNegative = [](double x) { return std::isfinite(x) && x >= 0; };
   basics::require(gravity.allFinite(), "load: gravity is not finite");
   check(static_cast<int>(mass.size()) == sections, "the number of masses",
-        static_cast<double>(mass.size()), "one for each section");
+        static_cast<double>(mass.size()), "one per section");
   check(static_cast<int>(K_eps.size()) == sections, "the number of K_eps",
-        static_cast<double>(K_eps.size()), "one for each section");
+        static_cast<double>(K_eps.size()), "one per section");
   for (const double m : mass) check(notNegative(m), "a mass", m, "a finite value >= 0 [kg]");
   for (const double K : K_eps) check(std::isfinite(K) && K > 0, "K_eps", K, "a value > 0 [N]");
   for (const PointLoad& point : points) {

@@ -7,7 +7,7 @@ namespace helix_arm::statics {
 namespace {
 
 constexpr double kLeastLoadStep = 1e-9;  // of the whole load
-constexpr double kBranchEnd = 1e-6;      // step by share of the load where the branch ends
+constexpr double kBranchEnd = 1e-6;      // step relative to the load at which the branch ends
 constexpr int kFewIterations = 5;        // of a step, after which the next one is longer
 
 }  // namespace
@@ -40,7 +40,7 @@ Reached stepLoad(const MultipleShooting& shooting, const ExactOptions& options) 
     if (out.iterations == options.max_iterations) break;
     load_step = 0.5 * (target - out.share);
     if (load_step >= std::max(kLeastLoadStep, kBranchEnd * out.share)) continue;
-    // The branch ends here: the arm drops to another shape, if there is one.
+    // The branch ends here; the arm snaps to another shape, if there is one.
     balance = shooting.balance(out.nodes, 1.0, true, out.iterations);
     if (!balance.found) break;
     out.nodes = std::move(balance.nodes);

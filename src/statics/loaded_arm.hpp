@@ -50,11 +50,10 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
   for (const PointLoad& point : load.points) {
     if (point.s > 0 && point.s < 1) cuts.insert(point.section + point.s);
   }
-  basics::requireValue(
-      load.innerPlaces() <= kMaxInnerPoints, "load.points", "the number of places inside sections",
-      load.innerPlaces(),
-      "at most 16 with tier: loaded; put points that are close to each other in one place, "
-      "or use tier: exact");
+  basics::requireValue(load.innerPlaces() <= kMaxInnerPoints, "load.points",
+                       "the number of places inside sections", load.innerPlaces(),
+                       "at most 16 with tier: loaded; combine points that are close to each other, "
+                       "or use tier: exact");
   for (int k = 0; k <= sections; ++k) cuts.insert(k);
   for (auto begin = cuts.begin(), end = std::next(begin); end != cuts.end(); ++begin, ++end) {
     const int section = std::min(static_cast<int>(*begin), sections - 1);

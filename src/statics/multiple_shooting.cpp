@@ -20,16 +20,17 @@ using lie::Vector6;
 
 constexpr double kContraction = 0.5;  // of Newton's steps that stay on their branch
 constexpr double kLargestStep = 1.0;  // of them [rad], relative to the arm's size
-constexpr double kNoise = 10;         // in tolerances: such a defect need not contract
-constexpr double kLeastGain = 0.5;  // of a damped step, by the part of Newton's step that it takes
+constexpr double kNoise = 10;         // in tolerances: such a defect need not decrease
+constexpr double kLeastGain =
+    0.5;  // of a damped step, relative to the fraction of Newton's step that it takes
 constexpr double kShortestStep = 1e-4;  // of a damped one, as a part of Newton's
 constexpr double kNegative = 1e-9;      // of an eigenvalue, relative to the largest
 
-// Number of negative eigenvalues of the stiffness against turns of a segment's end, its start held
-// and all beyond it free: the segment's own and that of the rest, whose steps satisfy the rows.
-// Summed over the segments this is the index of the second variation of the energy, as long as each
-// segment is stable between two ends that do not turn. Seen from the moments at the start, so that
-// it holds for sections that are stiff without bound.
+// Number of negative eigenvalues of the stiffness against rotations of a segment's end, with its
+// start fixed and everything beyond it free: the segment's own stiffness plus that of the rest,
+// whose steps satisfy the rows. The sum over the segments is the index of the second variation of
+// the energy, as long as each segment is stable between two ends that do not rotate. It is
+// expressed in the moments at the start, so that it also holds for infinitely stiff sections.
 int unstableMotions(const Eigen::Matrix<double, 3, 6>& rows, const Matrix6& Phi) {
   const Matrix3d by_moment = Phi.topRightCorner<3, 3>();
   const Matrix3d rest = rows.rightCols<3>().fullPivLu().solve(rows.leftCols<3>());
@@ -43,10 +44,10 @@ int unstableMotions(const Eigen::Matrix<double, 3, 6>& rows, const Matrix6& Phi)
 
 }  // namespace
 
-// One step for all nodes: turns in the body frame [rad], moments in the rod's unit.
+// One step of all nodes: rotations in the body frame [rad], moments in the rod's unit.
 struct MultipleShooting::Step {
   std::vector<Vector6> x;
-  // Of how many motions the shape is unstable in: 0 on the branch from the unloaded shape.
+  // Number of unstable motions of the shape: 0 on the branch from the unloaded shape.
   int unstable = 0;
 
   double size() const {
@@ -113,8 +114,9 @@ MultipleShooting::Shot MultipleShooting::shoot(std::vector<Node> nodes, double s
   return shot;
 }
 
-// Rows P x_j = c that the steps x_j must satisfy for all beyond node j to fit, swept from the tip
-// to the base; orthonormal, so that what grows towards the tip decays in them.
+// Rows P x_j = c that the steps x_j must satisfy so that everything beyond node j fits, propagated
+// from the tip to the base. They are orthonormal, so that components that grow towards the tip
+// decay in them.
 MultipleShooting::Step MultipleShooting::newtonStep(const Shot& shot) const {
   using Rows = Eigen::Matrix<double, 3, 6>;
   const int count = rod_.segmentCount();

@@ -13,9 +13,9 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kGrowth = 2.5;          // e-fold growth of errors that a segment may have
-constexpr int kMaxSegments = 64;         // that a section is cut into for it
-constexpr double kMostGrowth = 50.0;     // that a segment counts with
-constexpr double kLeastMoment = 1e-300;  // unit of moments on an arm that nothing bends [N m]
+constexpr int kMaxSegments = 64;         // per section
+constexpr double kMostGrowth = 50.0;     // per segment that is counted
+constexpr double kLeastMoment = 1e-300;  // unit of moments on an arm without load [N m]
 
 }  // namespace
 
@@ -41,7 +41,7 @@ Rod::Rod(const model::Arm& arm, const Load& load, double tolerance) : tolerance_
   moment_scale_ += force_scale_ * size_;
   moment_unit_ = bend > 0 ? 1.0 / bend : std::max(moment_scale_, kLeastMoment);
 
-  // From the tip to the base, since a force pulls at all that is before it.
+  // From the tip to the base, since a force acts on everything before it.
   Vector3d force = Vector3d::Zero();
   std::vector<Segment> backward;
   for (int k = sections - 1; k >= 0; --k) {

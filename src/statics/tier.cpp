@@ -16,10 +16,10 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr int kCornerSamples = 40;  // for each section
+constexpr int kCornerSamples = 40;  // per section
 constexpr int kMostCornerSamples = 160;
 constexpr int kInnerSamples = 16;
-// Where none of so many samples finds a balance, the others are not tried: each takes long.
+// If none of this many samples has a balance, the others are skipped, since each takes long.
 constexpr int kHopeless = 6;
 
 std::string percent(double part) {
@@ -41,7 +41,7 @@ std::vector<Eigen::VectorXd> samplesOf(const model::Arm& arm) {
   return sampleInputs(arm, corners, kInnerSamples);
 }
 
-// Where the exact tier puts the tip.
+// Tip by the exact tier.
 struct Sample {
   Eigen::VectorXd lengths;
   Eigen::Vector3d tip;
@@ -49,7 +49,7 @@ struct Sample {
 
 struct Samples {
   std::vector<Sample> balanced;
-  int unbalanced = 0;  // inputs where the load finds no balance
+  int unbalanced = 0;  // number of inputs without a balance
 
   std::size_t count() const { return balanced.size() + unbalanced; }
 };
@@ -80,7 +80,7 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
   return {std::move(out), unbalanced};
 }
 
-// Largest error of the tip, as a part of the arm's length.
+// Largest tip error, relative to the arm's length.
 double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, double arm_length) {
   double error = 0.0;
   for (const Sample& sample : samples) {
@@ -91,7 +91,7 @@ double errorOf(const TierSolver& solver, const std::vector<Sample>& samples, dou
   return std::max(error, kExactTipError);
 }
 
-// Mean time of a solution over the samples: inputs differ by twice and more in what they take.
+// Mean time of a solution over the samples; times of inputs differ by a factor of two and more.
 double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& lengths) {
   const double all = basics::medianTime([&] {
     for (const Eigen::VectorXd& one : lengths) solver.tip(one);
@@ -99,11 +99,11 @@ double meanTime(const TierSolver& solver, const std::vector<Eigen::VectorXd>& le
   return all / static_cast<double>(lengths.size());
 }
 
-// From the cheapest to the dearest.
+// From the cheapest to the most expensive.
 std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load, bool planar) {
   std::vector<TierSetting> out;
   const auto wanted = [&request](Tier tier) { return !request.tier || *request.tier == tier; };
-  // Asked for, the loaded tier says itself what it cannot have.
+  // If it was requested, the loaded tier reports its own limits.
   const bool orders =
       wanted(Tier::kLoaded) && (request.tier || load.innerPlaces() <= kMaxInnerPoints);
   if (planar && wanted(Tier::kPlanar)) out.push_back({Tier::kPlanar, 0});
@@ -115,7 +115,7 @@ std::vector<TierSetting> settingsOf(const TierRequest& request, const Load& load
   return out;
 }
 
-// One arm under one load, with what the tiers are judged by.
+// An arm under a load, with the reference samples of its tiers.
 struct Scale {
   const model::Arm& arm;
   const std::optional<model::PlanarArm>& planar;
@@ -129,7 +129,7 @@ struct Scale {
     std::ostringstream reason;
     reason << setting.name();
     if (setting.tier == Tier::kExact) {
-      reason << ", which the other tiers are compared with";
+      reason << ", the reference of the other tiers";
     } else {
       out.relative_tip_error = errorOf(solver, samples.balanced, arm.restLength());
       if (std::isfinite(out.relative_tip_error)) {
@@ -139,7 +139,7 @@ struct Scale {
         reason << " does not converge at some sampled inputs";
       }
     }
-    if (!takesLoad(setting.tier)) reason << ", as it leaves the load out";
+    if (!takesLoad(setting.tier)) reason << ", since it omits the load";
     if (samples.unbalanced > 0) {
       reason << " (at " << samples.unbalanced << " of " << samples.count()
              << " sampled inputs no shape balances the load)";
@@ -166,7 +166,7 @@ TierChoice chooseWithin(double time, const Scale& scale, const std::vector<TierS
     best = std::move(choice);
   }
   basics::require(best.has_value(), "budget.time_us: the cheapest tier, ", cheapest,
-                  " on average over sampled inputs; allow twice that, as times vary");
+                  " on average over sampled inputs; allow twice that, since times vary");
   return *best;
 }
 
@@ -175,7 +175,7 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
   const double allowed = request.relative_tip_error.value_or(kUsualTipError);
   if (settings.size() == 1 && !request.relative_tip_error) {
     TierChoice choice = scale.judge(settings.front(), scale.solverOf(settings.front()));
-    choice.reason = "asked for; " + choice.reason;
+    choice.reason = "requested; " + choice.reason;
     return choice;
   }
   std::string nearest;
@@ -190,13 +190,12 @@ TierChoice chooseAccurate(const TierRequest& request, const Scale& scale,
     least = std::min(least, choice.relative_tip_error);
   }
   const std::string tier = request.tier ? nameOf(*request.tier) : kAutoTier;
-  basics::require(request.relative_tip_error.has_value(), "tier: ", tier,
-                  " does not keep within the ", percent(allowed),
-                  " that count where accuracy is not given; ", nearest,
+  basics::require(request.relative_tip_error.has_value(), "tier: ", tier, " does not meet the ",
+                  percent(allowed), " that apply without accuracy; ", nearest,
                   "; use tier: exact, or give accuracy.tip_error_percent");
-  throw std::invalid_argument("accuracy.tip_error_percent: no tier asked for keeps within " +
+  throw std::invalid_argument("accuracy.tip_error_percent: no requested tier meets " +
                               percent(allowed) + ", with a factor of 2 to spare; " + nearest +
-                              "; ask for less, or use tier: auto");
+                              "; allow a larger error, or use tier: auto");
 }
 
 void checkRequest(const TierRequest& request) {
@@ -207,11 +206,11 @@ void checkRequest(const TierRequest& request) {
                   "accuracy.tip_error_percent: expected a value > 0");
   basics::require(positive(request.time), "budget.time_us: expected a value > 0");
   basics::require(!request.relative_tip_error || !request.time,
-                  "accuracy and budget: expected one of them; the other follows from it");
+                  "accuracy and budget: expected only one of them");
   if (!request.order) return;
   basics::requireValue(*request.order >= kLeastOrder && *request.order <= kMostOrder, "order", "it",
                        *request.order, "2 to 8");
-  basics::require(request.tier == Tier::kLoaded, "order: it goes with tier: loaded");
+  basics::require(request.tier == Tier::kLoaded, "order: it needs tier: loaded");
 }
 
 TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
@@ -227,12 +226,12 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
     const double time = meanTime(TierSolver(arm, planar, {}, setting), lengths);
     basics::require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
                     ", takes ", microseconds(time),
-                    " on average over sampled inputs; allow twice that, as times vary");
+                    " on average over sampled inputs; allow twice that, since times vary");
   }
-  if (request.tier) return {setting, 0.0, "asked for; nothing loads the arm"};
+  if (request.tier) return {setting, 0.0, "requested; the arm has no load"};
   return {setting, 0.0,
-          planar ? "nothing loads the arm and it lies in a plane"
-                 : "nothing loads the arm: a constant twist a section is all of it"};
+          planar ? "the arm has no load and lies in a plane"
+                 : "the arm has no load, so a constant twist per section is exact"};
 }
 
 }  // namespace
@@ -291,13 +290,13 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
 
   basics::require(
       request.tier != Tier::kPlanar || inPlane(*load),
-      "tier: planar needs a load in the arm's x-y plane, and this one has a part across it; "
+      "tier: planar needs a load in the arm's x-y plane; this one has a component across it; "
       "use tier: loaded, or turn arm.base");
-  constexpr double kRounding = 1e-12;  // of percents that became parts
+  constexpr double kRounding = 1e-12;  // of percents converted to fractions
   basics::require(!request.relative_tip_error ||
                       *request.relative_tip_error >= (1.0 - kRounding) * kLeastTipError,
                   "accuracy.tip_error_percent: no tier errs by less than ", percent(kLeastTipError),
-                  " of the arm's length; ask for that or more");
+                  " of the arm's length; allow that or more");
   const bool in_plane = planar && (request.tier == Tier::kPlanar || staysInPlane(arm, *load));
   const std::vector<TierSetting> settings = settingsOf(request, *load, in_plane);
   const Scale scale{arm, planar, load, sampleTips(arm, *load)};

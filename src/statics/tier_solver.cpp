@@ -6,9 +6,10 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of the arm's length
+constexpr double kLengthStep =
+    3e-5;  // of the differences of the exact tier, relative to the arm's length
 
-// The maps of all sections (dof * sections x n): what each free length adds to the twists.
+// The maps of all sections (dof * sections x n): derivatives of the twists by each free length.
 template <class Group>
 Eigen::MatrixXd mapOf(const model::ArmOf<Group>& arm) {
   Eigen::MatrixXd map =

@@ -12,7 +12,8 @@
 namespace helix_arm::statics {
 namespace {
 
-// Of pieces: some 20 ns a point of the closed form, up to 0.1 s of the exact tier's sensitivity.
+// Sizes of pieces: about 20 ns per point in closed form, up to 0.1 s with sensitivity by the exact
+// tier.
 constexpr int kBatchPiece = 16384;
 constexpr int kClosedFormPiece = 256;
 constexpr int kLoadedPiece = 64;
@@ -24,7 +25,7 @@ constexpr double kKilopascal = 1e3;   // [Pa]
 constexpr double kMillimetre = 1e-3;  // [m]
 constexpr double kOnePercentMore = 1.01;
 
-// SplitMix64 (Steele, Lea, Flood 2014): the number at a place of its sequence needs none before it.
+// SplitMix64 (Steele, Lea, Flood 2014): every number of its sequence can be computed directly.
 constexpr std::uint64_t kGoldenGamma = 0x9e3779b97f4a7c15;
 std::uint64_t mixed(std::uint64_t z) {
   z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
@@ -32,7 +33,7 @@ std::uint64_t mixed(std::uint64_t z) {
   return z ^ (z >> 31);
 }
 
-// The model by the same tier with each entry of K in turn 1 % more.
+// The models, by the same tier, with each entry of K in turn 1 % larger.
 std::vector<ArmModel> stifferModels(const ArmModel& model) {
   const TierSetting& setting = model.choice().setting;
   std::vector<ArmModel> out;
@@ -83,7 +84,7 @@ Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
     for (int row = 0; row < count; ++row) {
       const std::uint64_t place = (first + row) * n + i + 1;
       const double fraction = basics::fractionOf(mixed(start + place * kGoldenGamma));
-      // Rounding may step over the limit.
+      // Rounding may exceed the limit.
       inputs(row, i) =
           std::min(limits.lower + fraction * (limits.upper - limits.lower), limits.upper);
     }
@@ -94,7 +95,7 @@ Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
 Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
                                             const Eigen::Vector3d& tip) const {
   const model::Arm& arm = model_.arm();
-  // Turning them to the base's frame would not change their lengths.
+  // Not rotated to the base frame, which would not change their lengths.
   const auto moves = model_.tipResponse(arm.lengths(q)).by_lengths.topRows<3>().eval();
   double pressure = 0.0, stiffness = 0.0;
   for (int i = 0; i < q.size(); ++i) {
@@ -109,7 +110,8 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
 }
 
 void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const {
-  // In whole blocks from the first point of all, so that a tip never shares one with others.
+  // In whole blocks counted from the first point, so that results do not depend on the division
+  // into pieces.
   constexpr int kBlock = model::kBatchBlock;
   const auto before = static_cast<int>(first % kBlock);
   const int whole = (before + count + kBlock - 1) / kBlock * kBlock;

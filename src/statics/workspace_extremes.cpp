@@ -16,16 +16,16 @@ namespace {
 constexpr int kCorners = 1024;
 constexpr int kLoadedCorners = 128;
 constexpr int kExactCorners = 8;
-// Of the corners that are farthest in a direction, these are climbed from; the exact tier climbs
-// from the best start alone.
+// Number of farthest corners per direction from which the search climbs; the exact tier climbs only
+// from the best start.
 constexpr int kCornerStarts = 3;
 constexpr int kMostSteps = 100;
 constexpr int kMostExactSteps = 15;
 constexpr double kFirstStep = 0.25;      // of the range of the lengths
 constexpr double kLeastFraction = 1e-3;  // of a step
-constexpr double kSufficient = 1e-4;     // of the gain that the slope promises
-constexpr double kAtRest = 1e-11;        // gain that is no longer worth a step [m]
-constexpr double kLeastCurvature = 0.2;  // Powell's, of the curvature so far
+constexpr double kSufficient = 1e-4;     // of the gain that the slope predicts
+constexpr double kAtRest = 1e-11;        // gain below which the search ends [m]
+constexpr double kLeastCurvature = 0.2;  // Powell's, relative to the present curvature
 
 class Climber {
  public:
@@ -131,7 +131,7 @@ class Climber {
                     (response.tip.rotation.transpose() * direction));
   }
 
-  // To a local maximum of the extent, from inputs within the limits.
+  // Climbs to a local maximum of the extent, from inputs within the limits.
   Eigen::VectorXd climb(int which, const Eigen::VectorXd& start) {
     Point point{model_.arm().lengths(start), {}}, next;
     evaluate(which, point);
@@ -160,7 +160,7 @@ class Climber {
     return inputsOf(point.lengths, start);
   }
 
-  // BFGS, damped so that it stays positive definite (Powell 1978).
+  // BFGS update, damped to stay positive definite (Powell 1978).
   static void update(const Eigen::VectorXd& moved, Eigen::VectorXd turned,
                      Eigen::MatrixXd& curvature) {
     const Eigen::VectorXd expected = curvature * moved;
@@ -180,7 +180,7 @@ class Climber {
     for (int i = 0; i < n_; ++i) {
       const model::Actuator& actuator = model_.arm().actuator(i);
       const model::Range& limits = actuator.limits;
-      // A length at its bound is the limit itself, to the last bit.
+      // A length at its bound maps to exactly the limit.
       if (lengths[i] == actuator.contraction.length(limits.lower)) {
         input[i] = limits.lower;
       } else if (lengths[i] == actuator.contraction.length(limits.upper)) {

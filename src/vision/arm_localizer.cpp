@@ -4,13 +4,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/estimation/rig_memory.hpp"
-
 namespace helix_arm::vision {
 namespace {
 
-// Of the angle between a tag's normal and its line of sight: a tag turned farther away is found now
-// and then, but not to be counted on.
+// Cosine between a tag's normal and its line of sight: tags at larger angles are not detected
+// reliably.
 constexpr double kLeastCosine = 0.3;
 
 bool contains(const std::vector<int>& ids, int id) {
@@ -24,7 +22,6 @@ struct ArmLocalizer::Workspace {
   LocalizerConfig config;
   TagTracker tracker;
   estimation::TwistFitter fitter;
-  estimation::RigMemory memory;
   Sight sight;
 
   bool warm = false;                      // the last picture was measured
@@ -33,7 +30,7 @@ struct ArmLocalizer::Workspace {
   std::vector<int> last_ids, last_outliers;
   std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
 
-  estimation::ArmView expected_view;  // with the base where it was seen last
+  estimation::ArmView expected_view;  // with the last fitted base
   std::vector<estimation::TagSight> sights;
   std::vector<ExpectedTag> expected;
   std::vector<estimation::CornerObservation> seen;
@@ -43,10 +40,9 @@ struct ArmLocalizer::Workspace {
         config(localizer_config),
         tracker(config.detector, config.tracking),
         fitter(view.layout, view.sections, config.fit),
-        memory(config.fit),
         expected_view(view) {}
 
-  // Where the tags of the last shape, moved on as the model did, appear.
+  // Image positions of the tags of the last shape, moved as the model moved.
   model::Shape expectTags(const model::Shape& model) {
     expected.clear();
     const model::Shape shape =
@@ -75,7 +71,7 @@ struct ArmLocalizer::Workspace {
       const int id = tags[i].id;
       if (i > 0 && tags[i - 1].id == id) continue;
       const int tag = view.layout.find(id);
-      // The edges see only the one that is expected, whichever of the two that is.
+      // The edge search only follows the expected one, which may be either of the copies.
       const bool repeated = (i + 1 < tags.size() && tags[i + 1].id == id) ||
                             (!found.whole_picture && contains(copied_ids, id));
       if (tag < 0) {
@@ -97,13 +93,12 @@ struct ArmLocalizer::Workspace {
     }
   }
 
-  // Fits from near by, and, where that does not explain the tags, from everywhere.
+  // Fits from the last shape and, if that does not explain the tags, from other starts.
   void fit(const model::Shape& start, const model::Shape& model) {
     sight.fit.status = estimation::FitStatus::kUnderdetermined;
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
-    if (config.remembers_rig) fitter.know(memory.estimate());
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
@@ -125,7 +120,7 @@ struct ArmLocalizer::Workspace {
     }
   }
 
-  // A tag that came off the arm stays an outlier; only new ones cast doubt on the fit.
+  // A tag that came off the arm stays an outlier; only new outliers make the fit doubtful.
   bool unexpectedOutliers(const estimation::TwistFit& fit) const {
     return std::any_of(fit.tags.begin(), fit.tags.end(), [this](const auto& tag) {
       return tag.outlier && !contains(last_outliers, view.layout.tags[tag.tag].id);
@@ -134,9 +129,6 @@ struct ArmLocalizer::Workspace {
 
   void remember(const model::Shape& model) {
     warm = sight.state == SightState::kMeasured;
-    if (config.remembers_rig && static_cast<int>(seen.size()) >= config.min_tags) {
-      memory.learn(sight.fit);
-    }
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
@@ -197,7 +189,7 @@ void LocalizerConfig::validate() const {
   fit.validate();
   if (min_tags < 2) {
     throw std::invalid_argument("the least number of tags is " + std::to_string(min_tags) +
-                                "; expected at least 2: a single tag may stand either way");
+                                "; expected at least 2: the pose of a single tag is ambiguous");
   }
 }
 

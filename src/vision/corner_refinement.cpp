@@ -16,13 +16,13 @@ using estimation::Corners;
 using Line = Eigen::Vector3d;  // homogeneous
 
 constexpr int kMostSamples = 32;          // along an edge
-constexpr int kFewestSamples = 8;         // so many at least must show it, at least half of them
+constexpr int kFewestSamples = 8;         // that must show the edge, and at least half of them
 constexpr double kStep = 0.5;             // across it [px]
-constexpr double kReachCells = 0.7;       // and in cells: beyond are other edges
+constexpr double kReachCells = 0.7;       // and in cells: other edges are farther away
 constexpr double kInset = 0.08;           // of an edge at each end, where the corner rounds it off
 constexpr double kLeastContrast = 10;     // [gray levels]
 constexpr double kLeastTolerance = 0.15;  // of a point's distance from its line [px]
-constexpr int kRounds = 3;                // of leaving out points that are off the line
+constexpr int kRounds = 3;                // of removing points that are off the line
 
 template <class Array>
 double medianOf(Array values, int count) {
@@ -45,7 +45,7 @@ class Refiner {
   Corners refined(const Corners& corners) const {
     std::array<Line, 4> lines;
     for (int k = 0; k < 4; ++k) {
-      // An edge that does not show stays where it was.
+      // An edge that is not visible keeps its line.
       lines[k] = edge(corners, k).value_or(lineThrough(corners.col(k), corners.col((k + 1) % 4)));
     }
     Corners moved;
@@ -73,13 +73,13 @@ class Refiner {
     return (1 - v) * ((1 - u) * upper[0] + u * upper[1]) + v * ((1 - u) * lower[0] + u * lower[1]);
   }
 
-  // The line through the edge from corner k to the next.
+  // The line of the edge from corner k to the next.
   std::optional<Line> edge(const Corners& corners, int k) const {
     const Vector2d a = corners.col(k), b = corners.col((k + 1) % 4);
     const double length = (b - a).norm();
     const Vector2d along = (b - a) / length;
     const Vector2d outward(-along.y(), along.x());
-    // Depth of a cell behind each end of the edge.
+    // Inward distance of one cell at each end of the edge.
     const double depth_a = (a - corners.col((k + 3) % 4)).dot(outward) / cells_;
     const double depth_b = (b - corners.col((k + 2) % 4)).dot(outward) / cells_;
     if (!(depth_a > 0 && depth_b > 0)) return std::nullopt;
@@ -122,7 +122,8 @@ class Refiner {
     return lineThrough(p, q);
   }
 
-  // Where, nearest to a point, the gray level passes a given one on the way outward.
+  // Position nearest to a point where the gray level crosses the threshold, in the outward
+  // direction.
   std::optional<double> crossing(const Vector2d& point, const Vector2d& outward, double reach,
                                  double passed) const {
     const int steps = static_cast<int>(std::ceil(reach / kStep));
@@ -141,7 +142,7 @@ class Refiner {
     return nearest;
   }
 
-  // Offset and slope of the line, without the points that are off it.
+  // Offset and slope of the line, without outliers.
   static std::pair<double, double> fit(const Samples& samples) {
     double offset = 0, slope = 0, tolerance = std::numeric_limits<double>::infinity();
     std::array<double, kMostSamples> distance{};

@@ -15,14 +15,14 @@ using estimation::Corners;
 constexpr double kLeastMargin = 5;  // of the bits [gray levels]
 
 constexpr int kSecondReach = 4;     // [px]
-constexpr double kMovedMuch = 1.5;  // the samples were in the wrong places [px]
+constexpr double kMovedMuch = 1.5;  // the samples were in the wrong positions [px]
 
-// Putting the corners right.
+// Refinement of the corners.
 constexpr double kRefineReach = 3.0;  // [px]
 constexpr int kRefinements = 3;
 constexpr double kSettled = 0.5;  // [px]
 
-// An edge lock has the region to fall back to, a detection nothing.
+// An edge lock can fall back to a search of the region, a detection cannot.
 constexpr EdgeTolerance kOfLock{0.3, 0.06, 2.5, 0.6};
 constexpr EdgeTolerance kOfDetection{0.8, 0.2, 4.0, 1.5};
 
@@ -59,7 +59,7 @@ std::optional<TagDetection> lockOnEdges(const cv::Mat& gray, const TagFamily& fa
 }
 
 bool cornersHold(const cv::Mat& gray, const TagPattern& pattern, const Corners& corners) {
-  if (!isTagLike(corners)) return true;  // too small to tell
+  if (!isTagLike(corners)) return true;  // too small to decide
   const GrayPicture picture(gray);
   const TagFace face(picture, corners, pattern.cells);
   return innerEdgesAgree(face, pattern, readBits(face, pattern).threshold, kOfDetection);

@@ -18,9 +18,9 @@ constexpr double kFarthest = 1e6;      // of a tag's corners from the picture's 
 constexpr double kLeastSine = 0.2;     // of the angle between two sides
 constexpr double kLeastContrast = 10;  // between black and white [gray levels]
 
-constexpr double kReach = 0.4;      // of the tag's extent across the edge: beyond is its other side
+constexpr double kReach = 0.4;      // of the tag's extent across the edge: its other side is beyond
 constexpr int kRays = 12;           // across an edge
-constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners they miss edges
+constexpr double kRaysFrom = 0.15;  // of its length: nearer to the corners, rays miss edges
 constexpr int kMaxTilt = 6;         // of the edge at the first and last ray [px]
 constexpr int kTiltStep = 2;        // [px]
 
@@ -28,7 +28,7 @@ double areaOf(const Corners& corners) {
   return 0.5 * cross(corners.col(3) - corners.col(1), corners.col(2) - corners.col(0));
 }
 
-// How far outward a line lies from the first and the last end of an edge [px].
+// Outward distance of a line at the first and the last end of an edge [px].
 struct Shift {
   double first, last;
 };
@@ -37,13 +37,14 @@ Vector2d outwardOf(const Vector2d& from, const Vector2d& to) {
   return Vector2d(from.y() - to.y(), to.x() - from.x()).normalized();
 }
 
-// The line within reach along which white turns to black most clearly, on the way inward.
+// The line within reach with the clearest transition from white to black, inwards.
 std::optional<Shift> searchEdge(const GrayPicture& picture, const Vector2d& from,
                                 const Vector2d& to, int reach) {
   constexpr int kPlaces = 2 * kMaxReach + 1;
   const Vector2d outward = outwardOf(from, to);
   const int places = 2 * reach + 1;
-  std::array<std::array<std::int16_t, kPlaces>, kRays> fall;  // of the level, outermost first
+  std::array<std::array<std::int16_t, kPlaces>, kRays>
+      fall;  // decrease of the level, outermost first
   for (int i = 0; i < kRays; ++i) {
     const double s = kRaysFrom + (1 - 2 * kRaysFrom) * i / (kRays - 1);
     std::array<std::int16_t, kPlaces + 2> level;

@@ -55,9 +55,9 @@ class V4l2Device : public VideoDevice {
   explicit V4l2Device(WebcamConfig config) : config_(std::move(config)) {}
 
   std::optional<std::string> open() override {
-    // OpenCV would say no more than that it failed, and that on stderr.
+    // OpenCV only reports that opening failed, on stderr.
     if (access(config_.device.c_str(), F_OK) != 0) {
-      return "there is no such device; plug the camera in, or name another device";
+      return "the device does not exist; plug the camera in, or give another device";
     }
     if (access(config_.device.c_str(), R_OK | W_OK) != 0) {
       return "this user may not use the device; add the user to the group video";
@@ -76,7 +76,7 @@ class V4l2Device : public VideoDevice {
     if (fourcc != config_.fourcc || width != config_.width || height != config_.height) {
       return text("it gives ", width, " x ", height, " ", fourcc, " instead of ", config_.width,
                   " x ", config_.height, " ", config_.fourcc,
-                  "; choose one of the formats that it has");
+                  "; choose one of the formats that it supports");
     }
     constexpr double kManualExposure = 1;  // V4L2_EXPOSURE_MANUAL
     std::optional<std::string> fault =
@@ -90,7 +90,7 @@ class V4l2Device : public VideoDevice {
 
   Read read(cv::Mat& gray, std::string& fault) override {
     if (!capture_.grab() || !capture_.retrieve(raw_) || raw_.empty()) {
-      fault = "it gives no more pictures; plug it in again";
+      fault = "it delivers no more pictures; plug it in again";
       return Read::kGone;
     }
     if (config_.fourcc == "MJPG") {
@@ -116,14 +116,14 @@ class V4l2Device : public VideoDevice {
   void close() override { capture_.release(); }
 
  private:
-  // Nothing is claimed where there is no sound header, which decoding tells better.
+  // Without a valid header nothing is refused here; decoding reports it better.
   std::optional<std::string> wrongSize(const cv::Size& size) const {
     if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
     return text("a picture of ", size.width, " x ", size.height, " px; expected ", config_.width,
                 " x ", config_.height);
   }
 
-  // OpenCV reads -1 of a control that the camera does not have: then nothing can drift.
+  // OpenCV reads -1 for a control that the camera does not have, which then cannot drift.
   std::optional<std::string> lock(const char* name, int mode, double manual, int control,
                                   int value) {
     capture_.set(mode, manual);
@@ -225,7 +225,7 @@ class VideoFile : public FrameSource {
     begin(frame, path_ + "#" + std::to_string(number_));
     if (!capture_.isOpened() && !open()) {
       through_ = true;
-      return fail(frame, path_ + ": it is broken or no video");
+      return fail(frame, path_ + ": it is damaged or not a video");
     }
     if (const auto fault = sizeFault(size_, expected_)) {
       through_ = true;
@@ -270,7 +270,7 @@ class VideoFile : public FrameSource {
 
   std::string path_;
   std::optional<cv::Size> expected_;
-  cv::Size size_;  // as the video says
+  cv::Size size_;  // as stated by the video
   cv::VideoCapture capture_;
   bool packets_ = false;  // what is read are JPEGs
   bool through_ = false;
@@ -348,7 +348,7 @@ std::unique_ptr<FrameSource> FrameSource::files(const std::string& path,
     return pictureFiles(std::move(pictures), expected);
   }
   if (!fs::is_regular_file(path, error)) {
-    throw std::invalid_argument(path + " is no file and no folder" +
+    throw std::invalid_argument(path + " is neither a file nor a folder" +
                                 (error ? ": " + error.message() : ""));
   }
   if (hasExtension(path, kPictures)) {

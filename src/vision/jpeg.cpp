@@ -15,16 +15,16 @@ struct Destroy {
 };
 using Codec = std::unique_ptr<std::remove_pointer_t<tjhandle>, Destroy>;
 
-// A block of 8 x 8 pixels takes a bit at least, wherever Huffman's codes are used.
+// A block of 8 x 8 pixels takes at least one bit with Huffman codes.
 constexpr long kMaxPixelsPerByte = 8 * 64;
 
-// Padding after the last pixel, which many webcams send: all is decoded by then.
+// Padding after the last pixel, which many webcams send; everything was decoded before.
 bool isHarmless(const std::string& warning) {
   return warning.find("extraneous bytes before marker 0xd9") != std::string::npos;
 }
 
-// Of all that can begin a scan, those within the segments before the first one left out: they are
-// of small pictures inside this one.
+// Number of scans. Start-of-scan markers inside skipped segments are not counted: they belong to
+// thumbnails.
 int scansOf(const std::uint8_t* data, std::size_t size) {
   constexpr std::uint8_t kMark = 0xff, kFirstSegment = 0xc0, kScan = 0xda;
   int scans = 0;
@@ -50,10 +50,10 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
   if (size == 0) return "no data; expected a JPEG";
   int width = 0, height = 0, subsampling = 0, colours = 0;
   if (tjDecompressHeader3(codec, data, size, &width, &height, &subsampling, &colours) != 0) {
-    return std::string("no sound JPEG header: ") + tjGetErrorStr2(codec);
+    return std::string("not a valid JPEG header: ") + tjGetErrorStr2(codec);
   }
   if (colours == TJCS_CMYK || colours == TJCS_YCCK) {
-    return "a JPEG in CMYK, which holds no gray; expected gray or YCbCr";
+    return "a JPEG in CMYK, which is not supported; expected gray or YCbCr";
   }
   const long pixels = static_cast<long>(width) * height;
   const std::string claim =
@@ -74,7 +74,7 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
                     TJPF_GRAY, TJFLAG_LIMITSCANS) != 0) {
     const std::string reason = tjGetErrorStr2(codec);
     const bool warned = tjGetErrorCode(codec) == TJERR_WARNING;
-    if (!warned || !isHarmless(reason)) return "a broken or truncated JPEG: " + reason;
+    if (!warned || !isHarmless(reason)) return "a damaged or truncated JPEG: " + reason;
   }
   return std::nullopt;
 }
@@ -83,7 +83,7 @@ std::optional<std::string> decodeWith(tjhandle codec, const std::uint8_t* data, 
 
 std::optional<std::string> JpegDecoder::decode(const std::uint8_t* data, std::size_t size,
                                                cv::Mat& gray) {
-  // One codec a picture: it would keep the last one's tables for a picture that has none.
+  // One codec per picture: a codec would reuse the previous tables for a picture without tables.
   const Codec codec(tjInitDecompress());
   if (!codec) throw std::bad_alloc();
   std::optional<std::string> fault = decodeWith(codec.get(), data, size, gray);

@@ -21,17 +21,18 @@ std::string sizeText(const cv::Size& size) {
   return std::to_string(size.width) + " x " + std::to_string(size.height);
 }
 
-// @return what is wrong, if anything.
+// @return the fault; absent on success.
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
   const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
   if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
   try {
-    // As the camera saw it: its calibration knows of no orientation noted in the file.
+    // In the orientation of the sensor: the calibration does not know the orientation stored in the
+    // file.
     gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     return "it does not decode: " + error.err;
   }
-  if (gray.empty()) return "it is broken, truncated or no picture";
+  if (gray.empty()) return "it is damaged, truncated or not a picture";
   return std::nullopt;
 }
 
@@ -50,7 +51,7 @@ class PictureFiles : public FrameSource {
   bool continuous() const override { return false; }
 
  private:
-  // @return what is wrong, if anything.
+  // @return the fault; absent on success.
   std::optional<std::string> read(Frame& frame) {
     basics::RegularFile file(frame.name);
     const std::optional<std::string> content = file.readAll(kMostBytes);
@@ -79,7 +80,7 @@ std::optional<std::string> sizeFault(const cv::Size& size,
   if (expected && size != *expected) return found + sizeText(*expected);
   if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
     return found + "at most " + std::to_string(estimation::Camera::kMaxSide) +
-           " px a side: make it smaller";
+           " px per side: make it smaller";
   }
   if (static_cast<std::int64_t>(size.width) * size.height > JpegDecoder::kMaxPixels) {
     return found + "at most " + std::to_string(JpegDecoder::kMaxPixels) +

@@ -18,7 +18,7 @@ struct Claim {
   std::uint64_t width = 0, height = 0;
 };
 
-// The first bytes of a picture; what is beyond its end reads as 0, which no size is.
+// The first bytes of a picture; bytes beyond the end read as 0, which is not a valid size.
 class Header {
  public:
   explicit Header(const Bytes& bytes) : bytes_(bytes) {}
@@ -50,7 +50,7 @@ class Header {
 Claim ofBmp(const Header& header) {
   constexpr std::uint32_t kOldHeader = 12;
   if (header.little(14, 4) == kOldHeader) return {header.little(18, 2), header.little(20, 2)};
-  // Negative where the rows begin at the top.
+  // Negative if rows start at the top.
   const auto height = static_cast<std::int32_t>(header.little(22, 4));
   const std::int64_t rows = std::abs(static_cast<std::int64_t>(height));
   return {header.little(18, 4), static_cast<std::uint64_t>(rows)};
@@ -82,8 +82,8 @@ Claim ofWebp(const Header& header) {
   return {header.little(26, 2) & 0x3fffU, header.little(28, 2) & 0x3fffU};
 }
 
-// The first picture of the file; nothing where it is cut into tiles or strips that are larger than
-// itself, or into numbers that take more than two bytes.
+// The first picture of the file; absent if its tiles or strips are larger than the picture, or its
+// samples longer than two bytes.
 Claim ofTiff(const Header& header) {
   const bool is_big = header.byte(0) == 'M';
   const auto number = [&](std::size_t place, int count) {
@@ -107,7 +107,7 @@ Claim ofTiff(const Header& header) {
       case kHeight:
         claim.height = value;
         break;
-      case kBits:  // one for each sample; all of them alike, or the decoder refuses them
+      case kBits:  // one per sample; they must be equal, or the decoder refuses the file
         bits = is_elsewhere ? number(number(entry + 8, 4), 2) : value;
         break;
       case kSamples:
@@ -127,7 +127,7 @@ Claim ofTiff(const Header& header) {
     }
   }
   constexpr std::uint64_t kAllRows = std::numeric_limits<std::uint32_t>::max();
-  constexpr std::uint64_t kTile = 1024;  // more than a small picture is
+  constexpr std::uint64_t kTile = 1024;  // larger than a small picture
   const bool is_usual =
       bits <= 16 && samples <= 4 && (rows == kAllRows || rows <= std::max(claim.height, kTile)) &&
       tile_width <= std::max(claim.width, kTile) && tile_height <= std::max(claim.height, kTile);
@@ -158,11 +158,11 @@ std::variant<cv::Size, std::string> claimedSize(const std::vector<std::uint8_t>&
   if (bytes.empty()) return "the file is empty";
   const std::optional<Claim> claim = claimOf(bytes);
   if (!claim) {
-    return "it begins as no picture does; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
+    return "it does not begin like a picture; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
   }
   constexpr std::uint64_t kMost = std::numeric_limits<int>::max();
   if (claim->width == 0 || claim->height == 0 || claim->width > kMost || claim->height > kMost) {
-    return "its header is broken, truncated or of no picture that can be read";
+    return "its header is damaged, truncated or of an unsupported kind";
   }
   return cv::Size(static_cast<int>(claim->width), static_cast<int>(claim->height));
 }

@@ -18,11 +18,11 @@ using estimation::Camera;
 
 constexpr int kMaxDecimate = 32;
 constexpr int kMaxThreads = 64;
-constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits a weight
-constexpr double kMaxTableBytes = 2147483648;  // what the wrong bits cost in memory
+constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits per weight
+constexpr double kMaxTableBytes = 2147483648;  // memory for wrong bits
 constexpr int kTile = 4;                       // of libapriltag's threshold [px]
 
-// libapriltag looks up every word that is at most so many bits from one of its codes.
+// libapriltag tabulates every word that differs from a code in at most this number of bits.
 double tableBytes(const TagFamily& family, int wrong_bits) {
   constexpr double kBytesPerWord = 48;
   double words = 1, sum = 1;
@@ -30,7 +30,7 @@ double tableBytes(const TagFamily& family, int wrong_bits) {
   return kBytesPerWord * family.count() * sum;
 }
 
-// Pixels over which libapriltag blurs or sharpens.
+// Size of the kernel with which libapriltag blurs or sharpens.
 int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
 
 }  // namespace
@@ -49,7 +49,7 @@ void DetectorConfig::validate() const {
           "; expected 0 to 3");
   require(2 * max_hamming < of.distance(), "max_hamming is ", max_hamming, "; tags of ", family,
           " differ in ", of.distance(), " bits, so that no more than ", (of.distance() - 1) / 2,
-          " can be put right");
+          " can be corrected");
   require(tableBytes(of, max_hamming) <= kMaxTableBytes, "max_hamming is ", max_hamming,
           ", which takes ", tableBytes(of, max_hamming) / 1e9, " GB for the ", of.count(),
           " tags of ", family, "; expected at most ", kMaxTableBytes / 1e9, " GB: lower it");
@@ -62,16 +62,16 @@ struct TagDetector::Handle {
     detector->quad_decimate = static_cast<float>(config.quad_decimate);
     detector->quad_sigma = static_cast<float>(config.quad_sigma);
     detector->nthreads = config.threads;
-    // At full size its refinement makes quads worse: fewer tags are decoded. Where quads are from a
-    // smaller picture, more are.
+    // At full size, libapriltag's refinement makes quads worse and fewer tags are decoded. With a
+    // reduced picture, more are decoded.
     detector->refine_edges = config.refine_edges && config.quad_decimate > 1;
   }
   ~Handle() { apriltag_detector_destroy(detector); }
   Handle(const Handle&) = delete;
   Handle& operator=(const Handle&) = delete;
 
-  // Of a picture, before it is made smaller: libapriltag reads beyond the memory of one that has
-  // less than a tile or, where it blurs, than the kernel.
+  // Smallest side of a picture before decimation: libapriltag reads beyond the memory of pictures
+  // smaller than a tile or, if it blurs, the kernel.
   int leastSide() const {
     return static_cast<int>(std::ceil(config.quad_decimate)) *
            std::max(kTile, kernelSize(config.quad_sigma));
@@ -95,7 +95,7 @@ std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const
                        cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
     searched = copy;
   } else if (config.quad_decimate == 1 && config.quad_sigma != 0) {
-    searched.copyTo(copy);  // libapriltag would blur the caller's
+    searched.copyTo(copy);  // libapriltag would blur the caller's picture
     searched = copy;
   }
   image_u8_t image{searched.cols, searched.rows, static_cast<int>(searched.step[0]), searched.data};
@@ -110,7 +110,7 @@ std::vector<TagDetection> TagDetector::Handle::detect(const cv::Mat& gray, const
     out.hamming = tag->hamming;
     out.margin = tag->decision_margin;
     for (int k = 0; k < 4; ++k) {
-      // Its pixels have their centres at halves.
+      // libapriltag has pixel centres at .5.
       out.corners.col(k) << tag->p[k][0] - 0.5 + region.x, tag->p[k][1] - 0.5 + region.y;
     }
     if (config.refine_edges) {
@@ -142,10 +142,10 @@ std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rec
   if (gray.empty()) return {};
   require(gray.type() == CV_8UC1, "the picture is of type ", cv::typeToString(gray.type()),
           "; expected gray of 8 bits, CV_8UC1");
-  // libapriltag aborts on larger ones.
+  // libapriltag aborts on larger pictures.
   require(std::max(gray.cols, gray.rows) <= Camera::kMaxSide, "the picture has ", gray.cols, " x ",
-          gray.rows, " px; expected at most ", Camera::kMaxSide, " px a side");
-  // Where the region begins on the grid of the whole picture, the same quads come out.
+          gray.rows, " px; expected at most ", Camera::kMaxSide, " px per side");
+  // If the region starts on the grid of the whole picture, the same quads are found.
   const int grid = static_cast<int>(std::lround(kTile * config().quad_decimate));
   cv::Rect inside = region & cv::Rect({0, 0}, gray.size());
   if (inside.empty()) return {};

@@ -14,9 +14,9 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kSharpening = 0.25;   // as much as libapriltag's, so that margins compare
-constexpr double kBesideEdge = 0.45;   // edges between cells are sampled so far from them [px]
-constexpr double kBesideMiddle = 0.2;  // and from the middles of the cells [cells]
+constexpr double kSharpening = 0.25;   // as libapriltag's, so that margins are comparable
+constexpr double kBesideEdge = 0.45;   // distance of samples from edges between cells [px]
+constexpr double kBesideMiddle = 0.2;  // and from the centres of cells [cells]
 constexpr double kPlainCell = 4.5;     // smaller ones blur into each other [px]
 
 // A plane fitted to gray levels over u and v.
@@ -52,7 +52,7 @@ TagFace::TagFace(const GrayPicture& picture, const estimation::Corners& corners,
 
 TagBits readBits(const TagFace& face, const TagPattern& pattern) {
   const int n = pattern.cells;
-  // With the ring of white cells around the border.
+  // Including the ring of white cells around the border.
   std::array<std::array<double, kMostCells + 2>, kMostCells + 2> level;
   Plane white, black;
   for (int row = -1; row <= n; ++row) {
@@ -97,9 +97,8 @@ TagBits readBits(const TagFace& face, const TagPattern& pattern) {
   return bits;
 }
 
-// Where the gray level half-way
-// across such an edge is not the threshold, it is displaced; the displacements are fitted by what
-// moved corners would make of them.
+// Where the gray level at the middle of such an edge is not the threshold, the edge is displaced;
+// the displacements are fitted by those that moved corners would cause.
 bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vector3d& threshold,
                      const EdgeTolerance& tolerance) {
   using Vector5d = Eigen::Matrix<double, 5, 1>;
@@ -133,7 +132,7 @@ bool innerEdgesAgree(const TagFace& face, const TagPattern& pattern, const Vecto
         }
         const double lack = sign * (threshold.dot(edge.homogeneous()) - 0.5 * (before + after));
         const Vector2d place = edge / n - Vector2d(0.5, 0.5);
-        // The last entry takes what widens white at the cost of black.
+        // The last entry represents white areas that grow at the cost of black ones.
         Vector5d g;
         g << 1, place, place.x() * place.y(), sign;
         squares += g * g.transpose();

@@ -45,7 +45,7 @@ std::shared_ptr<apriltag_family> make(const std::string& name) {
   throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " + known);
 }
 
-// libapriltag does not export its own.
+// libapriltag does not export its own function.
 void freeImage(image_u8_t* image) {
   std::free(image->buf);
   std::free(image);

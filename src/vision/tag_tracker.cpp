@@ -14,33 +14,32 @@ namespace {
 
 using estimation::Corners;
 
-// A region reaches so far beyond the expected tag, in sizes of it, and in px for small ones: its
-// price grows with the square.
+// Margin of a region around the expected tag, in tag sizes, and in px for small tags; the cost
+// grows with its square.
 constexpr double kRegionMargin = 0.5;
 constexpr double kLeastRegionMargin = 16.0;
-// What a search costs however small the region is, as so much more of the picture: regions are
-// joined where that is cheaper [px^2].
+// Constant cost of a search, expressed as area: regions are merged if that is cheaper [px^2].
 constexpr int kRegionOverhead = 500;
-// Tags that were not there last time may stay away for long: one of them after the other is looked
-// for in its region, and the whole picture once a second at a webcam's 30 Hz, which adds a
-// thirtieth of its price to that of each picture.
+// Tags that were not found last time may stay invisible for long. One of them at a time is searched
+// in its region, and the whole picture once a second at 30 Hz, which adds a thirtieth of its cost
+// to that of each picture.
 constexpr int kUnseenRegions = 1;
 constexpr int kWholeEvery = 30;
-// With nothing missing, only tags that nobody expects are left to be noticed.
+// If no tag is missing, a whole search only serves to notice unexpected tags.
 constexpr int kWholeForStrangersEvery = 90;
-// Less would not have kept the edges from being found [px].
+// Smaller displacements would not have prevented the edge search [px].
 constexpr double kDisplaced = 4.0;
 
 Eigen::Vector2d middle(const Corners& corners) { return corners.rowwise().mean(); }
 
 double distance(const Corners& a, const Corners& b) { return (middle(a) - middle(b)).norm(); }
 
-// The same tag, rather than a copy of it.
+// Whether both are the same tag rather than a copy.
 bool samePlace(const Corners& a, const Corners& b) {
   return distance(a, b) < 0.5 * (a.col(1) - a.col(0)).norm();
 }
 
-// Empty where the tag is expected nowhere near the picture.
+// Empty if the tag is expected far outside the picture.
 cv::Rect regionOf(const Corners& corners, const cv::Size& picture) {
   if (!corners.allFinite()) return {};
   const Eigen::Vector2d low = corners.rowwise().minCoeff(), high = corners.rowwise().maxCoeff();
@@ -61,7 +60,7 @@ void join(std::vector<cv::Rect>& regions) {
       if (both.area() > regions[i].area() + regions[j].area() + kRegionOverhead) continue;
       regions[i] = both;
       regions.erase(regions.begin() + static_cast<std::ptrdiff_t>(j));
-      j = i;  // it may reach others now
+      j = i;  // it may now touch others
     }
   }
 }
@@ -81,7 +80,7 @@ struct TagTracker::Workspace {
     return *known;
   }
 
-  // What the detector finds, without tags that something along their sides displaces.
+  // Detections, without tags that are displaced by something along their sides.
   std::vector<TagDetection> detectTrue(const cv::Mat& gray, const cv::Rect& region) {
     std::vector<TagDetection> tags = detector.detect(gray, region);
     if (!closed_border) return tags;
@@ -113,7 +112,7 @@ struct TagTracker::Workspace {
     }
   }
 
-  // Tags that are still missing, displaced as the nearest one that was found.
+  // Looks for tags that are still missing at the displacement of the nearest tag that was found.
   void lockOnDisplacedTags(const cv::Mat& gray, const std::vector<ExpectedTag>& expected) {
     for (std::size_t i = 0; i < expected.size(); ++i) {
       if (way[i] != Way::kNone) continue;
@@ -191,7 +190,7 @@ struct TagTracker::Workspace {
   void searchWhole(const cv::Mat& gray) {
     since_whole = 0;
     candidates = detectTrue(gray, cv::Rect({0, 0}, gray.size()));
-    // Tags that only the edges or a region showed stay.
+    // Tags that were only found by their edges or in a region are kept.
     std::size_t kept = 0;
     for (std::size_t i = 0; i < result.tags.size(); ++i) {
       const TagDetection& tag = result.tags[i];
@@ -231,14 +230,14 @@ struct TagTracker::Workspace {
   TagDetector detector;
   TrackingMode mode;
   bool closed_border;
-  std::vector<std::optional<TagPattern>> patterns;  // by id, once asked for
+  std::vector<std::optional<TagPattern>> patterns;  // by id, once requested
   TrackResult result;
   std::vector<Way> way;            // how each expected tag was found
-  std::vector<std::size_t> place;  // in the result
+  std::vector<std::size_t> place;  // index in the result
   std::vector<Way> tag_ways;       // and each of the result before the whole picture was searched
   std::vector<cv::Rect> regions;
   std::vector<TagDetection> candidates;
-  std::size_t turn = 0;  // of the tags that were not there last time
+  std::size_t turn = 0;  // of the tags that were not found last time
   int since_whole = 0;   // pictures
 };
 

@@ -141,7 +141,7 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   }
   // Errors that are too large would hide anything.
   EXPECT_GT(std::sqrt(square / kRigs), 0.5);
-  // Of a tilted arm's stiffnesses one is told; K_kappa is left for untilted arms to tell.
+  // A tilted arm determines one of the two stiffnesses; K_kappa needs an untilted arm.
   for (const char* const name :
        {"K_gamma", "length_scale", "base_x", "base_y", "base_z", "bleed"}) {
     EXPECT_EQ(told[name], kRigs) << name;

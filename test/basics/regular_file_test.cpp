@@ -68,7 +68,7 @@ TEST(RegularFile, AFileOfTheSystemIsReadToItsEndOrLimit) {
 }
 
 // Each of them would block who opens it, or have no end.
-TEST(RegularFile, WhatIsNoRegularFileIsRefusedWithoutWaiting) {
+TEST(RegularFile, OtherThanRegularFilesAreRefusedWithoutWaiting) {
   const TemporaryFolder folder;
   const std::string fifo = folder / "fifo", socket = folder / "socket";
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);

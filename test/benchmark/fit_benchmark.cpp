@@ -1,6 +1,6 @@
-// A warm fit of one section's twist to eight tags, beside the simplex of GSL from the same starts,
-// the last picture's twist: once on our own objective, evaluated with our own group, and once on
-// the reprojection error of cv::projectPoints, as people write it.
+// A warm fit of one section's twist to eight tags, compared with GSL's simplex from the same starts
+// (the twist of the last picture): once on our own objective and group, and once on the
+// reprojection error of cv::projectPoints, as is common.
 #include <cmath>
 #include <vector>
 

@@ -1,5 +1,6 @@
-// From a target to what the regulator has taken in: through safety core, I/O thread and line, for
-// each kind of emulated device, beside the bare exchange on the same line. Prints p50 and p99.
+// Time from a target to its arrival in the regulator, through safety core, I/O thread and line, for
+// each kind of emulated device, compared with the bare exchange on the same line. Prints p50 and
+// p99.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -75,7 +76,7 @@ Times pathTimes(EmulatedRegulator& device) {
   return quantiles(std::move(seconds));
 }
 
-// The driver alone: neither safety core nor thread.
+// The driver alone, without safety core and thread.
 Times driverTimes(EmulatedRegulator& device) {
   const io::Scene scene = io::loadScene(device.scene());
   const auto driver = regulator::makeDriver(*scene.regulator, EmulatedRegulator::kChannels);

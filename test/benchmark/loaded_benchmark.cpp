@@ -96,8 +96,8 @@ class PeerShooting {
   Vector6 unit_;
 };
 
-// Solves the cases in turn and gives the largest error. A solver takes inputs to a tip, and says
-// whether it found one.
+// Solves the cases in turn and returns the largest error. A solver computes a tip from inputs and
+// returns whether it converged.
 template <class Make>
 void solveCases(::benchmark::State& state, const model::Arm& arm, Posture posture,
                 const Make& solverOf) {

@@ -70,6 +70,32 @@ TEST(Calibrate, WritesASceneThatPredictsWhatWasMeasured) {
   EXPECT_NE(text.find("package_version"), std::string::npos);
 }
 
+TEST(Calibrate, TheTextLeadsWithTheTipErrorAndListsWhatWasDetermined) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "rig";
+  ASSERT_EQ(runCommand({"simulate", scenePath("demo"), "--out", rig, "--count", "8"}).exit_code, 0);
+  const std::vector<std::string> call{"calibrate", scenePath("demo"), rig + "/tag_corners.csv",
+                                      "--fit", "stiffness,length_scale,placement"};
+  const Outcome text = runCommand(call);
+  ASSERT_EQ(text.exit_code, 0) << text.err;
+  EXPECT_EQ(text.out.rfind("demo: tip error ", 0), 0u) << text.out;
+  EXPECT_NE(text.out.find(" mm before, "), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("\n  length_scale = 1.0"), std::string::npos) << text.out;
+  std::vector<std::string> as_json = call;
+  as_json.insert(as_json.end(), {"--format", "json"});
+  const json result = runCommand(as_json).json();
+  int kept = 0;
+  for (const auto& [name, parameter] : result["parameters"].items()) {
+    if (parameter["identifiable"]) continue;
+    ++kept;
+    EXPECT_EQ(text.out.find("  " + name + " "), std::string::npos) << text.out;
+  }
+  ASSERT_GT(kept, 10) << "tags that no picture shows";
+  EXPECT_NE(text.out.find(std::to_string(kept) + " parameters that the data do not determine"),
+            std::string::npos)
+      << text.out;
+}
+
 TEST(Calibrate, OneStiffnessForSeveralArms) {
   const TemporaryFile narrow(curvatures(scenePath("spatial_50"), 2e-4, 3));
   const TemporaryFile wide(curvatures(scenePath("spatial_101"), 2e-4, 3));
@@ -132,6 +158,8 @@ TEST(Calibrate, ARigIsFoundFromItsPictures) {
                                     {"--fit", "stiffness,length_scale,placement", "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
   const json result = outcome.json();
+  EXPECT_GT(result["tip_error_before_m"].get<double>(), 0.005);
+  EXPECT_LT(result["tip_error_after_m"].get<double>(), 0.003);
   EXPECT_EQ(result["error_unit"], "px");
   EXPECT_LT(result["held_out_error"].get<double>(), 0.5);
   EXPECT_NEAR(value(result, "length_scale"), 1.01, 0.003);
@@ -188,7 +216,7 @@ TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
                 "K_gamma");
 }
 
-TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
+TEST(Calibrate, FaultsOfFilesAndWordsAreCallerErrors) {
   const TemporaryFolder folder;
   const std::string out = folder / "calibrated.yaml";
   const auto expectFault = [&](const std::string& csv, const std::string& word,
@@ -203,8 +231,8 @@ TEST(Calibrate, FaultsOfFilesAndWordsAreTheCallers) {
   expectFault("pressure_1_kpa,curvature_rad\n", "rows");
   expectFault("pressure_1_kpa,pressure_4_kpa,curvature_rad\n0,0,0\n100,0,0.3\n", "pressure_4_kpa");
   expectFault("pressure_1_kpa,curvature_rad\n0,0.1\n900,0.3\n", "limits");
-  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n", "there is no \"springs\" to fit",
-              {"--fit", "springs"});
+  expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n",
+              "\"springs\" is not a parameter to fit", {"--fit", "springs"});
   expectFault("pressure_1_kpa,curvature_rad\n0,0\n100,0.3\n", "SCENE,DATA.csv",
               {"--also", scenePath("spatial_101")});
   expectFault("capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,3,0,0,0,0,0,0,1\n",
@@ -231,10 +259,11 @@ TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
     EXPECT_NE(outcome.json()["reason"].get<std::string>().find(word), std::string::npos)
         << outcome.out;
   };
-  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}), "holds the same");
+  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}),
+                "has the same content as");
   const std::string other = scenePath("spatial_50") + "," + data.path();
   expectRefused(calibrate(scenePath("spatial_50"), {data.path()}, {"--also", other}),
-                "holds the same");
+                "has the same content as");
   expectRefused(calibrate(scenePath("spatial_50"), {lengths.path()},
                           {"--fit", "contraction,stiffness", "--curve", "table", "--also", other}),
                 "no capture of spatial_50");

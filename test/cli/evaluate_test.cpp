@@ -142,24 +142,25 @@ TEST(Evaluate, RowsThatCannotBeComparedAreReportedWithTheirLines) {
                     high.path() + ":4 pressure_1_kpa is not within the limits of muscle_1");
   const TemporaryFile broken("pressure_1_kpa,curvature_rad\n50,nan\n");
   expectCallerError(runCommand({"evaluate", scene.path(), broken.path()}),
-                    broken.path() + ":2 curvature_rad is no finite number; expected one");
+                    broken.path() + ":2 curvature_rad is not a finite number; expected one");
 }
 
 TEST(Evaluate, DataThatDoNotFitAreRefusedWithWhatIsExpected) {
   const TemporaryFile lengths("pressure_kpa,length_m\n0,0.4\n");
-  expectCallerError(evaluate("planar_76", lengths.path()), "expected a column curvature_rad");
+  expectCallerError(evaluate("planar_76", lengths.path()),
+                    "expected the columns pressure_1_kpa .. and curvature_rad");
   const TemporaryFile no_pressure("curvature_rad\n0\n");
   expectCallerError(evaluate("planar_76", no_pressure.path()),
                     "expected columns pressure_1_kpa to pressure_2_kpa");
   const TemporaryFile three("pressure_3_kpa,curvature_rad\n0,0\n");
-  expectCallerError(evaluate("planar_76", three.path()), "pressure_3_kpa is of no actuator");
+  expectCallerError(evaluate("planar_76", three.path()), "pressure_3_kpa belongs to no actuator");
   const TemporaryFile tags(
       "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,6,0,0,0,0,0,0,1\n");
   expectCallerError(evaluate("spatial_50", tags.path()),
                     "holds tag poses, but scene spatial_50 has no tags");
   const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n");
   expectCallerError(evaluate("annotated", curvature.path()),
-                    "curvature_rad is that of one section");
+                    "curvature_rad applies to arms of one section");
   expectCallerError(evaluate("planar_76", "/nowhere.csv"), "/nowhere.csv cannot be read");
   const TemporaryFile tendons(kPulledScene);
   expectCallerError(runCommand({"evaluate", tendons.path(), curvature.path()}), "has tendons");

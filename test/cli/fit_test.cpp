@@ -225,7 +225,7 @@ TEST(Fit, CsvHasARowACapture) {
   EXPECT_EQ(cell(2, "covariance_6_6"), "");
 }
 
-TEST(Fit, WhatTheCallerErredInIsSaid) {
+TEST(Fit, CallerErrorsAreReported) {
   const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25)), scene(kRodScene);
   expectCallerError(runCommand({"fit", scenePath("spatial_50"), data.path()}),
                     "scene spatial_50 has no tags; expected a scene with a section tags");

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <fstream>
 #include <set>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
@@ -66,6 +67,26 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_EQ(result["states"][0]["state"], "open");
   EXPECT_EQ(result["states"][1]["state"], "closed");
   EXPECT_NE(outcome.err.find("closed loop: 3 of 6 s"), std::string::npos) << outcome.err;
+}
+
+TEST(Follow, EndsWithTheErrorBudgetAsATable) {
+  const Outcome outcome = follow({"--tip", kTips, "--seconds", "4"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json budget = outcome.json()["budget"];
+  EXPECT_NE(outcome.err.find("standard deviations in mm"), std::string::npos) << outcome.err;
+  std::size_t rows = 0;
+  std::istringstream lines(outcome.err.substr(outcome.err.find("error budget of the tip")));
+  for (std::string line; std::getline(lines, line);) {
+    for (const json& part : budget["parts"]) {
+      std::string name = part["name"].get<std::string>();
+      if (name == "open_loop") name = "open loop";
+      if (line.compare(0, name.size() + 1, name + " ") != 0) continue;
+      ++rows;
+      EXPECT_NEAR(std::stod(line.substr(line.rfind(' '))), 1e3 * part["sd_m"].get<double>(), 0.006)
+          << line;
+    }
+  }
+  EXPECT_EQ(rows, 7U) << outcome.err;
 }
 
 TEST(Follow, ClosedItIsTenTimesAsGoodAsOpen) {
@@ -214,13 +235,13 @@ TEST(Follow, WrongCallsNameCulpritAndRemedy) {
   refused({"--tip", "0.3,0,0", "--sight", "x"}, "--sight: x not in {corners,rendered}");
   refused({"--tip", "0.3,0,0", "--out", folder / "none/f.csv"}, "none/f.csv cannot be written: ");
   refused({"--tip", "0.3,0,0", "--out", folder / "f", "--png", folder / "f"},
-          "is the file of --out; name another one");
+          "is the file of --out, too; give another path");
   refused({"--path", folder / "none.csv"}, "none.csv");
   expectCallerError(follow({"--tip", "0.3,0,0", "--seconds", "0"}),
                     "--seconds: 0 is not a number from 0.1 to 3600");
   expectCallerError(
       runCommand({"follow", scenePath("spatial_50"), "--tip", "0.3,0,0", "--seconds", "1"}),
-      "scene spatial_50 has no `camera` or no `tags`; a loop over sight needs both");
+      "scene spatial_50 has no `camera` or no `tags`; the closed loop needs both");
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 

@@ -1,5 +1,5 @@
-// The command and paths that are no files of ours: nothing waits, nothing is repeated, nothing
-// swells.
+// The command with paths of foreign files: nothing waits, no content is printed, no memory is
+// wasted.
 #include <filesystem>
 #include <fstream>
 
@@ -118,7 +118,7 @@ TEST_F(HostileFiles, ALinkToNothingIsNoPlaceForAResult) {
       runCommand({"calibrate", scenePath("planar_76"), lengths, "--fit", "contraction", "--curve",
                   "table", "--out", folder_ / "link.yaml"});
   EXPECT_EQ(outcome.exit_code, 2) << outcome.out;
-  EXPECT_NE(outcome.err.find("is a link to a file that is not there"), std::string::npos)
+  EXPECT_NE(outcome.err.find("is a link to a file that does not exist"), std::string::npos)
       << outcome.err;
   EXPECT_FALSE(std::filesystem::exists(folder_ / "nothing.yaml"));
   EXPECT_TRUE(std::filesystem::is_symlink(folder_ / "link.yaml"));

@@ -142,7 +142,7 @@ TEST(Inverse, NegativeNumbersAreNoOptions) {
   }
 }
 
-TEST(Inverse, CsvHoldsTheSameBits) {
+TEST(Inverse, CsvHasTheSameBitsAsJson) {
   const nlohmann::json result = inverse("helical_50", {"--tip", "0.36,0.01,0"}).json();
   const auto rows = csvRows(
       runCommand({"inverse", scenePath("helical_50"), "--tip", "0.36,0.01,0", "--format", "csv"})

@@ -170,7 +170,7 @@ TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
   EXPECT_EQ(chosen({"--set", "accuracy.tip_error_percent=5", "--tier", "exact"})["tier"], "exact");
 }
 
-TEST(ForwardLoaded, WhatDoesNotConvergeIsSaidAndExitsWithOne) {
+TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
   const std::vector<std::string> heavy{
       "--tier", "loaded",          "--order", "2",
       "--set",  "load.mass_kg=20", "--set",   "arm.base.rpy_deg=[0, -90, 0]"};
@@ -193,16 +193,16 @@ TEST(ForwardLoaded, WhatDoesNotConvergeIsSaidAndExitsWithOne) {
 TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
   expectCallerError(forward("loaded", {"--tier", "planar"}),
                     "--tier planar needs a scene with arm.geometry: planar");
-  expectCallerError(forward("loaded", {"--order", "3"}), "--order goes with --tier loaded");
+  expectCallerError(forward("loaded", {"--order", "3"}), "--order needs --tier loaded");
   expectCallerError(forward("loaded", {"--tier", "exact", "--order", "3"}),
-                    "--order goes with --tier loaded");
+                    "--order needs --tier loaded");
   expectCallerError(forward("loaded", {"--tier", "loaded", "--order", "9"}), "--order");
   expectCallerError(forward("loaded", {"--accuracy", "1", "--budget", "10"}),
                     "give either --accuracy or --budget");
   expectCallerError(forward("loaded", {"--accuracy", "1", "--tier", "linear"}),
-                    "--accuracy has nothing to choose");
+                    "--accuracy needs tiers to choose from");
   expectCallerError(forward("loaded", {"--budget", "9", "--tier", "loaded", "--order", "3"}),
-                    "--budget has nothing to choose");
+                    "--budget needs tiers to choose from");
   for (const char* const percent : {"0", "-1", "200", "inf", "nan", "much"}) {
     expectCallerError(forward("loaded", {"--accuracy", percent}),
                       "--accuracy: " + std::string(percent) + " is not a number from 2e-07 to 100");
@@ -214,10 +214,10 @@ TEST(ForwardLoaded, WhatCannotBeHadNamesTheFlag) {
   expectCallerError(
       forward("loaded", {"--tier", "loaded", "--accuracy", "2e-7", "--set", "load.mass_kg=2",
                          "--set", "arm.stiffness.K_eps_n=60", "--set", "arm.base.rpy_deg=[0,0,0]"}),
-      "--accuracy cannot be had with scene loaded: accuracy.tip_error_percent: no "
-      "tier asked for keeps within");
+      "--accuracy is not possible with scene loaded: accuracy.tip_error_percent: no requested tier "
+      "meets");
   expectCallerError(forward("loaded", {"--budget", "1e-3"}),
-                    "--budget cannot be had with scene loaded: budget.time_us: the cheapest");
+                    "--budget is not possible with scene loaded: budget.time_us: the cheapest");
   expectCallerError(forward("helical_50", {"--set", "load.mass_kg=0.2"}),
                     "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N]");
 }

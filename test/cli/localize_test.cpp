@@ -130,7 +130,7 @@ TEST_F(Localize, TwistsAreTrueAsFarAsTheirCovarianceSays) {
   EXPECT_LT(chi_squared, 122.8);
 }
 
-TEST_F(Localize, TheFittedBaseAndBleedAreTold) {
+TEST_F(Localize, TheFittedBaseAndBleedAreReported) {
   const json frame = runCommand({"localize", scenePath("demo"), picture(1), "--format", "json"})
                          .json()["frames"][0];
   EXPECT_NEAR(frame["bleed_m"].get<double>(), 0.0002, 0.0001);
@@ -323,7 +323,7 @@ TEST_F(Localize, ABrokenPictureIsNamedAndTheOthersAreMeasured) {
   ASSERT_EQ(frames.size(), 3u);
   EXPECT_EQ(frames[0]["state"], "unreadable");
   EXPECT_EQ(frames[0]["tags"], json::array());
-  EXPECT_EQ(frames[0]["reason"].get<std::string>().find(broken + ": a broken or truncated JPEG"),
+  EXPECT_EQ(frames[0]["reason"].get<std::string>().find(broken + ": a damaged or truncated JPEG"),
             0u);
   EXPECT_EQ(frames[1]["state"], "measured");
   EXPECT_EQ(frames[2]["reason"], empty + ": the file is empty");
@@ -338,7 +338,7 @@ TEST_F(Localize, APictureWithoutTagsIsAFailure) {
   EXPECT_EQ(frame["reason"], "no tag of family 36h11 is in sight");
 }
 
-TEST_F(Localize, WhatIsNoPictureIsTheCallersError) {
+TEST_F(Localize, AFileThatIsNotAPictureIsACallerError) {
   for (const std::string& path : {write("notes.txt", "x"), *folder_ / "nothing.jpg"}) {
     const Outcome outcome = runCommand({"localize", scenePath("demo"), path});
     EXPECT_EQ(outcome.exit_code, 2);
@@ -348,7 +348,7 @@ TEST_F(Localize, WhatIsNoPictureIsTheCallersError) {
   const std::string endless = *folder_ / std::string(300, 'x');
   const Outcome outcome = runCommand({"localize", scenePath("demo"), endless});
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_NE(outcome.err.find(endless + " is no file and no folder: File name too long"),
+  EXPECT_NE(outcome.err.find(endless + " is neither a file nor a folder: File name too long"),
             std::string::npos)
       << outcome.err;
 }

@@ -44,7 +44,7 @@ void expectPoint(const std::vector<double>& point, double time, double x, double
   EXPECT_NEAR(point[3], z, 1e-12);
 }
 
-TEST(Path, ACircleStandsOnStdoutAsAPathFile) {
+TEST(Path, ACircleIsPrintedAsAPathFile) {
   for (const char* format : {"text", "csv"}) {
     const Outcome outcome = path("circle", {"--format", format});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -83,7 +83,7 @@ TEST(Path, TurnsAndPlaneAreThoseAskedFor) {
   expectPoint(pointsOf(path("circle", {"--plane", "xy"}).out)[50], 2, 0.35, 0.03, -0.02);
 }
 
-TEST(Path, AFileHoldsWhatStdoutWouldAndIsAPath) {
+TEST(Path, AFileHasTheSameContentAsStdoutAndIsAPath) {
   const TemporaryFolder folder;
   const std::string file = folder / "circle.csv";
   const Outcome text = path("circle", {"--out", file});
@@ -100,7 +100,7 @@ TEST(Path, AFileHoldsWhatStdoutWouldAndIsAPath) {
   EXPECT_EQ(contentOf(file), path("square", {"--turns", "2"}).out);
 }
 
-TEST(Path, JsonHoldsThePointsOrTheFile) {
+TEST(Path, JsonHasThePointsOrTheFile) {
   const json printed = path("lemniscate", {"--turns", "2", "--format", "json"}).json();
   EXPECT_EQ(printed["shape"], "lemniscate");
   EXPECT_EQ(numbersOf(printed["centre_m"]), (std::vector<double>{0.35, 0.01, -0.02}));
@@ -162,7 +162,7 @@ TEST(Path, CallsThatCannotBeServedAreRefusedAndLeaveNothing) {
   refused(with("--turns", "0"), "--turns");
   refused(with("--turns", "500"), "--turns");
   refused(with("--plane", "zy"), "--plane");
-  refused(with("--set", "arm.a=1"), "path reads none; leave out --set");
+  refused(with("--set", "arm.a=1"), "path reads no scene that --set could change; leave out --set");
   std::vector<std::string> too_long = with("--period", "1e6");
   too_long.insert(too_long.end(), {"--turns", "2"});
   refused(too_long, "period is 1e+06; expected at least 4e-4 s, and at most 1e6 s for all turns");

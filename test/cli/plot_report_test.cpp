@@ -247,6 +247,35 @@ TEST_F(PlotReport, RunsShowTheTipAndItsErrorOverTime) {
   expectRefused(wrong, "follow has 200 wanted tips and 0 runs; expected some");
 }
 
+TEST_F(PlotReport, RecordedRunsShowTheirPressuresToo) {
+  json record = circleRuns();
+  json& follow = record["follow"];
+  follow.erase("blind_s");
+  follow["runs"][0]["kind"] = "model";
+  follow["runs"][1]["kind"] = "measured";
+  json& pressures = follow["pressures"];
+  pressures["names"] = {"muscle_1", "muscle_2"};
+  for (int i = 0; i < 50; ++i) {
+    pressures["time_s"].push_back(0.04 * i);
+    pressures["command_pa"].push_back({1e5 + 1e3 * i, 5e4});
+    pressures["measured_pa"].push_back({1e5 + 9e2 * i, 5e4});
+  }
+  ASSERT_EQ(draw(record), 0) << errors();
+  EXPECT_EQ(errors(), "");
+  const cv::Mat all = picture();
+  ASSERT_EQ(all.cols, kWidth);
+  EXPECT_GT(inked(all.rowRange(2 * all.rows / 3, all.rows)), 0.01);
+  std::string begin(256, ' ');
+  std::ifstream(target_, std::ios::binary).read(begin.data(), 256);
+  EXPECT_NE(begin.find("helix_arm plot_report"), std::string::npos) << "file_access looks for it";
+
+  std::filesystem::remove(target_);
+  pressures["measured_pa"][7] = {1e5};
+  expectRefused(record,
+                "follow.pressures.measured_pa is malformed; expected one pressure per name in each "
+                "of 50 rows");
+}
+
 TEST_F(PlotReport, AMissingReportIsNamed) {
   EXPECT_EQ(run(folder_ / "none.json", target_), 2);
   EXPECT_NE(errors().find("none.json cannot be read: No such file"), std::string::npos) << errors();

@@ -1,4 +1,5 @@
-// Two programs that want one device: the second is told who has it, and the first is not disturbed.
+// Two programs that use one device: the second is told which process has it, and the first is not
+// disturbed.
 #include <csignal>
 
 #include <gtest/gtest.h>
@@ -39,7 +40,7 @@ class RegulatorLock : public ::testing::Test {
   ModbusDevice device_;
 };
 
-TEST_F(RegulatorLock, TheSecondIsToldWhoHasTheDeviceAndTheFirstGoesOn) {
+TEST_F(RegulatorLock, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {
   std::vector<std::string> words = set("600");
   words.insert(words.begin(), HELIX_ARM_COMMAND);
   Process first(words);
@@ -53,7 +54,7 @@ TEST_F(RegulatorLock, TheSecondIsToldWhoHasTheDeviceAndTheFirstGoesOn) {
         << outcome.err;
     EXPECT_TRUE(stands()) << "after " << second[2];
   }
-  // Killed, it lets go of the device, its guard vents, and the next one may have it.
+  // When it is killed, its guard vents and the device is free for the next program.
   first.signal(SIGKILL);
   EXPECT_TRUE(eventually([this] { return device_.pressure().maxCoeff() < 0.15 * kSet; }, 30.0));
   EXPECT_TRUE(eventually([this] { return runCommand(call({"vent"})).exit_code == 0; }, 30.0));

@@ -39,7 +39,7 @@ simulation::ModbusDeviceConfig deviceConfig() {
   return config;
 }
 
-// The shipped demo of a Modbus device, at the port of one that stands in.
+// The shipped demo of a Modbus device, with the port of an emulated one.
 std::vector<std::string> at(int port, std::vector<std::string> more) {
   more.insert(more.begin(), {"regulator", scenePath("demo_modbus")});
   more.insert(more.end(), {"--set", "regulator.modbus_tcp.port=" + std::to_string(port)});
@@ -48,7 +48,7 @@ std::vector<std::string> at(int port, std::vector<std::string> more) {
 
 Outcome run(int port, const std::vector<std::string>& more) { return runCommand(at(port, more)); }
 
-// Air in all channels, and nobody who holds it.
+// Pressure in all channels, and no program that holds them.
 void fill(const ModbusDevice& device) {
   regulator::ModbusTcpDriver driver({vtemProfile(), "127.0.0.1", device.port(), {0, 1, 2}});
   driver.connect();
@@ -61,7 +61,7 @@ void fill(const ModbusDevice& device) {
 
 double fullest(const ModbusDevice& device) { return device.pressure().maxCoeff(); }
 
-// Of a child: it is not left behind, whatever becomes of the tests.
+// Ends a child with its parent, however the tests end.
 void endWith(pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (getppid() != parent) _exit(1);
@@ -76,7 +76,7 @@ pid_t onlyChildOf(pid_t parent) {
   return children >> another ? -1 : child;
 }
 
-// Also where nobody has asked for its exit code yet.
+// Also counts a process whose exit code was not collected yet.
 bool hasEnded(pid_t process) {
   const std::string status = contentOf("/proc/" + std::to_string(process) + "/status");
   return status.empty() || status.find("State:\tZ") != std::string::npos;
@@ -160,7 +160,7 @@ class Piped {
   std::string output_;
 };
 
-TEST(RegulatorProbe, TellsWhoAnswersAndHowOften) {
+TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   ModbusDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.3", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -240,8 +240,8 @@ TEST(RegulatorSet, GoesThereAndVents) {
 TEST(RegulatorSet, HardwareMovesOnlyWhenToldTo) {
   ModbusDevice device(deviceConfig());
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,50"}),
-                    "set moves air at modbus_tcp festo_vtem at 127.0.0.1:" +
-                        std::to_string(device.port()) + "; say --yes once nobody is within");
+                    "set moves the hardware modbus_tcp festo_vtem at 127.0.0.1:" +
+                        std::to_string(device.port()) + "; add --yes once nobody is within");
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0,301", "--yes"}),
                     "asks muscle_3 for 301 kPa; its limits are 0 kPa to 300 kPa");
   expectCallerError(run(device.port(), {"set", "--pressure-kpa", "100,0", "--yes"}),
@@ -260,7 +260,7 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
     EXPECT_NE(command.output().find("interrupted"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("now vented"), std::string::npos);
+    EXPECT_NE(command.output().find("then vented"), std::string::npos);
   }
 }
 
@@ -296,7 +296,7 @@ TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
   EXPECT_EQ(outcome.out.find("fault"), std::string::npos) << outcome.out;
 }
 
-TEST(RegulatorSet, VentsWhereItsGuardStandsStillOrHasEnded) {
+TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
   for (const int number : {SIGSTOP, SIGKILL}) {
     ModbusDevice device(deviceConfig());
     Piped command(
@@ -308,7 +308,7 @@ TEST(RegulatorSet, VentsWhereItsGuardStandsStillOrHasEnded) {
     EXPECT_EQ(command.exitCode(), 1);
     EXPECT_LT(fullest(device), kEmpty);
     EXPECT_NE(command.output().find("guard"), std::string::npos) << command.output();
-    EXPECT_NE(command.output().find("now vented"), std::string::npos) << command.output();
+    EXPECT_NE(command.output().find("then vented"), std::string::npos) << command.output();
     if (number == SIGSTOP) kill(guard, SIGCONT);
     EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
   }
@@ -336,7 +336,7 @@ TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
   EXPECT_EQ(command.output().find("guard"), std::string::npos) << command.output();
 }
 
-TEST(RegulatorVent, EmptiesAnArmThatNobodyHolds) {
+TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
   ModbusDevice device(deviceConfig());
   fill(device);
   const Outcome outcome = run(device.port(), {"vent", "--format", "json"});
@@ -346,7 +346,7 @@ TEST(RegulatorVent, EmptiesAnArmThatNobodyHolds) {
   EXPECT_LT(fullest(device), kEmpty);
 }
 
-TEST(RegulatorVent, SaysBelowWhatNoPressureStands) {
+TEST(RegulatorVent, StatesThePressureThatCountsAsVented) {
   ModbusDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"vent", "--set", "safety.vented_below_kpa=12"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
@@ -383,7 +383,7 @@ TEST(RegulatorGuard, ThatIsDismissedTouchesNothing) {
 }
 
 // A process that holds the guard's stdin is killed, as the node would be.
-TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
+TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
   ModbusDevice device(deviceConfig());
   fill(device);
   int line[2];
@@ -415,7 +415,7 @@ TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
   }
   close(line[0]);
   close(line[1]);
-  // It stands by once it ignores what would end it.
+  // It is ready once it ignores the signals that would end it.
   const auto ignores = [guard] {
     const std::string status = contentOf("/proc/" + std::to_string(guard) + "/status");
     const std::size_t found = status.find("SigIgn:");
@@ -434,15 +434,16 @@ TEST(RegulatorGuard, VentsAfterTheEndOfWhoeverMovedTheArm) {
   EXPECT_TRUE(WIFEXITED(status));
   EXPECT_EQ(WEXITSTATUS(status), 0);
   const std::string said = contentOf(errors);
-  EXPECT_EQ(said.find("guard: whoever moved the arm has ended without venting it; modbus_tcp "
-                      "festo_vtem"),
-            0u)
+  EXPECT_EQ(
+      said.find(
+          "guard: the process that moved the arm ended without venting it; modbus_tcp festo_vtem"),
+      0u)
       << said;
   EXPECT_NE(said.find(" is vented, after "), std::string::npos) << said;
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
 }
 
-TEST(RegulatorGuard, EndsWhoeverStandsStillAndVents) {
+TEST(RegulatorGuard, KillsAStoppedProcessAndVents) {
   ModbusDevice device(deviceConfig());
   fill(device);
   std::vector<std::string> words = at(device.port(), {"guard"});
@@ -486,19 +487,19 @@ TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
   EXPECT_EQ(guard.exitCode(), 1);
   const std::string said = guard.output();
   EXPECT_NE(said.find(" is NOT vented: muscle_1 still has "), std::string::npos) << said;
-  EXPECT_NE(said.find("; pressure may stand in the arm: shut the supply, open the relief valve by "
+  EXPECT_NE(said.find("; the arm may be under pressure: shut the supply, open the relief valve by "
                       "hand, then `helix_arm regulator " +
                       scenePath("demo_modbus") + " vent`\n"),
             std::string::npos)
       << said;
 }
 
-TEST(RegulatorGuard, ABrokenSceneIsSaidAtOnce) {
+TEST(RegulatorGuard, ABrokenSceneIsReportedAtOnce) {
   expectCallerError(runCommand({"regulator", scenePath("no_such_scene"), "guard"}),
                     "no_such_scene");
 }
 
-TEST(RegulatorEmulate, StandsInForTheDevice) {
+TEST(RegulatorEmulate, ReplacesTheDevice) {
   const int port = freePort();
   Piped device(at(port, {"emulate"}));
   ASSERT_TRUE(device.prints("emulates modbus_tcp festo_vtem at 127.0.0.1:" + std::to_string(port)))
@@ -508,7 +509,7 @@ TEST(RegulatorEmulate, StandsInForTheDevice) {
   ASSERT_TRUE(device.prints("muscle_1 regulates: set 100.0, has ")) << device.output();
   device.say("nan_text\nbeautiful\n");
   ASSERT_TRUE(device.prints("fault: nan_text"));
-  ASSERT_TRUE(device.prints("there is no fault beautiful; expected one of none, silence, garbage"));
+  ASSERT_TRUE(device.prints("unknown fault beautiful; expected one of none, silence, garbage"));
   EXPECT_EQ(run(port, {"probe", "--seconds", "0.1"}).exit_code, 1);
   device.end();
   EXPECT_TRUE(device.runs());
@@ -547,8 +548,9 @@ TEST(RegulatorEmulate, WhatItCannotBeIsRefused) {
   expectCallerError(runCommand({"regulator", scenePath("demo"), "emulate"}),
                     "scene demo has a simulated regulator");
   expectCallerError(run(1502, {"emulate", "--set", "regulator.modbus_tcp.host=192.168.1.10"}),
-                    "emulate stands at 127.0.0.1, but the scene's regulator is at 192.168.1.10");
-  expectCallerError(run(1502, {"emulate", "--format", "json"}), "emulate prints text alone");
+                    "emulate listens on 127.0.0.1, but the scene's regulator is at 192.168.1.10");
+  expectCallerError(run(1502, {"emulate", "--format", "json"}),
+                    "emulate prints only text; leave out --format");
   const ModbusDevice device(deviceConfig());
   expectCallerError(run(device.port(), {"emulate"}), "cannot listen at 127.0.0.1");
 }

@@ -316,7 +316,7 @@ TEST(Simulate, NothingIsOverwritten) {
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"notes.txt"});
   expectCallerError(simulate(scene.path(), folder / "notes.txt"), "notes.txt is a file");
   expectCallerError(simulate(scene.path(), folder / "notes.txt/below"),
-                    "cannot be made: Not a directory");
+                    "cannot be created: Not a directory");
   expectCallerError(simulate(scene.path(), folder / std::string(300, 'x')), ": File name too long");
 }
 

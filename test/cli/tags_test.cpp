@@ -325,14 +325,14 @@ TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
   refused({"--out", out}, "nothing to print: give a SCENE with tags, --board or both");
   refused({scenePath("planar_50"), "--out", out},
           "scene planar_50 has no tags; expected a scene with a section tags");
-  refused(
-      {scenePath("demo"), "--out", out, "--set", "tags.size_m=0.19"},
-      "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, and a4 leaves 179 mm; "
-      "expected at most 0.14 m");
+  refused({scenePath("demo"), "--out", out, "--set", "tags.size_m=0.19"},
+          "tags.size_m is 0.19: with its border a 36h11 tag is 240.5 mm wide, but a4 has room for "
+          "179 mm; expected at most 0.14 m");
   refused({scenePath("demo"), "--out", out, "--paper", "a5"}, "--paper: a5 not in {a4,letter}");
   refused({scenePath("demo"), "--out", folder / "tags.png"}, "tags.png does not end in .pdf");
   refused({scenePath("demo"), "--out", folder / "none/tags.pdf"}, "none/tags.pdf");
-  refused({"--board", "--out", out, "--set", "tags.size_m=0.02"}, "none is given; leave out --set");
+  refused({"--board", "--out", out, "--set", "tags.size_m=0.02"},
+          "which is not given; leave out --set");
   fs::create_directory(folder / "folder.pdf");
   expectCallerError(runCommand({"tags", scenePath("demo"), "--out", folder / "folder.pdf"}),
                     "folder.pdf");

@@ -133,7 +133,7 @@ TEST(Trade, ATierWithoutShapesLeavesSightOutAndSaysSo) {
        "tier=loaded", "--set", "order=2", "--no-files", "--pictures", "2", "--format", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = outcome.json();
-  EXPECT_NE(result["notes"].dump().find("finds no shape to begin from"), std::string::npos);
+  EXPECT_NE(result["notes"].dump().find("finds no shape to start from"), std::string::npos);
   EXPECT_TRUE(settingsOf(result["rows"], "sight").empty());
   EXPECT_EQ(settingsOf(result["rows"], "model").count({"exact", ""}), 1u);
 }

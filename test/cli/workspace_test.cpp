@@ -306,21 +306,22 @@ TEST(Workspace, WhatCannotBeDoneIsSaidBeforeAnythingIsSampled) {
                     "folder.ply cannot be written: it is a folder; expected the path of a file");
   expectCallerError(
       workspace(scene, {"--out", folder / "none/cloud.ply"}),
-      "none/cloud.ply cannot be written: No such file or directory; choose another place");
+      "none/cloud.ply cannot be written: No such file or directory; choose another path");
   expectCallerError(
       workspace(scene, {"--png", folder / "none/map.png"}),
-      "none/map.png cannot be written: No such file or directory; choose another place");
+      "none/map.png cannot be written: No such file or directory; choose another path");
   expectCallerError(workspace(scene, {"--png", folder.path()}),
                     "cannot be written: it is a folder; expected the path of a file");
   expectCallerError(workspace(scene, {"--png", "/proc/w.png"}), "/proc/w.png cannot be written: ");
   for (const char* const same : {"w.csv", "folder.ply/../w.csv"}) {
     expectCallerError(workspace(scene, {"--out", folder / "w.csv", "--png", folder / same}),
-                      "w.csv is the file of --out; name another one");
+                      "w.csv is the file of --out, too; give another path");
   }
   for (const char* const count : {"0", "many", "1e6", "2.5", "10000000001"}) {
-    expectCallerError(workspace(scene, {"--count", count}),
-                      "--count: " + std::string(count) +
-                          " is not a whole number from 1 to 10000000000, in digits as 1000000");
+    expectCallerError(
+        workspace(scene, {"--count", count}),
+        "--count: " + std::string(count) +
+            " is not a whole number from 1 to 10000000000, in digits such as 1000000");
   }
   expectCallerError(workspace(scene, {"--tier", "planar"}),
                     "--tier planar needs a scene with arm.geometry: planar");

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kTimeout = 0.5;
 
-TEST(CommanderLease, TheFirstToSpeakHoldsIt) {
+TEST(CommanderLease, TheFirstSenderHoldsIt) {
   CommanderLease lease(kTimeout);
   EXPECT_TRUE(lease.holder().empty());
   EXPECT_TRUE(lease.claim("first", 10.0));

@@ -48,7 +48,7 @@ TEST(PressureObserver, FollowsTheLagBetterThanItsReadings) {
   EXPECT_LT(nees, 1.5);
 }
 
-TEST(PressureObserver, GoesOnByTheLagWhereAChannelGivesNoReading) {
+TEST(PressureObserver, FollowsTheLagWhileAChannelHasNoReading) {
   PressureObserver observer(1, kLag, kNoise);
   observer.update(0.0, one(0), one(0));
   double expected = 0.0, variance = observer.newest().variance[0];
@@ -59,6 +59,21 @@ TEST(PressureObserver, GoesOnByTheLagWhereAChannelGivesNoReading) {
   EXPECT_NEAR(observer.newest().pressure[0], expected, 1e-6 * expected);
   EXPECT_GT(observer.newest().variance[0], 0);
   EXPECT_NE(observer.newest().variance[0], variance);
+}
+
+// Such numbers come of damaged messages; their squares are infinite.
+TEST(PressureObserver, IgnoresWhatIsNoPressure) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double wrong : {1e300, -1e300, kInfinity, std::numeric_limits<double>::quiet_NaN()}) {
+    PressureObserver observer(1, kLag, kNoise);
+    observer.update(0.0, one(0), one(wrong));
+    EXPECT_FALSE(observer.started());
+    for (int k = 1; k <= 100; ++k) observer.update(k * kPeriod, one(1e5), one(1e5));
+    observer.update(1.01, one(wrong), one(1e5));
+    observer.update(1.02, one(1e5), one(wrong));
+    EXPECT_NEAR(observer.newest().pressure[0], 1e5, 1.0) << wrong;
+    EXPECT_LT(observer.newest().variance[0], kNoise * kNoise);
+  }
 }
 
 TEST(PressureObserver, RemembersASecond) {
@@ -98,7 +113,7 @@ TEST(PressureObserver, StartsAnewWhereTimeGoesBack) {
   EXPECT_FALSE(observer.started()) << "nothing is known of the channel yet";
 }
 
-// A clock that stands still gives the same turn twice.
+// A clock that does not advance repeats the same turn.
 TEST(PressureObserver, IgnoresASecondReadingOfTheSameTime) {
   PressureObserver observer(1, kLag, kNoise);
   observer.update(1.0, one(1e5), one(1e5));
@@ -125,7 +140,7 @@ TEST(PressureObserver, RefusesWhatItCannotUse) {
   };
   EXPECT_NE(refused(0, kLag, kNoise).find("channels is 0"), std::string::npos);
   EXPECT_NE(refused(1, 0, kNoise).find("time constant [s] is 0"), std::string::npos);
-  EXPECT_NE(refused(1, kLag, -1).find("noise of a reading [Pa] is -1"), std::string::npos);
+  EXPECT_NE(refused(1, kLag, -1).find("noise of readings [Pa] is -1"), std::string::npos);
 }
 
 }  // namespace

@@ -91,7 +91,7 @@ TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
   EXPECT_EQ(told([](auto&, auto& rules) { rules.target_timeout = 2; }),
             "safety.target_timeout_s would go from 1 to 2 s");
   EXPECT_EQ(told([](auto&, auto& rules) { rules.min_supply.reset(); }),
-            "safety.min_supply_kpa would be lower, or gone");
+            "safety.min_supply_kpa would be lower, or absent");
   for (double SafetyRules::*rule :
        {&SafetyRules::reading_timeout, &SafetyRules::trip_margin, &SafetyRules::spike_time,
         &SafetyRules::follow_tolerance, &SafetyRules::follow_time, &SafetyRules::time_constant,

@@ -70,7 +70,7 @@ TEST(SafetyCoreAsAWhole, TheDefaultsWorkThroughNoiseForAnHour) {
   }
 }
 
-TEST(SafetyCoreAsAWhole, NothingAllocatesOnTheWayThroughAFault) {
+TEST(SafetyCoreAsAWhole, NothingAllocatesDuringAFault) {
   Bench bench = enabledBench();
   const Eigen::VectorXd none = Eigen::VectorXd::Constant(3, std::nan(""));
   const Eigen::VectorXd high = Eigen::VectorXd::Constant(3, 5e5);
@@ -90,7 +90,7 @@ TEST(SafetyCoreAsAWhole, NothingAllocatesOnTheWayThroughAFault) {
   EXPECT_EQ(bench.cause(), Cause::kOverLimit);
 }
 
-TEST(SafetyCoreAsAWhole, WhatIsWrongWithRulesAndChannelsIsSaid) {
+TEST(SafetyCoreAsAWhole, FaultsOfRulesAndChannelsAreReported) {
   const auto refused = [](void (*spoil)(SafetyRules&)) {
     SafetyRules rules;
     spoil(rules);
@@ -131,7 +131,7 @@ TEST(SafetyCoreAsAWhole, WhatIsWrongWithRulesAndChannelsIsSaid) {
             "safety core: no channels; expected at least one");
   EXPECT_EQ(channel({"", {0, 1}}), "safety core: a channel has no name; expected one");
   EXPECT_EQ(channel({"m", {1, 0}}),
-            "m: the limits [Pa] are 1 to 0; expected finite ones, the lower first");
+            "m: the limits [Pa] are 1 to 0; expected finite values, the lower first");
   EXPECT_EQ(channel({"m", {0, 4e5}, 0}), "m: slew [Pa/s] is 0; expected a value > 0");
   EXPECT_THROW(SafetyCore({{"m", {0, 4e5}, kNan}}, SafetyRules()), std::invalid_argument);
   EXPECT_THROW(SafetyCore({{"m", {0, kInfinity}}}, SafetyRules()), std::invalid_argument);

@@ -220,8 +220,8 @@ struct Witness {
   int resting_turns = 0, rests = 0;
 };
 
-// One turn of a loop that is jostled: its clock stands, jumps back or is no number, the loop
-// stalls, and whoever may call does.
+// One turn of a loop under disturbances: its clock stops, jumps back or is NaN, the loop stalls,
+// and all functions are called at random.
 void turn(SafetyCore& core, Plant& plant, Witness& witness, test::Random& random) {
   const int clock = random.integer(0, 499);
   const double dt = clock == 0 ? random.uniform(0, 2.5) : random.uniform(0, 0.03);

@@ -48,7 +48,7 @@ TEST(SafetyRest, SetPointsRampDownAtTheirSlewAndTheArmThenRestsWithoutACause) {
   EXPECT_TRUE(bench.core.mayEnableItself());
 }
 
-TEST(SafetyRest, AllChangesAreTold) {
+TEST(SafetyRest, AllChangesAreCounted) {
   Bench bench = enabledBench();
   bench.commands = false;
   const std::uint64_t before = bench.core.report().changes;
@@ -117,7 +117,7 @@ TEST(SafetyRest, LimitsThatExcludeTheAtmosphereAreLeftForIt) {
   }
 }
 
-TEST(SafetyRest, ATargetGoesOnFromWhereTheRampIs) {
+TEST(SafetyRest, ATargetContinuesFromTheRamp) {
   Bench bench = restingBench(benchChannels(kSlowSlew));
   bench.turns(30);
   bench.core.target(bench.now, Eigen::Vector3d(2e5, std::nan(""), 0));
@@ -151,7 +151,7 @@ TEST(SafetyRest, ATargetThatSaysNothingCancelsNothing) {
   EXPECT_TRUE(bench.reach(State::kDisabled));
 }
 
-TEST(SafetyRest, WhatStaysInTheArmAfterTheVentTimeIsAFaultThatVents) {
+TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {
   Bench bench = restingBench(benchChannels(kSlowSlew));
   bench.turns(100);  // the ramp
   bench.readsAs(1, 2e4);
@@ -162,9 +162,9 @@ TEST(SafetyRest, WhatStaysInTheArmAfterTheVentTimeIsAFaultThatVents) {
   EXPECT_EQ(bench.core.report().channel, 1);
   EXPECT_EQ(bench.orders(), "vvv");
   EXPECT_EQ(bench.core.reason(),
-            "fault: holds reads 20.0 kPa though it should be empty, more than 10 kPa from the "
-            "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and look for "
-            "a valve that does not close, then call enable");
+            "fault: holds reads 20.0 kPa although it should be empty, more than 10 kPa from the "
+            "atmosphere (safety.vented_below_kpa): all channels vent; shut the supply and check "
+            "for a valve that does not close, then call enable");
   bench.run(3);
   EXPECT_FALSE(bench.core.report().vent_overdue);
   bench.turn();
@@ -172,7 +172,7 @@ TEST(SafetyRest, WhatStaysInTheArmAfterTheVentTimeIsAFaultThatVents) {
   EXPECT_FALSE(bench.core.mayEnableItself());
 }
 
-TEST(SafetyRest, ARampThatWasCancelledHasItsVentTimeAnew) {
+TEST(SafetyRest, ACancelledRampRestartsItsVentTime) {
   Bench bench = restingBench();
   bench.readsAs(1, 2e4);
   bench.run(2.5);

@@ -22,8 +22,8 @@ constexpr int kSpikeTurns = 8;  // of the bench's spike time
 double above(double x) { return std::nextafter(x, kInfinity); }
 double below(double x) { return std::nextafter(x, -kInfinity); }
 
-// A rule on what is read: at its edge nothing comes of it, beyond it a fault does once it has
-// lasted for the spike time; so many good readings in between, and it begins anew.
+// A rule on readings: at its limit there is no fault; beyond it there is one after the spike time;
+// this number of good readings in between restarts the time.
 void expectLastingRule(Cause cause, Bench bench, int good,
                        const std::function<void(Bench&, bool wrong)>& set) {
   SCOPED_TRACE(nameOf(cause));
@@ -163,7 +163,7 @@ TEST(SafetyRules, ASetPointThatMovesIsNoLeak) {
   }
 }
 
-TEST(SafetyRules, PressureStandsOnlyBeyondWhatIsVentedForTheSpikeTime) {
+TEST(SafetyRules, PressureRemainsOnlyIfAboveVentedBelowForTheSpikeTime) {
   for (const double sign : {1.0, -1.0}) {
     Bench bench = enabledBench(0);
     bench.core.vent(bench.now);
@@ -175,7 +175,7 @@ TEST(SafetyRules, PressureStandsOnlyBeyondWhatIsVentedForTheSpikeTime) {
   }
 }
 
-TEST(SafetyRules, TimeWithoutReadingsHardlyCountsBetweenASpikeAndWhatIsRight) {
+TEST(SafetyRules, TimeWithoutReadingsHardlyCountsAfterASpike) {
   Bench bench = enabledBench(4e5);
   const auto spike = [&bench] {
     bench.readsAs(1, above(4.3e5));

@@ -42,7 +42,7 @@ TEST(SafetyTimes, TheWatchdogOfTargetsBeginsAnewWithEveryEnabling) {
   EXPECT_EQ(bench.cause(), Cause::kStaleTarget);
 }
 
-TEST(SafetyTimes, ATimeoutWithoutEndWaitsForEver) {
+TEST(SafetyTimes, AnInfiniteTimeoutNeverExpires) {
   SafetyRules rules = test::benchRules();
   rules.target_timeout = kInfinity;
   Bench bench(rules);
@@ -110,7 +110,7 @@ void starve(Bench& bench) {
   ASSERT_TRUE(bench.reach(State::kFault));
 }
 
-TEST(SafetyTimes, WhatHoldsIsHeldForTheHoldTimeOnly) {
+TEST(SafetyTimes, ChannelsAreHeldOnlyForTheHoldTime) {
   Bench bench = enabledBench();
   starve(bench);
   const double begin = bench.now;
@@ -126,7 +126,7 @@ TEST(SafetyTimes, WhatHoldsIsHeldForTheHoldTimeOnly) {
   EXPECT_TRUE(bench.core.orders().set_point.isZero());
 }
 
-TEST(SafetyTimes, WhatHoldsStaysWhereItWasOnItsWay) {
+TEST(SafetyTimes, AHeldChannelStaysAtItsSetPoint) {
   Bench bench(test::benchRules(), test::benchChannels(6.4e4));  // 1 kPa a turn
   bench.goal.setConstant(1e5);
   bench.turn();
@@ -141,7 +141,7 @@ TEST(SafetyTimes, WhatHoldsStaysWhereItWasOnItsWay) {
   EXPECT_LT(way, 6e4);
 }
 
-TEST(SafetyTimes, AVentIsOverdueWhilePressureStandsBeyondItsTime) {
+TEST(SafetyTimes, AVentIsOverdueWhilePressureRemainsAfterItsTime) {
   Bench bench = enabledBench();
   bench.readsAs(1, 5e4);
   bench.core.vent(bench.now);
@@ -172,7 +172,7 @@ TEST(SafetyTimes, AHeldChannelIsOverdueOnlyAfterItsOwnVent) {
   EXPECT_TRUE(bench.core.report().vent_overdue);
 }
 
-TEST(SafetyTimes, PressureThatComesBackHasItsVentTimeAnew) {
+TEST(SafetyTimes, ReturningPressureRestartsTheVentTime) {
   Bench bench = enabledBench();
   bench.core.vent(bench.now);
   ASSERT_TRUE(bench.reach(State::kVented));
@@ -222,7 +222,7 @@ TEST(SafetyTimes, TargetsAreClampedAndGapsInThemStay) {
   EXPECT_EQ(bench.core.goal(), Eigen::Vector3d(4e5, 2e5, 1e5));
 }
 
-TEST(SafetyTimes, AClockThatGoesBackOrIsNoNumberStandsStill) {
+TEST(SafetyTimes, AClockThatGoesBackOrIsNaNStandsStill) {
   Bench bench = enabledBench();
   bench.goal.setConstant(2e5);
   bench.turn();

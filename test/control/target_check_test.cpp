@@ -75,7 +75,7 @@ TEST_F(PressureCheck, LimitsHoldFromBothSides) {
   expectRefused({"s1_m2"}, {-1e-9}, Fault::kOutOfRange, {"s1_m2", "-1e-09"});
 }
 
-TEST_F(PressureCheck, ACommandMayBeOnItsWayFromTheAtmosphereToTheLimits) {
+TEST_F(PressureCheck, ACommandMayLieBetweenTheAtmosphereAndTheLimits) {
   model::Section section;
   for (const model::Range limits : {model::Range{5e4, 3e5}, {-8e4, -2e4}, {0, 3e5}}) {
     model::Actuator actuator = arm_.actuator(static_cast<int>(section.actuators.size()));
@@ -100,7 +100,7 @@ TEST_F(PressureCheck, ACommandMayBeOnItsWayFromTheAtmosphereToTheLimits) {
   EXPECT_TRUE(std::holds_alternative<Refusal>(checkPressures(arm, command_, {}, {2e4, -3e4, 0.0})));
 }
 
-TEST_F(PressureCheck, AForeignNameIsShownShortAndPrintable) {
+TEST_F(PressureCheck, AnUnknownNameIsShownShortAndPrintable) {
   const auto checked = checkPressures(arm_, command_, {std::string(2'000'000, '\n')}, {1.0});
   const Refusal& refusal = std::get<Refusal>(checked);
   EXPECT_LT(refusal.message.size(), 200U);
@@ -122,6 +122,8 @@ TEST_F(PressureCheck, AReadingMayLieOutsideTheLimitsButMustBeWhole) {
   EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "s1_m1"}, {3, 1, 2}), Fault::kDuplicateName);
   EXPECT_EQ(faultOf({"s1_m3", "s1_m1", "other"}, {3, 1, 2}), Fault::kUnknownName);
   EXPECT_EQ(faultOf({}, {1, kNan, 2}), Fault::kNotFinite);
+  EXPECT_EQ(faultOf({}, {1, 2e8, 2}), Fault::kOutOfRange);
+  EXPECT_EQ(faultOf({}, {1, 2, -1e300}), Fault::kOutOfRange);
 }
 
 TEST(FaultName, EveryFaultHasItsOwn) {
@@ -202,7 +204,7 @@ TEST(TargetCheck, ATargetOfAFutureBeyondItsTimeoutIsStale) {
   EXPECT_EQ(refusal->fault, Fault::kStale);
   EXPECT_EQ(refusal->message,
             "the target is stamped 3 s ahead of this machine's clock, more than 1 s "
-            "(safety.target_timeout_s); set the clocks alike");
+            "(safety.target_timeout_s); synchronise the clocks");
 }
 
 }  // namespace

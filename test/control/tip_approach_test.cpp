@@ -35,7 +35,7 @@ TEST(TipApproach, CoversTheLineWithTheLeastJerkPolynomial) {
   }
 }
 
-TEST(TipApproach, ReachesItsLargestSpeedHalfWayAndNoMore) {
+TEST(TipApproach, ReachesExactlyItsLargestSpeedHalfWay) {
   test::Random random(1);
   for (const double most_speed : {kApproachSpeed, 0.02, 3.0}) {
     const Vector3d from = random.direction<3>(), to = random.direction<3>();

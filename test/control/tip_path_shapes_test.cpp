@@ -164,7 +164,7 @@ TEST(TipPathShapes, WhatBreaksARuleIsNamed) {
     spoil(path);
     return test::refusal([&path] { wayPointsOf(path); });
   };
-  const std::string culprit = "shape of a path";
+  const std::string culprit = "path shape";
   const std::string radius = "; expected a value > 0 [m], with the centre within 1e6 m";
   const std::string period = "; expected at least 4e-4 s, and at most 1e6 s for all turns";
   EXPECT_EQ(refused([](ShapedPath&) {}), "accepted");

@@ -333,7 +333,8 @@ TEST(TipPath, EveryLimitIsKeptFromBothSides) {
   std::vector<TipWayPoint> points(kMostWayPoints + 1);
   for (std::size_t i = 0; i < points.size(); ++i) points[i].time = static_cast<double>(i);
   const std::string rule =
-      " points; expected 2 to 100000: send a single place as a target, and a longer path in parts";
+      " points; expected 2 to 100000: send a single position as a target, and a longer path in "
+      "parts";
   EXPECT_EQ(refusalOf(points), "tip path: has 100001" + rule);
   points.resize(kMostWayPoints);
   EXPECT_EQ(refusalOf(points), "accepted");

@@ -203,7 +203,7 @@ TEST(ArmFilter, TrustsPicturesOfAMovingArmLess) {
   EXPECT_LT(distanceOfAnError(true), 0.5 * distanceOfAnError(false));
 }
 
-TEST(ArmFilter, HoldsWhatItKnowsThroughAGap) {
+TEST(ArmFilter, KeepsItsEstimateThroughAGap) {
   const ArmModel model = helicalModel();
   Bench bench(model, truthOf(model.arm()), 5);
   ArmFilter filter(model, {});
@@ -237,11 +237,15 @@ TEST(ArmFilter, NamesWhatItDoesNotTake) {
        SightingFault::kWrongSize},
       {"not definite", [](ArmFilter::Input& i) { i.covariance(2, 2) = -1; },
        SightingFault::kNotPositive},
+      // One half of the matrix alone says nothing of the other.
+      {"not symmetric", [](ArmFilter::Input& i) { i.covariance(0, 5) = 1.0; },
+       SightingFault::kNotPositive},
       {"certain", [](ArmFilter::Input& i) { i.covariance(2, 2) = 0; }, SightingFault::kNotPositive},
   };
   for (const auto& test : cases) {
     ArmFilter::Input input = bench.at(2.0, pressure);
     test.spoil(input);
+    EXPECT_EQ(filter.check(input), test.fault) << test.name;
     EXPECT_EQ(filter.see(input).fault, test.fault) << test.name;
   }
   for (const int what : {0, 1, 2, 3, 4}) {
@@ -274,7 +278,7 @@ TEST(ArmFilter, StartsAnewWhenAsked) {
   EXPECT_TRUE(filter.see(bench.at(0.0, bench.arm().inputAt(0.5))).accepted());
 }
 
-TEST(ArmFilter, LeavesOutWhatAPlanarFitHolds) {
+TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
   const ArmModel model(model::embed(test::planarArm()), test::planarArm());
   ArmFilterOptions options;
   options.planar = true;

@@ -111,7 +111,7 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
 }
 
-TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndStays) {
+TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndKeepsItsValue) {
   const model::Arm known = test::ringArm(test::straightRing());
   Random random(2);
   for (const ArmCaptures& data : {curvatures(known, scaled(known, 1.2, 3.0), 0.01, random),
@@ -128,7 +128,7 @@ TEST(Calibration, ShearOfAnUntiltedArmIsNotIdentifiableAndStays) {
   }
 }
 
-TEST(Calibration, TorsionIsFoundFromNoneAndOtherwiseStaysNone) {
+TEST(Calibration, TorsionIsFoundFromZeroAndOtherwiseStaysZero) {
   const model::Arm known = test::ringArm(test::helicalRing());
   model::Stiffness stiff = known.actuator(0).stiffness;
   stiff.tau = 3e-4;
@@ -164,7 +164,7 @@ TEST(Calibration, EachActuatorGetsItsOwnScale) {
   EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
 }
 
-TEST(Calibration, WhatIsNotFittedKeepsItsOwnStiffness) {
+TEST(Calibration, ParametersThatAreNotFittedKeepTheirValues) {
   // Two sections that are not alike; only the scale of their muscles is wrong.
   std::vector<model::Section> sections(2);
   for (int k = 0; k < 2; ++k) {
@@ -235,7 +235,7 @@ TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
   EXPECT_LT(ratio, 31);
 }
 
-TEST(Calibration, WhatIsNotKnownOfTagsIsInTheErrors) {
+TEST(Calibration, UncertaintyOfTagsIsInTheErrors) {
   const model::Arm known = test::ringArm(test::helicalRing());
   Random random(15);
   const ArmCaptures data = poses(known, test::sampleLayout(1, 12), known, 0.0005, random);
@@ -277,7 +277,7 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
   EXPECT_TRUE(told);
 }
 
-TEST(Calibration, WhatIsHeldOutIsPredictedByAFitThatNeverSawIt) {
+TEST(Calibration, HeldOutCapturesArePredictedByAFitWithoutThem) {
   const model::Arm known = test::ringArm(test::straightRing());
   Random random(7);
   CalibrationOptions options;
@@ -508,7 +508,7 @@ TEST_F(Refused, AnotherArm) {
 
 TEST_F(Refused, KindsThatAreMixed) {
   data_.captures[7].reading = CurvatureReading{0.5};
-  expect(CalibrationStatus::kBadData, "capture 8: is another kind");
+  expect(CalibrationStatus::kBadData, "capture 8: has another kind");
 }
 
 TEST_F(Refused, WhatReadingsCannotTell) {
@@ -517,7 +517,7 @@ TEST_F(Refused, WhatReadingsCannotTell) {
   expect(CalibrationStatus::kNothingToFit, "need captures of tags", options);
   options = {};
   options.K_kappa = options.K_gamma = false;
-  expect(CalibrationStatus::kNothingToFit, "nothing to fit", options);
+  expect(CalibrationStatus::kNothingToFit, "no parameter to fit", options);
 }
 
 TEST_F(Refused, StiffnessOfSeveralKinds) {

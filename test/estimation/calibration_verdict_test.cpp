@@ -220,9 +220,9 @@ TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
   for (const auto& [name, tally] : tallies) EXPECT_LT(tally.worst, 5) << name;
 }
 
-// What a combination of words leaves out is as uncertain as its prior says, but for base and length
-// scales, which then count as exact.
-TEST(CalibrationVerdict, ErrorsHoldWhateverIsLeftOutOfTheFit) {
+// Parameters that a combination of words does not request are as uncertain as their priors, except
+// base and length scales, which count as exact.
+TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView(0.8, 1, 12, 3);
   constexpr double kStiffness = 0.25;

@@ -130,7 +130,7 @@ TEST(ContractionFit, NoMonotoneQuinticIsCloser) {
   }
 }
 
-TEST(ContractionFit, WhateverTheSamplesTheCurveIsMonotoneOrThereIsAReason) {
+TEST(ContractionFit, ForAnySamplesTheCurveIsMonotoneOrThereIsAReason) {
   test::Random random(4);
   int fitted = 0, constrained = 0;
   for (int trial = 0; trial < 2000; ++trial) {
@@ -182,7 +182,7 @@ TEST(ContractionFit, TableIsTheSamplesWhereTheyAreMonotone) {
 }
 
 TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
-  // 0.40 twice, then 0.43 once: all of a mean of 0.41, but for the least slope.
+  // 0.40 twice, then 0.43 once: a mean of 0.41 each, except for the smallest slope.
   const Samples samples{{0, 0.5}, {100e3, 0.39}, {100e3, 0.41}, {200e3, 0.43}, {300e3, 0.3}};
   const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
   ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
@@ -220,7 +220,7 @@ Samples cycle() {
   return samples;
 }
 
-TEST(ContractionFit, BranchesAreToldApart) {
+TEST(ContractionFit, BranchesAreDistinguished) {
   const Samples samples = cycle();
   for (const Branch branch : {Branch::kRising, Branch::kFalling}) {
     const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, branch});
@@ -233,7 +233,7 @@ TEST(ContractionFit, BranchesAreToldApart) {
   }
 }
 
-TEST(ContractionFit, HysteresisIsHowMuchLongerTheMuscleIsOnTheWayUp) {
+TEST(ContractionFit, HysteresisIsTheExtraLengthOnTheRisingBranch) {
   for (const Branch branch : {Branch::kBoth, Branch::kRising, Branch::kFalling}) {
     const ContractionFit fit = fitContraction(cycle(), {CurveKind::kQuintic, branch});
     ASSERT_TRUE(fit.hysteresis) << fit.reason;
@@ -276,18 +276,17 @@ TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
       {{},
        {},
        ContractionFitStatus::kTooFewPressures,
-       "pressures that differ: 0; expected at least 6"},
+       "distinct pressures: 0; expected at least 6"},
       {{}, table, ContractionFitStatus::kTooFewPressures, "expected at least 2"},
       {Samples(9, {100e3, 0.4}),
        {},
        ContractionFitStatus::kTooFewPressures,
-       "pressures that differ: 1;"},
+       "distinct pressures: 1;"},
       {{sound.begin(), sound.begin() + 5},
        {},
        ContractionFitStatus::kTooFewPressures,
-       "pressures that differ: 5; expected at least 6 for a quintic: measure at more, or fit a "
-       "table"},
-      {narrow, {}, ContractionFitStatus::kTooFewPressures, "so close together"},
+       "distinct pressures: 5; expected at least 6 for a quintic: measure at more, or fit a table"},
+      {narrow, {}, ContractionFitStatus::kTooFewPressures, "too close together"},
       {sound,
        {CurveKind::kTable, Branch::kFalling},
        ContractionFitStatus::kTooFewPressures,

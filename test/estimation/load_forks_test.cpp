@@ -333,26 +333,6 @@ TEST(LoadForks, AnOutlierIsNoForce) {
   EXPECT_LT((loadOf(bench).force - before).norm(), 0.1);
 }
 
-TEST(LoadForks, ThePlaceOfAStrongForceIsNamedAndThatOfAWeakOneIsNot) {
-  for (const double place : {0.5, 1.0}) {
-    Bench bench(10);
-    bench.moveUntilArmed();
-    bench.place = place;
-    bench.force = {0, 1.5 / place, 0};
-    ASSERT_TRUE(std::isfinite(bench.delay(1))) << place;
-    bench.run(2);
-    ASSERT_TRUE(loadOf(bench).place) << place;
-    EXPECT_EQ(loadOf(bench).place->section, 0);
-    EXPECT_EQ(loadOf(bench).place->s, place);
-    EXPECT_NEAR(loadOf(bench).force.y(), bench.force.y(), 0.2 * bench.force.y());
-  }
-  Bench bench(11);
-  bench.moveUntilArmed();
-  bench.force = {0, 0.3, 0};
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
-  EXPECT_FALSE(loadOf(bench).place);
-}
-
 // Other tags err by other placements: a jump of that size is no contact, if its covariance is told.
 TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
   for (const bool told : {true, false}) {

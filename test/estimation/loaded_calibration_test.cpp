@@ -133,7 +133,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
   }
 }
 
-TEST(LoadedCalibration, TheWeightTellsOfKEps) {
+TEST(LoadedCalibration, TheWeightDeterminesKEps) {
   Random random(32);
   LoadedRig rig;
   rig.load.K_eps = {600.0};
@@ -180,8 +180,8 @@ TEST(LoadedCalibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
 }
 
 TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
-  // The model is right but for the placement of the base: then no shape has to move, and the base
-  // is found to the last of its digits. Shapes without the sag would leave some of it in the base.
+  // The model is right except for the placement of the base. Then no shape has to change, and the
+  // base is found to the last digit. Shapes without sag would leave some of it in the base.
   const LoadedRig rig;
   lie::Vector6 offset;
   offset << 0.01, -0.02, 0.005, 0.03, -0.02, 0.04;
@@ -224,7 +224,7 @@ TEST(LoadedCalibration, KEpsWithoutALoadIsRefused) {
   EXPECT_EQ(calibrate({data}, options).status, CalibrationStatus::kNothingToFit);
 }
 
-TEST(LoadedCalibration, ALoadThatNothingHoldsIsNamed) {
+TEST(LoadedCalibration, ALoadThatNoShapeBalancesIsNamed) {
   // One centred muscle resists no moment about its axis.
   test::Ring ring = test::straightRing(1);
   ring.radius = 0;
@@ -237,8 +237,9 @@ TEST(LoadedCalibration, ALoadThatNothingHoldsIsNamed) {
   }
   const Calibration found = calibrate({data}, {});
   EXPECT_EQ(found.status, CalibrationStatus::kBadData);
-  EXPECT_NE(found.reason.find("capture 1: at 0 kPa the model finds no shape that holds the load"),
-            std::string::npos)
+  EXPECT_NE(
+      found.reason.find("capture 1: at 0 kPa the model finds no shape that balances the load"),
+      std::string::npos)
       << found.reason;
 }
 

@@ -138,7 +138,8 @@ TEST(TipCompliance, WithACameraItIsTheChangeOfWhatIsFitted) {
   for (std::size_t i = 0; i < compliance.places().size(); ++i) {
     for (int axis = 0; axis < 3; ++axis) {
       const Eigen::VectorXd expected = slope(arm, compliance.places()[i], axis, fitted);
-      expectNear(compliance.at(i).col(axis), expected, 0.03,
+      // A force along the arm bends it little, and by its square too: less of it is linear.
+      expectNear(compliance.at(i).col(axis), expected, axis == 0 ? 0.1 : 0.03,
                  "place " + std::to_string(i) + ", axis " + std::to_string(axis));
       const Eigen::VectorXd strain = slope(arm, compliance.places()[i], axis, meanStrain);
       other = std::max(other, (strain - expected).norm() / expected.norm());

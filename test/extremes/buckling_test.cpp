@@ -60,8 +60,8 @@ struct Column {
   test::Ring ring;
   int sections;
   bool by_its_weight;
-  // Of the shares below, the greatest that is safely under the load and the least past it: Euler's
-  // load is that of a column that neither shortens nor shears.
+  // The largest share that is safely below the load and the smallest above it: Euler's load assumes
+  // a column without shortening and shear.
   double under, past;
 
   model::Arm arm() const { return test::ringArm(ring, sections); }
@@ -149,7 +149,7 @@ TEST(Buckling, LoadedTiersFindTheStableShapeOrSayThatTheyDidNot) {
   }
 }
 
-TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
+TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsAccuracy) {
   const Column column = columns()[2];
   const model::Arm arm = column.arm();
   for (const double share : {0.3, 0.9, 1.2, 2.0}) {
@@ -172,7 +172,7 @@ TEST(Buckling, TheTierChosenForABuckledColumnKeepsItsWord) {
   }
 }
 
-TEST(Buckling, StabilityIsToldWithoutTheHeap) {
+TEST(Buckling, StabilityIsDecidedWithoutTheHeap) {
   const Column column = columns()[1];
   const model::Arm arm = column.arm();
   const model::Twists straight = arm.twists(arm.inputAt(0));

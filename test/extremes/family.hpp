@@ -8,7 +8,7 @@
 
 namespace helix_arm::test {
 
-/// One line of the table of extremes: many cases of one kind, of which the worst is told.
+/// One row of the table of extremes: many cases of one kind, of which the worst is printed.
 class Family {
  public:
   /// @param bound  of the error, in the unit that it names.

@@ -85,7 +85,7 @@ TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
   }
 }
 
-TEST(Extremes, TheTierChosenKeepsItsWord) {
+TEST(Extremes, TheChosenTierKeepsItsAccuracy) {
   for (const BuildFamily& family : test::extremeBuilds()) {
     Family tips(std::string("tier auto, ") + family.range, kUsualTipError, "of the length");
     test::Random random(803);

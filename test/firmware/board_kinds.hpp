@@ -20,6 +20,8 @@ inline const BoardKind kBoardKinds[] = {{"atmega328p", "solenoid"},
 /// Each chip and each kind of valve once.
 inline const BoardKind kEachPart[] = {kBoardKinds[0], kBoardKinds[3]};
 inline const BoardKind kSmallBoard = kBoardKinds[0];
+/// A build for fewer channels than the chip has.
+inline const BoardKind kFiveChannels = {"atmega2560", "solenoid", 5};
 
 inline std::string nameOfKind(const testing::TestParamInfo<BoardKind>& info) {
   return info.param.name();

@@ -1,18 +1,20 @@
 #include "board_rig.hpp"
 
+#include <algorithm>
 #include <cmath>
-
-#include "helix_arm/regulator/regulator_io.hpp"
+#include <limits>
+#include <variant>
 
 namespace helix_arm::test {
 namespace {
 
 using control::SafetyState;
 
-// As config/regulators/generic.yaml, except for times by the wall clock: the board's is another.
-regulator::SerialProfile profileOfBoard() {
-  regulator::SerialProfile profile = genericProfile();
-  profile.timeout = 0.5;
+// Except for a time by the wall clock: the board's is another.
+regulator::SerialProfile profileOf(const io::Scene& scene) {
+  regulator::SerialProfile profile = std::get<regulator::SerialConfig>(*scene.regulator).profile;
+  profile.timeout = 0.3;
+  profile.watchdog = std::numeric_limits<double>::infinity();
   return profile;
 }
 
@@ -22,33 +24,42 @@ std::vector<std::string> addressesOf(int channels) {
   return addresses;
 }
 
-control::SafetyCore coreOf(int channels) {
-  control::SafetyRules rules;
-  rules.target_timeout = 0.5;
-  rules.reading_timeout = 0.4;
-  rules.spike_time = 0.1;
-  rules.follow_tolerance = 3e4;
-  rules.follow_time = 0.4;
-  rules.time_constant = 0.1;
-  std::vector<control::ChannelRules> all;
-  for (int i = 0; i < channels; ++i) {
-    all.push_back({"muscle_" + std::to_string(i + 1), {0, 3e5}, 5e5, {}});
-  }
-  return {all, rules};
+// Of a board with more channels than the scene, each is as the first.
+control::SafetyCore coreOf(const io::Scene& scene, int channels) {
+  std::vector<control::ChannelRules> all(static_cast<std::size_t>(channels),
+                                         scene.safety.channels.front());
+  for (std::size_t i = 0; i < all.size(); ++i) all[i].name = "muscle_" + std::to_string(i + 1);
+  return {all, scene.safety.rules};
 }
 
 }  // namespace
 
 BoardRig::BoardRig(const BoardKind& kind)
     : board_(kind),
-      driver_({profileOfBoard(), board_.path(), addressesOf(kind.channels())}, kind.channels()),
-      core_(coreOf(kind.channels())),
+      scene_(readScene(board_.path())),
+      driver_({profileOf(scene_), board_.path(), addressesOf(kind.channels())}, kind.channels()),
+      core_(coreOf(scene_, kind.channels())),
       goal_(Eigen::VectorXd::Zero(kind.channels())) {
   core_.linked(0, false);
   board_.pass(0.1);
 }
 
-void BoardRig::lose() {
+void BoardRig::connect() {
+  if (board_.time() < tries_at_) return;
+  try {
+    driver_.connect();
+    up_ = true;
+    bad_in_a_row_ = 0;
+    back_off_ = regulator::IoRules().first_back_off;
+  } catch (const regulator::LinkError& error) {
+    error_ = error.what();
+    driver_.close();
+    tries_at_ = board_.time() + back_off_;
+    back_off_ = std::min(2 * back_off_, regulator::IoRules().longest_back_off);
+  }
+}
+
+void BoardRig::disconnect() {
   try {
     driver_.vent();
   } catch (const std::runtime_error&) {
@@ -60,18 +71,19 @@ void BoardRig::lose() {
 
 void BoardRig::exchange() {
   regulator::Pressures pressures(static_cast<int>(goal_.size()));
+  if (!up_) connect();
   try {
-    if (!up_) driver_.connect();
-    up_ = true;
-    driver_.write(core_.orders());
-    driver_.read(pressures);
-    bad_in_a_row_ = 0;
+    if (up_) {
+      driver_.write(core_.orders());
+      driver_.read(pressures);
+      bad_in_a_row_ = 0;
+    }
   } catch (const regulator::BadReply& error) {
     error_ = error.what();
-    if (++bad_in_a_row_ >= regulator::IoRules().most_bad_replies) lose();
+    if (++bad_in_a_row_ >= regulator::IoRules().most_bad_replies) disconnect();
   } catch (const regulator::LinkError& error) {
     error_ = error.what();
-    lose();
+    disconnect();
   }
   core_.linked(board_.time(), up_);
   core_.measured(board_.time(), pressures.pressure);

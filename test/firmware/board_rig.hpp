@@ -6,13 +6,13 @@
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/ascii_serial_driver.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "live_board.hpp"
-#include "support/serial_profiles.hpp"
 
 namespace helix_arm::test {
 
-/// A board with the driver and the safety core that an arm has, in lockstep: every time in it is
-/// the chip's.
+/// A board with the driver and the safety core of the scene in docs/board.md, in lockstep: every
+/// time in it is the chip's.
 class BoardRig {
  public:
   static constexpr double kTurn = 0.02;  ///< between exchanges [s]
@@ -40,15 +40,19 @@ class BoardRig {
   void setGoal(double goal) { goal_.setConstant(goal); }
 
  private:
+  void connect();
+  void disconnect();
   void exchange();
-  void lose();
 
   LiveBoard board_;
+  const io::Scene scene_;
   regulator::AsciiSerialDriver driver_;
   control::SafetyCore core_;
   Eigen::VectorXd goal_;
   bool up_ = false;
   int bad_in_a_row_ = 0;
+  double tries_at_ = 0;  // when it may connect again [s]
+  double back_off_ = regulator::IoRules().first_back_off;
   std::string error_;
 };
 

@@ -167,6 +167,18 @@ TEST_P(BoardControl, TheLightTellsVentedFromHeldFromFaulty) {
   EXPECT_NEAR(changes(2), 20, 2) << "5 Hz";
 }
 
+// Else the pins without a sensor would count as broken ones.
+TEST(BoardForFewerChannels, HasNoOthers) {
+  ReadyBoard board(kFiveChannels);
+  board.keep("100", 1);
+  EXPECT_EQ(board.ask("p5?"), "?");
+  for (int i = 0; i < board.channels(); ++i) EXPECT_NEAR(board.pressure(i), 1e5, 3e3) << i;
+  for (int i = 0; i < 30; ++i) {
+    board.keep("100", 0.05);
+    EXPECT_TRUE(board.isLit()) << "steady: no fault";
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(kEachPart), nameOfKind);
 
 // Muscles that the constants were not chosen for. One pulse of an inlet is 3 ms at least.

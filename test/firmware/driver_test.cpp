@@ -1,53 +1,34 @@
 // The board with the driver and the safety core of an arm: what each fault comes to on both sides.
 #include <cstdio>
 #include <functional>
-#include <random>
 #include <set>
 
 #include <gtest/gtest.h>
 
 #include "board_kinds.hpp"
 #include "board_rig.hpp"
+#include "helix_arm/simulation/device_fault.hpp"
+#include "line_damage.hpp"
+#include "support/serial_profiles.hpp"
 
 namespace helix_arm::test {
 namespace {
 
 using control::SafetyState;
+using simulation::DeviceFault;
 using Causes = std::set<std::string>;
 
-constexpr double kGoal = 1.5e5, kHighest = 4e5;  // [Pa]
-constexpr double kWatched = 0.5;                 // of the board: silence until it vents [s]
+constexpr double kGoal = 1.5e5, kHighest = 4e5, kSupply = 5e5;  // [Pa]
+constexpr double kWatched = 0.5;  // of the board: silence until it vents [s]
 
 void failFirst(BoardRig& rig, ChannelFault fault) {
   rig.with([&](SimulatedBoard& board) { board.air().fail(0, fault); });
 }
 
-// Bytes in between that nobody sent.
-LiveBoard::Damage noise() {
-  return [generator = std::mt19937(5)](const std::string& bytes) mutable {
-    std::uniform_int_distribution<int> byte(0, 255);
-    std::string out;
-    for (const char sent : bytes) {
-      out += sent;
-      if (byte(generator) < 64) out += static_cast<char>(byte(generator));
-    }
-    return out;
-  };
-}
-
-// Lines end half-way.
-std::string halve(const std::string& bytes) { return bytes.substr(0, bytes.size() / 2); }
-
-// Between two lines of the host come a hundred of somebody else.
-std::string flood(const std::string& bytes) {
-  std::string out;
-  for (int i = 0; i < 100; ++i) out += "xyzzy?\n";
-  return out + bytes;
-}
-
 struct Row {
   const char* name;
-  Causes causes;        ///< of the host, any of them; empty: it stays enabled
+  DeviceFault like;     ///< of the fault matrix of the serial line; none: of such a board alone
+  Causes causes;        ///< of the host, any of them
   double vents_within;  ///< all channels, by the board's own record [s]
   std::function<void(BoardRig&)> fail, mend;
 };
@@ -84,8 +65,13 @@ TEST_P(BoardAndDriver, EndVentedAndNothingMovesUntilEnabledAgain) {
 
   row.mend(rig);
   rig.board().damage(nullptr);
+  rig.board().damageAnswers(nullptr);
   EXPECT_TRUE(rig.reaches(SafetyState::kVented, 5)) << rig.core().reason() << rig.error();
   EXPECT_LT(rig.with([](SimulatedBoard& board) { return board.highest(); }), 2e4);
+  for (int i = 0; i < 10; ++i) {  // the commander goes on all the while
+    rig.turn();
+    EXPECT_TRUE(rig.with([](SimulatedBoard& board) { return board.allVent(); }));
+  }
   const double peak = rig.with([](SimulatedBoard& board) { return board.air().peak(); });
   EXPECT_LT(peak, kHighest);
   EXPECT_EQ(rig.bringTo(kGoal), "");
@@ -97,52 +83,104 @@ const Causes kLine = {"stale_reading", "regulator_lost"};
 const Causes kReading = {"not_following", "leak", "regulator_lost", "stale_reading"};
 const auto kNothing = [](BoardRig&) {};
 
-Row onChannel(const char* name, Causes causes, double vents_within, ChannelFault fault) {
-  return {name, std::move(causes), vents_within, [=](BoardRig& rig) { failFirst(rig, fault); },
+Row onChannel(const char* name, DeviceFault like, Causes causes, double vents_within,
+              ChannelFault fault) {
+  return {name,
+          like,
+          std::move(causes),
+          vents_within,
+          [=](BoardRig& rig) { failFirst(rig, fault); },
           [](BoardRig& rig) { failFirst(rig, ChannelFault::kNone); }};
 }
-
-INSTANTIATE_TEST_SUITE_P(
-    , BoardAndDriver,
-    testing::Values(
-        Row{"host_silent", kReading, 0.1, [](BoardRig& rig) { rig.board().pass(kWatched + 0.02); },
-            kNothing},
-        Row{"line_noisy", kReading, 1.0, [](BoardRig& rig) { rig.board().damage(noise()); },
-            kNothing},
-        Row{"half_lines", kLine, 1.0, [](BoardRig& rig) { rig.board().damage(halve); }, kNothing},
-        Row{"reset", kReading, 0.3,
-            [](BoardRig& rig) {
-              rig.with([](SimulatedBoard& b) { b.chip().reset(SimulatedChip::Reset::kPin); });
-            },
-            kNothing},
-        Row{"hang", kReading, 0.3,
-            [](BoardRig& rig) { rig.with([](SimulatedBoard& b) { b.chip().hang(); }); }, kNothing},
-        Row{"brown_out", kLine, 0.3,
-            [](BoardRig& rig) { rig.with([](SimulatedBoard& b) { b.setVoltage(3.5); }); },
-            [](BoardRig& rig) { rig.with([](SimulatedBoard& b) { b.setVoltage(5); }); }},
-        onChannel("inlet_stuck_open", {"over_limit", "not_following", "regulator_lost"}, 0.8,
-                  ChannelFault::kInletStuckOpen),
-        onChannel("outlet_stuck_open", kReading, 1.5, ChannelFault::kOutletStuckOpen),
-        onChannel("sensor_open", kLine, 0.6, ChannelFault::kSensorOpen),
-        onChannel("sensor_shorted_to_ground", kLine, 0.6, ChannelFault::kSensorShortedToGround),
-        onChannel("sensor_shorted_to_supply", kLine, 0.6, ChannelFault::kSensorShortedToSupply)),
-    nameOfRow);
-
-// These show once the pressure is to move.
-TEST(BoardAndHost, AnInletThatStaysShutOrASensorThatIsBlockedIsNotFollowed) {
-  for (const ChannelFault fault : {ChannelFault::kInletStuckShut, ChannelFault::kSensorBlocked}) {
-    BoardRig rig(kSmallBoard);
-    ASSERT_EQ(rig.bringTo(1e5), "");
-    failFirst(rig, fault);
+// One that shows once the pressure is to move.
+Row onMove(Row row) {
+  row.fail = [fail = std::move(row.fail)](BoardRig& rig) {
+    fail(rig);
     rig.setGoal(2.5e5);
-    ASSERT_TRUE(rig.reaches(SafetyState::kFault, 2));
-    EXPECT_TRUE(rig.cause() == "not_following" || rig.cause() == "regulator_lost") << rig.cause();
-    rig.turn();
-    EXPECT_TRUE(rig.with([](SimulatedBoard& board) { return board.allVent(); }));
-    failFirst(rig, ChannelFault::kNone);
-    EXPECT_TRUE(rig.reaches(SafetyState::kVented, 5));
-    EXPECT_LT(rig.with([](SimulatedBoard& board) { return board.air().peak(); }), kHighest);
-    EXPECT_EQ(rig.bringTo(1e5), "");
+  };
+  return row;
+}
+Row onAnswers(const char* name, DeviceFault like, LiveBoard::Damage damage) {
+  return {name,    like, kLine, 0.6, [=](BoardRig& rig) { rig.board().damageAnswers(damage); },
+          kNothing};
+}
+template <class Fail>
+Row onBoard(const char* name, DeviceFault like, Causes causes, Fail fail) {
+  return {name, like, std::move(causes), 0.5, [=](BoardRig& rig) { rig.with(fail); }, kNothing};
+}
+
+std::vector<Row> rowsOfTheLine() {
+  return {
+      Row{"host_silent", DeviceFault::kNone, kReading, 0.1,
+          [](BoardRig& rig) { rig.board().pass(kWatched + 0.02); }, kNothing},
+      Row{"line_cut", DeviceFault::kSilence, kLine, 0.6,
+          [](BoardRig& rig) {
+            rig.board().damage(cut());
+            rig.board().damageAnswers(cut());
+          },
+          kNothing},
+      Row{"line_noisy", DeviceFault::kNone, kReading, 2.0,
+          [](BoardRig& rig) { rig.board().damage(noisy()); }, kNothing},
+      Row{"half_lines", DeviceFault::kNone, kLine, 1.0,
+          [](BoardRig& rig) { rig.board().damage(halved()); }, kNothing},
+      onAnswers("answers_cut", DeviceFault::kSilence, cut()),
+      onAnswers("answers_garbage", DeviceFault::kGarbage, garbage()),
+      onAnswers("answers_halved", DeviceFault::kHalfLine, halved()),
+      onAnswers("answers_in_another_unit", DeviceFault::kWrongUnit, inPsi()),
+      onAnswers("answers_late", DeviceFault::kSlow, late()),
+      onAnswers("answers_not_a_number", DeviceFault::kNanText, notANumber()),
+      onMove(Row{"answers_stuck", DeviceFault::kStuckValue, kReading, 1.0,
+                 [](BoardRig& rig) { rig.board().damageAnswers(stuck()); }, kNothing}),
+      Row{"unplugged", DeviceFault::kRestart, kLine, 0.3,
+          [](BoardRig& rig) { rig.board().unplug(); }, kNothing},
+  };
+}
+
+std::vector<Row> rowsOfTheBoard() {
+  return {
+      onBoard("reset", DeviceFault::kRestart, kReading,
+              [](SimulatedBoard& board) { board.chip().reset(SimulatedChip::Reset::kPin); }),
+      onBoard("hang", DeviceFault::kRestart, kReading,
+              [](SimulatedBoard& board) { board.chip().hang(); }),
+      Row{"brown_out", DeviceFault::kNone, kLine, 0.5,
+          [](BoardRig& rig) { rig.with([](SimulatedBoard& board) { board.setVoltage(3.5); }); },
+          [](BoardRig& rig) { rig.with([](SimulatedBoard& board) { board.setVoltage(5); }); }},
+      onChannel("inlet_stuck_open", DeviceFault::kStuckOpen,
+                {"over_limit", "not_following", "regulator_lost"}, 1.0,
+                ChannelFault::kInletStuckOpen),
+      onMove(onChannel("inlet_stuck_shut", DeviceFault::kStuckShut, kReading, 1.0,
+                       ChannelFault::kInletStuckShut)),
+      // To the pressure a burst muscle is the same.
+      onChannel("outlet_stuck_open", DeviceFault::kBurst, kReading, 1.5,
+                ChannelFault::kOutletStuckOpen),
+      onChannel("sensor_open", DeviceFault::kNone, kLine, 0.6, ChannelFault::kSensorOpen),
+      onChannel("sensor_shorted_to_ground", DeviceFault::kNone, kLine, 0.6,
+                ChannelFault::kSensorShortedToGround),
+      onChannel("sensor_shorted_to_supply", DeviceFault::kNone, kLine, 0.6,
+                ChannelFault::kSensorShortedToSupply),
+      onMove(onChannel("sensor_blocked", DeviceFault::kStuckValue, kReading, 1.0,
+                       ChannelFault::kSensorBlocked)),
+      onMove(Row{"low_supply", DeviceFault::kLowSupply, kReading, 1.5,
+                 [](BoardRig& rig) {
+                   rig.with([](SimulatedBoard& board) { board.air().setSupply(5e4); });
+                 },
+                 [](BoardRig& rig) {
+                   rig.with([](SimulatedBoard& board) { board.air().setSupply(kSupply); });
+                 }}),
+  };
+}
+
+INSTANTIATE_TEST_SUITE_P(Line, BoardAndDriver, testing::ValuesIn(rowsOfTheLine()), nameOfRow);
+INSTANTIATE_TEST_SUITE_P(Board, BoardAndDriver, testing::ValuesIn(rowsOfTheBoard()), nameOfRow);
+
+TEST(BoardAndHost, EveryFaultOfTheSerialLineHasARow) {
+  std::set<DeviceFault> tried;
+  for (const auto& rows : {rowsOfTheLine(), rowsOfTheBoard()}) {
+    for (const Row& row : rows) tried.insert(row.like);
+  }
+  for (int i = 1; i < simulation::kDeviceFaultCount; ++i) {
+    const auto fault = static_cast<DeviceFault>(i);
+    EXPECT_TRUE(tried.count(fault)) << simulation::nameOf(fault);
   }
 }
 
@@ -160,7 +198,7 @@ TEST(BoardAndHost, AnOutletThatStaysShutIsReportedAsSuch) {
 TEST(BoardAndHost, AFloodOfForeignLinesNeitherMovesNorStopsTheArm) {
   BoardRig rig(kSmallBoard);
   ASSERT_EQ(rig.bringTo(kGoal), "");
-  rig.board().damage(flood);
+  rig.board().damage(flooded());
   rig.setGoal(0.8e5);
   const double end = rig.board().time() + 2;
   while (rig.board().time() < end) rig.turn();
@@ -171,6 +209,7 @@ TEST(BoardAndHost, AFloodOfForeignLinesNeitherMovesNorStopsTheArm) {
   EXPECT_EQ(rig.bringTo(kGoal), "");
 }
 
+// A board that takes set points up to another limit than the scene refuses those above, by name.
 TEST(BoardAndHost, ALimitBelowTheHostsIsNamed) {
   LiveBoard board(kSmallBoard);
   board.pass(0.1);

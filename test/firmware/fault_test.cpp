@@ -1,6 +1,9 @@
 // What the board does by itself when its parts fail, without a host's help.
 #include <cstdio>
+#include <fstream>
 #include <functional>
+#include <iterator>
+#include <regex>
 
 #include <gtest/gtest.h>
 
@@ -233,6 +236,26 @@ TEST_P(BoardFaults, TheFusesResetAtBrownOutAndKeepTheWatchdogOn) {
   const auto fuses = board_.chip().fuses();
   EXPECT_EQ(fuses[1] & kWatchdogAlwaysOn, 0) << "programmed: 0";
   EXPECT_EQ(fuses[2] & kBrownOutLevel, kBrownOut43);
+}
+
+// Those that a reader burns: of `make fuses` and of the document.
+TEST_P(BoardFaults, TheFusesOfTheElfAreThoseThatAreFlashed) {
+  const auto textOf = [](const char* path) {
+    std::ifstream file(path);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  const auto fuses = board_.chip().fuses();
+  constexpr const char* kNames[] = {"lfuse", "hfuse", "efuse"};
+  for (const char* path :
+       {HELIX_ARM_SOURCE_DIR "/firmware/Makefile", HELIX_ARM_SOURCE_DIR "/docs/board.md"}) {
+    const std::string text = textOf(path);
+    for (std::size_t i = 0; i < fuses.size(); ++i) {
+      std::smatch match;
+      const std::regex value(std::string(kNames[i]) + R"([^\n]*?0x([0-9A-F]{2}))");
+      ASSERT_TRUE(std::regex_search(text, match, value)) << path << " lacks " << kNames[i];
+      EXPECT_EQ(std::stoi(match[1], nullptr, 16), fuses[i]) << path << " " << kNames[i];
+    }
+  }
 }
 
 TEST_P(BoardFaults, ASupplyThatFallsIsNoOverPressure) {

@@ -2,12 +2,14 @@
 
 #include <atomic>
 #include <functional>
+#include <optional>
 #include <string>
 #include <thread>
 
 #include "helix_arm/basics/mutex.hpp"
 #include "pseudo_terminal.hpp"
 #include "simulated_board.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 
@@ -17,7 +19,7 @@ namespace helix_arm::test {
 /// an answer may be due. A host that a busy machine holds up is therefore not silent to the board.
 class LiveBoard {
  public:
-  /// What becomes of bytes on their way from the host to the board.
+  /// What arrives instead of bytes, or of a whole line.
   using Damage = std::function<std::string(const std::string& bytes)>;
 
   explicit LiveBoard(const BoardKind& kind);
@@ -25,12 +27,17 @@ class LiveBoard {
   LiveBoard(const LiveBoard&) = delete;
   LiveBoard& operator=(const LiveBoard&) = delete;
 
-  const std::string& path() const { return terminal_.path(); }
+  const std::string& path() const { return link_.path(); }
 
   /// Lets time pass [s], and returns when it has.
   void pass(double dt);
   double time();  ///< as SimulatedBoard::time() [s]
+  /// To bytes on their way from the host to the board; null: none.
   void damage(Damage damage);
+  /// To lines on their way from the board to the host; null: none.
+  void damageAnswers(Damage damage);
+  /// The link drops once and comes back, and the board with it.
+  void unplug();
 
   /// What `use` returns of the board, which stands still meanwhile.
   template <class Use>
@@ -42,13 +49,19 @@ class LiveBoard {
  private:
   void run();
   bool step();
+  void answer(const std::string& bytes) HELIX_ARM_REQUIRES(mutex_);
   void wake() const;
 
-  simulation::PseudoTerminal terminal_;  // beyond the constructor, of the thread alone
+  const TemporaryFolder folder_;
+  simulation::DeviceLink link_;
+  // Beyond the constructor, of the thread alone.
+  std::optional<simulation::PseudoTerminal> terminal_;
   basics::Mutex mutex_;
   basics::Condition passed_;
   SimulatedBoard board_ HELIX_ARM_GUARDED_BY(mutex_);
-  Damage damage_ HELIX_ARM_GUARDED_BY(mutex_);
+  Damage damage_ HELIX_ARM_GUARDED_BY(mutex_), answer_damage_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool unplugged_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+  std::string answer_ HELIX_ARM_GUARDED_BY(mutex_);  // a line that has not ended
   double granted_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  // time until which it may run [s]
   double quiet_from_ = 0;  // time at which no answer is due any more; of the thread alone [s]
   std::atomic<bool> ended_{false};

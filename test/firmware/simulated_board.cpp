@@ -10,35 +10,33 @@ constexpr std::uint64_t kAirStep = kFrequency / 4000;
 // simavr counts a parity bit, which the line does not have: 11 bits of 8.5 us, not 10.
 constexpr std::uint64_t kByteTime = 11 * 8 * 17;
 constexpr double kNoise = 0.7 / 1024;     // standard deviation of a conversion, of full scale
-constexpr double kBrownOutVoltage = 4.3;  // of the fuses, whose value board_test checks
+constexpr double kBrownOutVoltage = 4.3;  // of the fuses, whose value firmware_fault_test checks
 
 }  // namespace
 
-// The table of pins in docs/board.md.
-SimulatedBoard::Wiring SimulatedBoard::wiringOf(const std::string& chip) {
-  if (chip == "atmega328p") {
-    return {{{'D', 6}, {'D', 5}, {'D', 3}}, {{'D', 2}, {'D', 4}, {'D', 7}}, {'B', 0}, {'B', 5}};
-  }
-  return {{{'E', 3}, {'E', 4}, {'E', 5}, {'H', 3}, {'H', 4}, {'H', 5}, {'L', 3}, {'L', 4}},
-          {{'A', 0}, {'A', 1}, {'A', 2}, {'A', 3}, {'A', 4}, {'A', 5}, {'A', 6}, {'A', 7}},
-          {'C', 0},
-          {'B', 7}};
-}
-
 SimulatedBoard::SimulatedBoard(const BoardKind& kind, const Pneumatics::Config& muscles)
     : kind_(kind),
-      wiring_(wiringOf(kind.chip)),
+      wiring_(readWiring(kind.chip)),
       chip_(kind.chip, HELIX_ARM_FIRMWARE_DIR "/board_" + kind.name() + ".elf", kFrequency),
       air_(kind.channels(), muscles, kind.valves == "proportional"),
       drives_(static_cast<std::size_t>(kind.channels())) {
-  chip_.connect([this](int channel) {
-    return channel < channels() ? air_.sensor(channel) + kNoise * noise_(generator_) : 0.0;
-  });
+  chip_.connect([this](int channel) { return sensor(channel); });
+  isLit();  // a pin is watched from the first look on
+}
+
+// A pin without a sensor is pulled to ground.
+double SimulatedBoard::sensor(int converter_channel) {
+  for (int i = 0; i < channels(); ++i) {
+    if (wiring_.sensors.at(static_cast<std::size_t>(i)) == converter_channel) {
+      return air_.sensor(i) + kNoise * noise_(generator_);
+    }
+  }
+  return 0;
 }
 
 void SimulatedBoard::stepAir() {
   for (std::size_t i = 0; i < drives_.size(); ++i) {
-    drives_[i] = {chip_.meanLevel(wiring_.inlets[i]), chip_.meanLevel(wiring_.outlets[i])};
+    drives_[i] = {chip_.meanLevel(wiring_.inlets.at(i)), chip_.meanLevel(wiring_.outlets.at(i))};
   }
   air_.step(static_cast<double>(kAirStep) / kFrequency, drives_, chip_.meanLevel(wiring_.supply));
 }

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "board_document.hpp"
 #include "pneumatics.hpp"
 #include "simulated_chip.hpp"
 
@@ -15,9 +16,12 @@ namespace helix_arm::test {
 struct BoardKind {
   std::string chip;    ///< "atmega328p" or "atmega2560"
   std::string valves;  ///< "solenoid" or "proportional"
+  int fewer = 0;       ///< CHANNELS of the build; 0: all that the chip has
 
-  int channels() const { return chip == "atmega328p" ? 3 : 8; }
-  std::string name() const { return chip + "_" + valves; }
+  int channels() const { return fewer > 0 ? fewer : chip == "atmega328p" ? 3 : 8; }
+  std::string name() const {
+    return chip + "_" + valves + (fewer > 0 ? "_" + std::to_string(fewer) : "");
+  }
 };
 
 /// The board as docs/board.md has it soldered: a chip that runs the built ELF, with valves, muscles
@@ -56,15 +60,11 @@ class SimulatedBoard {
   bool isLit() const;       ///< the LED
 
  private:
-  struct Wiring {
-    std::vector<ChipPin> inlets, outlets;
-    ChipPin supply, led;
-  };
-  static Wiring wiringOf(const std::string& chip);
+  double sensor(int converter_channel);
   void stepAir();
 
   const BoardKind kind_;
-  const Wiring wiring_;
+  const BoardWiring wiring_;
   SimulatedChip chip_;
   Pneumatics air_;
   std::vector<ValveDrive> drives_;

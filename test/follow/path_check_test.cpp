@@ -119,6 +119,20 @@ TEST_F(PathCheck, OrientationsCountWhereThePathHasThem) {
   EXPECT_GT(refused->residual, 0.01) << "0.1 m per rad";
 }
 
+TEST_F(PathCheck, StopsAtTheNextPlaceWhenAskedTo) {
+  const TipPath far = straight(tipAt({0.5, 0.4, 0.4}), {1.0, 0.0, 0.0}, 100.0);
+  const PathRules rules{kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)};
+  int asked = 0;
+  const auto checked = [&](int most) {
+    asked = 0;
+    return checkPath(far, arm, solver, arm.inputAt(0.0), rules, [&] { return ++asked > most; });
+  };
+  EXPECT_FALSE(checked(1));
+  EXPECT_EQ(asked, 2);
+  EXPECT_TRUE(checked(100'000));
+  EXPECT_GT(asked, 2);
+}
+
 TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
   const auto refusal = [&](double tolerance, const Eigen::VectorXd& slew) {
     return test::refusal([&] {
@@ -126,11 +140,11 @@ TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
     });
   };
   EXPECT_EQ(refusal(0, Eigen::Vector3d(1, 1, 1)),
-            "check of a path: the tolerance [m] is 0; expected a finite value > 0");
+            "path check: the tolerance [m] is 0; expected a finite value > 0");
   EXPECT_EQ(refusal(0.002, Eigen::Vector2d(1, 1)),
-            "check of a path: the number of slew rates is 2; expected one per actuator");
+            "path check: the number of slew rates is 2; expected one per actuator");
   EXPECT_EQ(refusal(0.002, Eigen::Vector3d(1, 0, 1)),
-            "check of a path: a slew rate [Pa/s] is 0; expected > 0");
+            "path check: a slew rate [Pa/s] is 0; expected > 0");
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 }
 
 // Turns of gaps, outliers, NaN, repeated and old stamps, limits, vents and changes of mind.
-TEST(SightLoop, StaysSoundThroughRandomTurns) {
+TEST(SightLoop, StaysConsistentThroughRandomTurns) {
   constexpr int kTurns = 100'000;
   const ArmModel model = helicalModel();
   const model::Arm& arm = model.arm();

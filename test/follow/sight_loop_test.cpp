@@ -243,6 +243,42 @@ TEST_F(Loop, FollowsAPathFromWhereItIs) {
   EXPECT_FALSE(bench_.loop.turn().commands);
 }
 
+// From a target out of reach the arm need not come back: it is elsewhere.
+TEST_F(Loop, FollowsAPathFromWhereATargetOutOfReachHasLeftIt) {
+  close();
+  for (const double far : {5.0, 5e5}) {
+    bench_.loop.aimAt(Eigen::Vector3d(far, 0, 0));
+    bench_.run(3);
+    const Eigen::Vector3d tip = bench_.trueTip();
+    bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
+    bench_.step();
+    ASSERT_TRUE(bench_.loop.turn().path_time);
+    EXPECT_NEAR(-*bench_.loop.turn().path_time,
+                15.0 / 8 * (there_ - tip).norm() / control::kApproachSpeed, 0.3);
+    EXPECT_LT((bench_.loop.turn().wanted.translation - tip).norm(), 0.01);
+  }
+}
+
+// On the way to a path of poses the tip turns as well, and does not jump at the first point.
+TEST_F(Loop, TurnsOnTheWayToAPathOfPoses) {
+  close();
+  const lie::SE3 first = model_.tip(model_.arm().inputAt(Eigen::Vector3d(0.6, 0.3, 0.4))).tip;
+  bench_.loop.follow(
+      control::TipPath({{0.0, first.translation, Eigen::Matrix3d(first.rotation), {}},
+                        {3.0, first.translation, Eigen::Matrix3d(first.rotation), {}}}));
+  lie::SE3 last = *bench_.loop.turn().predicted;
+  double most = 0;
+  do {
+    bench_.step();
+    const lie::SE3& wanted = bench_.loop.turn().wanted;
+    most = std::max(
+        most, (last.rotation.transpose() * wanted.rotation).eval().isIdentity(0.05) ? 0.0 : 1.0);
+    last = wanted;
+  } while (*bench_.loop.turn().path_time < 1);
+  EXPECT_EQ(most, 0.0) << "the wanted orientation jumps";
+  EXPECT_TRUE(last.rotation.isApprox(first.rotation, 1e-9));
+}
+
 TEST_F(Loop, NamesPicturesThatItDoesNotTake) {
   close();
   const double now = bench_.time();
@@ -259,6 +295,18 @@ TEST_F(Loop, NamesPicturesThatItDoesNotTake) {
   model::Twists mirrored = twists;
   mirrored.bottomRows<2>() *= -1;
   EXPECT_EQ(loop.picture(now, now, mirrored, covariance).fault, SightingFault::kOutlier);
+}
+
+TEST_F(Loop, GoesOnAfterAReadingThatIsNone) {
+  close();
+  Eigen::VectorXd reading = bench_.pressure();
+  for (const double wrong : {1e300, -1e300, std::numeric_limits<double>::infinity()}) {
+    reading[0] = wrong;
+    bench_.loop.reading(bench_.time() + 0.001, bench_.loop.turn().pressure, reading);
+    bench_.run(1);
+    EXPECT_EQ(state(), LoopState::kClosed);
+    EXPECT_LT(bench_.error(), 1e-3);
+  }
 }
 
 // The clock is set back, as by a recording that begins again: what is known of the arm stays.
@@ -322,7 +370,7 @@ TEST(SightLoopConfig, RefusesWhatMakesNoSense) {
   }
 }
 
-TEST(SmoothingFor, ArmsThatVibrateSlowlyTakesLonger) {
+TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {
   EXPECT_NEAR(smoothingFor(4.0, 0.1, 0.15), 0.09, 0.01);
   EXPECT_NEAR(smoothingFor(3.0, 0.1, 0.15), 0.17, 0.01);
   EXPECT_NEAR(smoothingFor(1.5, 0.1, 0.15), 0.6, 0.02);

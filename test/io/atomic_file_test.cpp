@@ -82,7 +82,7 @@ int refusesAndLeavesAll(const std::string& folder, const std::string& text,
   return kPassed;
 }
 
-TEST(AtomicFile, HoldsWhatWasWrittenLast) {
+TEST(AtomicFile, ContainsTheLastCompleteWrite) {
   const TemporaryFolder folder;
   const std::string path = folder / "scene.yaml";
   std::string bytes;
@@ -94,7 +94,7 @@ TEST(AtomicFile, HoldsWhatWasWrittenLast) {
   }
 }
 
-TEST(AtomicFile, TakesItsPlaceWhenItIsWholeAndNotBefore) {
+TEST(AtomicFile, ReplacesTheFileOnlyWhenComplete) {
   const TemporaryFolder folder;
   const std::string path = folder / "cloud.ply";
   std::ofstream(path) << "old";
@@ -152,9 +152,9 @@ TEST(AtomicFile, AReadOnlyFileIsKept) {
   const std::string path = folder / "scene.yaml";
   std::ofstream(path) << "old";
   ASSERT_EQ(::chmod(path.c_str(), 0444), 0);
-  EXPECT_EQ(refusal(path, "new"), path +
-                                      " cannot be written: it is read-only; allow writing to it, "
-                                      "or choose another place");
+  EXPECT_EQ(
+      refusal(path, "new"),
+      path + " cannot be written: it is read-only; allow writing to it, or choose another path");
   EXPECT_EQ(contentOf(path), "old");
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
 }
@@ -175,7 +175,7 @@ TEST(AtomicFile, ALinkToNothingIsRefusedAndKept) {
   const std::string link = folder / "link.yaml";
   fs::create_symlink(folder / "nothing.yaml", link);
   const std::string message = link +
-                              " cannot be written: it is a link to a file that is not there; "
+                              " cannot be written: it is a link to a file that does not exist; "
                               "remove the link, or name the file that it leads to";
   EXPECT_EQ(refusal(link, "text"), message);
   fs::create_symlink("loop.yaml", folder / "loop.yaml");
@@ -193,17 +193,17 @@ TEST(AtomicFile, OnlyAFileIsReplaced) {
   ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
   for (const std::string& path : {pipe, std::string("/dev/full")}) {
     EXPECT_EQ(refusal(path, "text"), path +
-                                         " cannot be written: it is no regular file; expected the "
-                                         "path of one, or a free one");
+                                         " cannot be written: it is not a regular file; expected "
+                                         "the path of a regular file, or a new one");
   }
   EXPECT_TRUE(fs::is_character_file("/dev/full"));
   EXPECT_EQ(refusal("", "text"),
             " cannot be written: it names no file; expected the path of a file");
   EXPECT_EQ(refusal(folder / "none/scene.yaml", "text"),
             folder / "none/scene.yaml" +
-                " cannot be written: No such file or directory; choose another place");
+                " cannot be written: No such file or directory; choose another path");
   EXPECT_EQ(refusal(pipe + "/scene.yaml", "text"),
-            pipe + "/scene.yaml cannot be written: Not a directory; choose another place");
+            pipe + "/scene.yaml cannot be written: Not a directory; choose another path");
 }
 
 TEST(AtomicFile, AFolderThatMayNotBeWrittenToIsLeftAlone) {

@@ -177,7 +177,7 @@ TEST_P(ShippedScene, WithoutAChangeIsTheSame) {
   expectSameScene(sceneOf(calibratedSceneText(path(), {}, calibration())), loadScene(path()));
 }
 
-TEST_P(ShippedScene, HoldsAllThatWasCalibrated) {
+TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   const Scene before = loadScene(path());
   test::Random random(31);
   SceneCalibration change = calibration();
@@ -215,7 +215,7 @@ TEST_P(ShippedScene, HoldsAllThatWasCalibrated) {
   }
 }
 
-TEST(CalibratedScene, SaysWhereItComesFrom) {
+TEST(CalibratedScene, StatesItsOrigin) {
   const Scene scene = calibrated(kSpatialScene, calibration());
   ASSERT_TRUE(scene.calibration);
   const Provenance expected = provenance();
@@ -252,7 +252,7 @@ TEST(CalibratedScene, MayBeCalibratedAgain) {
   EXPECT_NEAR(twice.arm.actuator(5).contraction.length(0), 0.1 * 1.02 * 1.02, 1e-15);
 }
 
-TEST(CalibratedScene, HoldsTheOverridesItBeganWith) {
+TEST(CalibratedScene, ContainsTheOverridesOfItsOrigin) {
   const Scene scene = calibrated(kSpatialScene, calibration(), {{"camera.focal_px", "[700, 710]"}});
   EXPECT_EQ(scene.camera->model.fx, 700);
 }
@@ -291,11 +291,11 @@ TEST(CalibratedScene, K_epsIsReplacedWhereItIsGiven) {
   const Scene own = calibrated(kLoadedScene, change, {{"arm.sections.1.stiffness.K_eps_n", "700"}});
   EXPECT_EQ(own.model.load()->K_eps, (std::vector<double>{1100, 1100}));
   EXPECT_EQ(refusal(kSpatialScene, change),
-            "calibratedSceneText: K_eps is calibrated, but nothing loads scene rig; expected one "
+            "calibratedSceneText: K_eps is calibrated, but scene rig has no load; expected one "
             "with a load");
 }
 
-TEST(CalibratedScene, TheCameraMayLookAnyWay) {
+TEST(CalibratedScene, TheCameraMayHaveAnyOrientation) {
   test::Random random(32);
   const Scene before = sceneOf(kSpatialScene);
   SceneCalibration change = calibration();

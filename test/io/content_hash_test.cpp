@@ -36,7 +36,7 @@ TEST(Sha256, OfAFileThatCannotBeReadIsRefused) {
     }
     return std::string();
   };
-  const std::string expected = "; expected a file that is there and may be read";
+  const std::string expected = "; expected an existing, readable file";
   EXPECT_EQ(message("/nowhere.csv"),
             "/nowhere.csv cannot be read: No such file or directory" + expected);
   EXPECT_EQ(message(folder.path()), folder.path() + " cannot be read: Is a directory" + expected);

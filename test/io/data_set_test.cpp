@@ -36,12 +36,10 @@ TEST(DataSet, ReadsWhatASpreadsheetWrites) {
 
 TEST(DataSet, AllFaultsAreReportedWithTheirLines) {
   EXPECT_EQ(faultsOf("# c\na_m,b_m\n1,nan\n1\n1,2,3\n,x\n4,inf\n5,6\n"),
-            ":3 column 2 is no finite number; expected one\n"
-            ":4 has 1 cells; expected 2, one for each column\n"
-            ":5 has 3 cells; expected 2, one for each column\n"
-            ":6 column 1 is empty; expected a finite number\n"
-            ":6 column 2 is no finite number; expected one\n"
-            ":7 column 2 is no finite number; expected one");
+            ":3 column 2 is not a finite number; expected one\n:4 has 1 cells; expected 2, one per "
+            "column\n:5 has 3 cells; expected 2, one per column\n:6 column 1 is empty; expected a "
+            "finite number\n:6 column 2 is not a finite number; expected one\n:7 column 2 is not a "
+            "finite number; expected one");
   EXPECT_EQ(faultsOf("a_m,,a_m\n1,2,3\n"),
             ":1 column 2 has no name; expected one with its unit\n"
             ":1 column 3 has the name of column 1; expected each name once");
@@ -70,8 +68,8 @@ TEST(DataSet, AFileOfAnotherKindDoesNotFloodTheMessage) {
 TEST(DataSet, NoNumberBecomesInfiniteInPascals) {
   EXPECT_EQ(faultsOf("a_kpa\n1e300\n-1e300\n"), "");
   EXPECT_EQ(faultsOf("a_kpa\n1e308\n-1e301\n"),
-            ":2 column 1 is too large a number; expected at most 1e+300\n"
-            ":3 column 1 is too large a number; expected at most 1e+300");
+            ":2 column 1 is too large; expected at most 1e+300\n:3 column 1 is too large; expected "
+            "at most 1e+300");
 }
 
 TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
@@ -97,13 +95,11 @@ TEST(DataSet, HasTheHashOfTheBytesItWasReadFrom) {
   EXPECT_NE(load(text).sha256, load("a_m\n1\n").sha256);
 }
 
-TEST(DataSet, WhatIsOursIsNamedAndOtherHeadersAreCounted) {
+TEST(DataSet, KnownColumnsAreNamedAndOthersAreCounted) {
   EXPECT_EQ(faultsOf("pressure_2_kpa,pressure_02_kpa,pressure_2000_kpa,x4_px,x5_px\nx,x,x,x,x\n"),
-            ":2 pressure_2_kpa is no finite number; expected one\n"
-            ":2 column 2 is no finite number; expected one\n"
-            ":2 column 3 is no finite number; expected one\n"
-            ":2 x4_px is no finite number; expected one\n"
-            ":2 column 5 is no finite number; expected one");
+            ":2 pressure_2_kpa is not a finite number; expected one\n:2 column 2 is not a finite "
+            "number; expected one\n:2 column 3 is not a finite number; expected one\n:2 x4_px is "
+            "not a finite number; expected one\n:2 column 5 is not a finite number; expected one");
 }
 
 TEST(DataSet, EveryLimitIsKeptFromBothSides) {
@@ -121,17 +117,16 @@ TEST(DataSet, EveryLimitIsKeptFromBothSides) {
   EXPECT_EQ(faultsOf(table(1001, 2)), ":1 has 1001 columns; expected at most 1000");
   EXPECT_EQ(faultsOf(table(1, 200'000)), "");
   EXPECT_EQ(faultsOf(table(1, 200'001)),
-            ":200002 is row 200001; expected at most 200000 rows: give part of them");
+            ":200002 is row 200001; expected at most 200000 rows: split the file");
   EXPECT_EQ(faultsOf(table(1000, 4000)), "");
   EXPECT_EQ(faultsOf(table(1000, 4001)),
-            ":4002 is row 4001 of 1000 columns; expected at most 4000000 cells: give part of the "
-            "rows");
+            ":4002 is row 4001 of 1000 columns; expected at most 4000000 cells: split the file");
   EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
   EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),
-            ":1 column 2 has 201 letters in its name; expected at most 200");
-  EXPECT_EQ(faultsOf("a\n1" + std::string(999, '0') + "\n").find(" letters"), std::string::npos);
+            ":1 column 2 has 201 characters in its name; expected at most 200");
+  EXPECT_EQ(faultsOf("a\n1" + std::string(999, '0') + "\n").find(" characters"), std::string::npos);
   EXPECT_EQ(faultsOf("a\n1" + std::string(1000, '0') + "\n"),
-            ":2 column 1 has 1001 letters; expected at most 1000");
+            ":2 column 1 has 1001 characters; expected at most 1000");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 6, ' ') + "\na\n1\n"), "");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 5, ' ') + "\na\n1\n"),
             " is larger than 64 MiB; expected a text file");
@@ -163,9 +158,10 @@ TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
   for (const char* column :
        {"pressure_3_kpa", "pressure_0_kpa", "pressure_1_psi", "pressure_01_kpa"}) {
     const bool ours = column == std::string("pressure_3_kpa");
-    EXPECT_EQ(message(column, 2), std::string("data.csv ") + (ours ? column : "column 1") +
-                                      " is of no actuator; expected pressures in pressure_1_kpa to "
-                                      "pressure_2_kpa");
+    EXPECT_EQ(
+        message(column, 2),
+        std::string("data.csv ") + (ours ? column : "column 1") +
+            " belongs to no actuator; expected pressures in pressure_1_kpa to pressure_2_kpa");
   }
 }
 

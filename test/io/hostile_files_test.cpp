@@ -1,4 +1,4 @@
-// Files that somebody names who must not read them, that block who opens them, and that swell.
+// Files that must not be read, that block on opening, or that consume memory.
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -51,7 +51,7 @@ void loadProfile(const std::string& path) {
   loadScene(folder / "arm.yaml");
 }
 
-// Whoever takes the path of a file.
+// All functions that take the path of a file.
 std::vector<Reader> readers() {
   static const Scene scene = sceneOf(kSpatialScene);
   return {
@@ -95,9 +95,9 @@ TEST(HostileFiles, NoReaderWaitsForAFifoOrADevice) {
   }
 }
 
-// ---- What is in a file of somebody else ---------------------------------------------------------
+// ---- Content of foreign files -------------------------------------------------------------------
 
-// A word that stands in no message of ours.
+// A word that must not appear in any message.
 std::string secret(Random& random) {
   std::string word = "Q";
   for (int i = 0; i < 9; ++i) word += "0123456789XZ"[random.integer(0, 11)];
@@ -136,7 +136,7 @@ const char* const kForeign[] = {
     "export TOKEN=@\nexport KEY='@'\n",
 };
 
-TEST(HostileFiles, NoMessageHoldsAWordOfAFileThatIsNotOurs) {
+TEST(HostileFiles, NoMessageContainsAWordOfAForeignFile) {
   Random random(17);
   int refused = 0;
   for (const std::string form : kForeign) {
@@ -159,7 +159,7 @@ TEST(HostileFiles, NoMessageHoldsAWordOfAFileThatIsNotOurs) {
   EXPECT_GT(refused, 200) << "nothing is told where nothing is refused";
 }
 
-TEST(HostileFiles, NoMessageHoldsACellOfADataSet) {
+TEST(HostileFiles, NoMessageContainsACellOfADataSet) {
   const Scene scene = sceneOf(kSpatialScene);
   const std::string corners =
       "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"
@@ -186,7 +186,7 @@ TEST(HostileFiles, NoMessageHoldsACellOfADataSet) {
   }
 }
 
-// ---- What swells --------------------------------------------------------------------------------
+// ---- Memory ------------------------------------------------------------------------------------
 
 constexpr double kMostMegabytes = 500;
 constexpr std::size_t kMostLetters = 200'000;

@@ -63,7 +63,7 @@ TEST(ModbusProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.timeout, 0.25);
 }
 
-TEST(ModbusProfileReader, WhatMayBeLeftOutHasItsDefault) {
+TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
   const ReadResult result = readText(
       "modbus_tcp:\n  count_pa: 100\n  highest_count: 1000\n"
       "  outputs: {first: 0, stride: 1, pressure: 0}\n"
@@ -122,11 +122,12 @@ TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
       {"acknowledge: 12", "acknowledge: ''",
        "f:10 modbus_tcp.app.acknowledge is \"\"; expected a whole number from 0 to 65535"},
       {"status: 0", "status: 2",
-       "f:1 modbus_tcp: profile mine: app.status is 2; expected a register that is no reading"},
+       "f:1 modbus_tcp: profile mine: app.status is 2; expected a register other than the "
+       "reading's"},
       {"status_mask: 255", "status_mask: 0",
        "f:10 modbus_tcp.app.status_mask is 0; expected a whole number from 1 to 65535"},
       {"ready: 21", "ready: 256",
-       "f:1 modbus_tcp: profile mine: app.ready is 256; expected bits of app.status_mask alone"},
+       "f:1 modbus_tcp: profile mine: app.ready is 256; expected only bits of app.status_mask"},
       {"running: 22", "running: 21",
        "f:1 modbus_tcp: profile mine: app.running is 21; expected another word than ready"},
       {"activation_time_s: 3", "activation_time_s: 100",
@@ -158,7 +159,7 @@ TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {
                 "registers"}));
 }
 
-// But for the patience of tests.
+// Except for the longer timeouts of tests.
 void expectSame(const ModbusProfile& read, const ModbusProfile& expected) {
   EXPECT_EQ(read.unit_id, expected.unit_id);
   EXPECT_EQ(read.pascals, expected.pascals);

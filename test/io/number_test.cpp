@@ -19,7 +19,7 @@ TEST(Number, ReadsDecimals) {
   EXPECT_EQ(parseNumber("0"), 0.0);
 }
 
-TEST(Number, RefusesWhatIsNotOneFiniteNumber) {
+TEST(Number, RefusesTextOtherThanOneFiniteNumber) {
   for (const char* text : {"", " ", "1 ", " 1", "1.5 kPa", "1,5", "nan", ".nan", "inf", "-.inf",
                            "1e400", "0x10", "1_000", "--1", "1e", "one"}) {
     EXPECT_FALSE(parseNumber(text)) << '"' << text << '"';

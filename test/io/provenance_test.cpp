@@ -86,11 +86,11 @@ const BrokenRule kRules[] = {
     {"  date: \"2026-01-31T12:00:00Z\"\n", "", {":11 calibration.date is missing" + kDate}},
     {"  from: arm.yaml\n",
      "",
-     {":11 calibration.from is missing; expected the path of the scene it began with"}},
+     {":11 calibration.from is missing; expected the path of the scene before the calibration"}},
     {"from: arm.yaml",
      "form: arm.yaml",
      {":14 calibration.form is not a known key; did you mean from?",
-      ":11 calibration.from is missing; expected the path of the scene it began with"}},
+      ":11 calibration.from is missing; expected the path of the scene before the calibration"}},
     {"sha256: ba78",
      "sha256: xy78",
      {":16 calibration.data[0].sha256 is "

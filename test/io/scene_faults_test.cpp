@@ -18,24 +18,26 @@ TEST(SceneFaults, ACurveThatTurnsBackIsReportedAtItsLineAndNotAtItsUses) {
   const auto table = faultsOf(
       replaced(kSpatialScene, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12, 0.11]"));
   ASSERT_EQ(table.size(), 1u);
-  EXPECT_EQ(
-      table[0].find(
-          ":9 contractions.bellows.table is no contraction (in Pa, m and rad): length of point 3"),
-      0u)
+  EXPECT_EQ(table[0].find(":9 contractions.bellows.table is not a valid contraction (values in Pa, "
+                          "m and rad): length of point 3"),
+            0u)
       << table[0];
   // l' = -0.1 + 0.2 u vanishes at u = 0.5, which is 200 kPa.
   const auto quintic =
       faultsOf(replaced(kSpatialScene, "[0.4, -0.1, 0, 0, 0, 0]", "[0.4, -0.1, 0.1, 0, 0, 0]"));
   ASSERT_EQ(quintic.size(), 1u);
-  EXPECT_EQ(quintic[0].find(":4 contractions.muscle.quintic is no contraction"), 0u) << quintic[0];
+  EXPECT_EQ(quintic[0].find(":4 contractions.muscle.quintic is not a valid contraction"), 0u)
+      << quintic[0];
   EXPECT_NE(quintic[0].find(" 200000;"), std::string::npos) << quintic[0];
   const auto sizes =
       faultsOf(replaced(kSpatialScene, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12]"));
   ASSERT_EQ(sizes.size(), 1u);
-  EXPECT_EQ(sizes[0].find(":9 contractions.bellows.table is no contraction"), 0u) << sizes[0];
+  EXPECT_EQ(sizes[0].find(":9 contractions.bellows.table is not a valid contraction"), 0u)
+      << sizes[0];
   const auto tendon = faultsOf(replaced(kSpatialScene, "max_angle_rad: 10", "max_angle_rad: 31"));
   ASSERT_EQ(tendon.size(), 1u);
-  EXPECT_EQ(tendon[0].find(":11 contractions.cable.tendon is no contraction"), 0u) << tendon[0];
+  EXPECT_EQ(tendon[0].find(":11 contractions.cable.tendon is not a valid contraction"), 0u)
+      << tendon[0];
 }
 
 TEST(SceneFaults, ARegulatorOfPressuresRefusesTendons) {
@@ -96,15 +98,14 @@ TEST(SceneFaults, OverridesNameTheirKey) {
       {{"safty.commander_timeout_s", "1"},
        " --set safty.commander_timeout_s: safty is not a known key; did you mean safety?"},
       {{"arm.sections.7.name", "x"},
-       " --set arm.sections.7.name: arm.sections has 2 entries; expected the number of one of "
-       "them, from 0, not 7"},
+       " --set arm.sections.7.name: arm.sections has 2 entries; expected an index from 0, not 7"},
       {{"arm.sections.first", "x"},
-       " --set arm.sections.first: arm.sections has 2 entries; expected the number of one of them, "
-       "from 0, not first"},
-      {{"name.first", "x"}, " --set name.first: name is rig; expected a map or a list to go into"},
+       " --set arm.sections.first: arm.sections has 2 entries; expected an index from 0, not "
+       "first"},
+      {{"name.first", "x"}, " --set name.first: name is rig; expected a map or a list"},
       {{"arm..name", "x"},
-       " --set arm..name: is not a key; expected words and numbers joined by dots"},
-      {{"", "x"}, " --set : is not a key; expected words and numbers joined by dots"},
+       " --set arm..name: is not a key; expected words and numbers separated by dots"},
+      {{"", "x"}, " --set : is not a key; expected words and numbers separated by dots"},
       {{"name", ""}, " --set name: name is empty; expected a word of letters, digits, _ and -"},
       {{"safety", "{commander_timeout_s: 1, commander_timeout_s: 2}"},
        " --set safety: safety.commander_timeout_s is given twice; expected it once"},
@@ -143,7 +144,7 @@ TEST(SceneFaults, DocumentsThatAreNoSceneAreReported) {
   EXPECT_EQ(faultsOf("name: deploy\nsafety: {key: 12}\n"),
             std::vector<std::string>{":1 the document is a map of other keys" + keys});
   EXPECT_EQ(faultsOf(kPlanarScene + "---\nname: other\n"),
-            std::vector<std::string>{":11 begins another document; expected one"});
+            std::vector<std::string>{":11 begins a second document; expected only one"});
   EXPECT_EQ(
       faultsOf(kPlanarScene + "? [a, b]\n: 1\n"),
       std::vector<std::string>{":11 the document has a key that is not a word; expected a name"});
@@ -191,7 +192,7 @@ TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
   }
 }
 
-TEST(SceneFaults, AFileOfMoreThanASceneHoldsIsNotRead) {
+TEST(SceneFaults, AFileTooLargeForASceneIsNotRead) {
   const std::string comment(1U << 20U, '#');
   EXPECT_EQ(faultsOf(comment + "\n" + kPlanarScene),
             std::vector<std::string>{" is larger than 1 MiB; expected a text file"});
@@ -226,7 +227,7 @@ TEST(SceneFaults, KeysAreNotRepeatedAtAnyLength) {
   const std::string key(201, 'k');
   EXPECT_EQ(faultsOf(kPlanarScene + key + ": 1\n"),
             std::vector<std::string>{
-                ":11 the document has a key of 201 letters; expected a name of at most 200"});
+                ":11 the document has a key of 201 characters; expected a name of at most 200"});
 }
 
 TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
@@ -244,7 +245,7 @@ TEST(SceneFaults, AFileThatCannotBeReadSaysWhy) {
   }
 }
 
-TEST(FaultList, ThrowsOnlyWhatItHolds) {
+TEST(FaultList, ThrowsAllItsFaultsAtOnce) {
   FaultList faults("arm.yaml");
   EXPECT_NO_THROW(faults.throwIfAny());
   faults.add(14, "muscle.max_pressure_kpa is -5; expected a finite value > 0");

@@ -57,7 +57,7 @@ const BrokenRule kRules[] = {
     {"mode_damping: 0.2", "mode_damping: 2", {":75 follow.mode_damping is 2; expected 0.001 to 1"}},
     {"  mode_hz: 4\n",
      "",
-     {":74 follow.mode_damping has no mode_hz beside it; expected both or none"}},
+     {":74 follow.mode_damping is given without mode_hz; expected both or none"}},
     {"stale_s: 0.5", "stale_s: 0", {":76 follow.stale_s is 0; expected a finite value > 0"}},
     {"coast_s: 5", "coast_s: .inf", {":77 follow.coast_s is .inf; expected a finite value > 0"}},
     {"hysteresis: 0.1", "hysteresis: 1.5", {":78 follow.hysteresis is 1.5; expected 0 to 1"}},
@@ -103,7 +103,7 @@ TEST(FollowScene, IsInSi) {
   EXPECT_NO_THROW(loop.validate());
 }
 
-TEST(FollowScene, WhatIsNotSaidIsTheLoopsOwn) {
+TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
   const follow::SightLoopConfig usual{};
   const follow::SightLoopConfig config = load(kPlanarScene).follow;
   EXPECT_EQ(config.smoothing, usual.smoothing);
@@ -153,7 +153,7 @@ TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
   ASSERT_EQ(faults.size(), 1u);
   EXPECT_EQ(faults[0].find(":11 follow.smoothing_s is 0.3; expected at least 0.49 s, "), 0u)
       << faults[0];
-  EXPECT_NE(faults[0].find("leave smoothing_s out"), std::string::npos) << faults[0];
+  EXPECT_NE(faults[0].find("leave out smoothing_s"), std::string::npos) << faults[0];
 }
 
 }  // namespace

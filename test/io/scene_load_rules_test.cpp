@@ -84,19 +84,19 @@ const BrokenRule kKeys[] = {
     {"  mass_kg: 0.3\n",
      "",
      {":72 load.mass_kg is missing; expected the mass of the whole arm [kg], or a list of one "
-      "number a section; 0 for an arm that weighs nothing beside what it carries"}},
+      "number per section; 0 if it is negligible"}},
     {"  mass_kg: 0.3\n",
      "  mass_g: 300\n",
      {":74 load.mass_g is not a known key; did you mean mass_kg?",
       ":72 load.mass_kg is missing; expected the mass of the whole arm [kg], or a list of one "
-      "number a section; 0 for an arm that weighs nothing beside what it carries"}},
+      "number per section; 0 if it is negligible"}},
     {"  tip: {mass_kg: 0.05, position_m: [0.02, 0, 0.01], force_n: [0.1, 0.2, 0.3], moment_nm: "
      "[0.01, 0, -0.02]}",
      "  tip: {position_m: [0.02, 0, 0.01]}",
-     {":75 load.tip pulls at nothing; expected some of mass_kg, force_n and moment_nm"}},
+     {":75 load.tip has no effect; expected at least one of mass_kg, force_n and moment_nm"}},
     {"s: 0.25, force_n: [0, 0.5, 0]",
      "s: 0.25",
-     {":78 load.points[1] pulls at nothing; expected some of mass_kg, force_n and moment_nm"}},
+     {":78 load.points[1] has no effect; expected at least one of mass_kg, force_n and moment_nm"}},
     {"s: 0.25, ", "", {":78 load.points[1].s is missing; expected a number from 0 to 1"}},
     {"section: upper, s: 0.5",
      "section: middle, s: 0.5",
@@ -108,35 +108,33 @@ const BrokenRule kKeys[] = {
     {", K_eps_n: 900",
      "",
      {":15 arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N], the extensional "
-      "stiffness of one actuator, for the key load needs it; without it there or in a stiffness "
-      "of their own: sections lower, upper"}},
+      "stiffness of one actuator, which the key load needs; missing there and in their own "
+      "stiffness: sections lower, upper"}},
     {"K_kappa_m2: 3.0e-4}",
      "K_kappa_m2: 3.0e-4, K_eps_n: 900}",
-     {":31 arm.sections[1].actuators[2].stiffness.K_eps_n is one actuator's; expected it in the "
-      "stiffness of the section or of arm: K of a section is relative to one K_eps"}},
+     {":31 arm.sections[1].actuators[2].stiffness.K_eps_n is that of one actuator; expected it in "
+      "the stiffness of the section or of arm: K of a section is relative to one K_eps"}},
     {"tier: loaded",
      "tier: load",
      {":79 tier is load; expected auto, planar, linear, loaded or exact"}},
     {"tier: loaded",
      "tier: planar",
-     {":79 tier is planar; expected auto, linear, loaded or exact, for arm.geometry is spatial",
-      ":80 order is that of tier: loaded, but tier is planar; expected tier: loaded beside it, or "
-      "no order"}},
+     {":79 tier is planar; expected auto, linear, loaded or exact, since arm.geometry is spatial",
+      ":80 order applies to tier: loaded, but tier is planar; expected tier: loaded, or no order"}},
     {"tier: loaded\n",
      "",
-     {":79 order is that of tier: loaded, but tier is auto; expected tier: loaded beside it, or "
-      "no order"}},
+     {":79 order applies to tier: loaded, but tier is auto; expected tier: loaded, or no order"}},
     {"order: 3",
      "accuracy: {tip_error_percent: 1}\nbudget: {time_us: 9}",
-     {":81 budget stands beside accuracy; expected one of the two"}},
+     {":81 budget is given together with accuracy; expected only one"}},
     {"order: 3",
      "order: 3\naccuracy: {tip_error_percent: 1}",
-     {":81 accuracy has nothing to choose, for tier is loaded with an order; expected tier: auto, "
-      "or loaded without an order"}},
+     {":81 accuracy has no effect, since tier is loaded with an order; expected tier: auto, or "
+      "loaded without an order"}},
     {"tier: loaded\norder: 3",
      "tier: exact\nbudget: {time_us: 9}",
-     {":80 budget has nothing to choose, for tier is exact; expected tier: auto, or loaded "
-      "without an order"}},
+     {":80 budget has no effect, since tier is exact; expected tier: auto, or loaded without an "
+      "order"}},
     {"order: 3", "accuracy: 1", {":80 accuracy is 1; expected a map of tip_error_percent"}},
     {"order: 3",
      "accuracy: {}",
@@ -148,17 +146,16 @@ TEST(LoadedScene, WithoutAnythingThatPullsIsRefused) {
   const std::string stiff =
       replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
   const std::string rule =
-      "expected a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: nothing "
-      "loads the arm; leave the key load out where that is meant";
+      "expected a mass > 0 [kg], or a mass, a force or a moment at the tip or at points: the load "
+      "is zero; leave out the key load if that is intended";
   EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0}\n"),
             std::vector<std::string>{":11 load.mass_kg is 0; " + rule});
   EXPECT_EQ(faultsOf(stiff + "load: {mass_kg: 0, tip: {mass_kg: 0}}\n"),
             std::vector<std::string>{":11 load.mass_kg is 0; " + rule});
-  EXPECT_EQ(faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
-            std::vector<std::string>{
-                ":11 load.mass_kg is missing; expected the mass of the whole arm [kg], or a list "
-                "of one number a section; 0 for an arm that weighs nothing beside what it "
-                "carries"});
+  EXPECT_EQ(
+      faultsOf(stiff + "load: {gravity_m_s2: [0, 0, -9.81]}\n"),
+      std::vector<std::string>{":11 load.mass_kg is missing; expected the mass of the whole arm "
+                               "[kg], or a list of one number per section; 0 if it is negligible"});
 }
 
 TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
@@ -167,20 +164,20 @@ TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
   const std::vector<std::string> faults = faultsOf(text);
   ASSERT_EQ(faults.size(), 1u);
   EXPECT_EQ(faults[0].find(":15 arm.stiffness.K_eps_n is missing"), 0u) << faults[0];
-  EXPECT_NE(faults[0].find("of their own: sections lower"), std::string::npos) << faults[0];
+  EXPECT_NE(faults[0].find("in their own stiffness: sections lower"), std::string::npos)
+      << faults[0];
   EXPECT_EQ(faults[0].find("upper"), std::string::npos) << faults[0];
 }
 
 TEST(LoadedScene, TiersOfALoadNeedOne) {
   const std::vector<std::pair<std::string, std::string>> cases{
       {kSpatialScene + "tier: loaded\n",
-       ":72 tier is loaded; expected auto or linear, for the scene has no key load; or give it "
-       "one"},
+       ":72 tier is loaded; expected auto or linear, since the scene has no key load; or add it"},
       {kSpatialScene + "tier: exact\n",
-       ":72 tier is exact; expected auto or linear, for the scene has no key load; or give it one"},
+       ":72 tier is exact; expected auto or linear, since the scene has no key load; or add it"},
       {kPlanarScene + "tier: exact\n",
-       ":11 tier is exact; expected auto, planar or linear, for the scene has no key load; or give "
-       "it one"},
+       ":11 tier is exact; expected auto, planar or linear, since the scene has no key load; or "
+       "add it"},
   };
   for (const auto& [text, fault] : cases) {
     EXPECT_EQ(faultsOf(text), std::vector<std::string>{fault});

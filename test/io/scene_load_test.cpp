@@ -121,7 +121,7 @@ TEST(SceneLoad, WithoutGravityALoadedArmWeighsNothing) {
   EXPECT_EQ(scene.model.load()->K_eps, (std::vector<double>{900, 900}));
 }
 
-TEST(SceneLoad, GravityPullsDownTheWorldWhereNothingElseIsSaid) {
+TEST(SceneLoad, GravityPointsDownByDefault) {
   const Scene flat = load(kRod, {{"load.mass_kg", "0.2"}});
   EXPECT_EQ(flat.model.load()->gravity, Eigen::Vector3d(0, 0, -9.81));
   // A base that pitches by 90 degrees looks down.

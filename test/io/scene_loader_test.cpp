@@ -144,7 +144,7 @@ TEST(SceneLoader, TendonsTakeAngles) {
   EXPECT_EQ(scene.arm.actuator(3).drive, model::Drive::kPressure);
 }
 
-TEST(SceneLoader, TheNearestStiffnessHolds) {
+TEST(SceneLoader, TheNearestStiffnessApplies) {
   const Scene scene = load(kSpatialScene);
   const double gamma[] = {10, 10, 10, 20, 20, 30}, kappa[] = {1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 3e-4};
   const double tau[] = {0, 0, 0, 1e-5, 1e-5, 2e-5};
@@ -349,7 +349,7 @@ TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
   EXPECT_EQ(simulatedOf(scene).seed, 7u);
 }
 
-TEST(SceneLoader, OverridesMakeTheMapsOnTheirWay) {
+TEST(SceneLoader, OverridesCreateMissingMaps) {
   const Scene scene =
       load(kPlanarScene, {{"regulator.simulated.seed", "3"}, {"safety.commander_timeout_s", "2"}});
   EXPECT_EQ(simulatedOf(scene).seed, 3u);
@@ -381,11 +381,11 @@ TEST(SceneLoader, APlanarArmMayCarryTags) {
   EXPECT_FALSE(load(kSpatialScene).vision.fit.planar);
 }
 
-TEST(SceneLoader, TheLastOverrideOfAKeyHolds) {
+TEST(SceneLoader, TheLastOverrideOfAKeyWins) {
   EXPECT_EQ(load(kPlanarScene, {{"name", "first"}, {"name", "second"}}).name, "second");
 }
 
-TEST(SceneLoader, TheTextOfASceneHoldsItsOverrides) {
+TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {
   const test::TemporaryFile file(kSpatialScene);
   EXPECT_EQ(sceneText(file.path()), kSpatialScene);
   const std::vector<Override> overrides{{"camera.focal_px", "[700, 710]"},

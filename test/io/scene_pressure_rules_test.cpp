@@ -155,23 +155,23 @@ const BrokenRule kSerial[] = {
      {":11 regulator.ascii_serial.device is \"\"; expected a serial port like /dev/ttyUSB0"}},
     {", addresses: [a, b]",
      "",
-     {":11 regulator.ascii_serial.addresses is missing; profile generic speaks to each channel by "
-      "its address: expected 2 entries, one an actuator"}},
+     {":11 regulator.ascii_serial.addresses is missing; profile generic addresses each channel: "
+      "expected 2 entries, one per actuator"}},
     {"addresses: [a, b]",
      "addresses: [a, b, c]",
-     {":11 regulator.ascii_serial.addresses has 3 entries; expected 2 entries, one an actuator"}},
+     {":11 regulator.ascii_serial.addresses has 3 entries; expected 2 entries, one per actuator"}},
     {"addresses: [a, b]",
      "addresses: a",
-     {":11 regulator.ascii_serial.addresses is a; expected a list of words, one an actuator"}},
+     {":11 regulator.ascii_serial.addresses is a; expected a list of words, one per actuator"}},
     {"addresses: [a, b]",
      "addresses: [a, a]",
      {":11 regulator.ascii_serial.addresses[1] is a; expected one that no other actuator has"}},
     {"addresses: [a, b]",
      "addresses: [a, b c]",
-     {":11 regulator.ascii_serial.addresses[1] is b c; expected a word without blanks"}},
+     {":11 regulator.ascii_serial.addresses[1] is b c; expected a word without spaces"}},
     {"profile: generic",
      "profile: ctrl_p",
-     {":11 regulator.ascii_serial.addresses is of no use: the lines of profile ctrl_p have no "
+     {":11 regulator.ascii_serial.addresses is not used: the lines of profile ctrl_p have no "
       "{address}; expected none"}},
     {"muscle_2: close",
      "muscle_3: close",
@@ -179,7 +179,7 @@ const BrokenRule kSerial[] = {
     {"fault_action: {muscle_2: close}",
      "target_timeout_s: 0",
      {":12 safety.target_timeout_s is 0; expected a finite value > 0: only a simulated regulator "
-      "may wait for targets for ever"}},
+      "may wait for targets without limit"}},
 };
 INSTANTIATE_TEST_SUITE_P(Serial, SerialRules, testing::ValuesIn(kSerial));
 
@@ -202,18 +202,18 @@ const BrokenRule kModbus[] = {
       "value >= 0"}},
     {"slots: [3, 1]",
      "slots: [3, 3]",
-     {":11 regulator.modbus_tcp.slots is a list; expected whole numbers, no slot twice"}},
+     {":11 regulator.modbus_tcp.slots is a list; expected distinct whole numbers"}},
     {"slots: [3, 1]",
      "slots: [3, 0.5]",
-     {":11 regulator.modbus_tcp.slots is a list; expected whole numbers, no slot twice"}},
+     {":11 regulator.modbus_tcp.slots is a list; expected distinct whole numbers"}},
     {"slots: [3, 1]",
      "slots: [3, -1]",
      {":11 regulator.modbus_tcp.slots[1] is -1; expected a finite value >= 0"}},
     {"pressure_kpa: [0, 400]",
      "pressure_kpa: [-50, 400]",
-     {":11 regulator.modbus_tcp.profile is festo_vtem, which takes 0 to 700 kPa; expected limits "
+     {":11 regulator.modbus_tcp.profile is festo_vtem, which accepts 0 to 700 kPa; expected limits "
       "within that, not muscle_1's of -50 to 400 kPa",
-      ":11 regulator.modbus_tcp.profile is festo_vtem, which takes 0 to 700 kPa; expected limits "
+      ":11 regulator.modbus_tcp.profile is festo_vtem, which accepts 0 to 700 kPa; expected limits "
       "within that, not muscle_2's of -50 to 400 kPa"}},
 };
 INSTANTIATE_TEST_SUITE_P(Modbus, ModbusRules, testing::ValuesIn(kModbus));
@@ -250,7 +250,7 @@ TEST(PressureScene, ChannelsAreTheActuatorsInTheirOrder) {
   const control::SafetyCore accepted(safety.channels, safety.rules);
 }
 
-TEST(PressureScene, WhatIsNotSaidIsTheRulesOwn) {
+TEST(PressureScene, OmittedKeysHaveTheDefaultsOfTheRules) {
   const control::SafetyRules usual;
   const SafetyConfig safety =
       load(kPlanarScene + "regulator: {simulated: {}}\nsafety: {}\n").safety;
@@ -279,7 +279,7 @@ TEST(PressureScene, HardwareMovesSlowlyUnlessToldOtherwise) {
   }
 }
 
-TEST(PressureScene, OnlyASimulatedRegulatorMayWaitForTargetsForEver) {
+TEST(PressureScene, OnlyASimulatedRegulatorMayWaitForTargetsWithoutLimit) {
   const std::vector<Override> for_ever = {{"safety.target_timeout_s", "0"}};
   EXPECT_EQ(load(kSpatialScene, for_ever).safety.rules.target_timeout, kInfinity);
   EXPECT_FALSE(faultsOf(kSerialScene, for_ever).empty());
@@ -359,7 +359,7 @@ TEST(PressureScene, AModbusRegulatorHasItsProfile) {
   EXPECT_EQ(defaults.slots, (std::vector<int>{0, 1}));
 }
 
-TEST(PressureScene, AProfileOfOnesOwnIsBesideTheScene) {
+TEST(PressureScene, ACustomProfileIsRelativeToTheScene) {
   const TemporaryFolder folder;
   const std::string shipped = HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml";
   std::filesystem::copy_file(shipped, folder / "board.yaml");
@@ -393,10 +393,10 @@ TEST(PressureScene, FaultsOfAProfileNameItsOwnFileAndLine) {
                 ":1 the document is a map of other keys; expected a map of ascii_serial or "
                 "modbus_tcp");
   write(board, "# mine\nmodbus_tcp: {}\n");
-  EXPECT_EQ(faultsOfFile(file),
-            said +
-                ":2 modbus_tcp is another kind of regulator than the scene's; expected a profile "
-                "of ascii_serial");
+  EXPECT_EQ(
+      faultsOfFile(file),
+      said +
+          ":2 modbus_tcp is not the scene's kind of regulator; expected a profile of ascii_serial");
   write(board, "ascii_serial:\n  baud: fast\n");
   EXPECT_NE(faultsOfFile(file).find("/board.yaml:2 ascii_serial.baud is fast"), std::string::npos)
       << faultsOfFile(file);

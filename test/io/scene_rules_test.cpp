@@ -146,12 +146,12 @@ const BrokenRule kKeys[] = {
      {":22 arm.sections[1].name is lower; expected a name that no other section has"}},
     {"name: top",
      "name: left",
-     {":27 arm.sections[1].actuators[2].name makes a second actuator named left; expected names "
-      "that differ"}},
+     {":27 arm.sections[1].actuators[2].name makes a second actuator named left; expected distinct "
+      "names"}},
     {"name: top",
      "name: muscle_2",
      {":27 arm.sections[1].actuators[2].name makes a second actuator named muscle_2; expected "
-      "names that differ"}},
+      "distinct names"}},
     {"separators: 5",
      "separators: 5\n      separators: 6",
      {":20 arm.sections[0].separators is given twice; expected it once"}},
@@ -272,8 +272,8 @@ INSTANTIATE_TEST_SUITE_P(Poses, SpatialSceneRules, testing::ValuesIn(kPoses));
 const BrokenRule kPlane[] = {
     {"count: 2",
      "count: 3",
-     {":10 arm.sections[0].ring.count is 3; expected 2, the muscles that a planar arm's ring can "
-      "have"}},
+     {":10 arm.sections[0].ring.count is 3; expected 2, the number of muscles in the ring of a "
+      "planar arm"}},
     {"radius_m: 0.03",
      "radius_m: 0.03, tilt_deg: 5",
      {":10 arm.sections[0].ring.tilt_deg is 5; expected 0: a planar arm has no tilt"}},

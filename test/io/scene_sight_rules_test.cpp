@@ -62,19 +62,15 @@ const BrokenRule kTags[] = {
      {":41 tags.groups[0].ids has 35; expected 0 to 34, the tags of 25h9"}},
     {"ids: [3, 1]",
      "ids: [3, 3]",
-     {":41 tags.groups[0].ids places tag 3 again; expected ids that differ"}},
-    {"ids: [0]",
-     "ids: [1]",
-     {":45 tags.groups[1].ids places tag 1 again; expected ids that differ"}},
+     {":41 tags.groups[0].ids places tag 3 again; expected distinct ids"}},
+    {"ids: [0]", "ids: [1]", {":45 tags.groups[1].ids places tag 1 again; expected distinct ids"}},
     {"ids: [0], s: [0.5]",
      "ids: [], s: []",
      {":45 tags.groups[1].ids is empty; expected at least one tag"}},
     {"      ids: [3, 1]\n",
      "",
      {":39 tags.groups[0].ids is missing; expected a list of numbers, each a whole number >= 0"}},
-    {"s: [0.25, 1]",
-     "s: [0.25]",
-     {":42 tags.groups[0].s has 1 entries; expected 2, one for each of ids"}},
+    {"s: [0.25, 1]", "s: [0.25]", {":42 tags.groups[0].s has 1 entries; expected 2, one per id"}},
     {"s: [0.25, 1]",
      "s: [0.25, 115]",
      {":42 tags.groups[0].s[1] is 115; expected a number from 0 to 1"}},
@@ -128,11 +124,11 @@ const BrokenRule kCamera[] = {
      {":51 camera.position_m[1] is 500; expected -100 to 100 m"}},
     {"  position_m: [1, 0.5, 0.8]\n",
      "",
-     {":46 camera.position_m is missing; expected where the camera stands in the world [m]"}},
+     {":46 camera.position_m is missing; expected the position of the camera in the world [m]"}},
     {"  rpy_deg: [5, 12, 170]\n",
      "",
-     {":46 camera.rpy_deg is missing; expected where its x axis, the optical axis, points "
-      "[degrees]"}},
+     {":46 camera.rpy_deg is missing; expected the rotation of its frame, whose x axis is the "
+      "optical axis [degrees]"}},
     {"device: /dev/video2",
      "device: ''",
      {":53 camera.webcam.device is \"\"; expected the path of a device"}},
@@ -279,7 +275,7 @@ TEST(SceneSightFaults, WhatMakesNoDetectorIsReported) {
   const auto decimate =
       faultsOf(replaced(kSpatialScene, "quad_decimate: 1.5", "quad_decimate: 2.5"));
   ASSERT_EQ(decimate.size(), 1u);
-  EXPECT_EQ(decimate[0].find(":54 vision makes no detector: "), 0u) << decimate[0];
+  EXPECT_EQ(decimate[0].find(":54 vision does not configure a tag detector: "), 0u) << decimate[0];
   EXPECT_NE(decimate[0].find("quad_decimate is 2.5"), std::string::npos) << decimate[0];
   const auto hamming = faultsOf(replaced(replaced(kSpatialScene, "family: 25h9", "family: 16h5"),
                                          "max_hamming: 0", "max_hamming: 3"));

@@ -70,7 +70,7 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.watchdog, 1.5);
 }
 
-TEST(SerialProfileReader, TheShippedOnesAreWhatTheTestsOfTheDriverUse) {
+TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
   for (SerialProfile expected :
        {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
     SCOPED_TRACE(expected.name);
@@ -115,8 +115,8 @@ TEST(SerialProfileReader, BreakingARuleIsReported) {
        {"f:2 ascii_serial.baud is fast; expected a whole number from 1200 to 2000000"}},
       {"baud: 9600",
        "baud: 9601",
-       {"f:1 ascii_serial: serial profile: baud is 9601; expected 1200, 2400, 4800, 9600 and so on "
-        "up to 2000000"}},
+       {"f:1 ascii_serial: serial profile: baud is 9601; expected a standard rate from 1200 to "
+        "2000000"}},
       {"baud: 9600",
        "bauds: 9600",
        {"f:2 ascii_serial.bauds is not a known key; did you mean baud?"}},
@@ -138,15 +138,14 @@ TEST(SerialProfileReader, BreakingARuleIsReported) {
        {"f:7 ascii_serial.unit_word is a list; expected a word"}},
       {"  unit_word: mbar\n",
        "",
-       {"f:1 ascii_serial: serial profile: reply \"{pressures} {unit}\" has {unit}, but there is "
-        "no "
-        "word for it"}},
+       {"f:1 ascii_serial: serial profile: reply \"{pressures} {unit}\" has {unit}, but unit_word "
+        "is missing"}},
       {"decimals: 3",
        "decimals: 7",
        {"f:8 ascii_serial.decimals is 7; expected a whole number from 0 to 6"}},
       {"separator: \",\"",
        "separator: \"\"",
-       {"f:9 ascii_serial.separator is \"\"; expected what parts numbers"}},
+       {"f:9 ascii_serial.separator is \"\"; expected the separator of numbers"}},
       {"one_by_one: false",
        "one_by_one: 0",
        {"f:11 ascii_serial.one_by_one is 0; expected true or false"}},

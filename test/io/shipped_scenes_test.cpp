@@ -152,7 +152,7 @@ TEST(ShippedScenes, TheAnnotatedRegulatorsAreRight) {
 }
 
 // Every scene's rules are ones that the safety core takes, and a channel is each of its actuators.
-TEST(ShippedScenes, TheSafetyCoreTakesThem) {
+TEST(ShippedScenes, TheSafetyCoreAcceptsThem) {
   for (const auto& entry :
        std::filesystem::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
     const Scene scene = loadScene(entry.path().string());

@@ -41,7 +41,7 @@ TEST(TagCorners, RowsOfACaptureBelongTogether) {
   EXPECT_EQ(captures[1].number, 2);
 }
 
-TEST(TagCorners, WhatIsWrittenReadsBackToTheLastBit) {
+TEST(TagCorners, WrittenCornersReadBackToTheLastBit) {
   test::Random random(8);
   std::vector<TagCornerCapture> captures;
   for (int number : {4, 0, 12}) {
@@ -79,12 +79,11 @@ TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
                                "1,0,5,4,1,2,3,4,5,6,7,8\n"
                                "-1,0,0,4,1,2,3,4,5,6,7,8\n"
                                "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
-            ":3 measures the tag of line 2 again in the same capture; expected it once\n"
-            ":4 changes the pressures of its capture; expected them as in line 2\n"
-            ":5 capture is no whole number from 0 to 1000000000\n"
-            ":6 tag is no whole number from 0 to 1000000000");
+            ":3 measures the tag of line 2 again in the same capture; expected it once\n:4 has "
+            "other pressures than its capture; expected those of line 2\n:5 capture is not a whole "
+            "number from 0 to 1000000000\n:6 tag is not a whole number from 0 to 1000000000");
   EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
-            ":2 x2_px is no finite number; expected one");
+            ":2 x2_px is not a finite number; expected one");
   EXPECT_EQ(faultsOf("capture,pressure_1_kpa,x1_px\n1,0,0\n"),
             " has no column tag, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, y4_px; expected "
             "capture, pressure_1_kpa .., tag, x1_px, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, "

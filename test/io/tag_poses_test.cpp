@@ -51,7 +51,7 @@ TEST(TagPoses, RoundedQuaternionsAreNormalised) {
   EXPECT_LT((R * R.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
 }
 
-TEST(TagPoses, AreSeenFromTheBaseWhateverFrameTheFileHas) {
+TEST(TagPoses, AreConvertedToTheBaseFromAnyFrame) {
   // F is turned by 90 degrees about the base's z axis: its x axis is the base's y axis.
   Eigen::Matrix3d R;
   R << 0, -1, 0, 1, 0, 0, 0, 0, 1;
@@ -62,19 +62,18 @@ TEST(TagPoses, AreSeenFromTheBaseWhateverFrameTheFileHas) {
 }
 
 TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
-  EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,0,0,0,0,0,0,1\n"
-                               "1,0,0,3,0,0,0,0,0,0,1\n"
-                               "1,0,5,4,0,0,0,0,0,0,1\n"
-                               "1.5,0,0,4,0,0,0,0,0,0,1\n"
-                               "2,0,0,-1,0,0,0,0,0,0,1\n"
-                               "2,0,0,5,0,0,0,0,0,0,0.5\n"
-                               "2,0,0,6,0,0,0,0,0,0,0\n"),
-            ":3 measures the tag of line 2 again in the same capture; expected it once\n"
-            ":4 changes the pressures of its capture; expected them as in line 2\n"
-            ":5 capture is no whole number from 0 to 1000000000\n"
-            ":6 tag is no whole number from 0 to 1000000000\n"
-            ":7 has a quaternion qx, qy, qz, qw that is not of norm 1\n"
-            ":8 has a quaternion qx, qy, qz, qw that is not of norm 1");
+  EXPECT_EQ(
+      faultsOf(kHeader + "1,0,0,3,0,0,0,0,0,0,1\n"
+                         "1,0,0,3,0,0,0,0,0,0,1\n"
+                         "1,0,5,4,0,0,0,0,0,0,1\n"
+                         "1.5,0,0,4,0,0,0,0,0,0,1\n"
+                         "2,0,0,-1,0,0,0,0,0,0,1\n"
+                         "2,0,0,5,0,0,0,0,0,0,0.5\n"
+                         "2,0,0,6,0,0,0,0,0,0,0\n"),
+      ":3 measures the tag of line 2 again in the same capture; expected it once\n:4 has other "
+      "pressures than its capture; expected those of line 2\n:5 capture is not a whole number from "
+      "0 to 1000000000\n:6 tag is not a whole number from 0 to 1000000000\n:7 has a quaternion qx, "
+      "qy, qz, qw that is not of norm 1\n:8 has a quaternion qx, qy, qz, qw that is not of norm 1");
 }
 
 TEST(TagPoses, MissingColumnsAreNamed) {

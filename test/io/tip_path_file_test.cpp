@@ -79,10 +79,9 @@ TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
             ":9 z_m is beyond 1000000; expected metres from the arm's base\n"
             ":10 time_s is not within 0 to 1000000; expected the time since the start of the path");
   EXPECT_EQ(faultsOf(kHeader + "0,0,0,nan\n1,inf,,0\nx,0,0,0\n"),
-            ":2 z_m is no finite number; expected one\n"
-            ":3 x_m is no finite number; expected one\n"
-            ":3 y_m is empty; expected a finite number\n"
-            ":4 time_s is no finite number; expected one");
+            ":2 z_m is not a finite number; expected one\n:3 x_m is not a finite number; expected "
+            "one\n:3 y_m is empty; expected a finite number\n:4 time_s is not a finite number; "
+            "expected one");
 }
 
 TEST(TipPathFile, MissingColumnsAreNamed) {

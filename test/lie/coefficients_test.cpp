@@ -130,7 +130,7 @@ double logErrorEps(double x) {
   return static_cast<double>(Real(abs((exact - logCoefficient(x)) / exact) / test::kEps));
 }
 
-TEST(LogCoefficient, HoldsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
+TEST(LogCoefficient, KeepsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
   test::Random random(33);
   double worst = 0;
   for (int i = 0; i < 3000; ++i) {

@@ -45,14 +45,14 @@ TEST(Batch, AgreesWithTheSingleCallTo8Eps) {
   }
 }
 
-TEST(Batch, TakesEveryCountAroundItsBlocks) {
+TEST(Batch, HandlesEveryCountAroundItsBlocks) {
   const Arm arm = test::ringArm(test::straightRing());
   for (const std::size_t count : {0, 1, 7, 8, 9, 127, 128, 129, 255, 256, 257, 1000}) {
     EXPECT_LE(worstDifference(arm, count, 72), 8.0) << count;
   }
 }
 
-TEST(Batch, TakesEveryNumberOfActuatorsAndSections) {
+TEST(Batch, HandlesEveryNumberOfActuatorsAndSections) {
   for (const int actuators : {1, 2, 3, 4, 5, 6, 7, 24}) {
     for (const int sections : {1, 2, 4}) {
       const Arm arm = test::ringArm(test::straightRing(actuators), sections);
@@ -62,7 +62,7 @@ TEST(Batch, TakesEveryNumberOfActuatorsAndSections) {
   }
 }
 
-TEST(Batch, TakesAnglesBeyondTheSeries) {
+TEST(Batch, HandlesAnglesBeyondTheSeries) {
   // A thin arm: all angles in one block, some within the series and some beyond.
   test::Ring ring = test::straightRing();
   ring.radius = 0.008;
@@ -79,7 +79,7 @@ TEST(Batch, TakesAnglesBeyondTheSeries) {
             24.0);  // three times the bending, three times the rounding
 }
 
-TEST(Batch, TakesTablesAndTendons) {
+TEST(Batch, HandlesTablesAndTendons) {
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
   const Contraction table = Contraction::table({0, 1e5, 2e5, 4e5}, {0.43, 0.41, 0.36, 0.34});
   section.actuators[0].contraction = table;

@@ -37,13 +37,13 @@ TEST(Quintic, OfThePaperGivesTheLengthsOfItsFigure) {
   EXPECT_NEAR(muscle.length(test::kMaxPressure), 0.336, 1e-3);
 }
 
-TEST(Quintic, ThatTurnsBackIsRefusedAndThePressureNamed) {
+TEST(Quintic, ThatIsNotMonotoneIsRefusedWithThePressure) {
   // The planar arms' muscle, printed for psi: it rises again above 562 kPa.
   const std::array<double, 6> c = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
                                    4.567416495e-6, -5.593052718e-8, 2.401903883e-10};
   EXPECT_NO_THROW(Contraction::quintic(c, test::kPsi, 560e3));
   const std::string message = test::refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
-  EXPECT_NE(message.find("turns back is 56"), std::string::npos) << message;
+  EXPECT_NE(message.find("reverses is 56"), std::string::npos) << message;
 }
 
 TEST(Quintic, MayBeFlatWhereItBeginsOrEnds) {
@@ -71,7 +71,7 @@ TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
   }
 }
 
-TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
+TEST(Quintic, ThatIsConstantOrNotFiniteIsRefused) {
   EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5);
             }).find("slope"),
@@ -90,7 +90,7 @@ TEST(Quintic, ThatDoesNotChangeOrIsNotFiniteIsRefused) {
             std::string::npos);
   EXPECT_NE(test::refusal([] {
               Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
-            }).find("least length"),
+            }).find("smallest length"),
             std::string::npos);
 }
 
@@ -119,7 +119,7 @@ TEST(Table, OfAStraightLineIsTheLine) {
   for (double p = 0; p <= 3e5; p += 1e4) EXPECT_NEAR(curve.length(p), 0.4 - 2e-7 * p, 2 * kEps);
 }
 
-TEST(Table, RefusesWhatIsNotAMonotoneTable) {
+TEST(Table, RefusesATableThatIsNotMonotone) {
   EXPECT_NE(test::refusal([] { Contraction::table({0}, {0.4}); }).find("at least 2"),
             std::string::npos);
   EXPECT_NE(test::refusal([] {
@@ -153,7 +153,7 @@ TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
   EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
   EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
   EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("least length"),
+  EXPECT_NE(test::refusal([] { Contraction::tendon(0.4, 0.01, 50); }).find("smallest length"),
             std::string::npos);
 }
 

@@ -79,7 +79,7 @@ void expectBoundedRamps(const Record& record, const Eigen::VectorXd& from) {
   }
 }
 
-TEST(CalibrationRun, TakesItsCapturesAtEveryStepAndEndsAtRest) {
+TEST(CalibrationRun, CapturesAtEveryStepAndEndsAtRest) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   const Record record = play(run);
   ASSERT_TRUE(run.ended());
@@ -124,7 +124,90 @@ TEST(CalibrationRun, AStepThatDoesNotSettleAbortsWithItsReasonAndRampsDown) {
   EXPECT_NEAR(kTick * static_cast<double>(record.commands.size()), 7.0, 0.2);
 }
 
-TEST(CalibrationRun, StaleMeasurementsAbortAtOnceAndRampDown) {
+// An arm whose camera is out from tick to tick, each included, counted from 0.
+class SeenArm {
+ public:
+  SeenArm(int from, int to) : from_(from), to_(to) {}
+
+  Settling operator()(double now, const Eigen::VectorXd& pressure) {
+    Settling out = arm_.follow(now, pressure);
+    if (tick_ >= from_ && tick_ <= to_) {
+      out.state = SettleState::kUnseen;
+      out.reason = "tag detections: none received for 2.00 s";
+      out.last.reset();
+    }
+    ++tick_;
+    return out;
+  }
+
+ private:
+  Arm arm_;
+  int from_, to_, tick_ = 0;
+};
+
+constexpr int kPatienceTicks = 250;  // 5 s
+constexpr int kRampTicks = 50;       // 1 s for the first step
+
+TEST(CalibrationRun, ItWaitsForACameraThatIsOutWhereverItIs) {
+  for (const int begin : {0, kRampTicks / 2, kRampTicks + 5, kRampTicks + 40}) {
+    CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+    const Record record = play(run, kRest, SeenArm(begin, begin + 150));
+    EXPECT_EQ(run.verdict(), RunEnd::kCompleted) << run.reason();
+    EXPECT_EQ(record.captures.size(), 6u);
+    EXPECT_EQ(record.steps_done, 2);
+    expectBoundedRamps(record, kRest);
+  }
+}
+
+TEST(CalibrationRun, WhileNothingIsSeenThePressuresStandStill) {
+  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  const int begin = kRampTicks / 2;
+  const Record record = play(run, kRest, SeenArm(begin, begin + 100), begin + 101);
+  EXPECT_EQ(run.phase(), RunPhase::kRamping);
+  EXPECT_TRUE(run.waitsForPictures());
+  const auto& commands = record.commands;
+  EXPECT_GT(commands[begin - 1].maxCoeff(), 0);
+  for (std::size_t k = begin; k < commands.size(); ++k) EXPECT_EQ(commands[k], commands[begin - 1]);
+}
+
+TEST(CalibrationRun, ACameraThatStaysOutEndsItAfterItsPatience) {
+  struct Case {
+    int begin;
+    const char* words;
+  };
+  for (const Case& one : {Case{kRampTicks / 2, "step 1 has waited for pictures for 5 s"},
+                          Case{kRampTicks + 5, "step 1 has not settled within 5 s"}}) {
+    CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+    SeenArm arm(one.begin, 1 << 20);
+    const Record before = play(run, kRest, arm, one.begin + kPatienceTicks - 10);
+    EXPECT_TRUE(run.phase() == RunPhase::kRamping || run.phase() == RunPhase::kSettling);
+    SeenArm dark(0, 1 << 20);
+    const Record after = play(run, before.commands.back(), dark);
+    EXPECT_EQ(run.verdict(), RunEnd::kAborted);
+    EXPECT_NE(run.reason().find(one.words), std::string::npos) << run.reason();
+    EXPECT_NE(run.reason().find("tag detections: none received"), std::string::npos)
+        << run.reason();
+    EXPECT_EQ(after.commands.back(), kRest);
+    // 10 ticks of patience, and the ramp down of at most 1 s.
+    EXPECT_LT(after.commands.size(), 100u);
+    expectBoundedRamps(after, before.commands.back());
+  }
+}
+
+TEST(CalibrationRun, ItsReturnDoesNotWaitForPicturesButForTheCommand) {
+  CalibrationRun run(twoSteps(), kRest, kRest, kRules);
+  run.end(RunEnd::kPreempted, "cancelled");
+  Settling dark;
+  dark.state = SettleState::kUnseen;
+  dark.set_point = Eigen::Vector2d(5e4, 0);
+  for (int k = 0; k < 20; ++k) run.advance(kTick * k, dark);
+  EXPECT_FALSE(run.ended()) << "the command has not followed";
+  dark.set_point = kRest;
+  run.advance(kTick * 20, dark);
+  EXPECT_TRUE(run.ended());
+}
+
+TEST(CalibrationRun, StalePressuresAbortAtOnceAndRampDown) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
   const auto follow = [&](double now, const Eigen::VectorXd& command) {
@@ -134,12 +217,12 @@ TEST(CalibrationRun, StaleMeasurementsAbortAtOnceAndRampDown) {
   ASSERT_EQ(run.phase(), RunPhase::kSettling);
   const Record after = play(run, before.commands.back(), [](double, const Eigen::VectorXd&) {
     Settling out;
-    out.reason = "measured pressures: none has come for 2.00 s";
+    out.reason = "measured pressures: none received for 2.00 s";
     return out;
   });
   EXPECT_TRUE(run.ended());
   EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-  EXPECT_EQ(run.reason(), "measured pressures: none has come for 2.00 s");
+  EXPECT_EQ(run.reason(), "measured pressures: none received for 2.00 s");
   EXPECT_EQ(after.commands.back(), kRest);
   expectBoundedRamps(after, before.commands.back());
 }
@@ -211,11 +294,11 @@ TEST(CalibrationRun, WhereTimeGoesBackItEndsAndRampsDown) {
     ASSERT_TRUE(run.ended());
     EXPECT_EQ(command, kRest);
     EXPECT_EQ(run.verdict(), RunEnd::kAborted);
-    EXPECT_NE(run.reason().find("time has gone back"), std::string::npos) << run.reason();
+    EXPECT_NE(run.reason().find("time went back"), std::string::npos) << run.reason();
   }
 }
 
-TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
+TEST(CalibrationRun, CancelledDuringItsReturnItIsNotComplete) {
   CalibrationRun run(twoSteps(), kRest, kRest, kRules);
   Arm arm;
   double now = 0;
@@ -226,10 +309,10 @@ TEST(CalibrationRun, CancelledOnItsWayDownItIsNotComplete) {
     command = run.advance(now, arm.follow(now, command)).pressure;
   }
   EXPECT_EQ(run.verdict(), RunEnd::kCompleted);
-  run.end(RunEnd::kPreempted, "it was cancelled");
+  run.end(RunEnd::kPreempted, "cancelled");
   run.end(RunEnd::kAborted, "too late");
   EXPECT_EQ(run.verdict(), RunEnd::kPreempted);
-  EXPECT_EQ(run.reason(), "it was cancelled");
+  EXPECT_EQ(run.reason(), "cancelled");
   EXPECT_EQ(run.phase(), RunPhase::kReturning);
 }
 
@@ -261,7 +344,7 @@ TEST(CalibrationRun, ItEndsOnceTheCommandHasFollowedItToRest) {
 
   // A command that never follows holds it up for its patience only.
   CalibrationRun stuck(twoSteps(), kRest, kRest, kRules);
-  stuck.end(RunEnd::kPreempted, "it was cancelled");
+  stuck.end(RunEnd::kPreempted, "cancelled");
   for (double after = 0; after < kRules.patience; after += 0.02) {
     now += 0.02;
     stuck.advance(now, arm.follow(now, late));

@@ -79,7 +79,7 @@ TEST(Captures, CornersAreUndistorted) {
   }
 }
 
-TEST(Captures, KindsAreToldByTheirColumns) {
+TEST(Captures, KindsAreIdentifiedByTheirColumns) {
   const auto kind = [](const std::string& columns) {
     io::DataSet data;
     data.path = "data.csv";
@@ -95,10 +95,10 @@ TEST(Captures, KindsAreToldByTheirColumns) {
     kind("a_m,b_m");
     FAIL();
   } catch (const io::DocumentError& error) {
-    EXPECT_STREQ(error.what(),
-                 "data.csv has none of the columns that tell what it holds; expected "
-                 "curvature_rad of curvatures, x_m of tag poses, x1_px of tag corners, length_m of "
-                 "free lengths");
+    EXPECT_STREQ(
+        error.what(),
+        "data.csv has none of the columns that identify its kind of data; expected curvature_rad "
+        "of curvatures, x_m of tag poses, x1_px of tag corners, length_m of free lengths");
   }
   try {
     kind("curvature_rad,x_m");
@@ -106,13 +106,13 @@ TEST(Captures, KindsAreToldByTheirColumns) {
   } catch (const io::DocumentError& error) {
     EXPECT_STREQ(error.what(),
                  "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected "
-                 "one of them");
+                 "only one of them");
   }
 }
 
 TEST(Captures, ANumberThatIsNoneIsAFault) {
   EXPECT_EQ(faultsOf(sceneOf(kPlanarScene), "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n"),
-            ":3 curvature_rad is no finite number; expected one");
+            ":3 curvature_rad is not a finite number; expected one");
 }
 
 TEST(Captures, ACurvatureHasNoSign) {
@@ -122,16 +122,16 @@ TEST(Captures, ACurvatureHasNoSign) {
 
 TEST(Captures, DataOfAnotherArmIsAFault) {
   const io::Scene planar = sceneOf(kPlanarScene), spatial = sceneOf(kSpatialScene);
-  EXPECT_EQ(
-      faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
-      " pressure_3_kpa is of no actuator; expected pressures in pressure_1_kpa to pressure_2_kpa");
+  EXPECT_EQ(faultsOf(planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n"),
+            " pressure_3_kpa belongs to no actuator; expected pressures in pressure_1_kpa to "
+            "pressure_2_kpa");
   EXPECT_EQ(faultsOf(spatial, kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" +
                                   "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n"),
             " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?");
   EXPECT_EQ(faultsOf(spatial, kCornerHeader + "1,0,0,0,0,50,0,20,1,1,2,2,3,3,4,4\n"),
             " holds no tag of scene rig but only 20; expected 3, 1, 0: is it of another arm?");
   EXPECT_EQ(faultsOf(spatial, "pressure_5_kpa,curvature_rad\n50,0.1\n"),
-            " holds curvatures, which are those of one section, but scene rig has 2");
+            " holds curvatures, which apply to arms of one section, but scene rig has 2");
 }
 
 TEST(Captures, PressuresOutsideTheLimitsAreNamedWithTheirLines) {
@@ -167,17 +167,16 @@ TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
       sceneOf(replaced(kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
                        "tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}"));
   EXPECT_EQ(faultsOf(pulled, "pressure_1_kpa,curvature_rad\n0,0.1\n"),
-            " gives pressures, but actuator muscle_1 of the scene is a tendon; expected an arm of "
-            "pressure actuators");
+            " gives pressures, but actuator muscle_1 of the scene is a tendon; expected an arm "
+            "driven by pressure");
 }
 
 TEST(Captures, ACornerWhoseDistortionCannotBeUndoneIsAFault) {
   const io::Scene scene = sceneOf(kSpatialScene, {{"camera.distortion", "[-0.4, 0, 0, 0]"}});
   ASSERT_FALSE(scene.camera->model.directionOf({3000, 240}));
-  EXPECT_EQ(
-      faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
-      ":2 x2_px, y2_px are not in the picture; expected a place where the camera's distortion "
-      "can be undone");
+  EXPECT_EQ(faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
+            ":2 x2_px, y2_px are outside the picture; expected a point where the camera's "
+            "distortion can be inverted");
 }
 
 TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {

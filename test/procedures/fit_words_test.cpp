@@ -95,10 +95,11 @@ TEST(FitWords, OfNoParameterAreRefused) {
     estimation::fitParametersOf({"tags", "springs"}, false);
     FAIL();
   } catch (const std::invalid_argument& error) {
-    EXPECT_STREQ(error.what(),
-                 "there is no \"springs\" to fit; expected some of stiffness, K_kappa, K_gamma, "
-                 "K_tau, K_eps, length_scale, length_scale_each, contraction, placement, base, "
-                 "tags, bleed");
+    EXPECT_STREQ(
+        error.what(),
+        "\"springs\" is not a parameter to fit; expected some of stiffness, K_kappa, K_gamma, "
+        "K_tau, K_eps, length_scale, length_scale_each, contraction, placement, base, "
+        "tags, bleed");
   }
 }
 

@@ -148,7 +148,7 @@ TEST(FollowRun, TheOpenLoopUsesTheModelAlone) {
   EXPECT_GT(result.figures.steady_rms[0], 0.005);
 }
 
-TEST(FollowRun, ATipOutOfReachIsSaidToBe) {
+TEST(FollowRun, ATipOutOfReachIsReported) {
   const FollowResult result = runFollow(demo(), tipPlan({kLeft, kFar, kRight}, 9));
   EXPECT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
   EXPECT_GT(result.figures.steady_rms[1], 0.1);
@@ -171,7 +171,7 @@ TEST(FollowRun, AnArmThatIsVentedEndsTheRun) {
   EXPECT_NE(result.vented.find("muscle_"), std::string::npos) << result.vented;
 }
 
-TEST(FollowRun, ProgressIsToldEverySecondAndMayEndTheRun) {
+TEST(FollowRun, ProgressIsReportedEverySecondAndMayEndTheRun) {
   std::vector<double> told;
   const FollowResult result = runFollow(demo(), tipPlan({kLeft}, 10), [&told](double time) {
     told.push_back(time);
@@ -198,7 +198,7 @@ TEST(FollowRun, PlansThatAreNoneAreRefused) {
   io::Scene blind = demo();
   blind.camera.reset();
   EXPECT_EQ(test::refusal([&] { runFollow(blind, tipPlan({kLeft}, 3)); }),
-            "scene demo has no `camera` or no `tags`; a loop over sight needs both");
+            "scene demo has no `camera` or no `tags`; the closed loop needs both");
 }
 
 TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {
@@ -209,6 +209,25 @@ TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {
   const auto far = checkPath(demo(), control::TipPath({{0.0, kLeft}, {5.0, kFar}}));
   ASSERT_TRUE(far);
   EXPECT_EQ(far->fault, follow::PathFault::kUnreachable);
+}
+
+// Another set of tags makes the watch less certain; not if it comes with a picture that is refused.
+TEST(FollowRun, ARefusedPictureDoesNotChangeTheWatch) {
+  const io::Scene scene = demo();
+  follow::SightLoop loop(scene.model, loopConfigOf(scene));
+  const Eigen::VectorXd empty = scene.arm.inputAt(0.0);
+  for (int k = 0; k < 10; ++k) loop.reading(0.01 * k, empty, empty);
+  const model::Twists twists = scene.model.solve(empty).shape.twists();
+  const Eigen::MatrixXd covariance = 1e-6 * Eigen::MatrixXd::Identity(twists.size(), twists.size());
+  const auto spread = [&loop] { return loop.watch().state().covariance.trace(); };
+  const std::vector<int> tags = {0, 1, 2, 3}, fewer = {0, 1, 2};
+  ASSERT_TRUE(loop.picture(0.05, 0.09, twists, covariance, tags).accepted());
+  const double before = spread();
+  for (int k = 0; k < 10; ++k) {
+    EXPECT_EQ(loop.picture(0.05, 0.09, twists, covariance, k % 2 == 0 ? fewer : tags).fault,
+              estimation::SightingFault::kNotNewer);
+  }
+  EXPECT_EQ(spread(), before);
 }
 
 }  // namespace

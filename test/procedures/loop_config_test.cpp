@@ -1,5 +1,7 @@
 #include "helix_arm/procedures/loop_config.hpp"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "support/refusal.hpp"
@@ -82,23 +84,31 @@ TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {
   EXPECT_LT(sure.stiffness_deviation.kappa, 1e-3);
 }
 
+// A scene that was edited by hand must not make the factors of the filter overflow.
+TEST(LoopConfig, AnErrorThatIsNoFigureIsLimited) {
+  const ArmFilterOptions filter =
+      filterOf("K_gamma: {value: 1.0e-9, standard_error: 1.0e+9, identifiable: true}");
+  EXPECT_TRUE(std::isfinite(std::exp(4 * filter.stiffness_deviation.gamma)));
+  EXPECT_LE(filter.stiffness_deviation.gamma, 1);
+}
+
 TEST(LoopConfig, ASlowLoopIsWarnedOf) {
   const auto warning = [](const char* mode) {
     return loopWarning(loopConfigOf(sceneOf(std::string("follow: {mode_hz: ") + mode + "}\n")));
   };
   EXPECT_EQ(warning("2"), "");
-  EXPECT_EQ(
-      warning("0.8"),
-      "follow: the loop smooths over 1.39 s, so that it corrects the arm that slowly; stiffen "
-      "or damp the arm, and give paths rather than distant targets");
+  EXPECT_EQ(warning("0.8"),
+            "follow: the loop smooths over 1.39 s, which is slow; stiffen or damp the arm, and "
+            "give paths rather than distant targets");
 }
 
 TEST(LoopConfig, AnArmWithoutPressuresIsRefused) {
   const std::string cable =
       test::replaced(test::kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
                      "tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 10}");
-  EXPECT_EQ(test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
-            "scene flat has actuators that no pressure drives; a loop over sight needs pressures");
+  EXPECT_EQ(
+      test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
+      "scene flat has actuators that are not driven by pressure; the closed loop needs pressures");
 }
 
 }  // namespace

@@ -59,7 +59,7 @@ TEST(SeriesPlayer, TheSizeOfTheStepsDoesNotMatter) {
   EXPECT_EQ(coarse.pressure(), fine.pressure());
 }
 
-TEST(SeriesPlayer, ResumesTheRowAtHandFromWhereOthersLeftTheArm) {
+TEST(SeriesPlayer, ResumesTheCurrentRowFromWhereOthersLeftTheArm) {
   SeriesPlayer player(twoRows(), kRest, {2.0, 1.0, false});
   player.advance(4.5);
   ASSERT_EQ(player.row(), 1);

@@ -71,7 +71,7 @@ TEST(SettleWatch, SettlesOnceAWindowHasPassedWithoutMotion) {
   EXPECT_LE(arm.watch.samples().size(), 12u);
 }
 
-// A clock that creeps a microsecond from one message to the next: a window holds a million of them.
+// A clock that advances by a microsecond per message: a window contains a million of them.
 TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
   constexpr double kCreep = 1e-6;
   constexpr int kPictures = 20000, kReadings = 300000;
@@ -85,7 +85,7 @@ TEST(SettleWatch, StampsThatCreepDoNotMakeItSwell) {
   ASSERT_EQ(std::sscanf(reason.c_str(), "pressures were measured for %lf s", &measured), 1)
       << reason;
   EXPECT_LE(measured, 1000 * 120 * kCreep + 0.02);
-  // A clock that goes on is believed again.
+  // A clock that advances again is trusted again.
   for (int k = 1; k <= 300; ++k) {
     arm.watch.command(2 + 0.01 * k, kSetPoint);
     arm.watch.measured(2 + 0.01 * k, kSetPoint);
@@ -200,7 +200,7 @@ TEST(SettleWatch, PicturesThatAreRarerThanTheWindowAreComparedWithTheOneBefore) 
   }
 }
 
-TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
+TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   Watched arm;
   arm.pass(2);
   EXPECT_TRUE(arm.watch.at(arm.now + 0.49).settled());
@@ -211,13 +211,17 @@ TEST(SettleWatch, WhatIsOlderThanItsLimitIsStale) {
   }
   const Settling state = arm.watch.at(arm.now + 0.6);
   EXPECT_TRUE(state.stale());
-  EXPECT_NE(state.reason.find("tag detections: none has come for 0.60 s"), std::string::npos)
+  EXPECT_TRUE(state.unseen());
+  EXPECT_NE(state.reason.find("tag detections: none received for 0.60 s"), std::string::npos)
       << state.reason;
   for (int k = 1; k <= 60; ++k) {  // and the other way round
     arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
     arm.watch.seen(arm.now + 0.6 + 0.01 * k, tagsAt(5));
   }
-  EXPECT_NE(arm.watch.at(arm.now + 1.2).reason.find("measured pressures"), std::string::npos);
+  const Settling unread = arm.watch.at(arm.now + 1.2);
+  EXPECT_TRUE(unread.stale());
+  EXPECT_FALSE(unread.unseen());
+  EXPECT_NE(unread.reason.find("measured pressures"), std::string::npos);
 }
 
 TEST(SettleWatch, StampsOfTheFutureAreNoFreshOnes) {
@@ -269,7 +273,7 @@ TEST(SettleWatch, WithoutTagsThereIsNothingToRecord) {
   EXPECT_EQ(arm.state().state, SettleState::kNoTags);
 }
 
-TEST(SettleWatch, OtherTagsThanBeforeAreNoShapeThatStandsStill) {
+TEST(SettleWatch, AChangedSetOfTagsIsNotSettled) {
   Watched arm;
   arm.pass(
       2, [](double) { return kSetPoint; },

@@ -127,7 +127,7 @@ TEST(TagSheets, EverythingLiesWithinTheMarginsAndNothingOverlaps) {
   }
 }
 
-TEST(TagSheets, EachTagStandsOnceInItsSizeAndOrder) {
+TEST(TagSheets, EachTagIsPrintedOnceInItsSizeAndOrder) {
   for (const io::Scene& scene : scenes()) {
     for (const Paper& paper : kPapers) {
       SCOPED_TRACE(scene.name + ", " + paper.name);
@@ -261,7 +261,7 @@ int timesIn(const std::vector<Page>& pages, const std::vector<std::string>& row)
   return static_cast<int>(std::count(lines.begin(), lines.end(), row));
 }
 
-TEST(PlacementSheets, ARowPerTagTellsWhereItIs) {
+TEST(PlacementSheets, ARowPerTagStatesItsPlacement) {
   for (const Paper& paper : kPapers) {
     const std::vector<Page> demo = placementSheets(shipped("demo"), paper);
     EXPECT_EQ(timesIn(demo, {"0", "0.04", "16.5", "muscle_1", "0", "41.4", "16", "0", "-15", "0"}),
@@ -322,15 +322,15 @@ TEST(TagSheets, WhatCannotBePrintedIsRefusedWithItsRule) {
   EXPECT_EQ(test::refusal([] { placementSheets(shipped("planar_50"), kPapers[0]); }), none);
 
   EXPECT_EQ(test::refusal([] { tagSheets(crowded(3, 0.14), kPapers[0]); }), "accepted");
-  EXPECT_EQ(
-      test::refusal([] { tagSheets(crowded(3, 0.1412), kPapers[0]); }),
-      "tags.size_m is 0.1412: with its border a 36h11 tag is 179.5 mm wide, and a4 leaves 179 "
-      "mm; expected at most 0.14 m. Print smaller tags");
+  EXPECT_EQ(test::refusal([] { tagSheets(crowded(3, 0.1412), kPapers[0]); }),
+            "tags.size_m is 0.1412: with its border a 36h11 tag is 179.5 mm wide, but a4 has room "
+            "for 179 mm; expected at most 0.14 m. Print smaller tags");
 
   vision::TagBoard board;
   board.columns = 6;
-  EXPECT_EQ(test::refusal([&board] { boardSheet(board, kPapers[1]); }),
-            "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, which letter leaves");
+  EXPECT_EQ(
+      test::refusal([&board] { boardSheet(board, kPapers[1]); }),
+      "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
 }
 
 }  // namespace

@@ -39,9 +39,12 @@ constexpr int kChannels = 3;
 constexpr double kTau = 0.02;  // of the emulated valves [s]
 constexpr double kSoon = 5.0;  // on a machine that is busy [s]
 
+bool has(const std::string& line, const char* field) {
+  return line.find(field) != std::string::npos;
+}
+
 std::vector<std::string> addressesOf(const SerialProfile& profile) {
-  if (profile.name == "alicat") return {"A", "B", "C"};
-  if (profile.name == "generic") return {"0", "1", "2"};
+  if (has(profile.write, "{address}")) return {"A", "B", "C"};
   return {};
 }
 
@@ -250,13 +253,14 @@ std::string expectedFailure(const SerialProfile& profile, DeviceFault fault) {
     case DeviceFault::kNanText:
       return "reply";
     case DeviceFault::kWrongUnit:
-      return profile.name == "alicat" || profile.name == "generic" ? "reply" : "none";
+      return has(profile.write_reply, "{set_point}") || has(profile.write_reply, "{unit}") ? "reply"
+                                                                                           : "none";
     default:
       return "none";
   }
 }
 
-TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
+TEST_P(AsciiSerialFaults, EachRaisesItsErrorInTimeAndIsSurvived) {
   const auto& [profile, fault] = GetParam();
   SerialDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
@@ -284,7 +288,7 @@ TEST_P(AsciiSerialFaults, EachIsTheStatedErrorInTimeAndIsSurvived) {
     ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.99e5; }));
   } else {
     Failure next;
-    // Unasked, half a line may still stand in front of the next one.
+    // An unsolicited half line may precede the next one.
     ASSERT_TRUE(eventually(
         [&] {
           next = failureOf([&] { readAll(driver); });
@@ -315,7 +319,7 @@ INSTANTIATE_TEST_SUITE_P(
                                      DeviceFault::kNanText, DeviceFault::kStuckValue)),
     nameOfFault);
 
-TEST(AsciiSerialDriver, AnswersToSetPointsAreReadingsAndAreNotAskedForAgain) {
+TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
   const SerialProfile profile = test::genericProfile();
   SerialDevice device(deviceOf(profile));
   AsciiSerialDriver driver = driverOf(profile, device.path());
@@ -332,7 +336,7 @@ TEST(AsciiSerialDriver, AnswersToSetPointsAreReadingsAndAreNotAskedForAgain) {
   EXPECT_EQ(device.lines() - before, static_cast<std::uint64_t>(2 * kChannels));
 }
 
-TEST(AsciiSerialDriver, TheSupplyIsReadWhereTheReplyHoldsIt) {
+TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
   SerialDevice device(deviceOf(test::togetherProfile()));
   AsciiSerialDriver driver = driverOf(test::togetherProfile(), device.path());
   driver.connect();
@@ -351,13 +355,13 @@ TEST(AsciiSerialDriver, AChannelThatDoesNotAnswerDoesNotKeepOthersFromVenting) {
   first.write(regulate(Eigen::Vector3d::Constant(2e5)));
   ASSERT_TRUE(eventually([&] { return device.pressure().minCoeff() > 1.9e5; }));
   first.close();
-  AsciiSerialDriver driver({test::genericProfile(), device.path(), {"9", "1", "2"}}, kChannels);
+  AsciiSerialDriver driver({test::genericProfile(), device.path(), {"X", "B", "C"}}, kChannels);
   EXPECT_NE(failureOf([&] { driver.connect(); }).kind, "none");
   EXPECT_TRUE(eventually([&] { return device.pressure().tail(2).maxCoeff() < 1e3; }));
   EXPECT_GT(device.pressure()[0], 1.9e5);
 }
 
-TEST(AsciiSerialDriver, AnUnpluggedDeviceIsNamedAndComesBack) {
+TEST(AsciiSerialDriver, AnUnpluggedDeviceIsReportedAndReconnects) {
   const test::TemporaryFolder folder;
   const std::string link = folder / "regulator";
   AsciiSerialDriver driver = driverOf(test::genericProfile(), link);
@@ -376,8 +380,9 @@ TEST(AsciiSerialDriver, AnUnpluggedDeviceIsNamedAndComesBack) {
               link + " hung up: it was unplugged or switched off; check its cable and power");
     const Failure missing = failureOf([&] { driver.connect(); });
     EXPECT_EQ(missing.kind, "link");
-    EXPECT_EQ(missing.text,
-              link + " is not there; plug it in, or name it as `ls /dev/serial/by-id` does");
+    EXPECT_EQ(
+        missing.text,
+        link + " does not exist; plug it in, or use a name that `ls /dev/serial/by-id` lists");
   }
 }
 
@@ -392,7 +397,7 @@ TEST(AsciiSerialDriver, ALineIsOfOneProgramAtATime) {
     const Failure held = failureOf([&] { second.connect(); });
     EXPECT_EQ(held.kind, "link");
     EXPECT_EQ(held.text, device.path() +
-                             " is held by another program; end that one (fuser tells which it is)");
+                             " is used by another program; end that one (fuser shows which it is)");
     first.write(regulate(Eigen::Vector3d::Constant(1e5)));
   }
   EXPECT_EQ(device.valves(), std::vector<Valve>(kChannels, Valve::kRegulate));
@@ -446,7 +451,7 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   ASSERT_EQ(chmod(device.path().c_str(), 0666), 0);
   AsciiSerialDriver driver = driverOf(test::genericProfile(), device.path());
   const std::string held =
-      device.path() + " is held by another program; end that one (fuser tells which it is)";
+      device.path() + " is used by another program; end that one (fuser shows which it is)";
   {
     const Opener holder(device.path(), true);
     ASSERT_EQ(holder.text(), "");
@@ -457,11 +462,11 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text, "");
 }
 
-TEST(AsciiSerialDriver, WhatIsNoSerialLineIsNamed) {
+TEST(AsciiSerialDriver, AFileThatIsNotASerialLineIsRefused) {
   const test::TemporaryFile file("p0=1.00 kPa\n");
   AsciiSerialDriver driver = driverOf(test::genericProfile(), file.path());
   EXPECT_EQ(failureOf([&] { driver.connect(); }).text,
-            file.path() + " is no serial line; expected one such as /dev/ttyUSB0");
+            file.path() + " is not a serial line; expected one such as /dev/ttyUSB0");
   AsciiSerialDriver folder = driverOf(test::genericProfile(), "/tmp");
   EXPECT_EQ(failureOf([&] { folder.connect(); }).text,
             "/tmp is a folder; expected a serial line such as /dev/ttyUSB0");
@@ -505,11 +510,11 @@ TEST(AsciiSerialDriver, FaultyConfigurationsAreRefused) {
   };
   EXPECT_EQ(refused(generic, {"0", "1", "2"}, 3), "accepted");
   EXPECT_EQ(refused(generic, {"0", "1"}, 3),
-            "ascii serial regulator: the number of addresses is 2; expected one a channel, 3");
+            "ascii serial regulator: the number of addresses is 2; expected one per channel, 3");
   EXPECT_EQ(refused(generic, {"0", "1", "0"}, 3),
-            "ascii serial regulator: address 0 is given twice; expected one a channel");
+            "ascii serial regulator: address 0 is given twice; expected one per channel");
   EXPECT_EQ(refused(generic, {"0", "1", "a b"}, 3),
-            "ascii serial regulator: address 2 is \"a b\"; expected a word without blanks");
+            "ascii serial regulator: address 2 is \"a b\"; expected a word without spaces");
   EXPECT_EQ(refused(test::ctrlPProfile(), {"0"}, 1),
             "ascii serial regulator: the number of addresses is 1; expected none: the profile's "
             "lines have no {address}");

@@ -20,7 +20,7 @@ using regulator::DeviceLock;
 using regulator::LinkError;
 using regulator::ModbusTcpDriver;
 
-// A name of this test's own, whoever else runs it.
+// A name that is unique to this test process.
 std::string deviceName() { return "test of process " + std::to_string(getpid()); }
 
 // A child that holds the device, once it has said so.
@@ -130,7 +130,7 @@ TEST_F(TwoDrivers, TheSecondIsToldWhoDrivesTheDevice) {
   EXPECT_THROW(first.connect(), LinkError);
 }
 
-// A guard vents whoever drives the device, and at once.
+// A guard vents immediately, whichever program drives the device.
 TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
   ModbusTcpDriver ward(config()), guard(config()), third(config());
   ward.connect();

@@ -60,13 +60,13 @@ TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
 }
 
-TEST_F(Noting, IsLeftToItsTaskWhereNobodyDismissesIt) {
+TEST_F(Noting, GuardsOnUnlessDismissed) {
   { const GuardProcess guard(command()); }
   EXPECT_TRUE(test::eventually([&] { return fs::exists(done()); }));
   EXPECT_EQ(told(), "");
 }
 
-TEST_F(Noting, OutlivesAKilledProcessGroupAndHearsOfIt) {
+TEST_F(Noting, OutlivesAKilledProcessGroupAndNoticesIt) {
   const pid_t ward = fork();
   if (ward == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -85,7 +85,7 @@ TEST_F(Noting, OutlivesAKilledProcessGroupAndHearsOfIt) {
   EXPECT_EQ(told(), "");
 }
 
-TEST_F(Noting, HearsABeatWithoutAnybodysDoing) {
+TEST_F(Noting, SendsBeatsByItself) {
   const GuardProcess guard(command());
   EXPECT_TRUE(test::eventually([&] { return beats() >= 3; }));
   EXPECT_EQ(told(), "");
@@ -110,7 +110,7 @@ TEST_F(Noting, ThatIsKilledIsKnownToHaveEndedBeforeItMissesABeat) {
   EXPECT_EQ(guard.state(), Guard::kEnded);
 }
 
-TEST_F(Noting, StandsOnceItHasAnsweredAndNotBefore) {
+TEST_F(Noting, IsReadyOnlyAfterItsFirstAnswer) {
   const std::string go = folder_ / "go";
   const GuardProcess guard(
       {"/bin/sh", "-c", "until [ -e \"$1\" ]; do sleep 0.05; done; exec tee \"$0\" >&0 2>/dev/null",
@@ -121,7 +121,7 @@ TEST_F(Noting, StandsOnceItHasAnsweredAndNotBefore) {
   EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
-TEST_F(Noting, ThatIsStoppedNoLongerStandsUntilItWakesUp) {
+TEST_F(Noting, IsNotReadyWhileStopped) {
   GuardProcess guard(single());
   ASSERT_TRUE(test::eventually([&] { return beats() >= 3; }));
   EXPECT_TRUE(test::eventually([&] { return guard.state() == Guard::kStands; }));

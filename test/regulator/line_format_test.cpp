@@ -93,7 +93,7 @@ TEST(LineFormat, DecimalNumbersAreReadExactly) {
   for (const auto& entry : kCases) EXPECT_EQ(numberOf(entry.text), entry.value) << entry.text;
 }
 
-TEST(LineFormat, WhatIsNoDecimalNumberIsRefused) {
+TEST(LineFormat, NonDecimalNumbersAreRefused) {
   for (const char* text : {"",
                            "nan",
                            "NaN",
@@ -183,7 +183,7 @@ TEST(LineFormat, ALineThatIsTooLongIsRefused) {
   EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
 }
 
-TEST(LineFormat, EveryChannelMustBeThereAndNoMore) {
+TEST(LineFormat, TheNumberOfChannelsMustMatch) {
   const LineFormat format("{*}\t1\t{pressures}", {"\t", "", 2});
   EXPECT_TRUE(format.match("120\t1\t1.0\t2.0\t3.0\t", "", 3));
   EXPECT_FALSE(format.match("120\t1\t1.0\t2.0", "", 3));
@@ -201,21 +201,22 @@ TEST(LineFormat, AnotherUnitIsRefused) {
   }
 }
 
-TEST(LineFormat, ABadReplySaysWhereItPartsFromTheTemplate) {
+TEST(LineFormat, ABadReplyNamesTheFirstMismatch) {
   const LineFormat format("p{address}={pressure} {unit}", kStyle);
+  EXPECT_EQ(badReply(format, "pA=nan kPa"),
+            "\"pA=nan kPa\" does not match \"p{address}={pressure} {unit}\": expected a number at "
+            "\"nan kPa\"");
+  EXPECT_EQ(badReply(format, "pA=1.0 psi"),
+            "\"pA=1.0 psi\" does not match \"p{address}={pressure} {unit}\": expected the unit kPa "
+            "at \"psi\"");
   EXPECT_EQ(
-      badReply(format, "pA=nan kPa"),
-      "\"pA=nan kPa\" is no \"p{address}={pressure} {unit}\": expected a number at \"nan kPa\"");
-  EXPECT_EQ(
-      badReply(format, "pA=1.0 psi"),
-      "\"pA=1.0 psi\" is no \"p{address}={pressure} {unit}\": expected the unit kPa at \"psi\"");
-  EXPECT_EQ(badReply(format, "pA=1.0"),
-            "\"pA=1.0\" is no \"p{address}={pressure} {unit}\": expected a blank at its end");
+      badReply(format, "pA=1.0"),
+      "\"pA=1.0\" does not match \"p{address}={pressure} {unit}\": expected a blank at its end");
   EXPECT_EQ(badReply(format, std::string("pA=1\0.0 kPa", 11)),
-            "\"pA=1?.0 kPa\" is no \"p{address}={pressure} {unit}\": expected printable ASCII at "
-            "\"?.0 kPa\"");
+            "\"pA=1?.0 kPa\" does not match \"p{address}={pressure} {unit}\": expected printable "
+            "ASCII at \"?.0 kPa\"");
   EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
-            "\"1;2\" is no \"{pressures}\": expected 3 pressures, but 2 are all at its end");
+            "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 at its end");
 }
 
 TEST(LineFormat, FaultyTemplatesAreRefused) {
@@ -229,14 +230,14 @@ TEST(LineFormat, FaultyTemplatesAreRefused) {
        "{supply}, {unit}, {*}, {words} or {...}"},
       {"p={pressure", "\"p={pressure\" has a { without a }"},
       {"p=pressure}", "\"p=pressure}\" has a } without a {"},
-      {" p", "\" p\" begins or ends with a blank; blanks at the ends of lines are not looked at"},
+      {" p", "\" p\" begins or ends with a blank; expected none, since they are ignored there"},
       {"p\n", "\"p?\" has a byte that is neither printable ASCII nor a tab"},
       {"{pressure}{supply}",
-       "\"{pressure}{supply}\" has nothing before {supply} that parts it from the field in front"},
+       "\"{pressure}{supply}\" has nothing before {supply} to separate it from the previous field"},
       {"{words} x", "\"{words} x\" has {words} before its end"},
       {"{pressure} {pressure}", "\"{pressure} {pressure}\" has {pressure} twice"},
       {"{pressure} {pressures}", "\"{pressure} {pressures}\" has both {pressure} and {pressures}"},
-      {"{unit}", "\"{unit}\" has {unit}, but there is no word for it"},
+      {"{unit}", "\"{unit}\" has {unit}, but unit_word is missing"},
   };
   for (const auto& entry : kCases) {
     EXPECT_EQ(refusal([&] { LineFormat format(entry.text); }), entry.fault);
@@ -252,7 +253,7 @@ TEST(LineFormat, ValuesThatCannotBeWrittenAreRefused) {
   EXPECT_EQ(refusal([&] {
               format.line("", {{1, 2}, {}, {}});
             }),
-            "\"{pressure}\" wants {pressure}, which is not given");
+            "\"{pressure}\" needs {pressure}, which is not given");
   EXPECT_EQ(format.line("", {{std::numeric_limits<double>::quiet_NaN()}, {}, {}}), "nan");
 }
 

@@ -111,11 +111,11 @@ TEST_P(Link, SilenceIsALostLinkWithinTheTimeout) {
     const std::string error = refusal<LinkError>([this] { read(); });
     EXPECT_NE(error.find("127.0.0.1:" + std::to_string(device_.port())), std::string::npos);
     EXPECT_NE(error.find("timed out"), std::string::npos) << error;
-    EXPECT_NE(error.find("is it on"), std::string::npos) << error;
+    EXPECT_NE(error.find("check that it is switched on"), std::string::npos) << error;
   });
   EXPECT_GE(seconds, 0.09);
   EXPECT_LT(seconds, kBounded);
-  // What was lost stays lost until it is connected anew.
+  // A lost link stays lost until the next connect().
   EXPECT_NE(refusal<LinkError>([this] { driver_.write(regulate(1e5)); }).find("there is no link"),
             std::string::npos);
   // The port is open, so it connects, and then there is no answer.
@@ -136,7 +136,7 @@ TEST_P(Link, ASlowDeviceIsALostLinkAndItsLateRepliesAreNoOthers) {
   EXPECT_EQ(read(), Eigen::Vector3d(1e5, 1e5, 1e5));
 }
 
-TEST_P(Link, ADeviceThatIsLateHearsTheVentAndEmptiesWhileTheLinkIsHeld) {
+TEST_P(Link, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   driver_.write(regulate(1e5));
   ASSERT_TRUE(eventually([this] { return std::abs(device_.pressure()[0] - 1e5) < 1; }));
   device_.setFault(DeviceFault::kSlow);
@@ -222,7 +222,7 @@ std::string connectRefusal(const std::string& host, int port) {
   return refusal<LinkError>([&driver] { driver.connect(); });
 }
 
-TEST(ModbusConnecting, WithoutALinkNothingIsSaid) {
+TEST(ModbusConnecting, WithoutALinkNothingIsSent) {
   ModbusTcpDriver driver({mpaProfile(), "127.0.0.1", 502, {0, 1, 2}});
   Pressures pressures(3);
   for (const auto& call : std::vector<std::function<void()>>{[&] { driver.write(regulate(0)); },
@@ -233,12 +233,11 @@ TEST(ModbusConnecting, WithoutALinkNothingIsSaid) {
   }
 }
 
-TEST(ModbusConnecting, ARefusalSaysWhatToLookAt) {
+TEST(ModbusConnecting, ARefusalNamesTheRemedy) {
   const int port = test::freePort();
-  EXPECT_EQ(connectRefusal("127.0.0.1", port),
-            "127.0.0.1:" + std::to_string(port) +
-                ": cannot connect: Connection refused; is its Modbus server on, and is this its "
-                "port?");
+  EXPECT_EQ(connectRefusal("127.0.0.1", port), "127.0.0.1:" + std::to_string(port) +
+                                                   ": cannot connect: Connection refused; check "
+                                                   "that its Modbus server runs, and on this port");
   EXPECT_EQ(connectRefusal("::1", port).find("[::1]:" + std::to_string(port) + ": cannot connect"),
             0u);
 }
@@ -277,7 +276,7 @@ class Listener {
   sockaddr_in address_{};
 };
 
-// A listener that accepts nobody, its queue full: further connections are not answered at all.
+// A listener with a full backlog: further connections are not answered.
 TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
   const Listener listener(0);
   std::vector<int> queue;
@@ -287,7 +286,7 @@ TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
   }
   std::string error;
   EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", listener.port()); }), kBounded);
-  EXPECT_NE(error.find("cannot connect: Connection timed out; is it switched on"),
+  EXPECT_NE(error.find("cannot connect: Connection timed out; check that it is switched on"),
             std::string::npos)
       << error;
   for (const int each : queue) close(each);
@@ -355,7 +354,7 @@ TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {
     return ++asked == 1 ? framed(request, {0x83, 2}) : framed(request, {3, 2, 0, 10});
   });
   const std::string error = refusal<BadReply>([&] { device.read(); });
-  EXPECT_NE(error.find("festo_mpa gives no readings: Illegal data address; are its registers"),
+  EXPECT_NE(error.find("festo_mpa gives no readings: Illegal data address; check the registers"),
             std::string::npos)
       << error;
   EXPECT_EQ(device.read(), 1e3);

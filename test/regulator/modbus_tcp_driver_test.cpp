@@ -124,7 +124,7 @@ TEST(ModbusTcpDriver, SlotsOfOthersAreNotTouched) {
   EXPECT_EQ(raw.read(40006, 3), (Words{195, 1234, 567}));
 }
 
-TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayWithinWhatTheDeviceTakes) {
+TEST(ModbusTcpDriver, CountsAreRoundedDownAndStayInTheDevicesRange) {
   ModbusDevice device(quietDevice(mpaProfile(), 6));
   ModbusTcpDriver driver(configOf(mpaProfile(), device.port(), {0, 1, 2, 3, 4, 5}));
   driver.connect();
@@ -145,7 +145,7 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   EXPECT_NEAR(readingOf(driver, 1)[0], 1e5, 1e-6);
 }
 
-TEST(ModbusTcpDriver, TheSupplyIsReadWhereTheProfileHasIt) {
+TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;
   ModbusDeviceConfig config = quietDevice(profile, 2);
@@ -227,7 +227,7 @@ TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
   ModbusDevice device(config);
   ModbusTcpDriver driver(configOf(vtemProfile(), device.port(), {0, 1}));
   expectHas(refusal<LinkError>([&] { driver.connect(); }),
-            {"slot 0 of festo_vtem does not start to regulate within 0.3 s",
+            {"slot 0 of festo_vtem does not start regulating within 0.3 s",
              "its status is 0x007d, expected 0x0083"});
 }
 
@@ -243,7 +243,7 @@ TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
     error = refusal<LinkError>([&] { readingOf(driver, 2); });
     return error != "accepted";
   }));
-  expectHas(error, {"slot 1 of festo_vtem has stopped to regulate", "expected 0x0083"});
+  expectHas(error, {"slot 1 of festo_vtem has stopped regulating", "expected 0x0083"});
   expectHas(refusal<LinkError>([&] { driver.vent(); }), {"there is no link"});
 }
 
@@ -292,9 +292,9 @@ TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
     return refusal<std::invalid_argument>(
         [&] { ModbusTcpDriver driver(configOf(profile, 502, std::move(places))); });
   };
-  expectHas(said(mpaProfile(), {}), {"festo_mpa", "slots are none; expected one a channel"});
+  expectHas(said(mpaProfile(), {}), {"festo_mpa", "there are no slots; expected one per channel"});
   expectHas(said(mpaProfile(), {-1}), {"slot is -1; expected a number >= 0"});
-  expectHas(said(vtemProfile(), {0, 1, 0}), {"slot is 0; expected slots that differ"});
+  expectHas(said(vtemProfile(), {0, 1, 0}), {"slot is 0; expected distinct slots"});
   expectHas(said(mpaProfile(), {7000}), {"slot is 7000; expected one whose registers are below"});
   ModbusProfile broken = mpaProfile();
   broken.pascals = 0;

@@ -93,7 +93,7 @@ TEST_F(Path, ADeviceThatHangsIsAFault) {
 }
 
 // The guard answers once a file is there, and ends once another one is.
-TEST_F(Path, IsEnabledOnlyWhileItsGuardStands) {
+TEST_F(Path, IsEnabledOnlyWhileItsGuardIsReady) {
   const test::TemporaryFolder folder;
   const std::string answers = folder / "answers";
   const auto refusal = [&] { return path_->enable(steadyNow()); };

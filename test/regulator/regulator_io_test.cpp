@@ -95,7 +95,7 @@ TEST_F(Io, WithoutOrdersItVentsByItself) {
   ASSERT_TRUE(keepOrdering(ordersOf(3e4, 4e4), [&] { return regulates(3e4); }));
 }
 
-TEST_F(Io, AHangingDeviceHoldsNobodyUp) {
+TEST_F(Io, AHangingDeviceDelaysNoCaller) {
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
   device_.hangs = true;
   for (int i = 0; i < 1000; ++i) io_.order(ordersOf(i, i), io_.breaks());
@@ -240,7 +240,7 @@ TEST(Mailbox, TheReceiverSeesTheNewestAndNoneTwice) {
   EXPECT_EQ(box.held(), 3);
 }
 
-TEST(Mailbox, WhatIsFetchedIsWholeAndNeverOlder) {
+TEST(Mailbox, FetchedValuesAreCompleteAndNeverOlder) {
   struct Pair {
     std::uint64_t first = 0, second = 0;
   };
@@ -282,7 +282,7 @@ TEST(RegulatorIo, HoldsALinkThatTheVentNeeds) {
   }
 }
 
-TEST(RegulatorIo, EndsWithItsLinkUntilNoPressureStands) {
+TEST(RegulatorIo, KeepsItsLinkUntilNoPressureRemains) {
   for (const bool empties : {false, true}) {
     ScriptedDevice device(kChannels);
     device.read(Eigen::Vector2d(1e5, 0));

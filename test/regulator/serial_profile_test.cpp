@@ -41,7 +41,7 @@ TEST(SerialProfile, EachRuleIsNamed) {
     const char* fault;
   } kCases[] = {
       {[](SerialProfile& p) { p.baud = 19201; },
-       "baud is 19201; expected 1200, 2400, 4800, 9600 and so on up to 2000000"},
+       "baud is 19201; expected a standard rate from 1200 to 2000000"},
       {[](SerialProfile& p) { p.terminator = ";"; },
        "terminator is \";\"; expected a carriage return, a line feed or both"},
       {[](SerialProfile& p) { p.pascals = 0; },
@@ -49,11 +49,11 @@ TEST(SerialProfile, EachRuleIsNamed) {
       {[](SerialProfile& p) { p.atmosphere = -1; }, "the atmosphere [Pa] is -1; expected 0 to 2e5"},
       {[](SerialProfile& p) { p.decimals = 7; }, "decimals is 7; expected 0 to 6"},
       {[](SerialProfile& p) { p.separator = "-"; },
-       "a separator is \"-\"; expected 1 to 4 characters that are in no number"},
+       "a separator is \"-\"; expected 1 to 4 characters that no number contains"},
       {[](SerialProfile& p) { p.reply_separator = ""; },
-       "a separator is \"\"; expected 1 to 4 characters that are in no number"},
+       "a separator is \"\"; expected 1 to 4 characters that no number contains"},
       {[](SerialProfile& p) { p.unit_word = "k Pa"; },
-       "unit_word is \"k Pa\"; expected a word without blanks and braces"},
+       "unit_word is \"k Pa\"; expected a word without spaces and braces"},
       {[](SerialProfile& p) { p.timeout = 0; }, "timeout [s] is 0; expected 0.001 to 10"},
       {[](SerialProfile& p) { p.watchdog = 0; },
        "watchdog [s] is 0; expected 0.1 or more, and at least twice the timeout"},
@@ -62,24 +62,24 @@ TEST(SerialProfile, EachRuleIsNamed) {
       {[](SerialProfile& p) { p.write = ""; }, "write is missing"},
       {[](SerialProfile& p) { p.reply = ""; }, "reply is missing"},
       {[](SerialProfile& p) { p.vent.clear(); },
-       "vent is missing: without it no fault can be survived"},
+       "vent is missing; a fault must be able to release the pressure"},
       {[](SerialProfile& p) { p.write = "p{address}"; }, "write has no {pressure}"},
       {[](SerialProfile& p) { p.reply = "p{address} {unit}"; }, "reply has no {pressure}"},
       {[](SerialProfile& p) { p.write = "p{address}={pressure} {supply}"; },
-       "write has {supply}, which a line to the device cannot"},
+       "write has {supply}, which a line to the device cannot have"},
       {[](SerialProfile& p) { p.vent = {"p{address}={pressure}"}; },
-       "vent has {pressure}, which a line to the device cannot"},
+       "vent has {pressure}, which a line to the device cannot have"},
       {[](SerialProfile& p) { p.vent = {"vent"}; }, "vent has no {address}, but write has"},
       {[](SerialProfile& p) { p.start = {"hello {address}"}; },
-       "start has {address}, which a line to the device cannot"},
+       "start has {address}, which a line to the device cannot have"},
       {[](SerialProfile& p) { p.write = "p{addres}={pressure}"; },
        "write \"p{addres}={pressure}\" has {addres}; expected {address}, {pressure}, {pressures}, "
        "{set_point}, {supply}, {unit}, {*}, {words} or {...}"},
       {[](SerialProfile& p) { p.read = ""; },
-       "read is missing, so one_by_one must be false: readings come unasked, in one line for all "
-       "channels"},
+       "read is missing, so one_by_one must be false: unsolicited readings come in one line for "
+       "all channels"},
       {[](SerialProfile& p) { p.skip = {"#{...}"}; },
-       "supply_line and skip are of lines that come unasked, but read is given"},
+       "supply_line and skip apply to unsolicited lines, but read is given"},
   };
   for (const auto& entry : kCases) {
     EXPECT_EQ(faultOf(test::genericProfile(), entry.change),
@@ -89,8 +89,8 @@ TEST(SerialProfile, EachRuleIsNamed) {
             "serial profile: close is given, but one_by_one is false: one channel alone cannot be "
             "closed");
   EXPECT_EQ(faultOf(test::ctrlPProfile(), [](SerialProfile& p) { p.write_reply = "ok"; }),
-            "serial profile: read is missing, so write_reply and vent_reply must be: what comes "
-            "unasked answers nothing");
+            "serial profile: read is missing, so write_reply and vent_reply must be missing: "
+            "unsolicited lines answer nothing");
   EXPECT_EQ(faultOf(test::ctrlPProfile(), [](SerialProfile& p) { p.supply_line = "2 {*}"; }),
             "serial profile: supply_line has no {supply}");
   EXPECT_EQ(faultOf(test::togetherProfile(),

@@ -81,7 +81,7 @@ TEST(SimulatedRegulator, UnderAWeakSupplyPressuresStayOrFallButDoNotRiseAboveIt)
   EXPECT_TRUE(regulator.pressure().isApprox(Eigen::Vector3d(1e5, 1e5, 0.1 * kSupply)));
 }
 
-TEST(SimulatedRegulator, MendedItGoesWhereItWasTold) {
+TEST(SimulatedRegulator, RepairedItFollowsItsSetPoint) {
   for (const AirFault fault :
        {AirFault::kBurst, AirFault::kStuckOpen, AirFault::kStuckShut, AirFault::kLowSupply}) {
     SimulatedRegulator regulator(1, kQuiet);

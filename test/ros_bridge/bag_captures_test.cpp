@@ -23,7 +23,7 @@ std::string faultOf(const std::string& path) {
   return "";
 }
 
-TEST(BagCaptures, AreTheMomentsInWhichTheArmStandsStill) {
+TEST(BagCaptures, AreTakenWheneverTheArmIsAtRest) {
   const test::TemporaryFolder folder;
   for (const bool commanded : {true, false}) {
     Recording recording(folder / (commanded ? "with.bag" : "without.bag"));
@@ -77,14 +77,14 @@ TEST(BagCaptures, AreDataLikeAnyOtherAndCountOn) {
   EXPECT_NE(data.warnings[0].find(paths[1]), std::string::npos);
 }
 
-TEST(BagCaptures, AnArmThatNeverStandsStillIsToldOf) {
+TEST(BagCaptures, AnArmThatIsNeverAtRestIsReported) {
   const test::TemporaryFolder folder;
   Recording recording(folder / "moving.bag");
   for (int k = 0; k < 20; ++k) recording.play({1e4 * k, 0, 0}, 0.3);
-  EXPECT_NE(faultOf(recording.close()).find("never stands still"), std::string::npos);
+  EXPECT_NE(faultOf(recording.close()).find("never at rest"), std::string::npos);
 }
 
-TEST(BagCaptures, WhatIsMissingOrOfAnotherArmIsNamed) {
+TEST(BagCaptures, MissingTopicsAndOtherArmsAreNamed) {
   const test::TemporaryFolder folder;
   Recording empty(folder / "empty.bag");
   const std::string missing = faultOf(empty.close());

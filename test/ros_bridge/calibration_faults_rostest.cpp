@@ -6,14 +6,34 @@
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <ros/master.h>
+#include <ros/network.h>
 #include <ros/this_node.h>
 #include <sys/stat.h>
+#include <xmlrpcpp/XmlRpc.h>
 
+#include "helix_arm/RunCalibrationActionFeedback.h"
 #include "helix_arm/SafetyState.h"
 #include "support/calibration_rig.hpp"
 
 namespace helix_arm::test {
 namespace {
+
+// Process of a node that the launch file started; 0 if it does not answer.
+pid_t processOf(const std::string& node) {
+  XmlRpc::XmlRpcValue question, answer, uri;
+  question[0] = ros::this_node::getName();
+  question[1] = node;
+  if (!ros::master::execute("lookupNode", question, answer, uri, false)) return 0;
+  std::string host;
+  std::uint32_t port = 0;
+  if (!ros::network::splitURI(static_cast<std::string&>(uri), host, port)) return 0;
+  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
+  XmlRpc::XmlRpcValue caller;
+  caller[0] = ros::this_node::getName();
+  if (!client.execute("getPid", caller, answer) || answer.size() != 3) return 0;
+  return static_cast<int&>(answer[2]);
+}
 
 class CalibrationFaults : public CalibrationRig {
  protected:
@@ -35,7 +55,7 @@ class CalibrationFaults : public CalibrationRig {
   std::size_t first_target_ = 0;
 };
 
-TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
+TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
   const auto refusal = [](const Calibrate::Request& request) {
     const Calibrate::Response response = call<Calibrate>("calibrate", request);
     EXPECT_FALSE(response.success);
@@ -45,7 +65,7 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
     EXPECT_NE(message.find(word), std::string::npos) << message;
   };
   Calibrate::Request request;
-  says(refusal(request), "nothing was recorded");
+  says(refusal(request), "no sample was recorded");
   const TemporaryFile series("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,0,0\n", ".csv");
   request.data = {series.path()};
   says(refusal(request), series.path());
@@ -62,7 +82,7 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
 
   Save::Request save;
   save.path = "/tmp/samples.csv";
-  says(call<Save>("save", save).message, "nothing was recorded");
+  says(call<Save>("save", save).message, "no sample was recorded");
   save.path = "/tmp/scene.yaml";
   says(call<Save>("save", save).message, "nothing was calibrated");
   save.path = "scene.yaml";
@@ -99,8 +119,8 @@ TEST_F(CalibrationFaults, NonsenseIsAnsweredWithWhatIsWrong) {
   EXPECT_EQ(rig_.command.last().pressure, (std::vector<double>{0, 0, 0}));
 }
 
-// Whoever reaches the node names what path he likes: what is elsewhere is neither read nor written,
-// whatever links lead there, and no line of a file is told.
+// Any network peer can name paths: files elsewhere are neither read nor written, through links
+// either, and no message contains a line of a file.
 TEST_F(CalibrationFaults, FilesAreReadAndWrittenInTheirFoldersAlone) {
   const TemporaryFolder folder;  // below that of the node
   const std::string secret = "root:x:0:0:secret";
@@ -213,14 +233,14 @@ TEST_F(CalibrationFaults, ASampleOfStaleMeasurementsIsRefused) {
   EXPECT_TRUE(waitFor([&] {
     response = call<RecordSample>("record_sample");
     waitFor([] { return false; }, 0.1);
-    return response.message.find("none has come for") != std::string::npos;
+    return response.message.find("none received for") != std::string::npos;
   })) << response.message;
   EXPECT_FALSE(response.success);
   RunCalibrationGoal goal;
   client_->sendGoal(goal);
   ASSERT_TRUE(ends());
   EXPECT_EQ(ending(), "ABORTED");
-  EXPECT_NE(client_->getResult()->message.find("none has come for"), std::string::npos);
+  EXPECT_NE(client_->getResult()->message.find("none received for"), std::string::npos);
 }
 
 TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
@@ -234,7 +254,7 @@ TEST_F(CalibrationFaults, CancelledItRampsThePressuresDown) {
   expectRamps(first_target_);
 }
 
-TEST_F(CalibrationFaults, ASecondGoalTakesTheFirstOnesPlaceFromRest) {
+TEST_F(CalibrationFaults, ASecondGoalReplacesTheFirstAfterRest) {
   startRun();
   RunCalibrationGoal goal;
   goal.plan = {0, 0, 0, 0, 0, 1e5};
@@ -256,6 +276,29 @@ TEST_F(CalibrationFaults, WithoutMeasurementsTheArmVentsAndItSaysSo) {
   EXPECT_NE(client_->getResult()->message.find("was not read"), std::string::npos)
       << client_->getResult()->message;
   EXPECT_TRUE(atRest());
+}
+
+TEST_F(CalibrationFaults, PicturesThatFailToComeForAWhileAreWaitedFor) {
+  Inbox<RunCalibrationActionFeedback> feedback(node_, "calibration/run_calibration/feedback");
+  const pid_t vision = processOf("/vision");
+  ASSERT_GT(vision, 0);
+  startRun();
+  ASSERT_EQ(kill(vision, SIGSTOP), 0);
+  const auto waits = feedback.next([](const RunCalibrationActionFeedback& one) {
+    return one.feedback.state.find("tag detections: none received for") != std::string::npos;
+  });
+  ASSERT_EQ(kill(vision, SIGCONT), 0);
+  EXPECT_TRUE(waits) << calibration_->outputNow();
+  ASSERT_TRUE(ends());
+  // The run was completed: it came to the fit, with a sample of each step. The fit of so few
+  // captures may be refused.
+  EXPECT_EQ(feedback.last().feedback.state, "fitting") << client_->getResult()->message;
+  EXPECT_EQ(feedback.last().feedback.samples, 4u);
+  EXPECT_NE(calibration_->outputNow().find("run_calibration waits for pictures"), std::string::npos)
+      << calibration_->outputNow();
+  EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+  expectRamps(first_target_);
 }
 
 TEST_F(CalibrationFaults, AskedToEndItRampsDownFirst) {

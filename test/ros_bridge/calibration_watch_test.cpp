@@ -36,7 +36,7 @@ TEST_F(CalibrationWatchTest, AMomentWithinThemStartsTheMinuteAnew) {
   EXPECT_NE(note(101.1, 3.01, 0.1), "");
 }
 
-TEST_F(CalibrationWatchTest, WhatIsHardlyKnownIsNoReason) {
+TEST_F(CalibrationWatchTest, AnUncertainDeviationIsNoReason) {
   for (const double time : {0.0, 70.0}) EXPECT_EQ(note(time, 4, 0.34), "") << time;
   for (const double time : {100.0, 170.0}) note(time, 4, 0.33);
   EXPECT_NE(watch_.advice(), "");

@@ -55,9 +55,20 @@ class Contact : public LoopRig {
         },
         kDeadline);
   }
+  // A goal is refused until safety.commander_timeout_s after the last target, and sent again.
+  bool begins(const FollowTipPathGoal& goal) {
+    send(goal);
+    return waitFor(
+        [&] {
+          if (client_->getState().isDone()) send(goal);
+          return feedback_.size() > 2;
+        },
+        kDeadline);
+  }
   FollowTipPathGoal slowGoal(std::uint8_t on_contact) const {
     FollowTipPathGoal goal = goalAlong({kMiddle, kBeside}, 60.0);
     goal.on_contact = on_contact;
+    goal.hold_s = 0;  // without end, as the arm is simulated
     return goal;
   }
 
@@ -92,18 +103,20 @@ TEST_F(Contact, AForceIsToldWithItsSizeAndThatItIsGone) {
 }
 
 TEST_F(Contact, AGoalThatIsToStopEndsWithContact) {
-  send(slowGoal(FollowTipPathGoal::STOP));
-  ASSERT_TRUE(isUnderWay());
+  ASSERT_TRUE(begins(slowGoal(FollowTipPathGoal::STOP)));
   push(0.8);
   EXPECT_EQ(endOfGoal(), Result::CONTACT);
   EXPECT_EQ(client_->getState(), actionlib::SimpleClientGoalState::ABORTED);
   EXPECT_NE(client_->getResult()->error_string.find("on_contact is STOP"), std::string::npos)
       << client_->getResult()->error_string;
+  // The command is held, although contacts without a goal are only reported.
+  const std::size_t before = loop_.all().size();
+  ASSERT_TRUE(waitFor([&] { return loop_.all().size() > before + 20; }));
+  EXPECT_EQ(loop_.last().state, LoopStatus::YIELDING) << loop_.last().message;
 }
 
 TEST_F(Contact, AGoalThatIsToYieldStandsStillUntilTheArmIsFree) {
-  send(slowGoal(FollowTipPathGoal::YIELD));
-  ASSERT_TRUE(isUnderWay());
+  ASSERT_TRUE(begins(slowGoal(FollowTipPathGoal::YIELD)));
   push(0.8);
   ASSERT_TRUE(comesTo(LoopStatus::YIELDING, {}, kDeadline));
   EXPECT_NE(loop_.last().message.find("clear the arm"), std::string::npos);

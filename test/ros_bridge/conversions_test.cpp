@@ -141,7 +141,7 @@ TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
   expectRefusal(msg, Fault::kOutOfRange, "piece_twist[7]");
   msg = sound;
   msg.twist[3] += 0.01;
-  expectRefusal(msg, Fault::kOutOfRange, "add up to another twist");
+  expectRefusal(msg, Fault::kOutOfRange, "do not sum to the twists of its sections");
   msg = sound;
   msg.twist[3] = std::nan("");
   expectRefusal(msg, Fault::kNotFinite, "twist[3]");
@@ -221,15 +221,15 @@ TEST(Conversions, AWrenchThatIsNoForceAtTheTipIsRefused) {
   geometry_msgs::WrenchStamped wrench = wrenchOf({0.1, 0, 0});
   wrench.wrench.torque.y = 0.01;
   expectRefusal(wrench, Fault::kOutOfRange,
-                "the torque is (0, 0.01, 0) N m; send 0, for only a force acts on the tip");
+                "the torque is (0, 0.01, 0) N m; send 0, since only a force acts on the tip");
   wrench.wrench.torque.y = std::nan("");
   expectRefusal(wrench, Fault::kOutOfRange,
-                "the torque is (0, nan, 0) N m; send 0, for only a force acts on the tip");
+                "the torque is (0, nan, 0) N m; send 0, since only a force acts on the tip");
   wrench = wrenchOf({0.1, 0, 0});
   wrench.header.frame_id = "world";
-  expectRefusal(wrench, Fault::kWrongFrame,
-                "the force is seen from 'world'; transform it to 'arm_base', or leave frame_id "
-                "empty");
+  expectRefusal(
+      wrench, Fault::kWrongFrame,
+      "the frame of the force is 'world'; transform it to 'arm_base', or leave frame_id empty");
 }
 
 TEST(Conversions, TheConstantsOfSafetyStateAreTheNamesOfTheStates) {

@@ -1,4 +1,4 @@
-// Whatever a recording holds, who loads it goes on.
+// No recording, however damaged, ends the process that loads it.
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -33,7 +33,7 @@ void write(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
-// Of a recording that stands still twice.
+// A recording in which the arm is at rest twice.
 std::string soundBag(const test::TemporaryFolder& folder) {
   Recording recording(folder / "sound.bag");
   recording.play({0, 0, 0}, 3);

@@ -26,9 +26,9 @@ class DeadMaster : public ::testing::Test {
     return out;
   }
   // Goes through pressures above 140 kPa on every muscle.
-  Process commander() const {
+  Process commander(const std::string& name = "pressure_series") const {
     return Process({HELIX_ARM_SERIES, "_scene:=" + regulator_.scene(), "_loop:=true",
-                    "_ramp_s:=0.2", "_hold_s:=1"},
+                    "_ramp_s:=0.2", "_hold_s:=1", "__name:=" + name},
                    master_.variables());
   }
   void call(const std::vector<std::string>& arguments, const std::string& answer) const {
@@ -79,7 +79,7 @@ TEST_F(DeadMaster, ALostMasterEndsTheNodeVented) {
       1e3 * (regulator::steadyNow() - begin));
 }
 
-// One that hangs takes what it is told and answers nothing, the unregistering at the end included.
+// A hanging master accepts requests and answers none, including those to unregister at the end.
 TEST_F(DeadMaster, AHungMasterEndsTheNodeVented) {
   Process arm(node(), master_.variables());
   ASSERT_TRUE(arm.prints("loop at")) << arm.output();
@@ -114,7 +114,7 @@ TEST_F(DeadMaster, ANodeThatIsAskedToEndVentsFirstThoughTheMasterHangs) {
   master_.signal(SIGCONT);
 }
 
-TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
+TEST_F(DeadMaster, ABlockedLogDelaysNeitherTargetsNorStopNorVent) {
   const TemporaryFolder folder;
   const std::string log = folder / "log";
   ASSERT_EQ(mkfifo(log.c_str(), 0600), 0);
@@ -129,6 +129,16 @@ TEST_F(DeadMaster, ALogThatIsHeldUpHoldsUpNeitherStopNorVent) {
   const std::string rubbish(512, '.');
   while (write(reader, rubbish.data(), rubbish.size()) > 0) {
   }
+  // The main thread warns of a second commander's targets, and still takes those of the first.
+  Process diagnostics({"rostopic", "echo", "/diagnostics"}, master_.variables());
+  Process other = commander("other");
+  ASSERT_TRUE(eventually([&] {
+    const std::string count = valueOf("dropped_other_commander", diagnostics);
+    return !count.empty() && count != "0";
+  })) << diagnostics.output();
+  call({kNode + "/vent"}, "success: ");
+  ASSERT_TRUE(vents(10));
+  ASSERT_TRUE(inflates());
   call({kNode + "/emergency_stop", "true"}, "success: True");
   EXPECT_TRUE(vents(10));  // nothing else would: its commander goes on
   close(reader);
@@ -173,8 +183,8 @@ TEST_F(DeadMaster, APausedRecordingIsASilentCommander) {
   EXPECT_TRUE(arm.prints("stale", 5) || arm.output().find("target_timeout") != std::string::npos)
       << arm.output();
 
-  // It goes on, and moves nothing until somebody has enabled the arm. Counted in the diagnostics,
-  // whose type, unlike the answers', every rostopic knows.
+  // It continues, and moves nothing until the arm is enabled again. Counted in the diagnostics,
+  // whose type every rostopic knows, unlike that of the answers.
   Process diagnostics({"rostopic", "echo", "/diagnostics"}, master_.variables());
   const auto refused = [&] {
     const std::string count = valueOf("dropped_not_enabled", diagnostics);

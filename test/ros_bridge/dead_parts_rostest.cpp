@@ -23,7 +23,7 @@ using Line = EmulatedRegulator::Line;
 
 const Eigen::Vector3d kPressures(1.5e5, 1e5, 5e4);  // [Pa]
 constexpr double kAtOnce = 0;
-// Until one that stands still is known to [s].
+// Time until a stopped process is detected [s].
 constexpr double kStandstill =
     regulator::GuardProcess::kMissedBeats * regulator::GuardProcess::kBeatPeriod;
 constexpr double kGuardLooks = 1;       // the node looks after its guard so often [s]
@@ -123,7 +123,7 @@ TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   EXPECT_EQ(rig_.safety.last().cause, "stale_target");
   EXPECT_NE(rig_.safety.last().reason.find("target_timeout_s"), std::string::npos)
       << rig_.safety.last().reason;
-  // Back again, it moves nothing until somebody has enabled the arm.
+  // After its return it moves nothing until the arm is enabled.
   const std::size_t answers = rig_.status.all().size();
   rig_.command(kPressures);
   ASSERT_TRUE(waitFor([&] { return rig_.status.all().size() >= answers + 10; }));
@@ -176,7 +176,7 @@ TEST_P(DeadParts, AKilledNodeLeavesAGuardThatVents) {
   expectEmpties();
 }
 
-TEST_P(DeadParts, ANodeThatStandsStillIsKilledByItsGuardWhichVents) {
+TEST_P(DeadParts, AStoppedNodeIsKilledByItsGuardWhichVents) {
   const double begin = regulator::steadyNow();
   rig_.node.signal(SIGSTOP);
   ASSERT_TRUE(deviceVents(kStandstill));
@@ -199,11 +199,11 @@ TEST_P(DeadParts, AKilledGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGKILL, kGuardLooks);
 }
 
-TEST_P(DeadParts, AGuardThatStandsStillVentsTheArmAndIsReplaced) {
+TEST_P(DeadParts, AStoppedGuardVentsTheArmAndIsReplaced) {
   expectAnotherGuardAfter(SIGSTOP, kStandstill + kGuardLooks);
 }
 
-// Two faults at once: nobody would be left to vent the arm were the node killed now.
+// Two faults at once: if the node were killed now, nothing could vent the arm.
 TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   const std::string scene = regulator_.scene(), hidden = scene + ".hidden";
   const std::vector<pid_t> first = guardsOf(scene);
@@ -225,7 +225,8 @@ TEST_P(DeadParts, WhileNoGuardCanBeStartedNothingIsEnabled) {
   })) << rig_.node.output();
   EXPECT_FALSE(enabled);
   EXPECT_FALSE(inflated);
-  EXPECT_NE(refusal.find("the guard, which vents where this process is killed"), std::string::npos)
+  EXPECT_NE(refusal.find("the guard, which vents the arm if this process is killed"),
+            std::string::npos)
       << refusal;
   EXPECT_EQ(rig_.safety.last().state, "vented") << rig_.safety.last().reason;
   std::filesystem::rename(hidden, scene);
@@ -244,7 +245,7 @@ TEST_P(DeadParts, AnotherCommanderIsRefusedWhileTheFirstHoldsTheLease) {
   EXPECT_TRUE(rig_.bringTo(kPressures));
 }
 
-// Where node and guard die together nobody is left but the device itself.
+// If node and guard die together, only the device itself can vent.
 TEST(DeadMachine, ADeviceThatWatchesItsLineVentsByItself) {
   EmulatedRegulator regulator(Line::kSerial, EmulatedRegulator::Extra::kWatchdog);
   HardwareRig rig(regulator, "machine");
@@ -359,7 +360,7 @@ TEST_F(DeadNodes, AKilledRegulatorsNodeIsAFault) {
   const auto order = rig_.command.next([](const PressureArray&) { return true; });
   ASSERT_TRUE(order);
   EXPECT_EQ(order->pressure, (std::vector<double>{0, 0, 0}));
-  // What became of the pressure nobody can say, and after a while it is said so.
+  // The pressure is unknown, which is reported after a while.
   EXPECT_TRUE(waitFor([this] { return safety_.last().vent_overdue; }, kDemoVentTime + kSlack));
   device_ = program(HELIX_ARM_SIMULATED_RIG, {});
   EXPECT_TRUE(waitFor([this] { return state() != "fault"; }));

@@ -18,7 +18,7 @@ using Causes = std::set<std::string>;
 
 const Eigen::Vector3d kBefore(1.5e5, 1e5, 5e4);  // [Pa]
 const Eigen::Vector3d kAfter(2e5, 0.5e5, 1.2e5);
-// A round of questions and orders that nobody answers: three channels of the profile `generic` [s].
+// A round of requests and orders without answers: three channels of the profile `generic` [s].
 constexpr double kRound = 2 * 3 * 0.1;
 // Until the link is tried again [s].
 const double kBackOff = regulator::IoRules().longest_back_off;
@@ -80,7 +80,7 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
   EXPECT_EQ(fault.state, "fault");
   EXPECT_TRUE(row.causes.count(fault.cause)) << fault.cause << ": " << fault.reason;
 
-  // A device that cannot vent is told as soon as it can.
+  // A device that cannot vent receives the order as soon as it can.
   if (row.vents) {
     EXPECT_TRUE(rig_.ventsBy(begin, row.rule + kRound + kSlack));
   } else {
@@ -101,7 +101,7 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
   RecordProperty("fault_after_ms", std::to_string(std::lround(1e3 * to_fault)));
   RecordProperty("vents_after_ms", std::to_string(std::lround(1e3 * to_vent)));
 
-  // The commander goes on all the while.
+  // The commander continues all the time.
   const std::size_t answers = rig_.status.all().size();
   ASSERT_TRUE(waitFor([&] { return rig_.status.all().size() >= answers + 10; }));
   EXPECT_EQ(rig_.status.last().fault, "not_enabled");

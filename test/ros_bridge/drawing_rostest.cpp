@@ -63,7 +63,7 @@ TEST_F(Drawing, EveryFrameHasOneParentAndHangsFromTheWorld) {
   EXPECT_EQ(parents.size(), expected.size());
 }
 
-TEST_F(Drawing, TheBaseIsWhereTheSceneHasIt) {
+TEST_F(Drawing, TheBaseHasThePoseOfTheScene) {
   ASSERT_TRUE(waitFor([this] { return !static_tf_.all().empty(); }));
   EXPECT_LT(distance(poseOf(static_tf_.last().transforms.at(0).transform), scene_.X_WB), 1e-12);
 }
@@ -125,7 +125,7 @@ TEST_F(Drawing, MarkersHaveStableNamesAndOutliveTheirPeriod) {
   }
 }
 
-TEST_F(Drawing, TubesFollowTheirMusclesAndTheTextTellsThePressure) {
+TEST_F(Drawing, TubesFollowTheirMusclesAndTheTextShowsThePressure) {
   // Without noise the pressures settle on the command, and the drawing with them.
   const Eigen::VectorXd q = (Eigen::VectorXd(7) << 3e5, 0, 0, 0, 0, 2e5, 0).finished();
   const model::Twists twists = scene_.arm.twists(q);

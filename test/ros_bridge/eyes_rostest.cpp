@@ -70,7 +70,7 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
   VisionStatus lastStatus() { return eye_.status.last(); }
 
-  // Publishes a picture like the sound one, but for the change.
+  // Publishes the valid picture with a change.
   template <class Message, class Change>
   auto publishing(const Message& sound, const Change& change) {
     return [this, sound, change](const ros::Time& stamp) {
@@ -153,7 +153,7 @@ TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
   }
 }
 
-TEST_P(AllEyes, ABlankPictureTakesTheDrawingAway) {
+TEST_P(AllEyes, ABlankPictureRemovesTheDrawing) {
   const auto isDrawn = [this] {
     return !eye_.markers.all().empty() && eye_.markers.last().markers.at(0).action == Marker::ADD;
   };
@@ -221,7 +221,7 @@ TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
   EXPECT_GT(error->tag_rms, 0);
 }
 
-TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
+TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   const vision::TagFamily family(eye_.scene.vision.detector.family);
   const auto sights = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
   ASSERT_FALSE(sights.empty());
@@ -231,7 +231,8 @@ TEST_P(AllEyes, ForeignAndRepeatedTagsAreNamedAndNotUsed) {
   for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {
     drawTag(family, family.cells(id), squareCorners(x, 120, 80, 0.1), picture);
   }
-  // While all tags are tracked nobody looks elsewhere: after a jump in time the whole is searched.
+  // While all tags are tracked, the rest of the picture is not searched; after a jump in time it
+  // is.
   eye_.setTime(eye_.stamp() - ros::Duration(100.0));
   const ros::Time stamp = eye_.nextStamp();
   const auto before = lastStatus();
@@ -344,7 +345,7 @@ TEST_P(JpegEye, AModelOfAnotherArmIsCountedAndNotUsed) {
   EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_model > before.bad_model; }));
 }
 
-TEST_P(JpegEye, AModelWithoutLengthOrOfAForeignFrameIsCountedAndNamed) {
+TEST_P(JpegEye, AModelWithoutLengthOrInAnotherFrameIsCountedAndNamed) {
   const auto expectNamed = [this](const std_msgs::Header& header, const model::Twists& twists,
                                   const std::string& word) {
     const std::uint64_t before = lastStatus().bad_model;
@@ -378,7 +379,7 @@ TEST_P(JpegEye, APictureOfAnotherSizeIsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
 
-TEST_P(JpegEye, WhatIsNoJpegIsRefused) {
+TEST_P(JpegEye, APictureThatIsNotAJpegIsRefused) {
   const auto sound = eye_.jpeg(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
@@ -392,7 +393,7 @@ INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
 
 class RawEye : public Eyes {};
 
-TEST_P(RawEye, WhatIsNoPictureIsRefused) {
+TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
   const auto sound = eye_.raw(eye_.picture(bent_), {});
   const auto changed = [&](const auto& change) { return publishing(sound, change); };
   expectRefused("'yuv422'", &VisionStatus::wrong_encoding,
@@ -430,6 +431,75 @@ TEST(File, ItsEndIsTheLastState) {
     EXPECT_EQ(status->state, VisionStatus::ENDED) << status->message;
     EXPECT_EQ(status->measured, 1U);
   }
+}
+
+// A vision node that reads the same picture again and again, from a folder.
+class Republisher {
+ public:
+  explicit Republisher(CameraStandIn& eye, const std::string& ns,
+                       const std::vector<std::string>& more)
+      : picture_(eye.picture(eye.twists(kBent))) {
+    const auto jpeg = eye.jpeg(picture_, {}).data;
+    vision::JpegDecoder().decode(jpeg.data(), jpeg.size(), picture_);
+    for (int i = 0; i < 400; ++i) {
+      std::ofstream(folder_ / (std::to_string(1000 + i) + ".jpg"), std::ios::binary)
+          .write(reinterpret_cast<const char*>(jpeg.data()),
+                 static_cast<std::streamsize>(jpeg.size()));
+    }
+    std::vector<std::string> arguments{HELIX_ARM_VISION, "__ns:=" + ns,
+                                       "_scene:=demo",   "_source:=" + folder_.path(),
+                                       "_file_rate:=10", "_frame_prefix:=" + ns + "_"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    node_ = std::make_unique<Process>(arguments);
+  }
+
+  const cv::Mat& picture() const { return picture_; }
+  const std::string& output() { return node_->outputNow(); }
+
+ private:
+  cv::Mat picture_;
+  TemporaryFolder folder_;
+  std::unique_ptr<Process> node_;
+};
+
+TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAsked) {
+  CameraStandIn& eye = StandIns::of("jpeg");
+  Republisher node(eye, "shown", {"_publish_image:=true"});
+  VisionListener listener("shown");
+  const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
+  const Inbox<sensor_msgs::CameraInfo> info(listener.node, names::kCameraInfo);
+  ASSERT_TRUE(waitFor([&] { return image.all().size() >= 2 && info.all().size() >= 2; }))
+      << node.output();
+  const sensor_msgs::Image shown = image.last();
+  const auto with = VisionListener::of(info, shown.header.stamp);
+  ASSERT_NE(with, nullptr) << "no camera_info of the picture's time";
+  EXPECT_EQ(with->header.frame_id, "shown_camera_optical");
+  EXPECT_EQ(shown.header.frame_id, with->header.frame_id);
+  const auto expected = ros_bridge::toCameraInfoMsg({}, eye.scene.camera->model);
+  EXPECT_EQ(with->K, expected.K);
+  EXPECT_EQ(with->D, expected.D);
+  EXPECT_EQ(with->width, expected.width);
+  EXPECT_EQ(shown.encoding, "mono8");
+  cv::Mat buffer;
+  const auto gray = ros_bridge::fromMsg(shown, buffer);
+  ASSERT_TRUE(std::holds_alternative<cv::Mat>(gray));
+  EXPECT_EQ(cv::norm(std::get<cv::Mat>(gray), node.picture(), cv::NORM_INF), 0);
+  ASSERT_NE(VisionListener::of(listener.detections, shown.header.stamp), nullptr);
+}
+
+TEST(File, ItsPicturesAreNotRepublishedUnasked) {
+  Republisher node(StandIns::of("jpeg"), "unshown", {});
+  VisionListener listener("unshown");
+  const Inbox<sensor_msgs::Image> image(listener.node, names::kImage);
+  ASSERT_TRUE(waitFor([&] { return listener.measured.all().size() >= 3; })) << node.output();
+  EXPECT_EQ(image.publishers(), 0U);
+  EXPECT_TRUE(image.all().empty());
+}
+
+TEST(File, PicturesOfATopicAreNotRepublished) {
+  Process node({HELIX_ARM_VISION, "__ns:=looped", "_scene:=demo", "_publish_image:=true"});
+  EXPECT_TRUE(node.prints("come from a topic already")) << node.output();
+  EXPECT_EQ(node.exitCode(), 2);
 }
 
 }  // namespace

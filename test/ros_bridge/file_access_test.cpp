@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -30,6 +31,8 @@ calibration:
   rms: 0.3
   error_unit: px
 )";
+
+const std::string kPng = "\x89PNG\r\n\x1a\n";
 
 class FileAccessTest : public ::testing::Test {
  protected:
@@ -56,7 +59,7 @@ class FileAccessTest : public ::testing::Test {
   }
   std::string refusalToWrite(const std::string& path) const {
     try {
-      access().toWrite("out", path, {".yaml", ".csv"});
+      access().toWrite("out", path, {".yaml", ".csv", ".png"});
     } catch (const std::invalid_argument& refusal) {
       return refusal.what();
     }
@@ -101,7 +104,8 @@ TEST_F(FileAccessTest, NothingElseIs) {
         << refusal;
   }
   for (const char* name : {"fifo.csv", "none.csv"}) {
-    EXPECT_NE(refusalToRead((inside_ / name).string()).find("no regular file"), std::string::npos);
+    EXPECT_NE(refusalToRead((inside_ / name).string()).find("not a regular file"),
+              std::string::npos);
   }
   // Of what is elsewhere not even that it is there.
   const auto text = [&](const std::string& path) {
@@ -126,6 +130,9 @@ TEST_F(FileAccessTest, NewFilesAndOursAreWritten) {
   const std::string scene = io::sceneText(kDemo);
   EXPECT_EQ(refusalToWrite(write(inside_ / "calibrated.yaml", scene + kCalibration)), "");
   EXPECT_EQ(refusalToWrite(write(inside_ / "samples.csv", "# recorded of scene demo, 2026\n")), "");
+  EXPECT_EQ(refusalToWrite(write(inside_ / "run.csv", "# recorded run of circle.csv, 2026\n")), "");
+  EXPECT_EQ(refusalToWrite(write(inside_ / "run.png", kPng + "Software helix_arm plot_report")),
+            "");
 }
 
 TEST_F(FileAccessTest, NothingElseIsWrittenOver) {
@@ -136,6 +143,10 @@ TEST_F(FileAccessTest, NothingElseIsWrittenOver) {
   ASSERT_EQ(mkfifo((inside_ / "fifo.yaml").c_str(), 0600), 0);
   for (const std::string& path :
        {write(inside_ / "hand_made.yaml", scene), write(inside_ / "notes.yaml", "a: 1\n"),
+        write(inside_ / "foreign.png", kPng + "Software somebody"),
+        write(inside_ / "named.png", "helix_arm plot_report"),
+        write(inside_ / "hidden.png", kPng + std::string(300, ' ') + "helix_arm plot_report"),
+        write(inside_ / "short.csv", "# recorded"), write(inside_ / "empty.csv", ""),
         write(inside_ / "script.yaml", "#!/bin/sh\n"), write(inside_ / "empty.yaml", ""),
         (inside_ / "data.csv").string(), (inside_ / "dangling.yaml").string(),
         (inside_ / "dangling_inside.yaml").string(), (inside_ / "folder.yaml").string(),
@@ -143,6 +154,20 @@ TEST_F(FileAccessTest, NothingElseIsWrittenOver) {
         (inside_ / "authorized_keys").string(), (outside_ / "new.yaml").string()}) {
     EXPECT_EQ(refusalToWrite(path).find("out is '"), 0U) << path;
   }
+}
+
+TEST_F(FileAccessTest, ParametersMayNameAnyFolderButNoFileOfOthers) {
+  const FileAccess access = FileAccess::anywhere();
+  const auto refusal = [&](const std::string& path) {
+    return test::refusal([&] { access.toWrite("~record", path, {".csv"}); });
+  };
+  EXPECT_EQ(refusal((outside_ / "new.csv").string()), "accepted");
+  EXPECT_EQ(refusal("run.csv"), "~record is 'run.csv'; expected the absolute path of a .csv file");
+  const std::string foreign = (outside_ / "data.csv").string();
+  EXPECT_EQ(refusal(foreign).find("~record is '" + foreign + "', which exists and was not"), 0U)
+      << refusal(foreign);
+  fs::create_symlink(outside_ / "data.csv", outside_ / "link.csv");
+  EXPECT_NE(refusal((outside_ / "link.csv").string()), "accepted");
 }
 
 }  // namespace

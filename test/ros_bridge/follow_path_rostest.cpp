@@ -1,11 +1,21 @@
 // Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file.
+#include <algorithm>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
 #include <sstream>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
+#include <ros/master.h>
+#include <ros/network.h>
+#include <xmlrpcpp/XmlRpcClient.h>
 
 #include "support/loop_rig.hpp"
 #include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -39,7 +49,7 @@ TEST_F(FollowTipPath, MovesTheTipAlongAPath) {
   }
 }
 
-TEST_F(FollowTipPath, ABadGoalIsRefusedWithWhatIsWrong) {
+TEST_F(FollowTipPath, ABadGoalIsRefusedWithTheFault) {
   const std::vector<Eigen::Vector3d> sound = {kMiddle, kBeside};
   struct Fault {
     const char* words;
@@ -103,6 +113,43 @@ TEST_F(FollowTipPath, ANewGoalReplacesTheRunningOne) {
   EXPECT_TRUE(waitFor([&] { return other.getState().isDone(); }, 60));
   EXPECT_EQ(other.getState(), actionlib::SimpleClientGoalState::SUCCEEDED)
       << other.getState().getText();
+}
+
+// Threads of a node of this machine; 0 if there is no such node.
+std::ptrdiff_t threadsOf(const std::string& node) {
+  XmlRpc::XmlRpcValue request, response, address, pid;
+  request[0] = ros::this_node::getName();
+  request[1] = node;
+  std::string host;
+  std::uint32_t port = 0;
+  if (!ros::master::execute("lookupNode", request, response, address, false) ||
+      !ros::network::splitURI(address, host, port)) {
+    return 0;
+  }
+  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port));
+  XmlRpc::XmlRpcValue caller;
+  caller[0] = ros::this_node::getName();
+  if (!client.execute("getPid", caller, pid)) return 0;
+  const std::filesystem::directory_iterator tasks("/proc/" + std::to_string(int(pid[2])) + "/task");
+  return std::distance(begin(tasks), end(tasks));
+}
+
+TEST_F(FollowTipPath, AFloodOfGoalsIsCheckedInTwoThreads) {
+  const std::ptrdiff_t usual = threadsOf("/sight_loop");
+  ASSERT_GT(usual, 0);
+  // Refused at its last point, after 100,000 places.
+  const FollowTipPathGoal goal = goalAlong({kMiddle, kBeside, {1, 0, 0}}, 1000.0);
+  std::ptrdiff_t most = 0;
+  for (int k = 0; k < 50; ++k) {
+    send(goal);
+    waitFor([] { return false; }, 0.01);  // the client's queue is short
+    most = std::max(most, threadsOf("/sight_loop"));
+  }
+  EXPECT_EQ(endOfGoal(), Result::INVALID_GOAL);
+  EXPECT_NE(client_->getResult()->error_string.find("leaves the arm's reach"), std::string::npos)
+      << client_->getResult()->error_string;
+  EXPECT_GT(most, usual) << "no path was checked meanwhile";
+  EXPECT_LE(most, usual + 2);
 }
 
 TEST_F(FollowTipPath, ACancelledGoalHoldsTheArmWhereItIsWanted) {
@@ -218,9 +265,13 @@ std::string pathFile(double length, double seconds) {
 
 class FollowPath : public LoopRig {
  protected:
-  static std::unique_ptr<Process> start(const TemporaryFile& path) {
-    return std::make_unique<Process>(std::vector<std::string>{
-        HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(), "_goal_tolerance_mm:=5", "_hold_s:=0.1"});
+  static std::unique_ptr<Process> start(const TemporaryFile& path,
+                                        const std::vector<std::string>& more = {}) {
+    ros::param::del("/follow_path");  // those of the run before would stay
+    std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "_path:=" + path.path(),
+                                        "_goal_tolerance_mm:=5", "_hold_s:=0.1"};
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Process>(command);
   }
 };
 
@@ -229,6 +280,115 @@ TEST_F(FollowPath, EndsWithItsPath) {
   const auto node = start(file);
   EXPECT_EQ(node->exitCode(60), 0) << node->output();
   EXPECT_NE(node->output().find("the path was followed"), std::string::npos) << node->output();
+}
+
+// The cells of a table with comments, by its columns.
+using Table = std::map<std::string, std::vector<std::string>>;
+Table tableOf(std::istream&& stream) {
+  const auto cellsOf = [](const std::string& line) {
+    std::vector<std::string> cells;
+    std::istringstream text(line);
+    for (std::string cell; std::getline(text, cell, ',');) cells.push_back(cell);
+    return cells;
+  };
+  Table out;
+  std::vector<std::string> names;
+  for (std::string line; std::getline(stream, line);) {
+    if (line.front() == '#') continue;
+    const std::vector<std::string> cells = cellsOf(line);
+    if (names.empty()) {
+      names = cells;
+      continue;
+    }
+    if (cells.size() != names.size()) throw std::runtime_error(line);
+    for (std::size_t i = 0; i < cells.size(); ++i) out[names[i]].push_back(cells[i]);
+  }
+  return out;
+}
+
+TEST_F(FollowPath, LeavesARecordAndItsFigure) {
+  const TemporaryFile file(pathFile(0.015, 4), ".csv");
+  const TemporaryFolder folder;
+  const std::string record = folder / "run.csv";
+  const std::string figure = folder / "run.png";
+  const auto node = start(file, {"_record:=" + record, "_figure:=" + figure});
+  ASSERT_EQ(node->exitCode(120), 0) << node->output();
+  const Table table = tableOf(std::ifstream(record));
+  const auto number = [&](const std::string& column, std::size_t row) {
+    return std::stod(table.at(column).at(row));
+  };
+  const auto tip = [&](const std::string& name, std::size_t row) {
+    return Eigen::Vector3d(number(name + "_x_m", row), number(name + "_y_m", row),
+                           number(name + "_z_m", row));
+  };
+  const std::size_t rows = table.at("time_s").size();
+  ASSERT_GT(rows, 10U);
+  std::size_t with_model = 0;
+  for (std::size_t row = 0; row < rows; ++row) {
+    const double stamp = number("stamp_s", row);
+    EXPECT_GT(stamp, row > 0 ? number("stamp_s", row - 1) : 0.0);
+    // Of the picture with this stamp, which this test has seen, too.
+    const auto seen = std::find_if(eye_.measured.all().begin(), eye_.measured.all().end(),
+                                   [&](const ArmShape::ConstPtr& shape) {
+                                     return std::abs(shape->header.stamp.toSec() - stamp) < 1e-6;
+                                   });
+    if (seen != eye_.measured.all().end()) {
+      EXPECT_LT((tipOf((*seen)->tip) - tip("measured", row)).norm(), 1e-12) << row;
+    }
+    EXPECT_NEAR(number("error_m", row), (tip("measured", row) - tip("wanted", row)).norm(), 1e-12);
+    EXPECT_LT((tip("predicted", row) - tip("measured", row)).norm(), 0.02);
+    for (const char* quantity : {"command_", "pressure_"}) {
+      for (int i = 1; i <= 3; ++i) {
+        const double pressure = number(quantity + std::to_string(i) + "_pa", row);
+        EXPECT_TRUE(pressure >= -1e4 && pressure < 1e6) << pressure;
+      }
+    }
+    EXPECT_FALSE(table.at("state")[row].empty());
+    if (table.at("model_x_m")[row].empty()) continue;
+    ++with_model;
+    EXPECT_LT((tip("model", row) - tip("measured", row)).norm(), 0.05);
+  }
+  EXPECT_GT(with_model, rows / 2);
+  EXPECT_GT(number("time_s", rows - 1), 3.5);
+  EXPECT_NEAR(tip("wanted", rows - 1).y(), kMiddle.y() + 0.015, 1e-6);
+  std::string begin(4, ' ');
+  std::ifstream(figure, std::ios::binary).read(begin.data(), 4);
+  EXPECT_EQ(begin, "\x89PNG");
+  // Both are replaced by the next run.
+  const TemporaryFile shorter(pathFile(0.01, 1), ".csv");
+  const auto again = start(shorter, {"_record:=" + record, "_figure:=" + figure});
+  EXPECT_EQ(again->exitCode(120), 0) << again->output();
+  EXPECT_LT(std::stod(tableOf(std::ifstream(record)).at("time_s").back()), 3.5);
+}
+
+TEST_F(FollowPath, ARunThatIsGivenUpIsRecordedAsFarAsItWent) {
+  const TemporaryFile file(pathFile(0.015, 40), ".csv");
+  const TemporaryFolder folder;
+  const std::string record = folder / "run.csv";
+  const auto node = start(file, {"_record:=" + record});
+  ASSERT_TRUE(node->prints("mm off, the loop", 60)) << node->output();
+  node->signal(SIGINT);
+  EXPECT_EQ(node->exitCode(30), 0) << node->output();
+  std::ifstream stream(record);
+  std::string title;
+  std::getline(stream, title);
+  EXPECT_EQ(title.find("# recorded run of " + file.path()), 0U) << title;
+  EXPECT_NE(title.find("cancelled"), std::string::npos) << title;
+  EXPECT_GE(tableOf(std::move(stream)).at("time_s").size(), 1U);
+}
+
+TEST_F(FollowPath, ARecordReplacesNoFileOfOthers) {
+  const TemporaryFile file(pathFile(0.015, 2), ".csv");
+  const TemporaryFile foreign("a,b\n1,2\n", ".csv");
+  const auto node = start(file, {"_record:=" + foreign.path(), "_figure:=run.png"});
+  EXPECT_EQ(node->exitCode(60), 2) << node->output();
+  for (const std::string& words : {"~record is '" + foreign.path() + "', which exists",
+                                   std::string("~figure is 'run.png'; expected the absolute")}) {
+    EXPECT_NE(node->output().find(words), std::string::npos) << node->output();
+  }
+  std::string text;
+  std::getline(std::ifstream(foreign.path()), text, '\0');
+  EXPECT_EQ(text, "a,b\n1,2\n");
 }
 
 TEST_F(FollowPath, APathThatIsRefusedEndsItWith1) {

@@ -66,7 +66,7 @@ TEST_F(GoalWatchTest, APictureIsComparedWithWhatWasWantedAtItsTime) {
   EXPECT_FALSE(watch_.momentOf(98.9)) << "before the first turn";
 }
 
-TEST_F(GoalWatchTest, FiguresAreThoseOfThePathWithoutTheWayToIt) {
+TEST_F(GoalWatchTest, FiguresExcludeTheApproachToThePath) {
   ASSERT_FALSE(runTo(0.0));
   EXPECT_FALSE(see(-0.5, 0.05)) << "no tolerance on the way to the first point";
   EXPECT_EQ(watch_.figures().pictures, 0U);
@@ -99,7 +99,7 @@ TEST_F(GoalWatchTest, ItIsReachedByAPictureAfterItsEndWithinTheGoalTolerance) {
   EXPECT_EQ(ending->code, Result::SUCCESSFUL);
 }
 
-TEST_F(GoalWatchTest, WhoeverComesTooLateViolatesTheGoalTolerance) {
+TEST_F(GoalWatchTest, ArrivingTooLateViolatesTheGoalTolerance) {
   ASSERT_FALSE(runTo(kEnd + 1.99));
   EXPECT_FALSE(see(kEnd + 1.9, 0.004));
   const auto ending = runTo(kEnd + 2.02);
@@ -129,7 +129,7 @@ TEST_F(GoalWatchTest, SightThatIsRequiredMayComeLateAndNotGo) {
   EXPECT_EQ(ending->code, Result::SIGHT_LOST);
 }
 
-TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterAWait) {
+TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterATimeout) {
   EXPECT_FALSE(runTo(1.98, LoopState::kOpen));
   const auto ending = runTo(2.05, LoopState::kOpen);
   ASSERT_TRUE(ending);
@@ -138,6 +138,24 @@ TEST_F(GoalWatchTest, SightThatNeverComesIsLostAfterAWait) {
   for (const double path_time : {-1.0, 3.9}) {
     EXPECT_FALSE(any.turn(100 + path_time, turnAt(path_time, LoopState::kOpen)));
   }
+}
+
+// While something touches the arm the loop's state does not tell whether it is seen.
+TEST_F(GoalWatchTest, SightThatIsRequiredMayNotGoDuringContactEither) {
+  const auto yieldTo = [this](double end, bool sees) {
+    for (; path_time_ < end; path_time_ += 0.01) {
+      const double time = 100 + path_time_;
+      if (auto ending = watch_.turn(time, turnAt(1.0, LoopState::kYielding))) return ending;
+      if (sees) watch_.picture(*watch_.momentOf(time), {0.1, 0, 0});
+    }
+    return std::optional<GoalEnding>();
+  };
+  ASSERT_FALSE(runTo(1.0));
+  EXPECT_FALSE(yieldTo(10.0, true)) << "it is seen";
+  EXPECT_FALSE(yieldTo(12.9, false));
+  const auto ending = yieldTo(13.1, false);
+  ASSERT_TRUE(ending);
+  EXPECT_EQ(ending->code, Result::SIGHT_LOST);
 }
 
 TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {

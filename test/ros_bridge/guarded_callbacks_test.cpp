@@ -72,7 +72,7 @@ TEST(CheckedStream, ReadsWhatRoscppWrites) {
 }
 
 // 32 bytes and a claim: 2^29 numbers were 4 GB, as many names 17 GB.
-TEST(CheckedStream, AClaimThatTheMessageDoesNotHoldTakesNoMemory) {
+TEST(CheckedStream, AnArrayLongerThanItsMessageAllocatesNothing) {
   for (const std::uint32_t claim : {4U, 1U << 29U, 0xffffffffU}) {
     for (const char* field : {"name", "pressure"}) {
       test::Field message = test::MessageFields(std::string("MSG: \n") +
@@ -102,7 +102,7 @@ TEST(CheckedStream, EveryMessageThatEndsTooEarlyIsRefused) {
   }
 }
 
-TEST(FaultGuard, CatchesWhateverIsThrownAndTellsTheCulpritOnce) {
+TEST(FaultGuard, CatchesAnyExceptionAndReportsTheCulpritOnce) {
   std::vector<std::string> lines;
   FaultGuard guard("a message on /t", [&](const std::string& line) { lines.push_back(line); });
   std::string why;
@@ -135,22 +135,32 @@ TEST(GuardedService, WhatItThrowsIsTheAnswer) {
   EXPECT_NE(answer.find("so it is"), std::string::npos);
 }
 
-// Callbacks are made in one place: no node subscribes, serves or sets timers by itself.
-TEST(GuardedCallbacks, NoNodeGoesRoundThem) {
-  const std::regex raw(R"((subscribe|advertiseService|create\w*Timer)\s*[<(])");
+// Searches the sources of all nodes but one.
+void expectNowhereBut(const char* exception, const std::string& pattern, const char* remedy) {
+  const std::regex raw(pattern);
   int files = 0;
   for (const char* folder : {"/src/ros_bridge", "/src/nodes", "/include/helix_arm/ros_bridge"}) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(
              std::string(HELIX_ARM_SOURCE_DIR) + folder)) {
-      if (!entry.is_regular_file() || entry.path().filename() == "guarded_callbacks.hpp") continue;
+      if (!entry.is_regular_file() || entry.path().filename() == exception) continue;
       std::ostringstream text;
       text << std::ifstream(entry.path()).rdbuf();
-      EXPECT_FALSE(std::regex_search(text.str(), raw))
-          << entry.path() << " makes a callback by itself; see guarded_callbacks.hpp";
+      EXPECT_FALSE(std::regex_search(text.str(), raw)) << entry.path() << ": " << remedy;
       ++files;
     }
   }
   EXPECT_GT(files, 60);
+}
+
+TEST(GuardedCallbacks, NoNodeBypassesThem) {
+  expectNowhereBut("guarded_callbacks.hpp", R"((subscribe|advertiseService|create\w*Timer)\s*[<(])",
+                   "makes a callback by itself; see guarded_callbacks.hpp");
+}
+
+// rosconsole would block the thread that logs while the terminal is held up.
+TEST(Log, NoNodeBypassesIt) {
+  expectNowhereBut("log.cpp", R"(\bROS_(DEBUG|INFO|WARN|ERROR|FATAL|LOG)\w*\s*\()",
+                   "logs in its own thread; see log.hpp");
 }
 
 }  // namespace

@@ -101,7 +101,7 @@ TEST_P(HardwareRules, OnlyAReloadThatIsAsSafeIsTaken) {
   EXPECT_NE(other.message.find("another regulator"), std::string::npos) << other.message;
 }
 
-TEST_P(HardwareRules, ARegulatorThatDoesNotHearIsSaidToTheCaller) {
+TEST_P(HardwareRules, AnUnreachableRegulatorIsReportedToTheCaller) {
   ASSERT_TRUE(rig_.bringTo(kPressures)) << rig_.node.output();
   regulator_.setFault(DeviceFault::kSilence);
   EXPECT_TRUE(waitFor([&] { return !rig_.trigger(names::kVent).success; }));

@@ -67,7 +67,7 @@ TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
 }
 
-TEST_F(History, MemoryIsBoundedWhateverTheStamps) {
+TEST_F(History, MemoryIsBoundedForAnyStamps) {
   for (int k = 0; k < 100000; ++k) add(10.0, k);
   EXPECT_EQ(history_.size(), 1U);
   EXPECT_EQ(markAt(10.0), 99999);

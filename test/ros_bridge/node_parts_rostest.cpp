@@ -43,7 +43,7 @@ class ReloadServer : public ::testing::Test {
   const std::string folder_ = std::filesystem::path(path_).parent_path().string();
 };
 
-TEST_F(ReloadServer, WhoeverSeesTheNewSceneGetsTheNewFile) {
+TEST_F(ReloadServer, TheNewSceneIsNeverSeenWithTheOldFile) {
   std::future<std::string> seen;
   ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
     seen = std::async(std::launch::async, [&] { return server.file().path; });
@@ -78,7 +78,7 @@ TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   publisher.fail("it has failed");
   publisher.enter(VisionStatus::MEASURED, "three tags");
   publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
-  publisher.enter(VisionStatus::ENDED, "the file is through");
+  publisher.enter(VisionStatus::ENDED, "the file has ended");
   publisher.report("demo");
   // Only the report tells of the fault that was counted last.
   ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));

@@ -1,5 +1,5 @@
-// Nodes and launch files as processes: what they print, how they end, what becomes of them without
-// a master.
+// Nodes and launch files as processes: their output, their exit, and their behaviour without a
+// master.
 #include <csignal>
 #include <fstream>
 
@@ -115,7 +115,7 @@ TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
                 HELIX_ARM_VISION);
 }
 
-TEST_F(NodeProcess, ACalibrationThatNobodyWouldReadIsRefused) {
+TEST_F(NodeProcess, AnUnusedCalibrationIsRefused) {
   expectRefused({"_scene:=demo", "_camera_info_url:=file:///tmp/camera.yaml"},
                 {"~camera_info_url is file:///tmp/camera.yaml", "comes on camera_info"},
                 HELIX_ARM_VISION);
@@ -156,7 +156,7 @@ TEST_F(NodeProcess, AFolderOfPicturesIsMeasuredInToItsEnd) {
   }
   std::ofstream(folder / "2.jpg", std::ios::binary) << "no picture";
   Process node({HELIX_ARM_VISION, "_scene:=demo", "_source:=" + folder.path()}, variables());
-  for (const char* words : {"measured: ", "source_faults, 1 so far", "is through"}) {
+  for (const char* words : {"measured: ", "source_faults, 1 so far", " has ended"}) {
     EXPECT_TRUE(node.prints(words)) << words << " in:\n" << node.output();
   }
   node.signal(SIGINT);
@@ -183,7 +183,7 @@ TEST_F(NodeProcess, ALoopTooSlowForTheWatchdogOfItsRegulatorIsRefused) {
                 {"vents by itself when no line comes for 0.5 s", "raise the rate of the loop"});
 }
 
-TEST_F(NodeProcess, ASupplyThatDoesNotReachTheLimitsIsSaid) {
+TEST_F(NodeProcess, ASupplyBelowTheLimitsIsReported) {
   const TemporaryFile scene(R"(name: weak
 contractions:
   muscle:
@@ -198,9 +198,8 @@ regulator: {simulated: {supply_kpa: 300}}
 )");
   for (const char* program : {HELIX_ARM_PRESSURE_COMMAND, HELIX_ARM_SIMULATED_RIG}) {
     Process node({program, "_scene:=" + scene.path()}, variables());
-    EXPECT_TRUE(
-        node.prints("muscle_3 may be asked for 0 to 400 kPa, but the simulated supply gives 0 to "
-                    "300 kPa"))
+    EXPECT_TRUE(node.prints(
+        "muscle_3 has limits of 0 to 400 kPa, but the simulated supply gives 0 to 300 kPa"))
         << node.output();
   }
 }
@@ -314,7 +313,7 @@ TEST_F(LaunchFile, DemoRunsToBeCalibrated) {
 }
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 
-TEST_F(LaunchFile, ReplayTakesTheMeasuredSeries) {
+TEST_F(LaunchFile, ReplayUsesTheMeasuredSeries) {
   const std::string data = HELIX_ARM_SOURCE_DIR "/../shared/data/planar_76_curvature.csv";
   if (access(data.c_str(), R_OK) != 0) GTEST_SKIP() << data << " is not here";
   expectRuns("replay.launch", {"scene:=planar_76", "data:=" + data, "hold_s:=0.1"});

@@ -29,7 +29,7 @@ using Words = std::vector<std::string>;
 
 const fs::path kLaunch = HELIX_ARM_SOURCE_DIR "/launch";
 
-// A command in a shell where these are set, and neither of ROS_HOSTNAME and ROS_IP else.
+// A command in a shell in which only these are set of ROS_HOSTNAME and ROS_IP.
 Words inShell(const Words& set, const Words& command) {
   Words all = {"env", "-u", "ROS_HOSTNAME", "-u", "ROS_IP"};
   all.insert(all.end(), set.begin(), set.end());
@@ -268,8 +268,8 @@ class Arm {
   int calls_ = 0, topics_ = 0;
 };
 
-// roscpp binds its XML-RPC to every address, whatever it is told (README, "Who may command"): the
-// one exception here.
+// roscpp binds its XML-RPC server to all addresses, whatever is configured (README, "Who may
+// command"): the one exception.
 TEST(OpenPorts, WithLocalhostInTheShellMasterAndTopicsAreForThisMachine) {
   const Arm arm({"ROS_HOSTNAME=localhost"}, {});
   EXPECT_EQ(arm.host(), "localhost");

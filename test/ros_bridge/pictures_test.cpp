@@ -101,7 +101,7 @@ TEST(Picture, RowsMayBePadded) {
   EXPECT_EQ(cv::norm(grayOf(image), grayOf(tight), cv::NORM_INF), 0);
 }
 
-TEST(Picture, WhatIsNoPictureIsRefused) {
+TEST(Picture, AFileThatIsNotAPictureIsRefused) {
   const auto sound = toImageMsg({}, cv::Mat(4, 6, CV_8UC1, cv::Scalar(0)));
   auto image = sound;
   image.encoding = "yuv422";
@@ -166,7 +166,7 @@ TEST(CameraInfo, SurvivesTheRoundTrip) {
   EXPECT_FALSE(equal(kCamera, rational));
 }
 
-TEST(CameraInfo, WhatIsNoCalibrationIsRefused) {
+TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
   const auto sound = toCameraInfoMsg({}, kCamera);
   const auto expectRefusedInfo = [](const sensor_msgs::CameraInfo& info, const std::string& word) {
     const auto taken = fromMsg(info);
@@ -181,13 +181,13 @@ TEST(CameraInfo, WhatIsNoCalibrationIsRefused) {
   expectRefusedInfo(sensor_msgs::CameraInfo(), "not calibrated");
   info = sound;
   info.K[0] = -600;
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.K[2] = std::nan("");
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.width = 0;
-  expectRefusedInfo(info, "cannot be");
+  expectRefusedInfo(info, "is not valid");
   info = sound;
   info.distortion_model = "equidistant";
   expectRefusedInfo(info, "'equidistant'");

@@ -41,7 +41,8 @@ class Reloading : public ::testing::Test {
   }
   // The nodes of all tests go on with the demo's scene.
   void TearDown() override {
-    ASSERT_EQ(rig_.sendPressures({0, 0, 0}).outcome, TargetStatus::REACHED);
+    const TargetStatus answer = rig_.sendPressures({0, 0, 0});
+    ASSERT_EQ(answer.outcome, TargetStatus::REACHED) << answer.message;
     for (const char* node : {kPressureCommand, kVision, kMonitor}) {
       const Reload::Response response = reload(node, "demo");
       EXPECT_TRUE(response.success) << response.message;
@@ -113,12 +114,10 @@ TEST_F(Reloading, AnotherRigIsRefused) {
     }
   }
   const Reload::Response response = reload(kPressureCommand, "planar_76");
-  EXPECT_NE(response.message.find("not of the rig that runs"), std::string::npos)
-      << response.message;
+  EXPECT_NE(response.message.find("not of the running rig"), std::string::npos) << response.message;
 }
 
-// Whoever reaches the node names what path he likes: a file elsewhere is not read, and nothing is
-// told of it.
+// Any network peer can name paths: a file elsewhere is not read, and no message contains any of it.
 TEST_F(Reloading, ScenesComeFromTheirFolderAlone) {
   const TemporaryFolder folder;
   const std::string elsewhere = HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml";

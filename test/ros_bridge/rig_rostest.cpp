@@ -72,7 +72,7 @@ TEST_F(Loop, MeasuredIsTheTrueShapeAtTheTimeOfThePicture) {
   }
   std::nth_element(errors.begin(), errors.begin() + kCount, errors.end());
   EXPECT_LT(errors[kCount], 0.003);
-  // The covariance is neither a wish nor a shrug: errors are of its size, within a factor of 4.
+  // The covariance is realistic: errors have its size, within a factor of 4.
   std::nth_element(shares.begin(), shares.begin() + kCount, shares.end());
   EXPECT_LT(shares[kCount], 16.0);
   EXPECT_GT(shares[kCount], 1.0 / 16.0);
@@ -167,7 +167,7 @@ TEST_F(Loop, AForceAtTheTipMovesTheTruth) {
   EXPECT_TRUE(isAt(free));
 }
 
-TEST_F(Loop, ARigThatEndsIsToldAndOneThatComesBackIsMeasuredAgain) {
+TEST_F(Loop, ARigThatEndsIsReportedAndMeasuredAgainAfterItsRestart) {
   rig_process_->signal(SIGINT);
   EXPECT_EQ(rig_process_->exitCode(), 0) << rig_process_->output();
   EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));

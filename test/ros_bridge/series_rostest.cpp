@@ -102,7 +102,7 @@ TEST_F(SeriesEnd, OnRequestIsNoFault) {
   expectRestWithoutAFault();
 }
 
-TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
+TEST(Series, YieldsToAnotherCommanderAndContinuesAfterwards) {
   const std::string series = "/yield/pressure_series";
   Rig rig("yield");
   ASSERT_TRUE(rig.connect());
@@ -116,7 +116,7 @@ TEST(Series, GivesWayToSomeoneElseAndGoesOnAfterwards) {
   EXPECT_TRUE(rig.status.next(by_series));
 }
 
-// A pressure_command that answers as it is told.
+// A pressure_command whose answers the test determines.
 class Answers : public ::testing::Test {
  protected:
   Answers()
@@ -145,7 +145,7 @@ class Answers : public ::testing::Test {
     return nullptr !=
            targets_.next([](const PressureArray& target) { return target.pressure != kStands; });
   }
-  /// With 1, while this goes on.
+  /// Whether it exits with 1 while this continues.
   bool ends(const std::function<void()>& trouble) {
     int code = -1;
     waitFor([&] {
@@ -197,7 +197,7 @@ TEST_F(Answers, WhatCameLateOrToADisabledArmIsWaitedFor) {
 
 TEST_F(Answers, TargetsThatAreAllRefusedForWhatTheyAskEndTheSeries) {
   ASSERT_TRUE(connected()) << series_.outputNow();
-  // One refusal, whoever sent it, does not; nor do many with something better between them.
+  // A single refusal does not, whoever sent it; nor do many with accepted targets in between.
   for (int k = 0; k < 20; ++k) {
     answer(TargetStatus::DROPPED, control::Fault::kOutOfRange);
     if (k % 5 == 0) answer(TargetStatus::REACHED, control::Fault::kOutOfRange);
@@ -221,7 +221,7 @@ TEST_F(Answers, CommandsThatAreAllOfAnotherArmEndTheSeries) {
   foreign.pressure.assign(kStands.size(), std::nan(""));
   command_.publish(foreign);
   command_.publish(sound);
-  EXPECT_TRUE(series_.prints("pressure_command is not of scene")) << series_.output();
+  EXPECT_TRUE(series_.prints("pressure_command does not match scene")) << series_.output();
   EXPECT_TRUE(moves()) << series_.outputNow();
   EXPECT_TRUE(ends([&] { command_.publish(foreign); }));
 }
@@ -255,7 +255,7 @@ TEST_F(Answers, AnArmThatDoesNotAnswerIsNotAskedForRest) {
 TEST_F(Answers, WithoutTheServiceTheSeriesEndsAndSaysSo) {
   ASSERT_TRUE(connected()) << series_.outputNow();
   EXPECT_EQ(endWithAnswers(0), 0) << series_.output();
-  EXPECT_NE(series_.output().find("/told/pressure_command/rest is not there"), std::string::npos)
+  EXPECT_NE(series_.output().find("/told/pressure_command/rest does not exist"), std::string::npos)
       << series_.output();
 }
 

@@ -1,5 +1,6 @@
 // The loop over sight as a node: its states, its commanders, and targets in other frames.
 #include <algorithm>
+#include <array>
 #include <csignal>
 
 #include <gtest/gtest.h>
@@ -54,10 +55,41 @@ TEST_F(SightLoop, TheEstimateIsAShapeWithItsCovariance) {
   EXPECT_LT((covariance - covariance.transpose()).norm(), 1e-12 * covariance.norm());
 }
 
+// Else it would take those that face the camera for those in sight.
+TEST_F(SightLoop, TheTagsOfEachFitReachIt) {
+  const auto countsNow = [this] {
+    std::array<double, 2> out = {-1, -1};
+    for (const auto& array : diagnostics_.all()) {
+      for (const auto& status : array->status) {
+        if (status.name != "sight_loop: loop") continue;
+        for (const auto& value : status.values) {
+          if (value.key == names::kAcceptedKey) out[0] = std::stod(value.value);
+          if (value.key == names::kWithoutTagsKey) out[1] = std::stod(value.value);
+        }
+      }
+    }
+    return out;
+  };
+  ASSERT_TRUE(waitFor([&] { return countsNow()[0] > 0; }));
+  const auto [accepted, without] = countsNow();
+  ASSERT_TRUE(waitFor([&, before = accepted] { return countsNow()[0] >= before + 20; }, 60));
+  EXPECT_LT(countsNow()[1], without + 10);
+}
+
+TEST_F(SightLoop, DrawsTheErrorBudgetAsATable) {
+  Inbox<visualization_msgs::MarkerArray> markers(node_, names::kLoopMarkers);
+  EXPECT_TRUE(markers.next([](const visualization_msgs::MarkerArray& array) {
+    return std::any_of(array.markers.begin(), array.markers.end(), [](const auto& marker) {
+      return marker.ns == names::kErrorBudgetNs &&
+             marker.text.find(" mm placement\n") != std::string::npos;
+    });
+  }));
+}
+
 TEST_F(SightLoop, WhoeverFallsSilentLetsGoOfTheArm) {
   ASSERT_TRUE(comesTo(LoopStatus::CLOSED, targetAt(kMiddle)));
   ASSERT_TRUE(comesTo(LoopStatus::IDLE));
-  EXPECT_EQ(loop_.last().message, "nobody commands the loop");
+  EXPECT_EQ(loop_.last().message, "the loop has no target");
   EXPECT_FALSE(loop_.last().has_wanted);
   const std::size_t sent = sent_.all().size();
   EXPECT_TRUE(waitFor([this] { return safety_.last().cause == "stale_target"; }));

@@ -7,13 +7,16 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
+#include "helix_arm/ros_bridge/follow/sight_loop_node.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_command_node.hpp"
+#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
 #include "helix_arm/ros_bridge/tools/monitor_node.hpp"
 #include "helix_arm/ros_bridge/tools/pressure_series_node.hpp"
 #include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
 #include "helix_arm/ros_bridge/tools/workspace_cloud_node.hpp"
 #include "helix_arm/ros_bridge/vision/vision_node.hpp"
 #include "support/process.hpp"
+#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -24,6 +27,7 @@ const std::string kScene = "_scene:=" HELIX_ARM_SOURCE_DIR "/config/scenes/demo.
 const std::string kNode = "--node=";
 const std::string kDestroy = "--destroy";
 const char* const kWords = "something threw";
+const char* const kPathKind = "follow_path";  // takes a path file
 
 // One of whose callbacks throws once the others have begun.
 template <class Node>
@@ -63,10 +67,12 @@ struct Kind {
 };
 const Kind kKinds[] = {
     {"calibration", run<CalibrationNode>, {kScene}},
+    {kPathKind, run<FollowPathNode>, {}},
     {"monitor", run<MonitorNode>, {}},
     {"pressure_command", run<PressureCommandNode>, {kScene}},
     {"pressure_command_on_a_topic", run<PressureCommandNode>, {kScene, "_regulator:=topic"}},
     {"pressure_series", run<PressureSeriesNode>, {kScene}},
+    {"sight_loop", run<SightLoopNode>, {kScene}},
     {"simulated_rig", run<SimulatedRigNode>, {kScene}},
     {"vision", run<VisionNode>, {kScene}},
     {"workspace_cloud", run<WorkspaceCloudNode>, {kScene, "_count:=100"}},
@@ -74,10 +80,12 @@ const Kind kKinds[] = {
 
 TEST(ThrowingNodes, EndInOrderWith1) {
   const Master master;
+  const TemporaryFile path("time_s,x_m,y_m,z_m\n0,0.366,0,0\n1,0.366,0.01,0\n", ".csv");
   for (const bool destroys : {false, true}) {
     for (const Kind& kind : kKinds) {
       std::vector<std::string> command = {"/proc/self/exe", kNode + kind.name};
       command.insert(command.end(), kind.arguments.begin(), kind.arguments.end());
+      if (kind.name == kPathKind) command.push_back("_path:=" + path.path());
       if (destroys) command.push_back(kDestroy);
       Process node(command, master.variables());
       EXPECT_EQ(node.exitCode(60), kFailed) << kind.name << "\n" << node.output();

@@ -157,7 +157,7 @@ TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
   EXPECT_TRUE(std::any_of(seen.begin(), seen.end(), [](int word) { return word > 0x7fff; }));
 }
 
-TEST(ModbusDevice, SilenceTakesNothingIn) {
+TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
   ModbusDevice device(quietDevice(mpaProfile(), 1));
   const RawModbus raw(device.port());
   ASSERT_TRUE(raw.write(40003, {1000}));

@@ -35,7 +35,7 @@ TEST_F(Mounts, WithoutDeviationAllIsWhereTheSceneSays) {
   }
 }
 
-TEST_F(Mounts, TheTagNearestToTheBaseStays) {
+TEST_F(Mounts, TheTagNearestToTheBaseKeepsItsPose) {
   const estimation::ArmView view = deviate(view_, arm_, {0.01, 0.1, 0.01, 0.1, 3});
   const int base = view_.layout.baseTag();
   for (int i = 0; i < static_cast<int>(view.layout.tags.size()); ++i) {
@@ -98,7 +98,7 @@ TEST_F(Mounts, TheSeedDecides) {
   expectSame(deviate(view_.layout, arm_, first).tags[5].X_ST, a.layout.tags[5].X_ST);
 }
 
-TEST_F(Mounts, WhatIsNoDeviationIsRefused) {
+TEST_F(Mounts, InvalidDeviationsAreRefused) {
   for (const double wrong : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
     for (const MountDeviation& deviation :
          {MountDeviation{wrong, 0, 0, 0}, MountDeviation{0, wrong, 0, 0},

@@ -233,7 +233,7 @@ TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
   } catch (const std::invalid_argument& error) {
     EXPECT_STREQ(error.what(),
                  "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every "
-                 "section, for a force at the tip of the true arm needs it");
+                 "section, which a force at the tip of the true arm needs");
   }
   EXPECT_EQ(unknown.tipForce(), Eigen::Vector3d::Zero());
   TrueArm known(statics::ArmModel(arm, std::nullopt, onlyStiffness()), {});
@@ -256,7 +256,7 @@ TEST(TrueArm, AForceThatNoShapeBalancesIsNamed) {
     ADD_FAILURE() << "a shape balances it";
   } catch (const std::runtime_error& error) {
     const std::string message = error.what();
-    EXPECT_NE(message.find("no shape holds the force (-80, 3, 0) N at the tip ("),
+    EXPECT_NE(message.find("no shape balances the force (-80, 3, 0) N at the tip ("),
               std::string::npos)
         << message;
   }

@@ -44,7 +44,7 @@ SerialDeviceConfig configOf(const SerialProfile& profile, std::vector<std::strin
   return config;
 }
 
-// Somebody who types.
+// A user at a terminal.
 class Terminal {
  public:
   Terminal(const SerialDevice& device, std::string terminator)
@@ -86,7 +86,7 @@ TEST(SerialDevice, AnAlicatAnswersWithItsFrame) {
   EXPECT_NEAR(device.setPoint()[1], 20 * 6894.757293168, 1e-6);
 }
 
-TEST(SerialDevice, AHeldAlicatTakesSetPointsButFollowsThemOnlyWhenReleased) {
+TEST(SerialDevice, AHeldAlicatAcceptsSetPointsButFollowsThemOnlyWhenReleased) {
   const SerialDevice device(configOf(test::alicatProfile(), {"A"}, 1));
   Terminal terminal(device, "\r");
   terminal.ask("AS20.00");
@@ -100,7 +100,7 @@ TEST(SerialDevice, AHeldAlicatTakesSetPointsButFollowsThemOnlyWhenReleased) {
   EXPECT_TRUE(eventually([&] { return device.pressure()[0] < 100; }));
 }
 
-TEST(SerialDevice, ACtrlPSpeaksOnceItIsSwitchedOnAndVentsByItsMode) {
+TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
   SerialDeviceConfig config = configOf(test::ctrlPProfile(), {}, 3);
   const SerialDevice device(config);
   Terminal terminal(device, "\n");
@@ -138,7 +138,7 @@ TEST(SerialDevice, PressuresFollowTheLagOfItsRegulatorWithTheSteadyClock) {
   EXPECT_LE(pressure, lag(late - before) + 1);
 }
 
-TEST(SerialDevice, OneThatWatchesItsLineVentsByItselfWhenNoneComes) {
+TEST(SerialDevice, ADeviceWithAWatchdogVentsByItselfWithoutLines) {
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0", "1"}, 2);
   config.profile.watchdog = 2;
   const SerialDevice device(config);
@@ -246,13 +246,13 @@ TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
   EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
 }
 
-TEST(SerialDevice, WhatIsInTheLinksPlaceIsNotReplacedUnlessItIsALink) {
+TEST(SerialDevice, OnlyALinkIsReplacedByTheLink) {
   const test::TemporaryFolder folder;
   SerialDeviceConfig config = configOf(test::genericProfile(), {"0"}, 1);
   config.link = folder / "file";
   std::ofstream(config.link) << "precious";
   EXPECT_EQ(refusal<std::runtime_error>([&] { SerialDevice device(config); }),
-            config.link + " is there and no symlink; expected a free place for one");
+            config.link + " exists and is not a symlink; expected a path where one can be created");
   config.link = folder / "stale";
   std::filesystem::create_symlink("/dev/pts/nowhere", config.link);
   const SerialDevice device(config);
@@ -273,7 +273,7 @@ TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
     EXPECT_EQ(std::filesystem::read_symlink(config.link), terminal);
     Terminal user(first, "\n");
     EXPECT_EQ(user.ask("p0?"), "p0=0.00 kPa");
-    // Its own is in nobody's way: the first comes back behind it.
+    // A removed link of its own is free: the first device returns behind it.
     first.setFault(DeviceFault::kRestart);
     EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
   }
@@ -287,7 +287,7 @@ TEST(SerialDevice, FaultyConfigurationsAreRefused) {
     return refusal([&] { SerialDevice device(config); });
   };
   EXPECT_EQ(refused(configOf(test::genericProfile(), {"0"}, 2)),
-            "serial device: the number of addresses is 1; expected one a channel where the profile "
+            "serial device: the number of addresses is 1; expected one per channel if the profile "
             "has {address}, else none");
   EXPECT_EQ(refused(configOf(test::ctrlPProfile(), {}, 0)),
             "serial device: the number of channels is 0; expected at least 1");

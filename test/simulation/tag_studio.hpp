@@ -19,7 +19,7 @@ inline estimation::Camera distortingCamera() {
   return camera;
 }
 
-/// Neither blur nor noise.
+/// Without blur and noise.
 inline simulation::SimulatedCameraConfig sharpConfig() {
   simulation::SimulatedCameraConfig config;
   config.blur = 0;

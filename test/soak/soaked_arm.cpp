@@ -60,7 +60,7 @@ bool canVent(int trouble) {
   }
 }
 
-// Its inlet does not close, whatever it is told.
+// Its inlet does not close, whatever the order.
 bool overfills(int trouble) { return trouble == static_cast<int>(DeviceFault::kStuckOpen); }
 
 // All that it was told is lost, and every link, however short it was away.

@@ -125,7 +125,7 @@ TEST(Correct, BringsALoadedArmToTheTarget) {
 }
 
 // The shape of a loaded arm with other stiffness is that of a model made for it.
-TEST(CorrectedModel, TakesTheFactorsUnderLoad) {
+TEST(CorrectedModel, AppliesTheFactorsUnderLoad) {
   const ArmModel nominal = loadedModel();
   CorrectedModel corrected(nominal);
   Correction correction(nominal.arm());
@@ -189,7 +189,7 @@ TEST(CorrectedModel, AllocatesNothingWhereOnlyOffsetAndLengthsChange) {
   EXPECT_EQ(counter.count(), 0u);
 }
 
-TEST(CorrectedModel, RefusesWhatIsNoCorrection) {
+TEST(CorrectedModel, RefusesAnInvalidCorrection) {
   const Arm& arm = kArms[0];
   CorrectedModel corrected{ArmModel(arm)};
   const auto refused = [&](auto&& spoil) {

@@ -550,7 +550,7 @@ TEST(ExactArm, RefusesWhatBreaksARule) {
   EXPECT_NE(test::refusal([&] { ExactArm(arm, short_of_mass); }), "accepted");
   const ExactArm exact(arm, load);
   EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Zero(6, 1)); }),
-            "exact tier: the number of unloaded twists is 1; expected one for each section");
+            "exact tier: the number of unloaded twists is 1; expected one per section");
   EXPECT_EQ(test::refusal([&] { exact.solve(model::Twists::Constant(6, 2, std::nan(""))); }),
             "exact tier: a twist of the unloaded arm is not finite");
 }

@@ -100,7 +100,7 @@ TEST(LoadedInverse, WithoutLoadItIsTheInverseOfTheLinearModel) {
             b.toPosition(target, arm.inputAt(0.1)).input);
 }
 
-TEST(LoadedInverse, SaysSoWhereNoShapeHoldsTheLoad) {
+TEST(LoadedInverse, ReportsWhereNoShapeBalancesTheLoad) {
   const model::Arm arm = test::softHelicalArm();
   const ArmModel heavy =
       modelOf(arm, test::weight(Posture::kHorizontal, 40.0, 500), Tier::kLoaded, 5);

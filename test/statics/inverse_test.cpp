@@ -141,7 +141,7 @@ TEST(Preference, CountsTheMotionsThatTheMusclesMakeNotThoseThatResist) {
   EXPECT_LT(cost[0], 0.97 * cost[1]);
 }
 
-TEST(Inverse, WarmStartTakesFewIterations) {
+TEST(Inverse, WarmStartNeedsFewIterations) {
   const model::Arm arm = test::ringArm(test::helicalRing());
   InverseSolver solver(arm);
   Eigen::VectorXd q = Eigen::Vector3d(1e5, 2e5, 1.5e5), command = q;
@@ -191,7 +191,7 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
   }
 }
 
-TEST(Inverse, ComesToRestForTargetsAnywhere) {
+TEST(Inverse, ConvergesForTargetsAnywhere) {
   test::Random random(104);
   for (const model::Arm& arm :
        {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),

@@ -263,7 +263,7 @@ TEST(Curve, IsAsGoodAsTheTipBetweenThePieces) {
     }
     EXPECT_LT((curve.back().X.translation - solution.tip.translation).norm(), 1e-10 * length);
   }
-  std::printf("largest distance of 8 pieces a section from the curve: %.1e of the length\n",
+  std::printf("largest distance of 8 pieces per section from the curve: %.1e of the length\n",
               between);
   EXPECT_GT(between, 1e-5);
   EXPECT_LT(between, 1e-4);

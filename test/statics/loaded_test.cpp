@@ -222,7 +222,7 @@ TEST(Loaded, TheTipMovesWithTheLoadAsShootingSays) {
 }
 
 // One centred muscle without torsional stiffness: a moment about its axis meets no resistance.
-TEST(Loaded, SaysWhichLoadsNothingHolds) {
+TEST(Loaded, ReportsLoadsThatNoShapeBalances) {
   model::Section section;
   const model::Contraction muscle = test::fig3Muscle();
   section.actuators = {{"centre", {}, {10, 0, 1e-4}, muscle, muscle.inputRange()}};

@@ -169,8 +169,7 @@ TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
          "use tier: loaded");
   expect(refusal(arm, {}, {}, only(Tier::kLoaded)), "tier: loaded", "the key load");
   expect(refusal(arm, {}, {}, only(Tier::kExact)), "tier: exact", "the key load");
-  expect(refusal(arm, {}, load, within(1e-12)), "accuracy.tip_error_percent",
-         "ask for that or more");
+  expect(refusal(arm, {}, load, within(1e-12)), "accuracy.tip_error_percent", "allow that or more");
   TierRequest linear = only(Tier::kLinear);
   linear.relative_tip_error = 1e-4;
   expect(refusal(arm, {}, load, linear), "accuracy.tip_error_percent", "use tier: auto");

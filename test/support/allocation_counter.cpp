@@ -8,7 +8,7 @@ thread_local std::size_t allocations = 0;
 }  // namespace
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-// A sanitizer stands in malloc's place itself and tells of what passes there.
+// A sanitizer replaces malloc itself, and reports its calls.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(  // NOLINT
     void (*malloc_hook)(const volatile void*, std::size_t),
     void (*free_hook)(const volatile void*));

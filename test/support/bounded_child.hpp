@@ -16,8 +16,8 @@ struct ChildRun {
   double megabytes = 0.0;  ///< most memory it held at a time, more than it was born with
 };
 
-/// Runs something in a child process, whose memory is told apart from this one's. No other thread
-/// may run.
+/// Runs something in a child process, whose memory can be measured separately. No other thread may
+/// run.
 inline ChildRun runInChild(const std::function<std::string()>& body) {
   int ends[2];
   ChildRun run;

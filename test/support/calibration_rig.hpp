@@ -63,7 +63,7 @@ class CalibrationRig : public ::testing::Test {
     ASSERT_TRUE(waitFor([this] { return client_->isServerConnected(); }));
   }
 
-  /// Falls silent until the arm has vented, unless it rests: the next target, whoever sends it,
+  /// Sends no target until the arm has vented, unless it rests: the next target, from any sender,
   /// enables it again.
   void freeTheArm() {
     rig_.fallSilent();

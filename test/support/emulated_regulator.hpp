@@ -135,7 +135,7 @@ safety:
            (measures_supply_ ? "  min_supply_kpa: 350\n" : "");
   }
 
-  // Devices as the shipped profiles have them, but for a sensor at the supply.
+  // Devices with the shipped profiles, except for a sensor at the supply.
   void writeProfiles() const {
     std::ofstream(folder_ / "serial.yaml") << R"(ascii_serial:
   {baud: 115200, terminator: lf, unit: kPa, unit_word: kPa, write: "p{address}={pressure}",

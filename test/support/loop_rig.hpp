@@ -64,7 +64,7 @@ class LoopRig : public ::testing::Test {
     enableAnew();
   }
 
-  /// Vents and enables the arm: from then on no watchdog of targets runs before the first one.
+  /// Vents and enables the arm, so that no timeout of targets runs before the first one.
   void enableAnew() {
     const auto is = [this](const std::string& state) { return safety_.last().state == state; };
     ASSERT_TRUE(call("pressure_command/vent"));

@@ -132,6 +132,7 @@ class Rig {
   }
 
   /// From now on pressures that were taken are repeated, as the watchdog of targets wants it.
+  /// Called before connect(), the pressures at which it enabled the arm are repeated too.
   void keepOn() { keeps_on_ = true; }
   void fallSilent() { heartbeat_.repeat({}); }
 
@@ -187,7 +188,9 @@ class Rig {
     PressureArray same = command.last();
     same.header.stamp = ros::Time::now();
     pressure_target_.publish(same);
-    return waitFor([this] { return taken(); }, 0.2);
+    if (!waitFor([this] { return taken(); }, 0.2)) return false;
+    if (keeps_on_) heartbeat_.repeat(same);
+    return true;
   }
   bool taken() const {
     return !status.all().empty() && status.last().outcome != TargetStatus::DROPPED;

@@ -16,7 +16,7 @@ namespace helix_arm::test {
 /// Such that a busy machine is not taken for a silent device [s].
 inline constexpr double kSerialTimeout = 0.2;
 
-/// As config/regulators/alicat.yaml, but for the timeout; so the others.
+/// As config/regulators/alicat.yaml, except for the timeout; the same holds for the others.
 inline regulator::SerialProfile alicatProfile() {
   regulator::SerialProfile profile;
   profile.name = "alicat";

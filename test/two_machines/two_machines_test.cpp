@@ -33,8 +33,8 @@ std::optional<TwoNetworks>& networks() {
   return instance;
 }
 
-// The demo's rig, which lets nobody command it for longer than kTargetTimeout after falling silent;
-// patient with all else.
+// The rig of the demo, whose lease ends kTargetTimeout after the last target; all other timeouts
+// are long.
 std::string sceneText() {
   return io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml",
                        {{"safety.target_timeout_s", "1"},

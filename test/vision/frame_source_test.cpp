@@ -83,7 +83,7 @@ TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
 }
 
-TEST(PictureFiles, ABrokenPictureIsAFaultThatNamesItAndTheNextOneComes) {
+TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
   const auto cut = [](Bytes bytes) {
@@ -196,7 +196,7 @@ TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {
     }
   };
   expectRefused(folder.path(), " holds no pictures; expected files ending in .jpg");
-  expectRefused(folder / "nothing.jpg", " is no file and no folder");
+  expectRefused(folder / "nothing.jpg", " is neither a file nor a folder");
   write(folder, "notes.txt", Bytes(10, 'x'));
   expectRefused(folder / "notes.txt", " is neither a picture (.jpg");
 }
@@ -267,7 +267,7 @@ class FakeDevice : public VideoDevice {
 
   std::optional<std::string> open() override {
     ++socket_->tried;
-    if (!socket_->plugged) return "there is no such device";
+    if (!socket_->plugged) return "the device does not exist";
     ++socket_->opened;
     return std::nullopt;
   }
@@ -322,7 +322,7 @@ TEST_F(Camera, AnUnpluggedOneIsAFaultUntilItIsBack) {
 
   time += 0.5;
   ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, "/dev/video7: there is no such device");
+  EXPECT_EQ(frame.fault, "/dev/video7: the device does not exist");
   EXPECT_EQ(frame.retry_after, 2.0);
   EXPECT_EQ(socket.tried, 2);
 
@@ -340,7 +340,7 @@ TEST_F(Camera, AnUnpluggedOneIsAFaultUntilItIsBack) {
 TEST_F(Camera, OneThatIsAbsentAtFirstIsWaitedFor) {
   socket.plugged = false;
   ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, "/dev/video7: there is no such device");
+  EXPECT_EQ(frame.fault, "/dev/video7: the device does not exist");
   socket.plugged = true;
   time += 2.0;
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
@@ -365,9 +365,9 @@ TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
   Frame frame;
   const auto absent = FrameSource::webcam(config);
   ASSERT_EQ(absent->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, config.device +
-                             ": there is no such device; plug the camera in, or name "
-                             "another device");
+  EXPECT_EQ(
+      frame.fault,
+      config.device + ": the device does not exist; plug the camera in, or give another device");
   EXPECT_EQ(frame.retry_after, config.reconnect_after);
   write(folder, "video0", {});
   const auto wrong = FrameSource::webcam(config);

@@ -103,7 +103,7 @@ cv::Size claimedSize(const Bytes& bytes) {
   return {width, height};
 }
 
-TEST(JpegFuzzDeathTest, TheGuardEndsWhoeverGoesBeyond) {
+TEST(JpegFuzzDeathTest, TheGuardEndsAProcessBeyondItsLimits) {
   const GuardedMemory memory(100);
   *memory.last(1) = 7;
   EXPECT_DEATH(*memory.end() = 7, "SEGV");

@@ -70,7 +70,7 @@ TEST(Jpeg, PartsOfPicturesAreEncodedAsTheyAre) {
   EXPECT_EQ(bytes, JpegEncoder(80).encode(part)) << "nothing is left over from the last picture";
 }
 
-TEST(Jpeg, BetterQualityTakesMoreBytesAndLosesLess) {
+TEST(Jpeg, HigherQualityNeedsMoreBytesAndLosesLess) {
   const cv::Mat picture = grayPicture(320, 240);
   double last_error = 1e9;
   std::size_t last_size = 0;
@@ -146,10 +146,10 @@ TEST(Jpeg, TruncatedPictureWithAnEndPutToItIsRefused) {
   }
 }
 
-TEST(Jpeg, WhatIsNoJpegIsRefusedWithItsReason) {
+TEST(Jpeg, AFileThatIsNotAJpegIsRefusedWithItsReason) {
   cv::Mat gray;
   EXPECT_EQ(JpegDecoder().decode(nullptr, 0, gray), "no data; expected a JPEG");
-  EXPECT_NE(faultOf(Bytes(1000, 0)).find("no sound JPEG header"), std::string::npos);
+  EXPECT_NE(faultOf(Bytes(1000, 0)).find("not a valid JPEG header"), std::string::npos);
   EXPECT_NE(faultOf({0xff, 0xd8, 0xff, 0xd9}).find("claims 0 x 0 px"), std::string::npos);
   const cv::Mat cmyk(48, 64, CV_8UC4, cv::Scalar(1, 2, 3, 4));
   EXPECT_NE(faultOf(jpegOf(cmyk, TJPF_CMYK, TJSAMP_444)).find("CMYK"), std::string::npos);

@@ -249,7 +249,7 @@ TEST(TagDetector, TooLargePicturesAreRefused) {
   EXPECT_TRUE(detector.detect(paper(32767, 8)).empty());
   EXPECT_TRUE(detector.detect(paper(8, 32767)).empty());
   expectRefused([&] { detector.detect(paper(32768, 8)); },
-                "the picture has 32768 x 8 px; expected at most 32767 px a side");
+                "the picture has 32768 x 8 px; expected at most 32767 px per side");
   expectRefused([&] { detector.detect(paper(8, 32768)); }, "8 x 32768 px");
   expectRefused([&] { detector.detect(paper(32768, 8), {0, 0, 8, 8}); }, "32768 x 8 px");
 }
@@ -358,7 +358,7 @@ TEST(DetectorConfig, EveryRuleIsNamed) {
         c.family = "16h5";
         c.max_hamming = 3;
       },
-      "differ in 5 bits, so that no more than 2 can be put right");
+      "differ in 5 bits, so that no more than 2 can be corrected");
   refused(
       [](DetectorConfig& c) {
         c.family = "Standard52h13";

@@ -30,6 +30,7 @@ class PressureObserver {
   /// Takes the readings of one time.
   /// @param set_point  (n) in force since the last readings [Pa].
   /// @param reading    (n) [Pa]; NaN where a channel gave none.
+  /// Neither counts where its magnitude is beyond 1e9 Pa.
   void update(double time, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
 
   /// Forgets everything; the next reading starts anew.

@@ -4,9 +4,9 @@
 #include <Eigen/Geometry>
 #include <optional>
 #include <string>
-#include <variant>
 #include <vector>
 
+#include "helix_arm/basics/checked.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 
@@ -32,14 +32,10 @@ inline constexpr int kFaultCount = 12;
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);
 
-/// Why a target was refused, and the message for its sender.
-struct Refusal {
-  Fault fault;
-  std::string message;  ///< names the culprit and the remedy
-};
+using Refusal = basics::Refusal<Fault>;
 
 template <class T>
-using Checked = std::variant<T, Refusal>;
+using Checked = basics::Checked<T, Fault>;
 
 /// The command that results from a pressure target.
 ///
@@ -66,8 +62,11 @@ enum class Timed { kTarget, kReading };
 /// @param age  age of the stamp [s]; < 0 if it is in the future.
 std::optional<Refusal> checkAge(double age, double timeout, Timed what = Timed::kTarget);
 
+/// Readings outside this range mean a broken sensor, or another unit: gauge [Pa].
+inline constexpr model::Range kPossibleReading{-2e5, 1e8};
+
 /// Readings of all pressures of the arm: (n) gauge [Pa]. Unlike targets, they may lie outside the
-/// limits.
+/// limits, but not outside kPossibleReading.
 ///
 /// @param name  every actuator once, in any order; empty for the arm's order.
 Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<std::string>& name,

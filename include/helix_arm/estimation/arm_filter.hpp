@@ -22,7 +22,7 @@ enum class SightingFault {
   kTooOld,       ///< the pressures of its time are forgotten
   kWrongSize,    ///< not of this arm
   kNotFinite,    ///< holds a value that is not finite
-  kNotPositive,  ///< its covariance is not positive definite
+  kNotPositive,  ///< its covariance is not symmetric or not positive definite
   kUnbalanced,   ///< the model finds no shape at these pressures
   kOutlier,      ///< farther from the prediction than chance allows
 };
@@ -76,6 +76,8 @@ class ArmFilter {
   ArmFilter(ArmFilter&&) noexcept;
   ArmFilter& operator=(ArmFilter&&) noexcept;
 
+  /// Why see() would refuse a measurement before it compares it with the model; else kNone.
+  SightingFault check(const Input& input) const;
   /// Compares a measurement with the model and learns from it.
   Sighting see(const Input& input);
   /// Back to the start: no difference, with the deviations of the options.

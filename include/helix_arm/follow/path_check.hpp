@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -47,11 +48,13 @@ struct PathRefusal {
 /// Follows a path with the inverse every 10 ms (of paths beyond 2000 s, at 200,000 places).
 /// @param solver  of this arm; a correction that it has counts.
 /// @param start   (n) inputs at which the first search begins [Pa].
-/// @return nothing if the path can be followed.
+/// @param stops   asked at every place, may be empty; true ends the check.
+/// @return nothing if the path can be followed, or if the check was stopped.
 /// @throws std::invalid_argument on rules that break their contract, otherwise as the
 /// InverseSolver.
 std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::Arm& arm,
                                      statics::InverseSolver& solver, const Eigen::VectorXd& start,
-                                     const PathRules& rules);
+                                     const PathRules& rules,
+                                     const std::function<bool()>& stops = {});
 
 }  // namespace helix_arm::follow

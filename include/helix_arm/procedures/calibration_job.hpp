@@ -37,7 +37,7 @@ struct CompanionArm {
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
-  std::string message;  ///< what was done, or cause and remedy
+  std::string message;  ///< resultText(), or cause and remedy
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;
@@ -46,6 +46,8 @@ struct CalibrationOutcome {
   /// other parameters as fitted. Tips are those of the shapes fitted to each sound capture's tags;
   /// for curvatures see fitLeastTipError().
   std::optional<estimation::LeastTipError> least_tip_error;
+  /// Of the scene's own captures, before and after, where they show tags; else empty [m].
+  std::optional<double> tip_error_before, tip_error_after;
   std::vector<std::string> warnings;
   std::string scene_text;  ///< of the calibrated scene; empty without success
 };

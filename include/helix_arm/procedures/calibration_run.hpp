@@ -14,7 +14,7 @@ struct RunRules {
 
   int captures = 3;      ///< pictures of the arm at rest at each pressure, 1 to kMaxCaptures
   double ramp = 1e5;     ///< maximum rate of change of a pressure, > 0 [Pa/s]
-  double patience = 30;  ///< longest wait for each capture, > 0 [s]
+  double patience = 30;  ///< longest wait for each capture, and for pictures on a ramp, > 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -34,7 +34,8 @@ enum class RunEnd {
 /// "ramping", "settling", "returning" or "ended".
 const char* nameOf(RunPhase phase);
 
-/// Steps an arm through a plan of pressures and decides when to capture it. It ramps the pressures
+/// Steps an arm through a plan of pressures and decides when to capture it. While pictures are
+/// missing, the pressures stand still; the run aborts after its patience. It ramps the pressures
 /// down to rest before it ends, except after yield(). Time is an argument.
 class CalibrationRun {
  public:
@@ -53,7 +54,7 @@ class CalibrationRun {
                  const RunRules& rules);
 
   /// @param now       monotonic time, on the clock of the stamps [s].
-  /// @param settling  state of the arm at `now`; stale measurements abort the run.
+  /// @param settling  state of the arm at `now`; stale pressures abort the run.
   Order advance(double now, const Settling& settling);
 
   /// Ramps down and ends. The first of several reasons is kept, except completion.
@@ -62,6 +63,8 @@ class CalibrationRun {
   void yield(const std::string& reason);
 
   RunPhase phase() const { return phase_; }
+  /// Whether it waits for pictures that are missing.
+  bool waitsForPictures() const { return unseen_since_.has_value(); }
   bool ended() const { return phase_ == RunPhase::kEnded; }
   int step() const { return step_; }  ///< counted from 0
   int steps() const { return static_cast<int>(plan_.rows()); }
@@ -73,6 +76,7 @@ class CalibrationRun {
  private:
   bool rampTo(const Eigen::VectorXd& target, double dt);
   bool obeys(const Settling& settling) const;
+  void watchPictures(double now, const Settling& settling);
   void lookAt(double now, const Settling& settling, Order& order);
 
   Eigen::MatrixXd plan_;
@@ -84,8 +88,9 @@ class CalibrationRun {
   int captures_ = 0;
   std::optional<double> last_time_;
   double settling_since_ = 0;
-  std::optional<double> returned_at_;  ///< time when the ramp down was over
-  double last_capture_ = 0;            ///< stamp of its picture
+  std::optional<double> unseen_since_;  ///< while ramping or settling
+  std::optional<double> returned_at_;   ///< time when the ramp down was over
+  double last_capture_ = 0;             ///< stamp of its picture
   RunEnd verdict_ = RunEnd::kCompleted;
   std::string reason_;
 };

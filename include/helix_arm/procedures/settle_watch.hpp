@@ -27,7 +27,8 @@ struct SettleRules {
 
 enum class SettleState {
   kSettled,
-  kStale,     ///< pressures or pictures are missing or too old
+  kStale,     ///< pressures are missing or too old
+  kUnseen,    ///< pressures are recent, but pictures are missing or too old
   kPressure,  ///< the pressures are not at their set point yet
   kMoving,    ///< the tags are moving
   kNoTags,    ///< no tag is visible
@@ -43,7 +44,9 @@ struct Settling {
   std::optional<Sample> last;
 
   bool settled() const { return state == SettleState::kSettled; }
-  bool stale() const { return state == SettleState::kStale; }
+  /// Pressures or pictures are missing or too old.
+  bool stale() const { return state == SettleState::kStale || unseen(); }
+  bool unseen() const { return state == SettleState::kUnseen; }
 };
 
 /// Decides whether the pressures are at their set points and the shape is at rest.
@@ -90,7 +93,8 @@ class SettleWatch {
   template <class Entry>
   void add(std::deque<Entry>& history, Entry entry, std::size_t most) const;
   void checkSize(const Eigen::VectorXd& pressure) const;
-  std::string staleness(double now) const;
+  std::string pressureStaleness(double now) const;
+  std::string pictureStaleness(double now) const;
   std::string pressureFault(double begin, Eigen::VectorXd& mean) const;
   std::string motion(double begin) const;
   double windowBegin() const { return sights_.back().time - rules_.window; }

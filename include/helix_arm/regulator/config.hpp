@@ -36,6 +36,8 @@ std::string describe(const Config& config);
 /// Positions of the actuators in the device, in their order: "addresses A, B, C" or "slots 0, 1,
 /// 2"; empty for a simulated one.
 std::string describeChannels(const Config& config);
+/// Position of one channel in the device: its address or slot, else its number from 0.
+std::string addressOf(const Config& config, int channel);
 /// Whether it is real hardware, which moves air.
 bool isHardware(const Config& config);
 /// Whether its channels can be closed: FaultAction::kClose.

@@ -15,7 +15,7 @@ namespace helix_arm::regulator {
 
 /// I/O rules for a core with these safety rules: the pressure that counts as vented and the time
 /// allowed to vent. The rest has its defaults.
-IoRules ioRulesFor(const control::SafetyRules& rules);
+IoRules ioRulesOf(const control::SafetyRules& rules);
 
 /// Connects targets to the regulator through the safety core; node, command and tests use the same
 /// one. For one thread, or behind one lock.

@@ -25,9 +25,6 @@ struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;
   estimation::TwistFitOptions fit;
-  /// Base and bleed, if they are fitted, are learnt over the pictures (estimation::RigMemory);
-  /// false: fitted anew in each.
-  bool remembers_rig = true;
   int min_tags = 2;  ///< fewest visible tags of the arm for a measurement, >= 2
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -62,7 +59,7 @@ class ArmLocalizer {
   /// @throws std::invalid_argument on a picture of another size or type.
   const Sight& locate(const cv::Mat& gray, const model::Shape& model);
 
-  /// Forgets the last picture. What was learnt of base and bleed stays.
+  /// Forgets the last picture.
   void reset();
 
   const estimation::ArmView& view() const;

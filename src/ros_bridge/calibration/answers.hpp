@@ -5,9 +5,8 @@
 #include <limits>
 #include <string>
 
-#include <ros/console.h>
-
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 /// What the services of calibration and its action answer.
 namespace helix_arm::ros_bridge {
@@ -25,9 +24,9 @@ bool answer(const char* service, Response& response, const Body& body) {
     response.message = fault.what();
   }
   if (response.success) {
-    ROS_INFO("%s: %s", service, response.message.c_str());
+    logInfo("%s: %s", service, response.message.c_str());
   } else {
-    ROS_WARN("%s: %s", service, response.message.c_str());
+    logWarning("%s: %s", service, response.message.c_str());
   }
   return true;
 }
@@ -40,6 +39,9 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   out.message = outcome.message;
   out.warnings = outcome.warnings;
   out.held_out_error = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kUndetermined = std::numeric_limits<double>::quiet_NaN();
+  out.tip_error_before = outcome.tip_error_before.value_or(kUndetermined);
+  out.tip_error_after = outcome.tip_error_after.value_or(kUndetermined);
   if (outcome.success) out.out = path;
   if (!outcome.calibration) return;
   const estimation::Calibration& calibration = *outcome.calibration;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
-// The one topic of each kind; empty where there is none, which is a fault but for the commands.
+// The topic of each kind; empty if absent, which is a fault except for commands.
 using Topics = std::array<std::string, kRecordTopics>;
 
 Topics topicsOf(BagProcess& bag, const std::string& path) {
@@ -27,7 +27,7 @@ Topics topicsOf(BagProcess& bag, const std::string& path) {
     std::string& topic = out[static_cast<std::size_t>(record.topic)];
     if (!topic.empty()) {
       faults.add(0, "topics " + basics::quoted(topic) + " and " + basics::quoted(name) +
-                        ": of more than one arm; record one arm a bag");
+                        " belong to more than one arm; record one arm per bag");
     }
     topic = name;
   }
@@ -48,7 +48,8 @@ Message messageOf(BagRecord& record, const std::string& path) try {
   ros::serialization::deserialize(stream, message);
   return message;
 } catch (const std::exception&) {
-  throw io::DocumentError(path + " is damaged: it holds a message of another type than it says");
+  throw io::DocumentError(path +
+                          " is damaged: a message is not of the type that its header states");
 }
 
 Eigen::VectorXd pressuresOf(const PressureArray& message, const std::string& topic,
@@ -111,7 +112,7 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
     if (!standing.empty()) out.push_back(medianOf(standing));
     standing.clear();
   };
-  std::string last_reason = "no tag_detections came";
+  std::string last_reason = "there are no tag_detections";
   for (BagRecord record = bag.next(); record.kind != RecordKind::kEnd; record = bag.next()) {
     if (record.topic != RecordTopic::kDetections) {
       const auto pressures = messageOf<PressureArray>(record, path);
@@ -135,7 +136,7 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
   }
   moveOn();
   if (out.empty()) {
-    throw io::DocumentError(path + ": the arm never stands still in it; at last, " + last_reason);
+    throw io::DocumentError(path + ": the arm is never at rest in it; at its end, " + last_reason);
   }
   return out;
 }
@@ -176,7 +177,7 @@ procedures::CalibrationData loadMeasurements(const io::Scene& scene,
     const auto seen = numbered(samplesOf(file, path, scene, rules), scene.arm);
     if (!file.isUnchanged()) {
       throw io::DocumentError(path +
-                              " was written to while it was read; expected one that is "
+                              " changed while it was read; expected one that is "
                               "closed");
     }
     procedures::LoadedCaptures loaded = procedures::makeCaptures(scene, seen, path);

@@ -19,9 +19,9 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr int kSilence = 300'000;  // [ms] after which it is given up, on a machine however busy
+constexpr int kSilence = 300'000;  // [ms] without output, after which the reader is killed
 
-// bag_reader is in the folder of programs beside this library's.
+// bag_reader is installed with the programs of this package.
 std::string readerProgram() {
   Dl_info library{};
   dladdr(reinterpret_cast<const void*>(&readerProgram), &library);
@@ -45,7 +45,7 @@ BagProcess::BagProcess(const basics::RegularFile& file, std::string path) : path
 #if __GLIBC_PREREQ(2, 34)
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
-  // Whatever this process makes of its signals.
+  // The child starts with default signals, whatever this process has set.
   sigset_t all, none;
   sigfillset(&all);
   sigemptyset(&none);
@@ -80,15 +80,15 @@ BagRecord BagProcess::next() {
   read(&head, sizeof head);
   const bool sound = head.bytes <= kMostRecordBytes && static_cast<int>(head.topic) < kRecordTopics;
   if (!sound) {
-    kill(process_, SIGKILL);  // it may wait for a reader of the rest
-    refuse("is damaged: what was read of it makes no sense; expected a sound bag");
+    kill(process_, SIGKILL);  // it may wait for the rest of its output to be read
+    refuse("is damaged: its content is not valid; expected an intact bag");
   }
   BagRecord record{head.kind, head.topic, std::vector<std::uint8_t>(head.bytes)};
   read(record.bytes.data(), record.bytes.size());
   if (record.kind == RecordKind::kFault) {
     const std::string fault(record.bytes.begin(), record.bytes.end());
     refuse("cannot be read: " + basics::quoted(fault, 200) +
-           "; expected a bag that was closed (rosbag reindex mends one that was not)");
+           "; expected a bag that was closed (rosbag reindex repairs one that was not)");
   }
   return record;
 }
@@ -99,7 +99,7 @@ void BagProcess::read(void* bytes, std::size_t size) {
     pollfd waited{pipe_, POLLIN, 0};
     const int ready = poll(&waited, 1, kSilence);
     if (ready < 0 && errno == EINTR) continue;
-    if (ready == 0) refuse("takes too long to read; expected a sound bag");
+    if (ready == 0) refuse("takes too long to read; expected an intact bag");
     const ssize_t count = ::read(pipe_, place, size);
     if (count < 0 && errno == EINTR) continue;
     if (count <= 0) failed();
@@ -115,15 +115,15 @@ void BagProcess::failed() {
   process_ = -1;
   if (ended > 0 && WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
     refuse("takes more than " + std::to_string(kMostReaderTime) +
-           " s of processor time to read; expected a shorter or a sound bag");
+           " s of processor time to read; expected a shorter or an intact bag");
   }
   const std::string reason =
       ended > 0 && WIFSIGNALED(status)
           ? std::string("reading it ended with ") + strsignal(WTERMSIG(status))
-          : "reading it came to no end";
+          : "reading it did not end";
   refuse("is damaged: " + reason +
-         "; expected a sound bag (rosbag check tells, rosbag reindex may "
-         "mend it)");
+         "; expected an intact bag (rosbag check examines it, rosbag reindex "
+         "may repair it)");
 }
 
 void BagProcess::refuse(const std::string& fault) const {

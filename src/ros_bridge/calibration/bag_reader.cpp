@@ -1,6 +1,6 @@
-// Reads the rosbag on stdin, a regular file, and writes what a calibration takes of it on stdout.
-// rosbag trusts what a bag says of itself, so that a damaged one may end whoever reads it: it is
-// read here, by a process of its own, within bounds of memory and time.
+// Reads the rosbag on stdin, a regular file, and writes on stdout what a calibration needs of it.
+// rosbag trusts the content of a bag, so a damaged bag may end the process that reads it. It is
+// therefore read here, in a separate process with limits of memory and time.
 #include <algorithm>
 #include <cerrno>
 #include <exception>
@@ -24,7 +24,7 @@ void bound(__rlimit_resource what, rlim_t most, rlim_t never) {
   setrlimit(what, &limit);
 }
 
-// Ends the process where nobody reads any more.
+// Exits if the reader of stdout has ended.
 void write(const void* data, std::size_t size) {
   const char* bytes = static_cast<const char*>(data);
   while (size > 0) {
@@ -56,7 +56,7 @@ std::optional<RecordTopic> topicOf(const std::string& name, const std::string& t
   return std::nullopt;
 }
 
-// As it was taken apart here: lengths that a damaged message claims are not passed on.
+// Serialised again: lengths in a damaged message are not passed on.
 template <class Message>
 void writeMessage(RecordTopic topic, const Message& message, std::vector<std::uint8_t>& buffer) {
   buffer.resize(ros::serialization::serializationLength(message));
@@ -99,7 +99,8 @@ int main() {
   using namespace helix_arm::ros_bridge;
   bound(RLIMIT_CORE, 0, 0);
   bound(RLIMIT_AS, kMostReaderMemory, kMostReaderMemory);
-  bound(RLIMIT_CPU, kMostReaderTime, kMostReaderTime + 1);  // the first is told apart: SIGXCPU
+  bound(RLIMIT_CPU, kMostReaderTime,
+        kMostReaderTime + 1);  // the first limit raises SIGXCPU, which is reported
   try {
     read();
     return 0;

@@ -2,9 +2,8 @@
 
 #include <utility>
 
-#include <ros/console.h>
-
 #include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 
@@ -41,11 +40,11 @@ CalibrationNode::CalibrationNode()
               [this](io::Scene next) { adopt(std::move(next)); }),
       run_(node_, private_node_, options_.run, options_.rate, jobs_, recorder_, calibrator_) {
   const io::Scene scene = recorder_.scene();
-  ROS_INFO("%s: %s", scene.name.c_str(),
-           scene.camera && scene.tags
-               ? "ready to record and to calibrate"
-               : "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so "
-                 "nothing can be recorded");
+  logInfo("%s: %s", scene.name.c_str(),
+          scene.camera && scene.tags
+              ? "ready to record and to calibrate"
+              : "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so "
+                "nothing can be recorded");
 }
 
 CalibrationNode::~CalibrationNode() = default;

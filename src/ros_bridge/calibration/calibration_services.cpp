@@ -109,7 +109,7 @@ bool CalibrationServices::onClear(ClearSamples::Request&, ClearSamples::Response
       calibrator_.forgetLast();
     });
     response.success = true;
-    response.message = std::to_string(response.cleared) + " samples forgotten";
+    response.message = std::to_string(response.cleared) + " samples cleared";
   });
 }
 
@@ -120,7 +120,8 @@ bool CalibrationServices::onSave(Save::Request& request, Save::Response& respons
         jobs_.whileIdle([&] { return std::pair(recorder_.recording(), calibrator_.last()); });
     std::string text;
     if (std::filesystem::path(path).extension() == ".csv") {
-      basics::require(!recording.samples.empty(), "nothing was recorded; call record_sample first");
+      basics::require(!recording.samples.empty(),
+                      "no sample was recorded; call record_sample first");
       text = recording.table();
       response.message = std::to_string(recording.samples.size()) + " samples in " + path;
     } else {

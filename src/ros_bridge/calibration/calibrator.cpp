@@ -5,12 +5,11 @@
 #include <system_error>
 #include <utility>
 
-#include <ros/console.h>
-
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -19,8 +18,9 @@ void makeFolder(const std::string& folder) {
   std::error_code fault;
   std::filesystem::create_directories(folder, fault);
   if (fault) {
-    ROS_WARN("the folder %s is not there and cannot be made (%s): services find no files in it",
-             folder.c_str(), fault.message().c_str());
+    logWarning(
+        "the folder %s does not exist and cannot be created (%s): services cannot use files in it",
+        folder.c_str(), fault.message().c_str());
   }
 }
 
@@ -70,12 +70,12 @@ procedures::CalibrationOutcome Calibrator::calibrate(const procedures::Calibrati
                                                      const std::function<bool()>& cancelled) {
   const ReloadServer::File file = scene_file_();
   basics::require(io::sha256OfFile(file.path) == file.sha256, file.path,
-                  " is not what it was when it was loaded; call reload first");
+                  " changed on disk since it was loaded; call reload first");
   procedures::CalibrationOutcome outcome = procedures::runCalibration(file.path, {}, request, data);
   if (!outcome.success) return outcome;
   if (cancelled()) {
     outcome.success = false;
-    outcome.message = "it was cancelled";
+    outcome.message = "cancelled";
     return outcome;
   }
   {
@@ -88,7 +88,7 @@ procedures::CalibrationOutcome Calibrator::calibrate(const procedures::Calibrati
   } catch (const std::exception& fault) {
     outcome.success = false;
     outcome.message +=
-        ", but it is not written: " + std::string(fault.what()) + "; call save with another path";
+        ", but it is not saved: " + std::string(fault.what()) + "; call save with another path";
   }
   return outcome;
 }

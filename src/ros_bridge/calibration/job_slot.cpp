@@ -21,9 +21,8 @@ bool JobSlot::runs() const {
 }
 
 void JobSlot::requireIdle() const {
-  basics::require(job_ != Job::kRun,
-                  "run_calibration is under way; wait for it, or cancel it first");
-  basics::require(job_ != Job::kFit, "a fit is under way; wait for it");
+  basics::require(job_ != Job::kRun, "run_calibration is running; wait for it, or cancel it first");
+  basics::require(job_ != Job::kFit, "a fit is running; wait for it");
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -4,14 +4,13 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "answers.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/calibration/bag_captures.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
@@ -60,9 +59,8 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     fault = std::get<control::Refusal>(checked).message;
     times = static_cast<unsigned long>(foreign_pressures_.total());
   }
-  // Without the lock: a terminal that blocks must not stall the run.
-  ROS_WARN("%s is not of scene %s: %s (%lu times so far)", topic, scene.c_str(), fault.c_str(),
-           times);
+  logWarning("%s does not match scene %s: %s (%lu times so far)", topic, scene.c_str(),
+             fault.c_str(), times);
 }
 
 void Recorder::onMeasured(const PressureArrayConstPtr& measured) {
@@ -85,7 +83,7 @@ void Recorder::onWatch(const ros::SteadyTimerEvent&) {
 
 procedures::Settling Recorder::settlingAt(double now) const {
   procedures::Settling out = watch_.at(now);
-  // The status of vision names the cause.
+  // If no tags are seen, vision_status knows the cause.
   const bool blind = out.stale() || out.state == procedures::SettleState::kNoTags;
   if (blind && vision_ && vision_->state != VisionStatus::MEASURED) {
     out.reason += "; vision says: " + basics::quoted(vision_->message, kLongestMessage);

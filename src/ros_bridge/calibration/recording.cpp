@@ -15,9 +15,10 @@ constexpr char kRecorded[] = "recorded samples";
 
 procedures::CalibrationData Recording::data() const {
   const std::vector<io::TagCornerCapture> seen = numbered(samples, scene.arm);
-  basics::require(!seen.empty(),
-                  "nothing was recorded; call record_sample or run_calibration first, or name data "
-                  "sets");
+  basics::require(
+      !seen.empty(),
+      "no sample was recorded; call record_sample or run_calibration first, or name data "
+      "sets");
   procedures::CalibrationData out;
   out.captures = procedures::makeCaptures(scene, seen, kRecorded).captures;
   out.sources.push_back({kRecorded,

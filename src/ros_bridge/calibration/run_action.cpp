@@ -9,7 +9,6 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/this_node.h>
 
@@ -22,6 +21,7 @@
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -63,22 +63,16 @@ void RunAction::onStatus(const TargetStatusConstPtr& status) {
     return;
   }
   const std::string message = basics::quoted(status->message, kLongestMessage);
-  {
-    const basics::MutexLock lock(mutex_);
-    if (!motion_) return;
-    if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
-      motion_->run.yield(message);
-      return;
-    }
-    if (status->fault != control::nameOf(control::Fault::kStale)) {
-      motion_->run.end(procedures::RunEnd::kAborted,
-                       "pressure_command refused a target: " + message);
-      return;
-    }
+  const basics::MutexLock lock(mutex_);
+  if (!motion_) return;
+  if (status->fault == control::nameOf(control::Fault::kOtherCommander)) {
+    motion_->run.yield(message);
+  } else if (status->fault != control::nameOf(control::Fault::kStale)) {
+    motion_->run.end(procedures::RunEnd::kAborted, "pressure_command refused a target: " + message);
+  } else if (stale_targets_.add()) {
+    // The next target may be in time. If none is, the arm vents, and that ends the run.
+    logWarning("%s", message.c_str());
   }
-  // The next target may be in time. If none is, the arm vents, and that ends the run.
-  // Without the lock: a terminal that blocks must not stall the run.
-  ROS_WARN_THROTTLE(1, "%s", message.c_str());
 }
 
 void RunAction::onGoal(const RunCalibrationGoal& goal) {
@@ -116,16 +110,16 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
 
 void RunAction::begin(const RunCalibrationGoal& goal) {
   calibrator_.check(goal.fit);
-  calibrator_.scenePath(goal.out);  // else only found out after a long run
+  calibrator_.scenePath(goal.out);  // otherwise refused only after a long run
   procedures::RunRules rules = rules_;
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
   basics::require(target_publisher_.getNumSubscribers() > 0,
-                  "nobody listens on pressure_target; is pressure_command up?");
-  basics::require(!EndRequest::made(), "the node is about to end");
+                  "pressure_target has no subscriber; is pressure_command running?");
+  basics::require(!EndRequest::made(), "the node is shutting down");
   const io::Scene scene = recorder_.scene();
   basics::require(scene.camera && scene.tags, "scene ", scene.name,
-                  " has no `camera` or no `tags`: nothing could be recorded; add them to it");
+                  " has no `camera` or no `tags`, so nothing can be recorded; add them to it");
   const auto plan = procedures::checkPlan(scene.arm, goal.plan);
   if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
     throw std::invalid_argument(refusal->message);
@@ -133,7 +127,7 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   const procedures::Settling state = recorder_.observe().settling;
   basics::require(!state.stale(), state.reason);
   basics::require(state.set_point.has_value(),
-                  "pressure_command has not come yet; is its node up?");
+                  "no pressure_command was received yet; is its node running?");
   const basics::MutexLock lock(mutex_);
   motion_.emplace(Motion{scene.arm,
                          {std::get<Eigen::MatrixXd>(plan), scene.arm.clamped(*state.set_point),
@@ -168,10 +162,11 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   const basics::MutexLock lock(mutex_);
   procedures::CalibrationRun& run = motion_->run;
   const auto [now, time_stands, state] = recorder_.observe();
-  if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "it was cancelled");
-  if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is to end");
+  if (server_->isPreemptRequested()) run.end(RunEnd::kPreempted, "cancelled");
+  if (EndRequest::made()) run.end(RunEnd::kAborted, "the node is shutting down");
   if (time_stands) {
-    run.end(RunEnd::kAborted, "ROS time stands still; is the node that gives /clock up?");
+    run.end(RunEnd::kAborted,
+            "ROS time does not advance; is the node that publishes /clock running?");
   }
   Turn out;
   if (run.ended()) {
@@ -191,9 +186,15 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
   out.feedback.step = static_cast<std::uint32_t>(run.step() + 1);
   out.feedback.steps = static_cast<std::uint32_t>(run.steps());
   out.feedback.state = nameOf(run.phase());
-  if (run.phase() == procedures::RunPhase::kSettling && !state.settled()) {
+  const bool waits = run.waitsForPictures();
+  if (waits || (run.phase() == procedures::RunPhase::kSettling && !state.settled())) {
     out.feedback.state += ": " + state.reason;
   }
+  if (waits && !motion_->waited) {
+    logWarning("run_calibration waits for pictures, at most %g s (~patience_s): %s",
+               rules_.patience, state.reason.c_str());
+  }
+  motion_->waited = waits;
   out.feedback.pressure.assign(order.pressure.begin(), order.pressure.end());
   out.feedback.samples = static_cast<std::uint32_t>(recorder_.count());
   return out;
@@ -201,7 +202,7 @@ RunAction::Turn RunAction::turn(std::vector<procedures::Sample>& captures) {
 
 void RunAction::rest() {
   for (;;) {
-    // Such as without a master, which a call would wait for.
+    // Without a master, the call would block.
     if (EndRequest::isUrgent() || !ros::ok()) return;
     {
       const basics::MutexLock lock(mutex_);
@@ -218,7 +219,7 @@ void RunAction::conclude(const RunCalibrationGoal& goal, const Ending& ending) {
   result.held_out_error = std::numeric_limits<double>::quiet_NaN();
   if (ending.verdict != procedures::RunEnd::kCompleted) {
     result.message = ending.reason;
-    ROS_WARN("run_calibration: %s", result.message.c_str());
+    logWarning("run_calibration: %s", result.message.c_str());
     if (ending.verdict == procedures::RunEnd::kPreempted) {
       server_->setPreempted(result, result.message);
     } else {

@@ -3,12 +3,12 @@
 #include <cstdint>
 #include <vector>
 
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -17,10 +17,10 @@ namespace {
 constexpr std::uint32_t kEndOfTime = 1U << 31U;  // [s]
 constexpr std::uint32_t kNanosecondsASecond = 1000000000;
 constexpr char kParameter[] = "/use_sim_time";
-// For roscpp, which then takes no time from anywhere; nobody sets it.
+// Given to roscpp instead, so that it does not subscribe to the clock; nobody sets it.
 constexpr char kNoParameter[] = "/use_sim_time_of_roscpp_alone";
 
-// Past roscpp's own remapping of its name.
+// Asks the master directly, since roscpp remaps the name of the parameter.
 bool timeIsSimulated() {
   XmlRpc::XmlRpcValue request, response, value;
   request[0] = ros::this_node::getName();
@@ -58,9 +58,9 @@ void ClockGate::onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
   if (isSound(time)) {
     ros::Time::setNow(time);
   } else if (bad_times_.add()) {
-    ROS_WARN(
-        "%s says %u s and %u ns, beyond what ROS can count with (2^31 s): the time stays as it was "
-        "(%lu times so far); stop the node that says so",
+    logWarning(
+        "%s gives %u s and %u ns, beyond the range of ROS time (2^31 s): the message is ignored "
+        "(%lu times so far); stop the node that publishes it",
         names::kClock, time.sec, time.nsec, static_cast<unsigned long>(bad_times_.total()));
   }
 }

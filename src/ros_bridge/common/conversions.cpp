@@ -15,8 +15,8 @@ namespace {
 using control::Fault, control::Refusal;
 
 constexpr double kShortest = 1e-3;  // a curve [m]
-// Senders round to a few digits: pieces and mean twist that differ by more are of two shapes
-// [m, rad].
+// Senders round to a few digits; larger differences between pieces and mean twist are an error [m,
+// rad].
 constexpr double kPieceTolerance = 1e-3;
 
 std::string text(const Eigen::Vector3d& vector) {
@@ -25,13 +25,13 @@ std::string text(const Eigen::Vector3d& vector) {
   return out.str();
 }
 
-// Why piece_twist is not taken.
+// Fault of piece_twist; absent if it is valid.
 std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
   const auto most = static_cast<std::uint32_t>(model::kMaxPieces / sections);
   if (shape.pieces > most) {
     return Refusal{
         Fault::kOutOfRange,
-        std::to_string(shape.pieces) + " pieces a section; send at most " + std::to_string(most)};
+        std::to_string(shape.pieces) + " pieces per section; send at most " + std::to_string(most)};
   }
   if (shape.pieces <= 1 && shape.piece_twist.empty()) return std::nullopt;
   const std::size_t expected = shape.pieces <= 1 ? 0U : 6U * sections * shape.pieces;
@@ -40,7 +40,7 @@ std::optional<Refusal> faultOfPieces(const ArmShape& shape, int sections) {
                    std::to_string(shape.piece_twist.size()) + " numbers in piece_twist for " +
                        std::to_string(sections) + " sections of " + std::to_string(shape.pieces) +
                        " pieces; send " + std::to_string(expected) +
-                       ", and in `pieces` how many pieces a section has"};
+                       ", and in `pieces` the number of pieces per section"};
   }
   for (std::size_t j = 0; j < expected; ++j) {
     const double value = shape.piece_twist[j];
@@ -111,7 +111,7 @@ ArmShape toShapeMsg(const std_msgs::Header& header, const std::string& tier,
   }
   const model::Twists twists = shape.twists();
   msg.twist.assign(twists.data(), twists.data() + twists.size());
-  // Symmetric: rows or columns first is all the same.
+  // Symmetric, so the storage order does not matter.
   msg.twist_covariance.assign(covariance.data(), covariance.data() + covariance.size());
   msg.tip = toPoseMsg(model::tipPose(shape));
   return msg;
@@ -148,7 +148,7 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
                                        const std::string& base_frame) {
   const std::string& frame = shape.header.frame_id;
   if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "it is seen from '" + basics::quoted(frame) + "', not '" +
+    return Refusal{Fault::kWrongFrame, "its frame is '" + basics::quoted(frame) + "', not '" +
                                            base_frame +
                                            "': give both nodes the same ~frame_prefix"};
   }
@@ -166,10 +166,9 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
       pieces);
   const double off = (out.twists() - twists).cwiseAbs().maxCoeff();
   if (off > kPieceTolerance) {
-    return Refusal{Fault::kOutOfRange,
-                   "its pieces add up to another twist than its sections have, " +
-                       std::to_string(off) +
-                       " m or rad off; send in `twist` the sums of the pieces"};
+    return Refusal{Fault::kOutOfRange, "its pieces do not sum to the twists of its sections, " +
+                                           std::to_string(off) +
+                                           " m or rad off; send in `twist` the sums of the pieces"};
   }
   return out;
 }
@@ -177,7 +176,7 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
   const std::string& frame = target.header.frame_id;
   if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the tip target is seen from '" + basics::quoted(frame) +
+    return Refusal{Fault::kWrongFrame, "the frame of the tip target is '" + basics::quoted(frame) +
                                            "'; transform it to '" + base_frame +
                                            "', or leave frame_id empty"};
   }
@@ -201,7 +200,7 @@ control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wr
                                           const std::string& base_frame) {
   const std::string& frame = wrench.header.frame_id;
   if (!frame.empty() && frame != base_frame) {
-    return Refusal{Fault::kWrongFrame, "the force is seen from '" + basics::quoted(frame) +
+    return Refusal{Fault::kWrongFrame, "the frame of the force is '" + basics::quoted(frame) +
                                            "'; transform it to '" + base_frame +
                                            "', or leave frame_id empty"};
   }
@@ -213,7 +212,7 @@ control::Checked<Eigen::Vector3d> fromMsg(const geometry_msgs::WrenchStamped& wr
   }
   if (!torque.isZero(0)) {
     return Refusal{Fault::kOutOfRange, "the torque is " + text(torque) +
-                                           " N m; send 0, for only a force acts on the tip"};
+                                           " N m; send 0, since only a force acts on the tip"};
   }
   if (force.stableNorm() > kMostTipForce) {
     return Refusal{Fault::kOutOfRange, "the force is " + text(force) + " N; send at most " +

@@ -15,7 +15,7 @@ static_assert(std::atomic<int>::is_always_lock_free, "signal handlers must not w
 
 void onSignal(int) { requests.fetch_add(1); }
 
-// Of the master, as rosnode kill sends it.
+// Call by the master, as sent by rosnode kill.
 void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
   requests.fetch_add(1);
   result = ros::xmlrpc::responseInt(1, "", 0);

@@ -12,17 +12,17 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kPeriod = 0.1;  // between two looks [s]
+constexpr double kPeriod = 0.1;  // between two checks [s]
 
-// Neither ROS nor the standard streams: they may be what hangs.
+// Uses neither ROS nor buffered streams, which may be what blocks.
 [[noreturn]] void end() {
   constexpr char kText[] =
-      "this node could not end in time and was cut off: the ROS master does not answer (rosnode "
-      "cleanup forgets the node once it does), or a callback did not come back\n";
+      "this node could not end in time and exits at once: the ROS master does not answer (run "
+      "rosnode cleanup once it does), a callback does not return, or the log is blocked\n";
   pollfd ready{STDERR_FILENO, POLLOUT, 0};
   if (poll(&ready, 1, 0) > 0 && (ready.revents & POLLOUT) != 0) {
     const ssize_t written = write(STDERR_FILENO, kText, std::strlen(kText));
-    static_cast<void>(written);  // nobody is left to be told
+    static_cast<void>(written);  // nothing can be done if it fails
   }
   _exit(kFailed);
 }
@@ -41,7 +41,7 @@ EndWatch::~EndWatch() {
 }
 
 void EndWatch::watch() {
-  // Periods, not the time: a process that was stopped has lost one.
+  // Counts periods rather than time: a process that was stopped has lost only one.
   double idle = 0;
   unsigned seen = 0;
   basics::MutexLock lock(mutex_);

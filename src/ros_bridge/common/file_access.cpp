@@ -20,6 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kLongestPath = 300;  // in a message
+constexpr std::size_t kLongestTitle = 64;
+constexpr std::size_t kPictureHeader = 256;              // in which its writer is named [bytes]
+constexpr char kPlotWriter[] = "helix_arm plot_report";  // as WRITER of plot_report
 
 std::string join(const std::vector<std::string>& words) {
   std::string out;
@@ -33,13 +36,29 @@ bool isBelow(const fs::path& path, const fs::path& folder) {
   return !folder.empty() && of_folder == folder.end() && of_path != path.end();
 }
 
-// Whether it is what this package writes under such a name.
+// First bytes of a file.
+std::string beginOf(const std::string& path, std::size_t most) {
+  std::string out(most, '\0');
+  std::ifstream stream(path, std::ios::binary);
+  stream.read(out.data(), static_cast<std::streamsize>(out.size()));
+  out.resize(static_cast<std::size_t>(stream.gcount()));
+  return out;
+}
+
+// Whether the file is one that this package writes under such a name.
 bool isOurs(const std::string& path) {
-  if (fs::path(path).extension() == ".csv") {
-    const std::string title = std::string("# ") + kRecordedTitle;
-    std::string begin(title.size(), ' ');
-    std::ifstream(path).read(begin.data(), static_cast<std::streamsize>(begin.size()));
-    return begin == title;
+  const std::string ending = fs::path(path).extension();
+  if (ending == ".csv") {
+    const std::string begin = beginOf(path, kLongestTitle);
+    const auto has = [&begin](const char* title) {
+      const std::string comment = std::string("# ") + title;
+      return begin.compare(0, comment.size(), comment) == 0;
+    };
+    return has(kRecordedTitle) || has(kRecordedRunTitle);
+  }
+  if (ending == ".png") {
+    const std::string begin = beginOf(path, kPictureHeader);
+    return begin.compare(0, 4, "\x89PNG") == 0 && begin.find(kPlotWriter) != std::string::npos;
   }
   try {
     return io::loadScene(path).calibration.has_value();
@@ -61,20 +80,21 @@ std::string FileAccess::resolved(const std::string& what, const std::string& giv
                                  const std::vector<std::string>& endings) const {
   std::string below;
   for (const Folder& folder : folders_) {
-    below += (below.empty() ? "" : " or ") + folder.path + " (" + folder.parameter + ")";
+    if (folder.parameter.empty()) continue;
+    below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
   }
   const std::string quoted = basics::quoted(given, kLongestPath);
   const auto require = [&](bool holds) {
     basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
-                    join(endings), " file below ", below);
+                    join(endings), " file", below);
   };
-  // A path with a null character would end there for the system.
+  // The system would cut a path at a null character.
   require(!given.empty() && given.front() == '/' && given.find('\0') == std::string::npos);
   std::error_code fault;
   const fs::path path = fs::weakly_canonical(given, fault);
   require(!fault);
   require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
-    // Empty where the folder cannot be reached: nothing is below that.
+    // Empty if the folder cannot be reached; no path is below that.
     std::error_code ignored;
     return isBelow(path, fs::weakly_canonical(folder.path, ignored));
   }));
@@ -87,7 +107,7 @@ std::string FileAccess::toRead(const std::string& what, const std::string& given
   std::string path = resolved(what, given, endings);
   std::error_code ignored;
   basics::require(fs::is_regular_file(path, ignored), what, " is '",
-                  basics::quoted(given, kLongestPath), "', where there is no regular file");
+                  basics::quoted(given, kLongestPath), "', which is not a regular file");
   return path;
 }
 
@@ -99,10 +119,11 @@ std::string FileAccess::toWrite(const std::string& what, const std::string& give
   const fs::file_type type = fs::symlink_status(path, ignored).type();
   if (type != fs::file_type::not_found) {
     basics::require(type == fs::file_type::regular && isOurs(path), what, " is '", quoted,
-                    "', which is there and is neither a calibrated scene nor recorded samples of "
-                    "this package; expected a new name, or that of one of these");
+                    "', which exists and was not written by this package as a calibrated scene, "
+                    "recorded samples, a recorded run or its figure; expected a new name, or that "
+                    "of one of these");
     basics::require(access(path.c_str(), W_OK) == 0, what, " is '", quoted,
-                    "', which cannot be written over; expected another path");
+                    "', which cannot be overwritten; expected another path");
   }
   const std::string folder = fs::path(path).parent_path().string();
   const int error = access(folder.c_str(), W_OK) == 0 ? 0 : errno;

@@ -52,10 +52,10 @@ control::Checked<FrameLookup::Place> FrameLookup::find(const std::string& frame)
     const auto found = buffer_.lookupTransform(base_frame_, frame, ros::Time());
     return Place{fromMsg(found.transform), found.header.stamp.isZero()};
   } catch (const tf2::TransformException&) {
-    return control::Refusal{
-        control::Fault::kWrongFrame,
-        "tf does not relate the frame '" + basics::quoted(frame) + "' to '" + base_frame_ +
-            "'; publish the transform, or send what is seen from '" + base_frame_ + "'"};
+    return control::Refusal{control::Fault::kWrongFrame,
+                            "tf has no transform from the frame '" + basics::quoted(frame) +
+                                "' to '" + base_frame_ +
+                                "'; publish it, or send data in the frame '" + base_frame_ + "'"};
   }
 }
 

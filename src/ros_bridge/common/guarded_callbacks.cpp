@@ -2,19 +2,19 @@
 
 #include <exception>
 
-#include <ros/console.h>
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Of the exception that is being handled.
+// Message of the exception that is being handled.
 std::string reason() {
   try {
     throw;
   } catch (const std::exception& fault) {
     return fault.what();
   } catch (...) {
-    return "something that is no std::exception was thrown";
+    return "an exception was thrown that is not a std::exception";
   }
 }
 
@@ -22,7 +22,8 @@ std::string reason() {
 
 FaultGuard::FaultGuard(std::string source, Log log)
     : source_(std::move(source)),
-      log_(log ? std::move(log) : [](const std::string& line) { ROS_WARN("%s", line.c_str()); }) {}
+      log_(log ? std::move(log) : [](const std::string& line) { logWarning("%s", line.c_str()); }) {
+}
 
 void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
   try {
@@ -32,7 +33,7 @@ void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
     if (!faults_.add()) return;
     log_(source_ + (culprit.empty() ? "" : " from " + culprit) + " was dropped (" +
          std::to_string(faults_.total()) + " so far): " + text);
-  } catch (...) {  // no memory even for the warning: the next one tells the count
+  } catch (...) {  // out of memory: the next warning has the count
   }
 }
 

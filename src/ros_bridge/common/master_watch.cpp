@@ -3,13 +3,13 @@
 #include <string>
 
 #include <poll.h>
-#include <ros/console.h>
 #include <ros/init.h>
 #include <ros/master.h>
 #include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -31,8 +31,8 @@ const char* textOf(Answer answer) {
   }
 }
 
-// A master that was restarted answers, but only one that holds our registrations can find us.
-// ros::master::execute() would wait for one that hangs for ever.
+// After a restart, the master answers but does not know this node, which nobody can then find.
+// ros::master::execute() would wait forever for a master that hangs.
 Answer askMaster() {
   XmlRpc::XmlRpcValue question, answer;
   question[0] = ros::this_node::getName();
@@ -52,7 +52,7 @@ Answer askMaster() {
     const bool ready = (line.revents & line.events) != 0;
     awaited = client.handleEvent(ready ? awaited : unsigned{XmlRpcDispatch::Exception});
   }
-  // A call whose connection was refused is done as well, without an answer.
+  // A refused connection also counts as done, without an answer.
   if (!client.executeCheckDone(answer) || !answer.valid()) return Answer::kIsGone;
   const bool sound = !client.isFault() && answer.getType() == XmlRpc::XmlRpcValue::TypeArray &&
                      answer.size() > 0 && answer[0].getType() == XmlRpc::XmlRpcValue::TypeInt;
@@ -83,8 +83,8 @@ void MasterWatch::watch(std::chrono::milliseconds period, int misses) {
     if (missed >= misses && ros::ok()) {
       lost_ = true;
       EndRequest::make();
-      ROS_FATAL("the ROS master at %s %s: this node ends", ros::master::getURI().c_str(),
-                textOf(answer));
+      logFatal("the ROS master at %s %s: this node exits", ros::master::getURI().c_str(),
+               textOf(answer));
       return;
     }
     lock.lock();

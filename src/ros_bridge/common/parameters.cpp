@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <stdexcept>
 
-#include <ros/console.h>
 #include <ros/package.h>
+
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -104,8 +107,7 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
   const std::string given = text(name, "");
   if (given.empty()) return given;
   if (const auto path = filePath(given, folder, extension)) return *path;
-  // roslaunch starts nodes in ROS_HOME, so a relative path would not mean what it meant in the
-  // shell.
+  // roslaunch starts nodes in ROS_HOME, so a relative path would not refer to the user's directory.
   fault(name, XmlRpc::XmlRpcValue(given),
         join("an absolute path, or the name of a file in ", folder, " of the package"));
   return "";
@@ -123,6 +125,17 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   return path;
 }
 
+std::string ParameterReader::fileToWrite(const std::string& name, const std::string& extension) {
+  const std::string given = text(name, "");
+  if (given.empty()) return given;
+  try {
+    return FileAccess::anywhere().toWrite("~" + name, given, {extension});
+  } catch (const std::invalid_argument& refusal) {
+    faults_.emplace_back(refusal.what());
+  }
+  return "";
+}
+
 std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
   const std::string given = text(name, "");
   if (given.empty()) return fallback;
@@ -137,7 +150,7 @@ void ParameterReader::finish() {
   const std::string mine = node_.getNamespace() + "/";
   for (const std::string& name : set) {
     if (name.compare(0, mine.size(), mine) == 0 && known_.count(name) == 0) {
-      ROS_WARN("nobody reads the parameter %s: is it misspelt?", name.c_str());
+      logWarning("the node does not know the parameter %s; check its spelling", name.c_str());
     }
   }
   if (faults_.empty()) return;

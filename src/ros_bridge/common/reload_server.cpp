@@ -4,7 +4,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/console.h>
 #include <ros/package.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -12,6 +11,7 @@
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
@@ -62,11 +62,11 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     }
     response.success = true;
     response.message = "scene " + name + " of " + path;
-    ROS_INFO("reload: %s", response.message.c_str());
+    logInfo("reload: %s", response.message.c_str());
   } catch (const std::exception& fault) {
     response.success = false;
     response.message = fault.what();
-    ROS_WARN("reload, nothing has changed: %s", response.message.c_str());
+    logWarning("reload refused, nothing changed: %s", response.message.c_str());
   }
   return true;
 }
@@ -81,8 +81,8 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
     return out;
   };
   const auto require = [&](bool holds, const auto&... what) {
-    basics::require(holds, "scene ", next.name, " is not of the rig that runs: ", what...,
-                    "; end the nodes to change the rig");
+    basics::require(holds, "scene ", next.name, " is not of the running rig: ", what...,
+                    "; restart the nodes to change the rig");
   };
   require(now.sectionCount() == then.sectionCount(), "it has ", then.sectionCount(),
           " sections, expected ", now.sectionCount());
@@ -92,7 +92,7 @@ void requireSameRig(const io::Scene& at_hand, const io::Scene& next) {
   }
   for (int i = 0; i < now.actuatorCount(); ++i) {
     require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
-            " is driven otherwise");
+            " has another drive");
   }
   require(at_hand.camera.has_value() == next.camera.has_value() &&
               at_hand.tags.has_value() == next.tags.has_value(),

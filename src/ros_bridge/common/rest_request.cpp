@@ -2,13 +2,13 @@
 
 #include <string>
 
-#include <ros/console.h>
 #include <ros/node_handle.h>
 #include <ros/this_node.h>
 #include <std_srvs/Trigger.h>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/common/end_request.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -45,14 +45,13 @@ void requestRest() {
       std::string(names::kPressureCommandNode) + "/" + names::kRest);
   std_srvs::Trigger rest;
   if (client.call(rest)) {
-    ROS_INFO("%s: %s", client.getService().c_str(),
-             basics::quoted(rest.response.message, kLongestMessage).c_str());
+    logInfo("%s: %s", client.getService().c_str(),
+            basics::quoted(rest.response.message, kLongestMessage).c_str());
     return;
   }
-  // Nodes that are ended together need not find each other any more.
-  ROS_LOG(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
-          ROSCONSOLE_DEFAULT_NAME,
-          "%s is not there or does not answer: the arm vents when no target comes for "
+  // Nodes that are shut down together may miss each other.
+  logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
+          "%s does not exist or does not answer: the arm vents once no target has come for "
           "safety.target_timeout_s, as after a fault",
           client.getService().c_str());
 }

@@ -4,9 +4,9 @@
 #include <stdexcept>
 
 #include <ros/callback_queue.h>
-#include <ros/console.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -14,7 +14,7 @@ namespace {
 
 int report(const std::exception& error, ExitCode code) {
   std::istringstream lines(error.what());
-  for (std::string line; std::getline(lines, line);) ROS_FATAL("%s", line.c_str());
+  for (std::string line; std::getline(lines, line);) logFatal("%s", line.c_str());
   return code;
 }
 
@@ -36,7 +36,7 @@ int guarded(const std::function<int()>& body) {
   try {
     return body();
   } catch (const NothingToDo& reason) {
-    ROS_INFO("%s", reason.what());
+    logInfo("%s", reason.what());
     return kDone;
   } catch (const io::DocumentError& error) {
     return report(error, kBadConfiguration);

@@ -5,12 +5,12 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -22,7 +22,7 @@ constexpr double kFresh = 1.0;         // an older pressure_command is of a node
 constexpr double kPatience = 1.0;      // beyond the lease of another commander [s]
 constexpr double kLongestLease = 5.0;  // that is waited for [s]
 constexpr std::size_t kLongestMessage = 1000;  // of another node
-constexpr char kSilent[] = "pressure_command does not come; is its node up?";
+constexpr char kSilent[] = "no pressure_command is received; is its node running?";
 
 }  // namespace
 
@@ -99,9 +99,9 @@ void CommandLink::onCommand(const PressureArrayConstPtr& command) {
     set_point_ = std::move(*pressure);
     last_command_ = ros::SteadyTime::now();
   } else if (bad_commands_.add()) {
-    ROS_WARN("a pressure_command is dropped (%lu so far): %s",
-             static_cast<unsigned long>(bad_commands_.total()),
-             std::get<control::Refusal>(checked).message.c_str());
+    logWarning("a pressure_command was dropped (%lu so far): %s",
+               static_cast<unsigned long>(bad_commands_.total()),
+               std::get<control::Refusal>(checked).message.c_str());
   }
 }
 
@@ -112,7 +112,7 @@ void CommandLink::onSafety(const SafetyStateConstPtr& state) {
 }
 
 void CommandLink::onStatus(const TargetStatusConstPtr& status) {
-  if (status->topic != names::kPressureTarget) return;  // such as the answers of this node
+  if (status->topic != names::kPressureTarget) return;  // such as answers to targets of this node
   trace_.answered(*status);
   if (!speaks_ || status->commander != ros::this_node::getName() ||
       status->target_stamp < first_stamp_) {
@@ -130,7 +130,7 @@ void CommandLink::onStatus(const TargetStatusConstPtr& status) {
     passing_ = refusal;
     return;
   }
-  // Whoever had the arm and lost it to another does not wait for it again.
+  // A commander that had the arm and lost it does not wait for it again.
   const bool passes = is(Fault::kOtherCommander) && !accepted_;
   accepted_ = false;
   (passes ? passing_ : lasting_) = refusal;

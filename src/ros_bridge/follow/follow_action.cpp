@@ -1,18 +1,15 @@
 #include "helix_arm/ros_bridge/follow/follow_action.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <utility>
 #include <variant>
-
-#include <ros/console.h>
 
 #include "goal_serializers.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -32,7 +29,7 @@ Result resultOf(const GoalEnding& ending, const GoalFigures& figures = {}) {
   return out;
 }
 
-// What a goal asks for, or the scene if it does not.
+// Reaction that a goal requests; the scene's by default.
 follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
   switch (on_contact) {
     case FollowTipPathGoal::REPORT:
@@ -44,10 +41,6 @@ follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
     default:
       return usual;
   }
-}
-
-bool isReady(const std::future<std::string>& check) {
-  return check.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
 }  // namespace
@@ -88,17 +81,20 @@ void FollowAction::onGoal(Handle handle) {
     return;
   }
   if (candidate_) {
-    candidate_->handle.setCanceled(resultOf({Result::SUCCESSFUL, "replaced by a newer goal"}));
+    candidate_->handle.setCanceled(
+        resultOf({Result::SUCCESSFUL,
+                  "replaced by a newer goal before its path was checked; wait for the answer to a "
+                  "goal before the next one"}));
     discardCandidate();
   }
   auto& goal = std::get<PathGoal>(checked);
   const double tolerance = message.path_tolerance > 0 ? message.path_tolerance : kCheckTolerance;
-  auto check = std::async(std::launch::async, make_check_(goal.path, tolerance));
-  candidate_.emplace(Candidate{std::move(handle), std::move(goal), std::move(check)});
+  checker_.begin(make_check_(goal.path, tolerance));
+  candidate_.emplace(Candidate{std::move(handle), std::move(goal)});
 }
 
 void FollowAction::reject(Handle& handle, const GoalEnding& refusal) {
-  ROS_WARN("follow_tip_path: %s", refusal.message.c_str());
+  logWarning("follow_tip_path: %s", refusal.message.c_str());
   handle.setRejected(resultOf(refusal), refusal.message);
 }
 
@@ -111,23 +107,17 @@ void FollowAction::onCancel(Handle handle) {
   }
 }
 
-// Without waiting for the end of its check.
 void FollowAction::discardCandidate() {
-  discarded_.push_back(std::move(candidate_->check));
+  checker_.discard();
   candidate_.reset();
 }
 
 void FollowAction::takeCandidate() {
-  discarded_.erase(std::remove_if(discarded_.begin(), discarded_.end(), isReady), discarded_.end());
-  if (!candidate_ || !isReady(candidate_->check)) return;
+  const auto why_not = checker_.take();
+  if (!candidate_ || !why_not) return;
   Candidate next = std::move(*candidate_);
   candidate_.reset();
-  GoalEnding refusal{Result::INVALID_GOAL, {}};
-  try {
-    refusal.message = next.check.get();
-  } catch (const std::exception& fault) {
-    refusal.message = fault.what();
-  }
+  GoalEnding refusal{Result::INVALID_GOAL, *why_not};
   if (refusal.message.empty()) {
     const auto other = targets_.claim(names::kFollowTipPath);
     if (other) refusal = {Result::NOT_ENABLED, other->message};
@@ -146,7 +136,8 @@ void FollowAction::prepare(double time, follow::SightLoop& loop, const CommandLi
   takeCandidate();
   if (!run_) {
     if (!link.follows()) endHold();
-    loop.setOnContact(scene_.follow.on_contact);
+    // The goal's reaction holds as long as its last place: a stopped arm does not push on.
+    if (!isHeld()) loop.setOnContact(scene_.follow.on_contact);
     loop.hold();
     return;
   }
@@ -210,10 +201,10 @@ void FollowAction::abandon(const std::string& reason) {
 void FollowAction::end(const GoalEnding& ending) {
   const Result result = resultOf(ending, run_->watch.figures());
   if (ending.code == Result::SUCCESSFUL) {
-    ROS_INFO("follow_tip_path: %s", ending.message.c_str());
+    logInfo("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setSucceeded(result, ending.message);
   } else {
-    ROS_WARN("follow_tip_path: %s", ending.message.c_str());
+    logWarning("follow_tip_path: %s", ending.message.c_str());
     run_->handle.setAborted(result, ending.message);
   }
   leave();
@@ -225,7 +216,7 @@ void FollowAction::cancel(const std::string& reason) {
   leave();
 }
 
-// The last place is held, if the arm went there.
+// The last position is held if the arm was moved there.
 void FollowAction::leave() {
   const bool simulated = scene_.regulator && !regulator::isHardware(*scene_.regulator);
   const double usual =

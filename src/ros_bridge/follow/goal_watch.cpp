@@ -23,10 +23,13 @@ std::string text(const char* format, Values... values) {
 std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn) {
   if (!turn.path_time) {
     return GoalEnding{Result::CONTACT,
-                      "something touches the arm, and on_contact is STOP: the path was given up, "
+                      "contact with the arm, and on_contact is STOP: the path was aborted, "
                       "and the command is held; clear the arm, and send the goal again"};
   }
-  if (!moments_.empty() && time < moments_.back().time) moments_.clear();  // a jump back in time
+  if (!moments_.empty() && time < moments_.back().time) {  // a jump back in time
+    moments_.clear();
+    last_sight_ = time;
+  }
   moments_.push_back({time, *turn.path_time, turn.wanted, turn.predicted, turn.state});
   while (moments_.front().time < time - kMemory) moments_.pop_front();
   if (auto ending = sightEnding(time, turn.state)) return ending;
@@ -35,22 +38,27 @@ std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn)
 }
 
 std::optional<GoalEnding> GoalWatch::sightEnding(double time, follow::LoopState state) {
-  if (state != follow::LoopState::kOpen) {
+  // These states do not tell whether the arm is seen.
+  const bool stands =
+      state == follow::LoopState::kYielding || state == follow::LoopState::kDiverging;
+  if (!stands && state != follow::LoopState::kOpen) last_sight_ = time;
+  const bool seen = stands ? last_sight_ && time - *last_sight_ < rules_.sight_patience
+                           : state != follow::LoopState::kOpen;
+  if (seen) {
     was_seen_ = true;
     blind_since_.reset();
     return std::nullopt;
   }
   if (!blind_since_) blind_since_ = time;
-  // The loop coasts before it is open again.
+  // The loop has already coasted before it opened, or was waited for above.
   const double patience = was_seen_ ? 0.0 : rules_.sight_patience;
   if (!rules_.require_sight || time - *blind_since_ < patience) return std::nullopt;
-  return GoalEnding{
-      Result::SIGHT_LOST,
-      std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
-          "; look at vision_status and at ~close_loop, or set require_sight to false"};
+  return GoalEnding{Result::SIGHT_LOST,
+                    std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
+                        "; check vision_status and ~close_loop, or set require_sight to false"};
 }
 
-// The end of the path and the time allowed for it are over.
+// Result when the path and its tolerance time are over.
 GoalEnding GoalWatch::lateEnding(const follow::Turn& turn) const {
   const double tolerance = 1e3 * rules_.goal_tolerance;
   if (last_error_) {
@@ -92,6 +100,7 @@ std::optional<GoalWatch::Moment> GoalWatch::momentOf(double stamp) const {
 }
 
 std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::Vector3d& tip) {
+  last_sight_ = std::max(last_sight_.value_or(moment.time), moment.time);
   if (moment.path_time < 0) return std::nullopt;
   const double error = (tip - moment.wanted.translation).norm();
   if (moment.path_time <= end_) {

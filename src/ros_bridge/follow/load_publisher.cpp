@@ -35,7 +35,9 @@ LoadPublisher::LoadPublisher(ros::NodeHandle& node, std::string base_frame)
 
 void LoadPublisher::publish(const ros::Time& picture, const follow::SightLoop& loop) {
   const double since = secondsBetween(last_budget_, picture);
-  if (loop.budget() && (since < 0 || since >= kBudgetPeriod)) {
+  // During contact the budget is that of an earlier picture.
+  const bool present = loop.budget() && loop.budget()->time == picture.toSec();
+  if (present && (since < 0 || since >= kBudgetPeriod)) {
     publishBudget(picture, *loop.budget());
   }
   publishLoad(picture, loop);
@@ -65,7 +67,7 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
   out.state = nameOf(budget.state);
   if (budget.state == estimation::BudgetState::kOutside) {
     out.message =
-        "the calibration does not explain this: a load, slip or a changed muscle; look at the arm, "
+        "the calibration does not explain this: a load, slip or a changed muscle; check the arm, "
         "then calibrate again";
   }
   budget_publisher_.publish(out);
@@ -95,7 +97,7 @@ void LoadPublisher::publishLoad(const ros::Time& picture, const follow::SightLoo
     out.force = toVectorMsg(load.force);
     copyTo(load.covariance, out.covariance);
     out.determined.assign(load.determined.data(), load.determined.data() + load.determined.size());
-    out.message = "something touches the arm; clear it, or let it be carried (on_contact: report)";
+    out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
   } else if (outside) {
     out.message =
         "the calibration does not explain the arm's shape: a load, slip or a changed muscle";

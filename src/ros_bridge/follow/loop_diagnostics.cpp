@@ -3,8 +3,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include <ros/console.h>
-
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -33,13 +32,14 @@ std::string percent(double logarithm) { return fixed(100 * std::expm1(logarithm)
 }  // namespace
 
 void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
-                          const estimation::ArmFilter& filter) {
+                          const estimation::ArmFilter& filter, bool with_tags) {
   if (!sighting.accepted()) {
     ++refused_;
     ++by_fault_[static_cast<std::size_t>(sighting.fault)];
     return;
   }
   ++accepted_;
+  if (!with_tags) ++without_tags_;
   const int count = filter.parameterCount();
   const estimation::Gaussian& state = filter.state();
   calibration_.note(time,
@@ -50,8 +50,8 @@ void LoopDiagnostics::saw(double time, const estimation::Sighting& sighting,
 void LoopDiagnostics::sawForeign(const std::string& why) {
   ++refused_;
   if (!foreign_.add()) return;
-  ROS_WARN("a measured is not used (%lu so far): %s", static_cast<unsigned long>(foreign_.total()),
-           why.c_str());
+  logWarning("a message on measured was dropped (%lu so far): %s",
+             static_cast<unsigned long>(foreign_.total()), why.c_str());
 }
 
 DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::SightLoop& loop,
@@ -62,6 +62,7 @@ DiagnosticStatus LoopDiagnostics::loop(const std::string& node, const follow::Si
   out.message = message;
   addValue(out, names::kStateKey, follow::nameOf(loop.state()));
   addValue(out, names::kAcceptedKey, std::to_string(accepted_));
+  addValue(out, names::kWithoutTagsKey, std::to_string(without_tags_));
   for (int i = 1; i < estimation::kSightingFaultCount; ++i) {
     const auto fault = static_cast<estimation::SightingFault>(i);
     addValue(out, names::kRefusedPrefix + std::string(estimation::nameOf(fault)),

@@ -13,9 +13,12 @@ using visualization_msgs::Marker;
 
 constexpr double kWantedSize = 0.016;     // [m]
 constexpr double kPredictedSize = 0.008;  // [m]
+constexpr double kCurveWidth = 0.004;     // between those of the model and of the measured one [m]
 constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
 constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
+constexpr double kTableHeight = 0.015;    // of its letters [m]
+constexpr double kTableOffset = 0.2;      // to the side of the tip, clear of the ellipsoid [m]
 
 }  // namespace
 
@@ -55,6 +58,33 @@ Marker LoopMarkers::arrow(const ros::Time& stamp, const Tips& tips) const {
   return out;
 }
 
+Marker LoopMarkers::curve(const ros::Time& stamp, const Tips& tips) const {
+  Marker out = marker(stamp, names::kPredictedCurveNs, Marker::LINE_STRIP);
+  if (tips.curve.empty()) {
+    out.action = Marker::DELETE;
+    return out;
+  }
+  out.scale.x = kCurveWidth;
+  out.color = color(0.2, 0.9, 1.0);
+  for (const Eigen::Vector3d& point : tips.curve) out.points.push_back(toPointMsg(point));
+  return out;
+}
+
+Marker LoopMarkers::words(const ros::Time& stamp, const char* ns,
+                          const std::optional<Eigen::Vector3d>& place, double height,
+                          const std::string& text) const {
+  Marker out = marker(stamp, ns, Marker::TEXT_VIEW_FACING);
+  if (!place || text.empty()) {
+    out.action = Marker::DELETE;
+    return out;
+  }
+  out.pose.position = toPointMsg(*place);
+  out.scale.z = height;
+  out.color = color(0.2, 0.9, 1.0);
+  out.text = text;
+  return out;
+}
+
 visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const Tips& tips) const {
   visualization_msgs::MarkerArray out;
   Marker wanted = ball(stamp, names::kWantedTipNs, tips.wanted, kWantedSize);
@@ -63,18 +93,21 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   predicted.color = color(0.2, 0.9, 1.0);
   Marker ellipsoid = ball(stamp, names::kPredictedCovarianceNs, tips.predicted, kPredictedSize);
   ellipsoid.color = color(0.2, 0.9, 1.0, 0.35);
-  Marker text = marker(stamp, names::kLoopStateNs, Marker::TEXT_VIEW_FACING);
-  if (tips.predicted) {
-    shapeLike(tips.covariance, *tips.predicted, ellipsoid);
-    text.pose.position = toPointMsg(*tips.predicted + Eigen::Vector3d(kTextOffset, 0, 0));
-    text.scale.z = kTextHeight;
-    text.color = color(0.2, 0.9, 1.0);
-    text.text = tips.text;
-  } else {
-    text.action = Marker::DELETE;
-  }
-  out.markers = {std::move(wanted), std::move(predicted), std::move(ellipsoid), std::move(text),
-                 arrow(stamp, tips)};
+  if (tips.predicted) shapeLike(tips.covariance, *tips.predicted, ellipsoid);
+  const auto beside = [&tips](const Eigen::Vector3d& offset) {
+    return tips.predicted ? std::optional<Eigen::Vector3d>(*tips.predicted + offset) : std::nullopt;
+  };
+  Marker table =
+      words(stamp, names::kErrorBudgetNs, beside({0, kTableOffset, 0}), kTableHeight, tips.budget);
+  if (tips.outside) table.color = color(1.0, 0.5, 0.2);
+  out.markers = {
+      std::move(wanted),
+      std::move(predicted),
+      std::move(ellipsoid),
+      words(stamp, names::kLoopStateNs, beside({kTextOffset, 0, 0}), kTextHeight, tips.text),
+      std::move(table),
+      arrow(stamp, tips),
+      curve(stamp, tips)};
   return out;
 }
 

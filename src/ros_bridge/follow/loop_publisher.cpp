@@ -8,6 +8,8 @@
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/estimation/twist_fit.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -15,8 +17,10 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Readings are not quite even in time: one at the wanted rate is not to be left out for that.
+// Readings are not exactly periodic; one slightly early must not be skipped.
 constexpr double kSlack = 0.9;
+constexpr int kPoints = 24;           // of the drawn curve, a section
+constexpr double kFreshBudget = 1.0;  // since its picture [s]
 
 const char* nameOf(statics::InverseStatus status) {
   switch (status) {
@@ -30,7 +34,7 @@ const char* nameOf(statics::InverseStatus status) {
   return "not_converged";
 }
 
-// Of the filter's shape at the present pressures.
+// Covariance of the filter's shape at the present pressures.
 Eigen::MatrixXd twistCovariance(const LoopPublisher::View& view) {
   const double elapsed =
       view.last_picture ? std::max(0.0, secondsBetween(*view.last_picture, view.stamp)) : 0.0;
@@ -85,6 +89,7 @@ void LoopPublisher::publish(const View& view) {
     force_text_ = load.normalised ? "contact" : "contact, " + fixed(load.force.norm(), 2) + " N";
   }
   if (!isDue(view)) return;
+  noteBudget(view);
   publishEstimate(view);
   status_ = statusOf(view, tipCovariance(view));
   status_publisher_.publish(status_);
@@ -94,11 +99,25 @@ void LoopPublisher::clear() {
   status_ = {};
   force_.reset();
   force_text_.clear();
+  curve_.clear();
+  budget_text_.clear();
+}
+
+void LoopPublisher::noteBudget(const View& view) {
+  const auto& budget = view.loop.budget();
+  const bool fresh =
+      view.last_picture && std::abs(secondsBetween(*view.last_picture, view.stamp)) < kFreshBudget;
+  budget_text_ = budget && fresh ? procedures::budgetText(*budget) : std::string();
+  outside_ = budget && budget->state == estimation::BudgetState::kOutside;
 }
 
 void LoopPublisher::publishEstimate(const View& view) {
   const auto shape = view.loop.tracker().shape(view.loop.observer().newest().pressure);
   if (!shape) return;
+  curve_.clear();
+  for (const auto& point : model::sampleCurve(*shape, shape->sectionCount() * kPoints)) {
+    curve_.push_back(point.X.translation);
+  }
   std_msgs::Header header;
   header.stamp = view.stamp;
   header.frame_id = base_frame_;
@@ -147,8 +166,11 @@ void LoopPublisher::draw() {
   tips.wanted = positionOf(status_.has_wanted, status_.wanted);
   tips.predicted = positionOf(status_.has_predicted, status_.predicted);
   tips.covariance = Eigen::Map<const Eigen::Matrix3d>(status_.predicted_covariance.data());
+  if (status_.has_predicted) tips.curve = curve_;
   tips.text = status_.state;
   tips.force = force_;
+  tips.budget = budget_text_;
+  tips.outside = outside_;
   if (std::isfinite(status_.error)) tips.text += ", " + fixed(1e3 * status_.error, 2) + " mm";
   if (!force_text_.empty()) tips.text += "\n" + force_text_;
   marker_publisher_.publish(markers_.draw(ros::Time::now(), tips));

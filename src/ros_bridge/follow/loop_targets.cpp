@@ -20,7 +20,7 @@ bool areEqual(const follow::Target& a, const follow::Target& b) {
   return std::get<model::Twists>(a) == std::get<model::Twists>(b);
 }
 
-// A pose without orientation, as a message has it before it is filled in.
+// All zero, as in a message whose orientation was not set.
 bool isEmpty(const geometry_msgs::Quaternion& q) {
   return q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0;
 }
@@ -121,7 +121,7 @@ void LoopTargets::aimTip(const TargetSender& sender, const control::Checked<TipG
 }
 
 void LoopTargets::set(const TargetSender& sender, const follow::Target& target) {
-  // A repeated target keeps its sender alive, and the loop its view of how the error grows.
+  // A repeated target renews the lease but does not restart the watch for divergence.
   changed_ = changed_ || !target_ || !areEqual(*target_, target);
   target_ = target;
   commander_ = sender.commander;

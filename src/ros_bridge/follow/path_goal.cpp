@@ -27,11 +27,11 @@ T orThrow(control::Checked<T> checked, const std::string& culprit) {
   return std::get<T>(std::move(checked));
 }
 
-// A point of the path, which is seen from F.
+// Converts a point of the path, which is given in frame F.
 control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool with_rotation,
                               const std::string& culprit) {
   basics::require(point.transforms.size() == 1, culprit, "it has ", point.transforms.size(),
-                  " transforms; expected that of the tip alone");
+                  " transforms; expected only that of the tip");
   basics::require(point.velocities.size() <= 1, culprit, "it has ", point.velocities.size(),
                   " velocities; expected that of the tip, or none");
   const auto& p = point.transforms[0].translation;
@@ -105,10 +105,10 @@ std::variant<PathGoal, GoalEnding> fromMsg(const FollowTipPathGoal& goal, const 
   try {
     PathGoal out = checkedGoal(goal, frames);
     if (age > max_age) {
-      return GoalEnding{Result::OLD_HEADER_TIMESTAMP,
-                        "the path was to start " + std::to_string(age) +
-                            " s ago (header.stamp); send 0 to start at once, and set the clocks "
-                            "alike"};
+      return GoalEnding{
+          Result::OLD_HEADER_TIMESTAMP,
+          "the path was to start " + std::to_string(age) +
+              " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
     }
     basics::require(-age <= kLatestStart, "the path starts in ", -age, " s; expected at most ",
                     kLatestStart, " s");

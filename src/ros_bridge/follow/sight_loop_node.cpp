@@ -5,7 +5,6 @@
 #include <variant>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "goal_serializers.hpp"
@@ -15,6 +14,7 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
 
@@ -30,19 +30,6 @@ ros::console::Level levelOf(LoopState state, LoopState before) {
   const bool lost =
       state == LoopState::kCoasting || (state == LoopState::kOpen && before != LoopState::kIdle);
   return lost ? ros::console::levels::Warn : ros::console::levels::Info;
-}
-
-// Twists of a `measured` with their covariance, or why they cannot be used.
-control::Checked<Eigen::MatrixXd> covarianceOf(const ArmShape& shape, int sections) {
-  const auto size = static_cast<Eigen::Index>(6) * sections;
-  if (shape.twist_covariance.size() != static_cast<std::size_t>(size * size)) {
-    return control::Refusal{control::Fault::kWrongSize,
-                            std::to_string(shape.twist_covariance.size()) +
-                                " numbers in twist_covariance; send " +
-                                std::to_string(size * size) + ", the covariance of `twist`"};
-  }
-  return Eigen::MatrixXd(
-      Eigen::Map<const Eigen::MatrixXd>(shape.twist_covariance.data(), size, size));
 }
 
 }  // namespace
@@ -65,7 +52,8 @@ SightLoopNode::SightLoopNode()
           node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
       reading_subscriber_(
           listen(node_, names::kPressureMeasured, 10, &SightLoopNode::onReading, this)),
-      measured_subscriber_(listen(node_, names::kMeasured, 10, &SightLoopNode::onMeasured, this)),
+      sight_(node_, scene_, frames_.baseFrame(), pictures_,
+             [this](const SeenArm& seen) { onSeen(seen); }),
       close_server_(serve(private_node_, names::kCloseLoop, &SightLoopNode::onCloseLoop, this)),
       reset_server_(serve(private_node_, names::kReset, &SightLoopNode::onReset, this)),
       reload_(private_node_, options_.scene, options_.scene_folder,
@@ -73,8 +61,8 @@ SightLoopNode::SightLoopNode()
       draw_timer_(
           repeat(node_, "the drawing", 1.0 / options_.draw_rate, &SightLoopNode::onDraw, this)),
       diagnose_timer_(repeat(node_, "the diagnostics", 1.0, &SightLoopNode::onDiagnose, this)) {
-  ROS_INFO("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
-           scene_.arm.actuatorCount());
+  logInfo("%s: closes the loop of %d actuators over sight", scene_.name.c_str(),
+          scene_.arm.actuatorCount());
 }
 
 SightLoopNode::~SightLoopNode() = default;
@@ -84,8 +72,8 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
   const auto checked = control::checkReading(scene_.arm, message->name, message->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
     if (!bad_readings_.add()) return;
-    ROS_WARN("a pressure_measured is dropped (%lu so far): %s",
-             static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
+    logWarning("a pressure_measured was dropped (%lu so far): %s",
+               static_cast<unsigned long>(bad_readings_.total()), refusal->message.c_str());
     return;
   }
   last_reading_ = ros::SteadyTime::now();
@@ -94,6 +82,7 @@ void SightLoopNode::onReading(const PressureArrayConstPtr& message) {
 }
 
 void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading) {
+  sight_.poll();
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
@@ -144,36 +133,24 @@ void SightLoopNode::letGo() {
   link_.fallSilent();
 }
 
-void SightLoopNode::onMeasured(const ArmShapeConstPtr& shape) {
-  const int sections = scene_.arm.sectionCount();
-  const auto checked = fromMsg(*shape, sections, frames_.baseFrame());
-  const auto covariance = covarianceOf(*shape, sections);
-  for (const auto* refusal :
-       {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
-    if (refusal == nullptr) continue;
-    pictures_.sawForeign(refusal->message);
-    return;
-  }
-  const ros::Time& stamp = shape->header.stamp;
-  const auto& measured = std::get<model::Shape>(checked);
+void SightLoopNode::onSeen(const SeenArm& seen) {
   // Simulated time may reach this node later than the readings that it stamps.
   const double now = std::max(ros::Time::now().toSec(), stamp_.toSec());
   const estimation::Sighting sighting =
-      loop_.picture(stamp.toSec(), now, measured.twists(), std::get<Eigen::MatrixXd>(covariance));
-  pictures_.saw(now, sighting, loop_.tracker());
+      loop_.picture(seen.stamp.toSec(), now, seen.shape.twists(), seen.covariance, seen.tags);
+  pictures_.saw(now, sighting, loop_.tracker(), seen.tags.has_value());
   if (!sighting.accepted()) return;
-  last_picture_ = stamp;
-  load_publisher_.publish(stamp, loop_);
+  last_picture_ = seen.stamp;
+  load_publisher_.publish(seen.stamp, loop_);
   if (action_.runs()) {
-    lie::SE3 tip = model::tipPose(measured);
+    lie::SE3 tip = model::tipPose(seen.shape);
     tip.translation += loop_.load().tip_beyond_fit;
-    action_.picture(stamp, tip, LoopPublisher::tipCovariance(view()));
+    action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
   }
 }
 
-// With copies of all that the loop knows now, since it runs in a thread of its own.
-FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
-                                               double tolerance) const {
+// With copies of the present state, since the check runs in another thread.
+PathChecker::Check SightLoopNode::checkOf(const control::TipPath& path, double tolerance) const {
   follow::PathRules rules{tolerance, Eigen::VectorXd(scene_.arm.actuatorCount())};
   for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
     rules.slew[i] = scene_.safety.channels[static_cast<std::size_t>(i)].slew;
@@ -181,10 +158,11 @@ FollowAction::PathCheck SightLoopNode::checkOf(const control::TipPath& path,
   const Eigen::VectorXd start =
       scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
   return [path, rules, start, model = scene_.model,
-          correction = loop_.tracker().correction()]() -> std::string {
+          correction = loop_.tracker().correction()](const std::atomic<bool>& stop) -> std::string {
     statics::InverseSolver solver(model);
     solver.correct(correction);
-    const auto refusal = follow::checkPath(path, model.arm(), solver, start, rules);
+    const auto refusal =
+        follow::checkPath(path, model.arm(), solver, start, rules, [&stop] { return stop.load(); });
     return refusal ? refusal->reason : std::string();
   };
 }
@@ -195,15 +173,17 @@ bool SightLoopNode::onCloseLoop(SetBool::Request& request, SetBool::Response& re
   response.success = true;
   response.message = closes_ ? "the loop closes when the arm is seen"
                              : "the loop stays open: the correction fades out within a second";
-  ROS_INFO("close_loop: %s", response.message.c_str());
+  logInfo("close_loop: %s", response.message.c_str());
   return true;
 }
 
 bool SightLoopNode::onReset(Trigger::Request&, Trigger::Response& response) {
   loop_.reset();
+  load_publisher_.publish(stamp_, loop_);
   response.success = true;
-  response.message = "what the pictures taught is forgotten: the correction fades within a second";
-  ROS_INFO("reset: %s", response.message.c_str());
+  response.message =
+      "what was learnt from pictures is cleared: the correction fades out within a second";
+  logInfo("reset: %s", response.message.c_str());
   return true;
 }
 
@@ -218,6 +198,8 @@ void SightLoopNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   loop_ = std::move(loop);
   targets_.adopt();
+  sight_.adopt();
+  load_publisher_.publish(stamp_, loop_);
 }
 
 LoopPublisher::View SightLoopNode::view() {
@@ -232,30 +214,29 @@ std::string SightLoopNode::commander() {
 std::string SightLoopNode::reason() {
   switch (loop_.state()) {
     case LoopState::kIdle:
-      return isWanted() ? "waits for the arm: " + link_.whyNot() : "nobody commands the loop";
+      return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
     case LoopState::kOpen:
       if (!closes_) return "kept open by ~close_loop";
-      return last_picture_ ? "the arm is not seen; look at vision_status, and at the refused "
+      return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
                              "pictures in the diagnostics"
-                           : "no measured has been used yet; is vision up?";
+                           : "no message on measured was used yet; is vision running?";
     case LoopState::kClosed:
-      return "follows what is seen";
+      return "follows the measured shape";
     case LoopState::kCoasting:
       return "the arm is not seen for the moment: the correction is held";
     case LoopState::kYielding:
-      return "something touches the arm: path and correction stand still; clear the arm";
+      return "contact with the arm: path and correction are held; clear the arm";
     case LoopState::kDiverging:
       break;
   }
-  return "the tip moves away from a target that is said to be within reach: the arm bends "
-         "otherwise than its model; look for swapped hoses, tags and signs, then call ~reset";
+  return "the tip moves away from a target within the model's reach: the arm does not bend "
+         "as its model does; check for swapped hoses, tags and signs, then call ~reset";
 }
 
 void SightLoopNode::tellState(LoopState before) {
   const LoopState state = loop_.state();
   if (state == before) return;
-  ROS_LOG(levelOf(state, before), ROSCONSOLE_DEFAULT_NAME, "%s: %s", follow::nameOf(state),
-          reason().c_str());
+  logLine(levelOf(state, before), "%s: %s", follow::nameOf(state), reason().c_str());
 }
 
 void SightLoopNode::giveUp(const std::string& reason) {
@@ -267,12 +248,12 @@ void SightLoopNode::onDraw(const ros::SteadyTimerEvent&) {
   const bool measures =
       !last_reading_.isZero() && ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFresh);
   if (!measures) {
-    giveUp("pressure_measured does not come; is the regulator's node up?");
+    giveUp("no pressure_measured is received; is the regulator's node running?");
     letGo();
     publisher_.clear();
   }
   if (EndRequest::made()) {
-    giveUp("the loop's node is about to end");
+    giveUp("the node of the loop is shutting down");
     link_.rest();
     letGo();
   }

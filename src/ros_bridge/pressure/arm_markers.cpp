@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
+#include <sstream>
 #include <vector>
 
 #include "helix_arm/model/curve.hpp"
@@ -17,17 +20,21 @@ namespace {
 using visualization_msgs::Marker;
 using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 
-constexpr int kRings = 24;             // of a tube, a section
-constexpr int kSides = 10;             // of a tube
-constexpr double kDisc = 0.004;        // thickness of a separator [m]
-constexpr double kLine = 0.002;        // width of the base curve [m]
-constexpr double kTextHeight = 0.022;  // legible in a view of a whole 0.4 m arm [m]
+constexpr int kRings = 24;                // of a tube, per section
+constexpr int kSides = 10;                // of a tube
+constexpr double kDisc = 0.004;           // thickness of a separator [m]
+constexpr double kLine = 0.002;           // width of the base curve [m]
+constexpr double kBannerHeight = 0.022;   // legible in a view of a whole 0.4 m arm [m]
+constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
+constexpr double kReasonRise = 0.085;     // and of its reason [m]
+constexpr double kBannerRise = 0.14;      // of the state above the base [m]
+constexpr double kLineHeight = 0.016;     // of all other text [m]
+constexpr std::size_t kLongestLine = 48;  // of the state's reason, in characters
 constexpr std::size_t kTraceLength = 400;
-constexpr double kTraceStep = 0.002;  // between points of the trace [m]
-constexpr double kTraceSmoothing =
-    0.3;  // share of a new tip, else the noise of the readings frays the trace
+constexpr double kTraceStep = 0.002;     // between points of the trace [m]
+constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
 
-// Blue, green, yellow, red: all of them bright enough for text on a dark background.
+// Blue, green, yellow, red: all bright enough for text on a dark background.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
       {{0.35, 0.65, 1.0}, {0.4, 0.9, 0.45}, {1.0, 0.85, 0.25}, {1.0, 0.3, 0.2}}};
@@ -38,15 +45,14 @@ std_msgs::ColorRGBA pressureColor(double share) {
   return color(mix(0), mix(1), mix(2));
 }
 
-// Points of the circle around a muscle, in the y-z plane of its frame: its x axis runs along the
+// Points of the circle around a muscle, in the y-z plane of its frame, whose x axis runs along the
 // muscle.
 Eigen::Vector3d onCircle(double radius, int side) {
   const double angle = 6.283185307179586 * side / kSides;
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
 }
 
-// Triangles of the tube around the muscle that X_O sets off from the curve between two of its
-// points.
+// Triangles of the tube of a muscle, offset from the curve by X_O, between two points of the curve.
 void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, double radius,
              std::vector<geometry_msgs::Point>& triangles) {
   std::array<geometry_msgs::Point, kSides> here, next;
@@ -62,27 +68,80 @@ void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, doubl
   }
 }
 
-// A cylinder of rviz stands along z; a separator stands along the curve's x.
+// rviz draws cylinders along z; the axis of a separator is x.
 lie::SE3 standAlongX(const lie::SE3& X) {
   Eigen::Matrix3d z_to_x;
   z_to_x << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   return {X.rotation * z_to_x, X.translation};
 }
 
-// Line i of a column of n. Empty lines keep the others' places, so the column is upright from
-// wherever it is seen, and each line is a marker with a colour of its own.
-std::string lineOfColumn(int i, int n, const std::string& name, double pressure) {
+// Line i of n lines. Each is a marker with its own colour; empty lines before and after it keep the
+// column aligned from every viewpoint.
+std::string lineOfColumn(int i, int n, const std::string& text) {
+  return std::string(static_cast<std::size_t>(i), '\n') + text +
+         std::string(static_cast<std::size_t>(n - 1 - i), '\n');
+}
+
+std::string pressureText(const std::string& name, double pressure) {
   char value[32];
   const double kilopascals = std::round(pressure / 1e3) + 0.0;  // never "-0"
   std::snprintf(value, sizeof value, "  %.0f kPa", kilopascals);
-  return std::string(i, '\n') + name + value + std::string(n - 1 - i, '\n');
+  return name + value;
 }
 
-// Where the text stands, seen from the world: to the side of the base, however the arm is mounted.
-Eigen::Vector3d besideBase(const io::Scene& scene) {
+// Position of the text in the world frame: beside the base, for any mounting of the arm.
+Eigen::Vector3d besideBase(const io::Scene& scene, double side = 1.0) {
   return scene.X_WB.translation +
-         Eigen::Vector3d(0, 0.08 + 3.0 * scene.looks.front().separator_radius, 0);
+         Eigen::Vector3d(0, side * (0.08 + 3.0 * scene.looks.front().separator_radius), 0);
 }
+
+std::string stateText(const control::SafetyReport& report) {
+  std::string out = report.stopped ? "emergency stop, " : "";
+  out += control::nameOf(report.state);
+  std::transform(out.begin(), out.end(), out.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+  return out;
+}
+
+// A text in lines that fit the view; its first word, the state, stands above it already.
+std::string wrapped(const std::string& text) {
+  const std::size_t cut = text.find(": ");
+  std::istringstream words(cut == std::string::npos ? text : text.substr(cut + 2));
+  std::string out, line;
+  for (std::string word; words >> word; line += (line.empty() ? "" : " ") + word) {
+    if (line.size() + word.size() < kLongestLine) continue;
+    out += line + "\n";
+    line.clear();
+  }
+  return out + line;
+}
+
+std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
+  if (report.stopped || report.vent_overdue) return color(1.0, 0.3, 0.25);
+  switch (report.state) {
+    case control::SafetyState::kEnabled:
+      return color(0.4, 1.0, 0.5);
+    case control::SafetyState::kFault:
+      return color(1.0, 0.3, 0.25);
+    case control::SafetyState::kVented:
+      return color(1.0, 0.75, 0.3);
+    case control::SafetyState::kDisabled:
+      break;
+  }
+  return color(0.8, 0.8, 0.85);
+}
+
+// What is drawn, here and by vision and sight_loop, in the colours of its lines.
+struct LegendLine {
+  const char* text;
+  double r, g, b;
+};
+constexpr std::array<LegendLine, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
+                                                {"orange: measured", 1.0, 0.55, 0.1},
+                                                {"cyan line: predicted", 0.2, 0.9, 1.0},
+                                                {"cyan dashes: model then", 0.3, 0.9, 1.0},
+                                                {"magenta: wanted tip", 1.0, 0.3, 0.9},
+                                                {"green: tip trace", 0.4, 1.0, 0.6}}};
 
 }  // namespace
 
@@ -102,6 +161,39 @@ void ArmMarkers::extendTrace(const Eigen::Vector3d& tip) {
   if (!trace_.empty() && (smooth_tip_ - trace_.back()).norm() < kTraceStep) return;
   trace_.push_back(smooth_tip_);
   if (trace_.size() > kTraceLength) trace_.pop_front();
+}
+
+void ArmMarkers::tell(const control::SafetyReport& report, const std::string& reason) {
+  safety_ = report;
+  reason_ = reason;
+}
+
+void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
+  const lie::SE3 X_BW = scene_.X_WB.inverse();
+  Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
+  banner.scale.z = kBannerHeight;
+  banner.color = stateColor(safety_);
+  banner.text = stateText(safety_);
+  banner.pose.position =
+      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kBannerRise)));
+  Marker reason = banner;
+  reason.id = 1;
+  reason.scale.z = kLineHeight;
+  reason.text = wrapped(reason_);
+  reason.pose.position =
+      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kReasonRise)));
+  if (!reason.text.empty()) out.markers.push_back(std::move(reason));
+  out.markers.push_back(std::move(banner));
+  const int lines = static_cast<int>(kLegend.size());
+  for (int i = 0; i < lines; ++i) {
+    const LegendLine& entry = kLegend[static_cast<std::size_t>(i)];
+    Marker line = marker(names::kLegendNs, i, Marker::TEXT_VIEW_FACING);
+    line.scale.z = kLineHeight;
+    line.color = color(entry.r, entry.g, entry.b);
+    line.text = lineOfColumn(i, lines, entry.text);
+    line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
+    out.markers.push_back(std::move(line));
+  }
 }
 
 visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
@@ -126,10 +218,11 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       addTube(curve, k * kRings, (k + 1) * kRings, actuator.X_O, look.muscle_radius, tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kTextHeight;
+      text.scale.z = kLineHeight;
       text.color = tube.color;
-      text.text = lineOfColumn(i, arm.actuatorCount(), actuator.name, pressure[i]);
+      text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
       text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
+      tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
@@ -157,6 +250,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
     for (const auto& point : trace_) trace.points.push_back(toPointMsg(point));
     out.markers.push_back(std::move(trace));
   }
+  addWords(out);
   drawn_.clear();
   for (const Marker& drawn : out.markers) drawn_.emplace_back(drawn.ns, drawn.id);
   return out;

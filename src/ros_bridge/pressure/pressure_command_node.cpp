@@ -4,13 +4,13 @@
 #include <utility>
 
 #include <diagnostic_msgs/DiagnosticArray.h>
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
@@ -38,12 +38,12 @@ PressureCommandNode::PressureCommandNode()
   const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
   if (hardware) {
     refuseSimulatedTime();
-    guard_ = startGuard(options_.scene, options_.realtime_priority);
+    guard_ = startGuardProcess(options_.scene, options_.realtime_priority);
   }
   tellRealtime(hardware);
   std::unique_ptr<regulator::RegulatorIo> io;
   try {
-    if (own) io = startRegulator(scene_, options_.rate, options_.realtime_priority);
+    if (own) io = startRegulatorIo(scene_, options_.rate, options_.realtime_priority);
   } catch (...) {
     if (guard_) guard_->dismiss();  // nothing was connected
     throw;
@@ -60,8 +60,8 @@ PressureCommandNode::PressureCommandNode()
   using Node = PressureCommandNode;
   draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Node::onDraw, this);
   diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, &Node::onDiagnose, this);
-  ROS_INFO("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
-           scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
+  logInfo("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
+          scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
   tellTier();
 }
 
@@ -78,22 +78,21 @@ void PressureCommandNode::refuseSimulatedTime() const {
   if (!options_.allow_sim_time) {
     throw ParameterError("/use_sim_time is true, but scene " + scene_.name +
                          " drives hardware; end the recording or simulation that sets it, or set "
-                         "~allow_sim_time to true where that is meant");
+                         "~allow_sim_time to true if that is intended");
   }
-  ROS_WARN("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
+  logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
 }
 
-// Wanted, never required; without it a busy machine is the only one that suffers.
+// Real-time priority is optional; without it, only a busy machine is affected.
 void PressureCommandNode::tellRealtime(bool hardware) const {
   const int priority = options_.realtime_priority;
   if (priority == 0) return;
   const auto tell = [hardware](const std::string& refusal, const char* success) {
     if (refusal.empty()) {
-      ROS_INFO("%s", success);
+      logInfo("%s", success);
     } else {
-      ROS_LOG(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
-              ROSCONSOLE_DEFAULT_NAME, "%s; without it other programs may delay a vent",
-              refusal.c_str());
+      logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
+              "%s; without it other programs may delay a vent", refusal.c_str());
     }
   };
   tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
@@ -102,8 +101,8 @@ void PressureCommandNode::tellRealtime(bool hardware) const {
 
 void PressureCommandNode::tellTier() const {
   const statics::TierChoice& choice = scene_.model.choice();
-  ROS_INFO("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
-           choice.reason.c_str());
+  logInfo("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
+          choice.reason.c_str());
 }
 
 void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
@@ -114,15 +113,16 @@ void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
   };
   if (describe(scene_) != describe(next)) {
     throw std::invalid_argument("scene " + next.name + " has another regulator: " + describe(next) +
-                                ", expected " + describe(scene_) + "; end the nodes to change it");
+                                ", expected " + describe(scene_) +
+                                "; restart the nodes to change it");
   }
   if (!guard_) return;
   const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
                                                next.safety.channels, next.safety.rules);
   if (!looser.empty()) {
-    throw std::invalid_argument("scene " + next.name +
-                                " is less safe than the one this node began with: " + looser +
-                                "; end the nodes to change that");
+    throw std::invalid_argument(
+        "scene " + next.name + " is less safe than the one that this node started with: " + looser +
+        "; restart the nodes to change that");
   }
 }
 
@@ -137,15 +137,17 @@ void PressureCommandNode::adopt(io::Scene next) {
   shapes_.adopt();
 }
 
-// What the line says of itself, once each.
+// Each new error of the line once.
 void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
   if (line.last_error.empty() || line.last_error == told_line_error_) return;
   told_line_error_ = line.last_error;
-  ROS_WARN("regulator: %s", line.last_error.c_str());
+  logWarning("regulator: %s", line.last_error.c_str());
 }
 
 void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (options_.handle) shapes_.moveHandle(loop_->goal());
+  const PressureLoop::Snapshot path = loop_->snapshot();
+  shapes_.tell(path.report, path.reason);
   shapes_.draw();
 }
 
@@ -167,23 +169,25 @@ void PressureCommandNode::onDiagnose(const ros::SteadyTimerEvent&) {
   if (guard_ && control::isGone(guard_->state())) replaceGuard();
   for (DiagnosticStatus& status : msg.status) status.hardware_id = scene_.name;
   diagnostics_publisher_.publish(msg);
+  const std::string units = intake_.unitWarning();
+  if (!units.empty()) logWarning("%s", units.c_str());
 }
 
 void PressureCommandNode::replaceGuard() {
   const bool tell = guard_losses_.add();
   if (tell) {
-    ROS_ERROR(
-        "the guard, which vents where this node is killed, has ended or stands still (%lu times so "
-        "far): the arm vents, and another guard is started",
+    logError(
+        "the guard, which vents the arm if this node is killed, has ended or does not respond (%lu "
+        "times so far): the arm vents, and another guard is started",
         static_cast<unsigned long>(guard_losses_.total()));
   }
-  guard_->dismiss();  // one that wakes up is not to vent behind the back of the next
+  guard_->dismiss();  // if it resumes, it must not vent an arm that the next one guards
   try {
-    auto next = startGuard(options_.scene, options_.realtime_priority);
+    auto next = startGuardProcess(options_.scene, options_.realtime_priority);
     loop_->guardedBy(next);
     guard_ = std::move(next);
   } catch (const std::runtime_error& error) {
-    if (tell) ROS_ERROR("%s; the arm stays vented until one can be", error.what());
+    if (tell) logError("%s; the arm stays vented until one is started", error.what());
   }
 }
 

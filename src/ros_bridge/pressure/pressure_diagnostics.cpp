@@ -10,7 +10,7 @@ using control::SafetyCause;
 using control::SafetyState;
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kSlowShare = 0.9;  // of the wanted rate; a loop below it is worth a warning
+constexpr double kSlowShare = 0.9;  // of ~rate; a slower loop is worth a warning
 
 const char* textOf(control::Valve valve) {
   switch (valve) {
@@ -74,8 +74,9 @@ DiagnosticStatus channelStatus(const std::string& node, const io::Scene& scene,
   addValue(out, "set_point_kpa", kpa(path.orders.set_point[channel]));
   addValue(out, "target_kpa", kpa(path.goal[channel]));
   addValue(out, "measured_kpa", kpa(path.reading[channel]));
-  addValue(out, "lower_limit_kpa", kpa(actuator.limits.lower));
-  addValue(out, "upper_limit_kpa", kpa(actuator.limits.upper));
+  // Rounded to 0.1 kPa, a limit would let through what the arm refuses.
+  addValue(out, names::kLowerLimitKey, fixed(1e-3 * actuator.limits.lower, 4));
+  addValue(out, names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4));
   return out;
 }
 
@@ -100,7 +101,7 @@ DiagnosticStatus LoopRate::status(const std::string& node, const PressureLoop::S
   DiagnosticStatus out;
   out.name = statusName(node, names::kLoopStatus);
   out.level = slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
-  out.message = slow ? "the loop is slower than wanted" : "the loop keeps its rate";
+  out.message = slow ? "the loop is slower than ~rate" : "the loop keeps its rate";
   addValue(out, names::kRateKey, fixed(rate));
   addValue(out, names::kWantedRateKey, fixed(wanted_));
   addValue(out, names::kBadReadingsKey, std::to_string(path.bad_readings.total()));

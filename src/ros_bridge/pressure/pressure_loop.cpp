@@ -6,11 +6,11 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
-#include <ros/console.h>
 
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -20,10 +20,10 @@ using control::SafetyCause;
 using control::SafetyState;
 using regulator::steadyNow;
 
-// More readings than these waiting: whoever takes them is slower than the loop, and gets the last.
+// If more readings wait, the receiver is slower than the loop and gets only the last one.
 constexpr std::size_t kMostWaiting = 4;
 
-// What a callback queue holds.
+// A function as an entry of a callback queue.
 class Call : public ros::CallbackInterface {
  public:
   explicit Call(std::function<void()> call) : call_(std::move(call)) {}
@@ -36,8 +36,8 @@ class Call : public ros::CallbackInterface {
   std::function<void()> call_;
 };
 
-// Of a reading on its way here; a stamp of 0 tells nothing, nor does simulated time, which may run
-// faster than the rules' clock [s].
+// Age of a reading [s]; 0 without a stamp, and under simulated time, which may run faster than the
+// clock of the rules.
 double ageOf(const ros::Time& stamp) {
   if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
   return ros::Time::now().toSec() - stamp.toSec();
@@ -61,7 +61,7 @@ helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::Pres
   return out;
 }
 
-LogThread::Level levelOf(const control::SafetyReport& report) {
+LogLevel levelOf(const control::SafetyReport& report) {
   const bool asked_for = report.cause == SafetyCause::kVentRequested && !report.vent_overdue;
   if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
   if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
@@ -84,31 +84,27 @@ PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double r
       reading_spinner_(1, &reading_queue_),
       take_guard_("a reading") {
   node.setCallbackQueue(&queue_);
-  // Nothing here waits for the log.
-  const FaultGuard::Log log = [this](const std::string& line) {
-    log_.write(ros::console::levels::Warn, line);
-  };
   if (path_.io() != nullptr) {
     measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
   } else {
     ros::NodeHandle other = node;
     other.setCallbackQueue(&reading_queue_);
     reading_subscriber_ =
-        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this, log);
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this);
   }
   ros::NodeHandle below("~");
   below.setCallbackQueue(&queue_);
-  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this, log);
-  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this, log);
-  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this, log);
-  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this, log);
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
+  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this);
   reading_spinner_.start();
   thread_.start([this] { run(); });
 }
 
 void PressureLoop::run() {
   regulator::scheduleRealtime(realtime_priority_);
-  // By its own clock: a timer's thread is scheduled as any other.
+  // On its own clock, since the thread of ROS timers has no real-time priority.
   for (double due = steadyNow(); !ends_;) {
     const double now = steadyNow();
     if (now < due) {
@@ -121,7 +117,7 @@ void PressureLoop::run() {
       turn(steadyNow());
     }
     due = std::max(due + period_, now);
-    queue_.callAvailable();  // however late the turns are
+    queue_.callAvailable();  // even if the turns are late
   }
 }
 
@@ -163,7 +159,7 @@ void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guar
 
 Eigen::VectorXd PressureLoop::goal() const {
   const regulator::PriorityLock lock(mutex_);
-  return arm_.clamped(path_.core().goal());  // of one that vents it is the atmosphere
+  return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
 }
 
 PressureLoop::Snapshot PressureLoop::snapshot() const {
@@ -223,7 +219,7 @@ void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
   if (refusal) {
     if (!bad_readings_.add()) return;
-    log_.write(ros::console::levels::Warn, "a pressure_measured is dropped: " + refusal->message);
+    logWarning("a message on pressure_measured was dropped: %s", refusal->message.c_str());
     return;
   }
   const auto& measured = std::get<Eigen::VectorXd>(checked);
@@ -243,7 +239,7 @@ void PressureLoop::publish(double now) {
   noteChanges(header.stamp);
   const regulator::Reading* news = path_.news();
   if (news == nullptr || !news->pressures.pressure.allFinite()) return;
-  // Simulated time may stand still, or not have begun.
+  // Simulated time may stand still or not have started.
   if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
   measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
   post({news->pressures.pressure, header.stamp});
@@ -255,7 +251,7 @@ void PressureLoop::noteChanges(const ros::Time& stamp) {
   changes_noted_ = report.changes;
   const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
   safety_publisher_.publish(message);
-  log_.write(levelOf(report), message.reason);
+  logLine(levelOf(report), "%s", message.reason.c_str());
 }
 
 void PressureLoop::post(Reading reading) {

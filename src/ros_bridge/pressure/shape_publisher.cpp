@@ -5,10 +5,9 @@
 #include <sstream>
 #include <utility>
 
-#include <ros/console.h>
-
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/model_history.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
@@ -17,7 +16,7 @@ namespace {
 
 using diagnostic_msgs::DiagnosticStatus;
 
-constexpr double kFresh = 1.0;  // a regulator silent for longer is worth an error [s]
+constexpr double kFresh = 1.0;  // a longer silence of the regulator is an error [s]
 
 }  // namespace
 
@@ -55,8 +54,9 @@ void ShapePublisher::solve() {
   if (solution_.converged() || !unsolved_.add()) return;
   std::ostringstream at;
   at << (1e-3 * pressure).transpose();
-  ROS_WARN(
-      "%s: the %s model finds no shape that holds the load at %s kPa (%s, residual %.2g; %lu times "
+  logWarning(
+      "%s: the %s model finds no shape that balances the load at %s kPa (%s, residual %.2g; %lu "
+      "times "
       "so far): no model is published there; check the scene's load and arm.stiffness.K_eps_n",
       scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
       statics::nameOf(solution_.status), solution_.residual,
@@ -82,12 +82,12 @@ bool ShapePublisher::measures() const {
 }
 
 void ShapePublisher::sendFrames(const ros::Time& stamp) {
-  if (stamp == last_tf_stamp_) return;  // a paused clock: tf warns of repeated stamps
+  if (stamp == last_tf_stamp_) return;  // under a paused clock, tf would warn of repeated stamps
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
-      ROS_WARN(
-          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no frames are "
-          "given for it; set the clocks alike",
+      logWarning(
+          "pressure_measured is stamped %.1f s ahead of ROS time (%lu times so far): no tf is "
+          "published for it; synchronise the clocks",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
     }
     return;
@@ -98,7 +98,7 @@ void ShapePublisher::sendFrames(const ros::Time& stamp) {
 
 std::string ShapePublisher::unmeasuredText() const {
   return own_regulator_ ? "the regulator has given no readings (see its diagnostics)"
-                        : "pressure_measured has not come: is the regulator's node up?";
+                        : "no pressure_measured is received; is the regulator's node running?";
 }
 
 void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
@@ -112,9 +112,10 @@ void ShapePublisher::draw() {
     if (drawn_) {
       marker_publisher_.publish(markers_.remove(ros::Time::now()));
       if (!measures() && losses_.add()) {
-        ROS_WARN(
-            "nothing was measured for %g s (%lu times so far): %s; the arm is drawn again once it "
-            "is",
+        logWarning(
+            "no pressures were measured for %g s (%lu times so far): %s; the arm is not drawn "
+            "until "
+            "they are",
             kFresh, static_cast<unsigned long>(losses_.total()), unmeasuredText().c_str());
       }
     }
@@ -131,9 +132,10 @@ DiagnosticStatus ShapePublisher::status(const std::string& node) const {
   const statics::TierChoice& choice = scene_.model.choice();
   const bool solved = solution_.converged();
   out.level = solved ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
-  out.message = solved ? "the model finds the arm's shape"
-                       : "the model finds no shape that holds the load: none is published; check "
-                         "the scene's load and arm.stiffness.K_eps_n";
+  out.message = solved
+                    ? "the model finds the arm's shape"
+                    : "the model finds no shape that balances the load: none is published; check "
+                      "the scene's load and arm.stiffness.K_eps_n";
   addValue(out, names::kTierKey, statics::nameOf(choice.setting.tier));
   addValue(out, names::kOrderKey, std::to_string(choice.setting.order));
   addValue(out, names::kTierReasonKey, choice.reason);

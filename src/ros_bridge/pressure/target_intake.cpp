@@ -1,7 +1,9 @@
 #include "helix_arm/ros_bridge/pressure/target_intake.hpp"
 
+#include <algorithm>
 #include <utility>
 
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
@@ -38,8 +40,15 @@ void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>
   const TargetSender sender{names::kPressureTarget, event.getPublisherName(), target.header.stamp};
   const auto checked = admission_.fresh(sender, fromMsg(target, scene_.arm, commands_.goal()));
   const Eigen::VectorXd* pressure = admission_.admit(sender, checked);
-  if (pressure != nullptr && command(sender, *pressure)) admission_.accept(sender);
+  if (pressure == nullptr || !command(sender, *pressure)) return;
+  admission_.accept(sender);
+  const auto largest = std::max_element(target.pressure.begin(), target.pressure.end());
+  if (largest != target.pressure.end()) {
+    units_.note(regulator::steadyNow(), sender.commander, *largest);
+  }
 }
+
+std::string TargetIntake::unitWarning() { return units_.warning(regulator::steadyNow()); }
 
 void TargetIntake::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
   const ShapeTarget& target = *event.getMessage();

@@ -1,8 +1,7 @@
 #include "helix_arm/ros_bridge/pressure/target_ledger.hpp"
 
-#include <ros/console.h>
-
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -12,8 +11,8 @@ void TargetLedger::warn(FaultCount& count, const std::string& topic, const std::
   news_ = true;
   last_fault_ = topic + " from " + basics::quoted(commander) + ": " + message;
   if (!count.add()) return;
-  ROS_WARN("%s (%s, %lu so far)", last_fault_.c_str(), consequence,
-           static_cast<unsigned long>(count.total()));
+  logWarning("%s (%s, %lu so far)", last_fault_.c_str(), consequence,
+             static_cast<unsigned long>(count.total()));
 }
 
 void TargetLedger::unreachable(const std::string& topic, const std::string& commander,
@@ -32,7 +31,7 @@ void TargetLedger::report(diagnostic_msgs::DiagnosticStatus& status) {
   for (const FaultCount& count : dropped_) total += count.total();
   status.level =
       news_ ? diagnostic_msgs::DiagnosticStatus::WARN : diagnostic_msgs::DiagnosticStatus::OK;
-  status.message = news_ ? last_fault_ : "targets are fine";
+  status.message = news_ ? last_fault_ : "no target was dropped or out of reach";
   addValue(status, names::kReachedKey, std::to_string(reached_));
   addValue(status, names::kUnreachableKey, std::to_string(unreachable_.total()));
   addValue(status, names::kDroppedKey, std::to_string(total));

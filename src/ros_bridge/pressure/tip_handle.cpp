@@ -15,7 +15,7 @@ using Feedback = visualization_msgs::InteractiveMarkerFeedback;
 constexpr char kMarker[] = "tip";
 constexpr double kFollowStep = 0.002;  // smaller moves are not worth a message [m]
 constexpr double kHoldTimeout =
-    2.0;  // an rviz that died while it held the handle lets go of it [s]
+    2.0;  // after which an rviz that ended while dragging releases the handle [s]
 
 // A control whose axis (or normal) is the x axis turned by the quaternion.
 Control control(const char* name, std::uint8_t mode, const Eigen::Quaterniond& rotation) {
@@ -89,7 +89,7 @@ void TipHandle::onFeedback(const visualization_msgs::InteractiveMarkerFeedbackCo
   if (feedback->event_type == Feedback::MOUSE_UP) pressed_ = false;
   const auto& p = feedback->pose.position;
   position_ = {p.x, p.y, p.z};
-  // A handle held still sends KEEP_ALIVE: repeating the target then keeps the lease.
+  // A handle that is held still sends KEEP_ALIVE; repeating the target then renews the lease.
   const bool wants = feedback->event_type == Feedback::POSE_UPDATE ||
                      (feedback->event_type == Feedback::KEEP_ALIVE && held());
   if (!wants) return;

@@ -3,12 +3,12 @@
 #include <cstddef>
 #include <vector>
 
-#include <ros/console.h>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
+#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
@@ -16,6 +16,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr double kTick = 0.1;                  // [s]
+constexpr double kLastWords = 1.0;             // of the topics that are recorded, after the end [s]
 constexpr double kWordPeriod = 1.0;            // between two lines of the log [s]
 constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
 
@@ -50,6 +51,7 @@ FollowPathOptions FollowPathOptions::load() {
   out.require_sight = reader.flag("require_sight", out.require_sight);
   out.hold = reader.number("hold_s", out.hold, {0.0, 86400.0});
   out.patience = reader.number("patience_s", out.patience, {0.0, 3600.0});
+  out.files = {reader.fileToWrite("record", ".csv"), reader.fileToWrite("figure", ".png")};
   reader.finish();
   return out;
 }
@@ -58,7 +60,11 @@ FollowPathNode::FollowPathNode()
     : options_(FollowPathOptions::load()),
       goal_(goalOf(options_)),
       client_(node_, options_.action, false),
-      timer_(repeat(node_, "the watch of the goal", kTick, &FollowPathNode::onTick, this)) {}
+      timer_(repeat(node_, "the watch of the goal", kTick, &FollowPathNode::onTick, this)) {
+  if (!options_.files.any()) return;
+  recorder_.emplace(node_, options_.action, options_.files, options_.path,
+                    goal_.path.points.back().time_from_start.toSec());
+}
 
 void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
   if (sent_ && !done_ && !cancelled_ && EndRequest::made()) {
@@ -66,24 +72,25 @@ void FollowPathNode::onTick(const ros::SteadyTimerEvent&) {
     client_.cancelGoal();
   }
   if (isBusy() && !client_.isServerConnected()) {
-    done_ = true;
-    ROS_FATAL("%s has ended before the path", node_.resolveName(options_.action).c_str());
-    endWith(kFailed);
+    logFatal("%s has ended before the path", node_.resolveName(options_.action).c_str());
+    endWith(kFailed, "the action has ended before the path");
   }
+  if (done_) endOnceRecorded();
   if (sent_) return;
   if (client_.isServerConnected()) {
     send();
   } else if (ros::SteadyTime::now() - start_ > ros::WallDuration(options_.patience)) {
-    ROS_FATAL("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
-              node_.resolveName(options_.action).c_str(), options_.patience);
-    endWith(kFailed);
+    logFatal("no action %s for %g s; is sight_loop up (closed_loop:=true of arm.launch)?",
+             node_.resolveName(options_.action).c_str(), options_.patience);
+    verdict_ = kFailed;
+    EndRequest::make();
   }
 }
 
 void FollowPathNode::send() {
   sent_ = true;
-  ROS_INFO("%s: %zu points, %.1f s", options_.path.c_str(), goal_.path.points.size(),
-           goal_.path.points.back().time_from_start.toSec());
+  logInfo("%s: %zu points, %.1f s", options_.path.c_str(), goal_.path.points.size(),
+          goal_.path.points.back().time_from_start.toSec());
   client_.sendGoal(
       goal_,
       [this](const actionlib::SimpleClientGoalState& state,
@@ -100,35 +107,52 @@ void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_word_ < ros::WallDuration(kWordPeriod)) return;
   last_word_ = now;
-  ROS_INFO("%.1f s: the tip is %.2f mm off, the loop %s", feedback.time_from_start.toSec(),
-           1e3 * feedback.error, basics::quoted(feedback.state).c_str());
+  logInfo("%.1f s: the tip is %.2f mm off, the loop %s", feedback.time_from_start.toSec(),
+          1e3 * feedback.error, basics::quoted(feedback.state).c_str());
 }
 
 void FollowPathNode::onDone(const actionlib::SimpleClientGoalState& state,
                             const FollowTipPathResult* result) {
-  done_ = true;
   if (result == nullptr) {
-    ROS_FATAL("the goal has ended without a result; is sight_loop still up?");
-    return endWith(kFailed);
+    logFatal("the goal has ended without a result; is sight_loop still running?");
+    return endWith(kFailed, "the goal has ended without a result");
   }
   const std::string message = basics::quoted(result->error_string, kLongestMessage);
   if (state == actionlib::SimpleClientGoalState::SUCCEEDED) {
-    ROS_INFO("the path was followed: %.2f mm RMS, at most %.2f mm, in %u pictures; %s",
-             1e3 * result->rms_m, 1e3 * result->max_m, result->pictures, message.c_str());
-    return endWith(kDone);
+    logInfo("the path was followed: %.2f mm RMS, at most %.2f mm, in %u pictures; %s",
+            1e3 * result->rms_m, 1e3 * result->max_m, result->pictures, message.c_str());
+    return endWith(kDone, message);
   }
   if (cancelled_) {
-    ROS_INFO("%s", message.c_str());
-    return endWith(kDone);
+    logInfo("%s", message.c_str());
+    return endWith(kDone, message);
   }
-  ROS_ERROR("the path was not followed (%s, error_code %d): %s", state.toString().c_str(),
-            result->error_code, message.c_str());
-  endWith(kFailed);
+  logError("the path was not followed (%s, error_code %d): %s", state.toString().c_str(),
+           result->error_code, message.c_str());
+  endWith(kFailed, message);
 }
 
-void FollowPathNode::endWith(int verdict) {
+void FollowPathNode::endWith(int verdict, const std::string& outcome) {
+  done_ = true;
+  done_since_ = ros::SteadyTime::now();
   verdict_ = verdict;
-  EndRequest::make();
+  outcome_ = outcome;
+  endOnceRecorded();
+}
+
+// What the last pictures wait for comes within moments.
+void FollowPathNode::endOnceRecorded() {
+  const bool waits = recorder_ && !recorder_->isComplete() &&
+                     ros::SteadyTime::now() - done_since_ < ros::WallDuration(kLastWords);
+  if (!waits) EndRequest::make();
+}
+
+int FollowPathNode::finish() {
+  if (!recorder_ || !sent_) return verdict_;
+  const std::string fault = recorder_->write(outcome_);
+  if (fault.empty()) return verdict_;
+  logFatal("%s", fault.c_str());
+  return kFailed;
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -25,8 +25,8 @@ namespace {
 
 constexpr std::size_t kMostErrors = 100000;    // an hour's at 30 Hz
 constexpr std::size_t kLongestMessage = 1000;  // of another node
-constexpr std::size_t kMostPressures = 100;    // in a line
-constexpr double kSilence = 2.0;  // a topic silent for so long at the end has stopped [s]
+constexpr std::size_t kMostPressures = 100;    // printed per line
+constexpr double kSilence = 2.0;  // a topic silent for this long at the end has stopped [s]
 
 bool allFinite(const std::vector<double>& values) {
   for (const double value : values) {
@@ -214,7 +214,7 @@ std::string MonitorNode::visionText() const {
 
 std::vector<const MonitorNode::Stream*> MonitorNode::expected() const {
   std::vector<const Stream*> out = {&command_, &measured_, &model_};
-  // Only a scene with a sight promises measured shapes.
+  // Measured shapes are expected only of a scene with camera and tags.
   if (scene_ && scene_->camera && scene_->tags) out.push_back(&shape_);
   return out;
 }

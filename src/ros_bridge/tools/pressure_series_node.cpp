@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <vector>
 
-#include <ros/console.h>
 #include <ros/this_node.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -14,21 +13,21 @@
 #include "helix_arm/procedures/pressure_tour.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kReminder = 10;  // between two words of what keeps the series waiting [s]
 constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
-// A refusal, and a command of another arm, ends the series only where it is no single message: so
-// many of them, for so long, and nothing better in between.
+// Refusals, and commands of another arm, end the series only after this number of consecutive
+// messages over this time.
 constexpr int kLeastTrouble = 10;
 constexpr double kLongestTrouble = 2;  // [s]
-constexpr double kLongestStep = 0.1;   // a series that stood still leaps over nothing [s]
+constexpr double kLongestStep = 0.1;   // after a pause of the node, the series does not jump [s]
 
-// The rows to play, each of them a target that the node would take.
+// The rows to play; each of them must be a valid target.
 Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm& arm) {
   if (options.data.empty()) return procedures::pressureTour(arm);
   const io::DataSet data = io::loadDataSet(options.data);
@@ -39,8 +38,8 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
     if (data.find(column) < 0) without += (without.empty() ? "" : ", ") + arm.actuator(i).name;
   }
   if (!without.empty()) {
-    ROS_WARN("%s has no column for %s: they rest at 0; is it of another arm?", options.data.c_str(),
-             without.c_str());
+    logWarning("%s has no column for %s: they stay at 0; is it for another arm?",
+               options.data.c_str(), without.c_str());
   }
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(arm.actuatorCount());
   std::ostringstream faults;
@@ -56,7 +55,7 @@ Eigen::MatrixXd loadRows(const PressureSeriesOptions& options, const model::Arm&
   return rows;
 }
 
-// A refusal that is of the moment, not of what the target asks: the arm is not enabled, the network
+// Refusals that do not depend on the values of the target: the arm is not enabled, messages are
 // late, or clocks differ.
 bool passes(const std::string& fault) {
   return fault == control::nameOf(control::Fault::kNotEnabled) ||
@@ -98,9 +97,9 @@ bool PressureSeriesNode::Trouble::goesOn() {
 }
 
 void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
-  if (trouble.warnings.add()) ROS_WARN("%s", what.c_str());
+  if (trouble.warnings.add()) logWarning("%s", what.c_str());
   if (!trouble.goesOn() || verdict_ != kDone) return;
-  ROS_FATAL("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
+  logFatal("%s, and nothing else for %g s", what.c_str(), kLongestTrouble);
   verdict_ = kFailed;
   EndRequest::make();
 }
@@ -108,7 +107,8 @@ void PressureSeriesNode::suffer(Trouble& trouble, const std::string& what) {
 void PressureSeriesNode::onCommand(const PressureArrayConstPtr& command) {
   const auto checked = control::checkReading(scene_.arm, command->name, command->pressure);
   if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-    suffer(foreign_, "pressure_command is not of scene " + scene_.name + ": " + refusal->message);
+    suffer(foreign_,
+           "pressure_command does not match scene " + scene_.name + ": " + refusal->message);
     return;
   }
   foreign_.messages = 0;
@@ -122,12 +122,12 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
   const std::string message = basics::quoted(status->message, kLongestMessage);
   if (mine && passes(status->fault)) {
     refused_.messages = 0;
-    ROS_WARN_THROTTLE(kReminder, "the series waits: %s", message.c_str());
+    if (waits_.add()) logWarning("the series waits: %s", message.c_str());
     held_back_ = true;
     return;
   }
   if (mine && held_back_ && status->outcome != TargetStatus::DROPPED) {
-    ROS_INFO("the arm takes targets: the series goes on");
+    logInfo("targets are accepted again: the series continues");
     held_back_ = false;
     if (player_) player_->resume(command_);
   }
@@ -141,7 +141,7 @@ void PressureSeriesNode::onStatus(const TargetStatusConstPtr& status) {
     refused_.messages = 0;
   }
   if (!waits) return;
-  if (!yielding_) ROS_INFO("someone else wants the arm: the series waits");
+  if (!yielding_) logInfo("another commander sends targets: the series waits");
   yielding_ = true;
   last_of_others_ = ros::SteadyTime::now();
 }
@@ -154,7 +154,7 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
   if (!player_ || target_publisher_.getNumSubscribers() == 0) return;
   if (yielding_) {
     if ((now - last_of_others_).toSec() < options_.resume_after) return;
-    ROS_INFO("the series goes on");
+    logInfo("the series continues");
     yielding_ = false;
     player_->resume(command_);
   } else if (!held_back_) {
@@ -165,12 +165,12 @@ void PressureSeriesNode::onTick(const ros::SteadyTimerEvent&) {
     static const Eigen::IOFormat kPlain(4, Eigen::DontAlignCols, " ");
     std::ostringstream text;
     text << (1e-3 * rows_.row(told_row_)).format(kPlain);
-    ROS_INFO("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
-             text.str().c_str());
+    logInfo("row %d of %d: %s kPa", told_row_ + 1, static_cast<int>(rows_.rows()),
+            text.str().c_str());
   }
   publishTarget();
   over_ = player_->finished();
-  if (over_) ROS_INFO("the series is over");
+  if (over_) logInfo("the series has ended");
 }
 
 void PressureSeriesNode::publishTarget() {
@@ -182,7 +182,7 @@ void PressureSeriesNode::publishTarget() {
 }
 
 void PressureSeriesNode::endSeries() {
-  if (EndRequest::isUrgent()) return;  // such as without a master, which a call would wait for
+  if (EndRequest::isUrgent()) return;  // without a master, the call would block
   const bool commands = trace_.commands();
   if (commands && !trace_.isAnswered()) return;
   if (commands) requestRest();

@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/console.h>
 #include <rosgraph_msgs/Clock.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -14,6 +13,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 #include "helix_arm/ros_bridge/common/pneumatics.hpp"
@@ -43,7 +43,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   }
   if (out.time_factor != 0 && !ros::Time::isSimTime()) {
     throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
-                         ", but the nodes live in real time; set the parameter /use_sim_time to "
+                         ", but the nodes use real time; set the parameter /use_sim_time to "
                          "true before any of them starts");
   }
   return out;
@@ -52,7 +52,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
 SimulatedRigNode::SimulatedRigNode()
     : options_(SimulatedRigOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
-      regulator_(makeRegulator(scene_)),
+      regulator_(makeSimulatedRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
       play_(scene_.arm.actuatorCount(), scene_.simulation.arm.play),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
@@ -78,9 +78,9 @@ SimulatedRigNode::SimulatedRigNode()
     info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
     photographer_.start([this] { takePictures(); });
   }
-  ROS_INFO("%s: simulated regulator at %g Hz, %s", scene_.name.c_str(), options_.rate,
-           seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
-                : "no camera, since the scene lacks `camera` or `tags`");
+  logInfo("%s: simulated regulator at %g Hz, %s", scene_.name.c_str(), options_.rate,
+          seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
+               : "no camera, since the scene lacks `camera` or `tags`");
 }
 
 SimulatedRigNode::~SimulatedRigNode() {
@@ -101,9 +101,9 @@ void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
     last_command_ = ros::SteadyTime::now();
     silent_ = false;
   } else if (bad_commands_.add()) {
-    ROS_WARN("pressure_command: %s (dropped, %lu so far)",
-             std::get<control::Refusal>(checked).message.c_str(),
-             static_cast<unsigned long>(bad_commands_.total()));
+    logWarning("pressure_command: %s (dropped, %lu so far)",
+               std::get<control::Refusal>(checked).message.c_str(),
+               static_cast<unsigned long>(bad_commands_.total()));
   }
 }
 
@@ -121,8 +121,8 @@ void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wr
     fault = std::get<control::Refusal>(checked).message;
   }
   if (bad_forces_.add()) {
-    ROS_WARN("~%s: %s (dropped, %lu so far)", names::kTipForce, fault.c_str(),
-             static_cast<unsigned long>(bad_forces_.total()));
+    logWarning("~%s: %s (dropped, %lu so far)", names::kTipForce, fault.c_str(),
+               static_cast<unsigned long>(bad_forces_.total()));
   }
 }
 
@@ -130,9 +130,9 @@ void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
   if (silent_ || now - last_command_ <= ros::WallDuration(options_.command_timeout)) return;
   silent_ = true;
   regulator_.command(Eigen::VectorXd::Zero(command_.size()));
-  ROS_WARN(
+  logWarning(
       "no pressure_command for %g s (~command_timeout_s): the regulator vents by itself; is "
-      "pressure_command up?",
+      "pressure_command running?",
       options_.command_timeout);
 }
 
@@ -156,8 +156,8 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     moment = Moment{header.stamp, true_arm_.shape(play_.felt())};
   } catch (const std::runtime_error& fault) {
     if (no_truths_.add()) {
-      ROS_WARN("%s (%lu times so far): neither truth nor picture until another command or force",
-               fault.what(), static_cast<unsigned long>(no_truths_.total()));
+      logWarning("%s (%lu times so far): neither truth nor picture until another command or force",
+                 fault.what(), static_cast<unsigned long>(no_truths_.total()));
     }
   }
   if (moment) {

@@ -5,11 +5,11 @@
 #include <limits>
 #include <utility>
 
-#include <ros/console.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
 
@@ -17,7 +17,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr int kMostPoints = 2000000;
-constexpr double kPeriod = 1e-3;  // between pieces, to look at what else there is to do [s]
+constexpr double kPeriod = 1e-3;  // between pieces, so that callbacks are handled [s]
 
 bool allPressures(const model::Arm& arm) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
@@ -62,7 +62,7 @@ void WorkspaceCloudNode::adopt(io::Scene next) {
   scene_ = std::move(next);
   values_.clear();
   sampled_ = unbalanced_ = 0;
-  publish();  // the old points are not of this scene
+  publish();  // the previous points are of another scene
   timer_.start();
 }
 
@@ -115,16 +115,16 @@ void WorkspaceCloudNode::publish() {
 void WorkspaceCloudNode::tell() const {
   const std::string tier = workspace_.model().choice().setting.name();
   if (unbalanced_ == options_.count) {
-    ROS_WARN(
+    logWarning(
         "%s: the cloud of the workspace is empty: by tier %s no shape balances the load at any of "
         "%d inputs; check the scene's load and K_eps, then reload",
         scene_.name.c_str(), tier.c_str(), options_.count);
     return;
   }
-  ROS_INFO("%s: %d tips by tier %s", scene_.name.c_str(), sampled_ - unbalanced_, tier.c_str());
+  logInfo("%s: %d tips by tier %s", scene_.name.c_str(), sampled_ - unbalanced_, tier.c_str());
   if (unbalanced_ == 0) return;
-  ROS_INFO("%s: %d of %d inputs are omitted, because no shape balances the load there",
-           scene_.name.c_str(), unbalanced_, options_.count);
+  logInfo("%s: %d of %d inputs are omitted, because no shape balances the load there",
+          scene_.name.c_str(), unbalanced_, options_.count);
 }
 
 }  // namespace helix_arm::ros_bridge

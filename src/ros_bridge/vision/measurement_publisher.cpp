@@ -3,9 +3,10 @@
 #include <utility>
 
 #include <boost/make_shared.hpp>
-#include <ros/console.h>
+#include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/vision/overlay.hpp"
 #include "helix_arm/ros_bridge/vision/pictures.hpp"
@@ -13,7 +14,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-// Pictures are not quite even in time: one at the wanted rate is not to be left out for that.
+// Pictures are not exactly periodic; one slightly early must not be skipped.
 constexpr double kDrawingSlack = 0.9;
 
 }  // namespace
@@ -27,7 +28,11 @@ MeasurementPublisher::MeasurementPublisher(ros::NodeHandle& node, const VisionOp
       measured_publisher_(node.advertise<ArmShape>(names::kMeasured, 10)),
       detections_publisher_(node.advertise<TagDetections>(names::kTagDetections, 10)),
       error_publisher_(node.advertise<ModelError>(names::kModelError, 10)),
-      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {}
+      overlay_publisher_(node.advertise<sensor_msgs::Image>(names::kOverlay, 1)) {
+  if (!options.publish_image) return;
+  image_publisher_ = node.advertise<sensor_msgs::Image>(names::kImage, 2);
+  info_publisher_ = node.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
+}
 
 void MeasurementPublisher::publish(const Measurement& measurement) {
   const SightReport report = reportOf(measurement, frames_.base, camera_frame_);
@@ -36,16 +41,30 @@ void MeasurementPublisher::publish(const Measurement& measurement) {
   if (report.error) error_publisher_.publish(*report.error);
   if (measurement.measured()) sendFrames(measurement);
   detections_publisher_.publish(report.detections);
+  republish(measurement);
   draw(measurement, report);
+}
+
+void MeasurementPublisher::republish(const Measurement& measurement) {
+  std_msgs::Header header;
+  header.stamp = measurement.stamp;
+  header.frame_id = camera_frame_;
+  if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
+    info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
+  }
+  if (image_publisher_ && image_publisher_.getNumSubscribers() > 0) {
+    image_publisher_.publish(
+        boost::make_shared<const sensor_msgs::Image>(toImageMsg(header, measurement.gray)));
+  }
 }
 
 void MeasurementPublisher::sendFrames(const Measurement& measurement) {
   const ros::Time& stamp = measurement.stamp;
   if (endsTf(stamp)) {
     if (far_stamps_.add()) {
-      ROS_WARN(
-          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no frames are given "
-          "for them; set the clocks alike",
+      logWarning(
+          "pictures are stamped %.1f s ahead of ROS time (%lu times so far): no tf is published "
+          "for them; synchronise the clocks",
           secondsBetween(ros::Time::now(), stamp), static_cast<unsigned long>(far_stamps_.total()));
     }
     return;

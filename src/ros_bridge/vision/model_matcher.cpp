@@ -4,28 +4,27 @@
 #include <cmath>
 #include <utility>
 
-#include <ros/console.h>
-
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-// A picture waits this long for the model of its time: with pressures at 100 Hz and more it has
-// come by then, and a replay meets the same model as the first time.
+// Time that a picture waits for the model of its stamp. At 100 Hz and more the model has arrived by
+// then, so a replay uses the same models.
 constexpr std::chrono::milliseconds kModelPatience(100);
-// Each wait in vain halves the patience, down to this: models that always lag must not slow the
-// pictures down.
+// Each wait in vain halves the patience, down to this, so that models that always lag do not slow
+// the pictures down.
 constexpr std::chrono::milliseconds kLeastPatience(5);
 
-// What to expect before a model comes.
+// Expected shape before the first model arrives.
 model::Shape restingShape(const io::Scene& scene) {
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
   const statics::Solution solution = scene.model.solve(rest);
   if (!solution.converged()) {
-    ROS_WARN(
-        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are looked for "
-        "where they are without load until a model comes",
+    logWarning(
+        "%s: the model finds no shape of the resting arm (%s, residual %.2g): tags are expected "
+        "where they are without load until a model is received",
         scene.name.c_str(), statics::nameOf(solution.status), solution.residual);
   }
   return statics::startingShape(scene.model, solution, rest);
@@ -74,10 +73,10 @@ ModelMatcher::LookUp ModelMatcher::lookUp(const ros::Time& stamp) {
 
 void ModelMatcher::warnOfLag(double lag) {
   if (!late_models_.add()) return;
-  ROS_WARN(
-      "models are stamped %.3f s %s the pictures (%lu times so far): is the models' node "
-      "up, and are the clocks of the camera's and the arm's computers synchronised? Where no "
-      "shape holds the scene's load it gives no model: see `%s` in its diagnostics",
+  logWarning(
+      "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
+      "running, and are the clocks of the camera's and the arm's computers synchronised? Without "
+      "a shape that balances the load there is no model: see `%s` in its diagnostics",
       std::abs(lag), lag < 0 ? "after" : "before", static_cast<unsigned long>(late_models_.total()),
       names::kModelStatus);
 }

@@ -12,13 +12,13 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr int kPoints = 48;  // of a curve, a section; even, since dashes go by pairs
+constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
 constexpr int kShift = 4;    // OpenCV's fixed point: sixteenths of a pixel
 
 const cv::Scalar kFits(90, 230, 90), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
 const cv::Scalar kMeasured(30, 140, 255), kModel(255, 230, 80), kDark(30, 30, 30);
 
-// Drawn lines and letters stay legible where a picture is shown much smaller than it is.
+// Sizes of lines and letters that stay legible if the picture is shown much smaller.
 struct Pen {
   cv::Mat& picture;
   int width;
@@ -28,7 +28,7 @@ struct Pen {
       : picture(on), width(std::max(1, on.cols / 400)), letter(std::max(0.4, on.cols / 640.0)) {}
 
   static cv::Point fine(const Eigen::Vector2d& p) {
-    constexpr double kFar = 1e5;  // [px]; beyond it fixed point overflows
+    constexpr double kFar = 1e5;  // [px]; fixed point overflows beyond
     const double unit = 1 << kShift;
     return {static_cast<int>(std::lround(unit * std::clamp(p.x(), -kFar, kFar))),
             static_cast<int>(std::lround(unit * std::clamp(p.y(), -kFar, kFar)))};

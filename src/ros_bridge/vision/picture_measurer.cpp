@@ -3,7 +3,7 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
+#include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -26,9 +26,9 @@ void PictureMeasurer::adoptNext() {
   next_.reset();
 }
 
-Taken<Measurement> PictureMeasurer::measure(const Picture& picture) {
+CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
   adoptNext();
-  Taken<cv::Mat> taken = take(picture);
+  CheckedPicture<cv::Mat> taken = take(picture);
   if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
   const cv::Mat& gray = std::get<cv::Mat>(taken);
   follow(picture.stamp);
@@ -39,8 +39,8 @@ Taken<Measurement> PictureMeasurer::measure(const Picture& picture) {
       std::move(model), calibration_};
 }
 
-Taken<cv::Mat> PictureMeasurer::take(const Picture& picture) {
-  // What is not of the camera's size is not worth decoding, which may take long.
+CheckedPicture<cv::Mat> PictureMeasurer::take(const Picture& picture) {
+  // A picture of the wrong size is refused before decoding, which may take long.
   if (const auto* jpeg = std::get_if<sensor_msgs::CompressedImageConstPtr>(&picture.content)) {
     const auto& data = (*jpeg)->data;
     const cv::Size claimed = vision::JpegDecoder::claimedSize(data.data(), data.size());
@@ -48,14 +48,14 @@ Taken<cv::Mat> PictureMeasurer::take(const Picture& picture) {
       if (auto refusal = adoptCamera(claimed)) return std::move(*refusal);
     }
   }
-  Taken<cv::Mat> taken = decode(picture);
+  CheckedPicture<cv::Mat> taken = decode(picture);
   if (const auto* gray = std::get_if<cv::Mat>(&taken)) {
     if (auto refusal = adoptCamera(gray->size())) return std::move(*refusal);
   }
   return taken;
 }
 
-Taken<cv::Mat> PictureMeasurer::decode(const Picture& picture) {
+CheckedPicture<cv::Mat> PictureMeasurer::decode(const Picture& picture) {
   if (const auto* raw = std::get_if<sensor_msgs::ImageConstPtr>(&picture.content)) {
     return fromMsg(**raw, buffer_);
   }
@@ -82,8 +82,8 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
   }
   if (!equal(view.camera, current_.localizer->view().camera)) {
     if (adoptions_.add()) {
-      ROS_INFO(
-          "camera_info differs from the intrinsics at hand (%lu times so far): going by "
+      logInfo(
+          "camera_info differs from the intrinsics in use (%lu times so far): using "
           "camera_info%s",
           static_cast<unsigned long>(adoptions_.total()),
           source_.infoPublishers() > 1
@@ -101,11 +101,11 @@ void PictureMeasurer::follow(const ros::Time& stamp) {
   if (elapsed < 0 || elapsed > stale_after_) current_.localizer->reset();
   if (elapsed < 0) {
     if (jumps_.add()) {
-      ROS_INFO("the pictures' time has jumped back by %.1f s (%lu times so far): starting anew%s",
-               -elapsed, static_cast<unsigned long>(jumps_.total()),
-               source_.publishers() > 1
-                   ? "; more than one node publishes pictures: stop all but one"
-                   : "");
+      logInfo(
+          "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",
+          -elapsed, static_cast<unsigned long>(jumps_.total()),
+          source_.publishers() > 1 ? "; more than one node publishes pictures: stop all but one"
+                                   : "");
     }
     models_.restart(current_.scene);
   }

@@ -7,9 +7,8 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -79,7 +78,7 @@ void PictureSource::stop() { mailbox_.stop(); }
 
 void PictureSource::join() { capturer_.join(); }
 
-std::optional<Taken<estimation::Camera>> PictureSource::cameraInfo() const {
+std::optional<CheckedPicture<estimation::Camera>> PictureSource::cameraInfo() const {
   const basics::MutexLock lock(mutex_);
   return camera_info_;
 }
@@ -97,7 +96,7 @@ void PictureSource::onPicture(const boost::shared_ptr<const Message>& picture, c
   if (stamp.isZero()) {
     stamp = ros::Time::now();
     if (unstamped_.add()) {
-      ROS_WARN(
+      logWarning(
           "pictures on %s have no stamp (%lu so far): stamped on arrival, later than they "
           "were taken; let the camera's node stamp them",
           topic, static_cast<unsigned long>(unstamped_.total()));
@@ -115,18 +114,18 @@ void PictureSource::onCompressed(const sensor_msgs::CompressedImageConstPtr& ima
 }
 
 void PictureSource::onCameraInfo(const sensor_msgs::CameraInfoConstPtr& info) {
-  const Taken<estimation::Camera> camera = fromMsg(*info);
+  const CheckedPicture<estimation::Camera> camera = fromMsg(*info);
   {
     const basics::MutexLock lock(mutex_);
     camera_info_ = camera;
   }
-  // Only counted here: the state follows from the pictures.
+  // Only counted here; the state is derived from the pictures.
   if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) status_.count(*refusal);
 }
 
 void PictureSource::arrived(Picture picture) {
   if (mailbox_.stopped()) return;
-  // Before it can be taken: it must not be measured before it is counted.
+  // Counted before it becomes available to the worker.
   status_.arrived();
   if (mailbox_.put(std::move(picture))) status_.skipped();
 }
@@ -143,7 +142,7 @@ void PictureSource::capture() {
     const auto due = steady_clock::now() + period;
     const vision::FrameStatus status = frames_->next(frame);
     if (status == vision::FrameStatus::kEnd) {
-      status_.enter(VisionStatus::ENDED, options_.source + " is through");
+      status_.enter(VisionStatus::ENDED, options_.source + " has ended");
       return;
     }
     if (status == vision::FrameStatus::kFault) {
@@ -156,7 +155,7 @@ void PictureSource::capture() {
       const basics::MutexLock lock(mutex_);
       camera_info_ = camera;
     }
-    // The source uses its memory again for the next picture.
+    // Cloned, since the source reuses its memory for the next picture.
     arrived({ros::Time::now(), frame.gray.clone()});
     go_on = options_.fromFile() ? mailbox_.sleepUntil(due) && mailbox_.waitUntilIdle()
                                 : !mailbox_.stopped();

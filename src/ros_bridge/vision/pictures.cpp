@@ -21,7 +21,7 @@ constexpr std::array<const char*, kPictureFaultCount> kNames = {
 
 constexpr int kAsItIs = -1;
 
-// How an encoding becomes gray.
+// Conversion of an encoding to gray.
 struct Encoding {
   std::string name;
   int channels;
@@ -62,7 +62,7 @@ PictureRefusal refuseInfo(const std::string& message) {
 
 const char* nameOf(PictureFault fault) { return kNames[static_cast<std::size_t>(fault)]; }
 
-Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   const Encoding* encoding = find(image.encoding);
   if (encoding == nullptr) {
     return PictureRefusal{PictureFault::kWrongEncoding,
@@ -70,9 +70,9 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
                               "'; send mono8, bgr8, rgb8, bgra8, rgba8 or an 8-bit Bayer pattern"};
   }
   if (image.width == 0 || image.height == 0) {
-    return PictureRefusal{
-        PictureFault::kWrongSize,
-        "the picture is of " + sizeText(image.width, image.height) + " pixels; send one with some"};
+    return PictureRefusal{PictureFault::kWrongSize,
+                          "the picture is of " + sizeText(image.width, image.height) +
+                              " pixels; send a picture that is not empty"};
   }
   const std::size_t row = static_cast<std::size_t>(image.width) * encoding->channels;
   if (image.step < row || image.data.size() / image.step < image.height) {
@@ -82,7 +82,7 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
                               std::to_string(image.data.size()) + " bytes in rows of " +
                               std::to_string(image.step) + "; send whole pictures"};
   }
-  // Never written to: OpenCV has no view of constant data.
+  // Not written to; cv::Mat has no constructor for constant data.
   const cv::Mat raw(static_cast<int>(image.height), static_cast<int>(image.width),
                     CV_8UC(encoding->channels), const_cast<std::uint8_t*>(image.data.data()),
                     image.step);
@@ -91,8 +91,8 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   return buffer;
 }
 
-Taken<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image, vision::JpegDecoder& decoder,
-                       cv::Mat& buffer) {
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image,
+                                vision::JpegDecoder& decoder, cv::Mat& buffer) {
   if (!saysJpeg(image.format)) {
     return PictureRefusal{PictureFault::kWrongEncoding, "the compressed picture's format is '" +
                                                             quoted(image.format) + "'; send JPEG"};
@@ -105,13 +105,13 @@ Taken<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image, vision::JpegDe
   return buffer;
 }
 
-Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
+CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   namespace models = sensor_msgs::distortion_models;
   const auto zero = [](double value) { return value == 0.0; };
   if (std::all_of(info.K.begin(), info.K.end(), zero)) {
     return refuseInfo(
         "is empty (K = 0): the camera is not calibrated; calibrate it, or set ~use_camera_info to "
-        "false to go by the scene's intrinsics");
+        "false to use the scene's intrinsics");
   }
   const std::size_t coefficients = info.D.size();
   const bool none = coefficients == 0 || std::all_of(info.D.begin(), info.D.end(), zero);
@@ -126,10 +126,10 @@ Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   if (info.binning_x > 1 || info.binning_y > 1 || info.roi.x_offset != 0 ||
       info.roi.y_offset != 0 || (info.roi.width != 0 && info.roi.width != info.width) ||
       (info.roi.height != 0 && info.roi.height != info.height)) {
-    return refuseInfo("tells of binning or of a region of interest; send whole pictures");
+    return refuseInfo("states binning or a region of interest; send whole pictures");
   }
   estimation::Camera camera;
-  constexpr std::uint32_t kLargest = 1U << 16U;  // a JPEG cannot be larger
+  constexpr std::uint32_t kLargest = 1U << 16U;  // larger than any JPEG
   camera.width = static_cast<int>(std::min(info.width, kLargest));
   camera.height = static_cast<int>(std::min(info.height, kLargest));
   camera.fx = info.K[0];
@@ -140,7 +140,7 @@ Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) {
   try {
     camera.validate();
   } catch (const std::invalid_argument& error) {
-    return refuseInfo(std::string("cannot be: ") + error.what());
+    return refuseInfo(std::string("is not valid: ") + error.what());
   }
   return camera;
 }

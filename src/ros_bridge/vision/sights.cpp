@@ -17,18 +17,18 @@ bool has(const std::vector<int>& ids, int id) {
 
 std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
 
-// The ids that no fit can use, when there are any.
+// Lists the ids that no fit can use, if there are any.
 std::string unknownTags(const vision::Sight& sight) {
   std::string out;
   if (!sight.unknown_ids.empty()) out += "; not of the scene: " + listOf(sight.unknown_ids);
   if (!sight.repeated_ids.empty()) out += "; seen twice: " + listOf(sight.repeated_ids);
   if (!sight.unusable_ids.empty()) {
-    out += "; where the camera's distortion folds the picture: " + listOf(sight.unusable_ids);
+    out += "; where the lens distortion cannot be inverted: " + listOf(sight.unusable_ids);
   }
   return out;
 }
 
-// How the tag with this id agrees with the measured shape; null where it took no part in it.
+// Residual of the tag with this id; null if it was not used in the fit.
 const estimation::TagResidual* residualOf(const vision::Sight& sight,
                                           const estimation::TagLayout& layout, int id) {
   if (sight.state != vision::SightState::kMeasured) return nullptr;
@@ -39,7 +39,7 @@ const estimation::TagResidual* residualOf(const vision::Sight& sight,
   return found == tags.end() ? nullptr : &*found;
 }
 
-// Tags of the arm in sight, each seen once.
+// Number of visible tags of the arm that were seen once.
 int tagsOfArm(const vision::Sight& sight) {
   const auto& tags = sight.detections;
   return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
@@ -86,10 +86,10 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   msg.tip.y = error.y();
   msg.tip.z = error.z();
   msg.tip_error = error.norm();
-  // A piece of constant twist runs at the constant speed |v|.
+  // The speed along a piece of constant twist is |v|.
   msg.tip_error_percent =
       100.0 * msg.tip_error / model.shape.pieces().topRows<3>().colwise().norm().sum();
-  // The covariance is seen from the nominal base.
+  // The covariance is in the frame of the nominal base.
   const Eigen::Vector3d direction = fit.X_B0B.rotation * error.stableNormalized();
   msg.tip_sigma = std::sqrt(std::max(0.0, direction.dot(fit.tip_covariance * direction)));
   msg.tag_rms = fit.rms;
@@ -103,7 +103,7 @@ double tipSigma(const estimation::TwistFit& fit) {
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
-// `8 tags, 0.20 px, tip to 0.5 mm`: a measured shape in few words.
+// `8 tags, 0.20 px, tip to 0.5 mm`: summary of a measured shape.
 std::string summarise(const vision::Sight& sight, int tags) {
   const int outliers = sight.fit.outliers();
   return countText(tags) + (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
@@ -115,18 +115,18 @@ std::string describe(const vision::Sight& sight, int tags, const vision::Localiz
     case vision::SightState::kMeasured:
       return summarise(sight, tags) + unknownTags(sight);
     case vision::SightState::kNoTags:
-      return "no tag of the arm is in sight: look after the view, the light, and the scene's "
+      return "no tag of the arm is in sight: check the view, the light, and the scene's "
              "tags.family" +
              unknownTags(sight);
     case vision::SightState::kTooFewTags:
       return countText(tags) + " in sight do not determine the shape; at least " +
              std::to_string(config.min_tags) +
-             " are wanted, on all sections: look after occlusion and light" + unknownTags(sight);
+             " are needed, on all sections: check occlusion and light" + unknownTags(sight);
     case vision::SightState::kNoFit:
       break;
   }
   return "no shape of the arm fits the " + countText(tags) +
-         " in sight: look after their size and places in the scene, and the camera's calibration" +
+         " in sight: check their size and poses in the scene, and the camera's calibration" +
          unknownTags(sight);
 }
 

@@ -2,8 +2,7 @@
 
 #include <numeric>
 
-#include <ros/console.h>
-
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/vision/sights.hpp"
 
@@ -22,7 +21,7 @@ const char* nameOfState(std::uint8_t state) {
 
 VisionLedger::VisionLedger(const std::string& waiting) {
   status_.state = VisionStatus::WAITING;
-  status_.message = "no picture has come yet from " + waiting;
+  status_.message = "no picture was received yet from " + waiting;
 }
 
 std::uint64_t& VisionLedger::counterOf(PictureFault fault) {
@@ -49,8 +48,8 @@ void VisionLedger::refused(const PictureRefusal& refusal) {
   counterOf(refusal.fault) = count.total();
   status_.last_fault = refusal.message;
   if (!tell) return;
-  ROS_WARN("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault),
-           static_cast<unsigned long>(count.total()));
+  logWarning("%s (%s, %lu so far)", refusal.message.c_str(), nameOf(refusal.fault),
+             static_cast<unsigned long>(count.total()));
 }
 
 void VisionLedger::saw(const vision::Sight& sight, int tags) {
@@ -75,8 +74,8 @@ bool VisionLedger::enter(std::uint8_t state, const std::string& message) {
   const bool told = state == VisionStatus::CAMERA_FAULT;  // by refused()
   if (changed && !told && states_.at(state).add()) {
     const bool fine = state == VisionStatus::MEASURED || state == VisionStatus::ENDED;
-    ROS_LOG(fine ? ros::console::levels::Info : ros::console::levels::Warn, ROSCONSOLE_DEFAULT_NAME,
-            "%s: %s", nameOfState(state), message.c_str());
+    logLine(fine ? ros::console::levels::Info : ros::console::levels::Warn, "%s: %s",
+            nameOfState(state), message.c_str());
   }
   return changed;
 }
@@ -96,7 +95,9 @@ void VisionLedger::report(DiagnosticStatus& camera, DiagnosticStatus& measuremen
   camera.level = down            ? DiagnosticStatus::ERROR
                  : news || waits ? DiagnosticStatus::WARN
                                  : DiagnosticStatus::OK;
-  camera.message = down || waits ? status_.message : news ? status_.last_fault : "pictures come";
+  camera.message = down || waits ? status_.message
+                   : news        ? status_.last_fault
+                                 : "pictures are received";
   addValue(camera, names::kPictureRateKey, rate(status_.pictures, reported_.pictures));
   addValue(camera, "pictures", std::to_string(status_.pictures));
   addValue(camera, "skipped", std::to_string(status_.skipped));

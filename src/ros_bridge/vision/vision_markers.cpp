@@ -16,8 +16,8 @@ using visualization_msgs::Marker;
 constexpr std::array<const char*, 5> kNamespaces = {names::kMeasuredCurveNs, names::kModelCurveNs,
                                                     names::kTagsNs, names::kTipErrorNs,
                                                     names::kTipCovarianceNs};
-constexpr int kPoints = 32;            // of a curve, a section; even, since dashes go by pairs
-constexpr double kLine = 0.010;        // width of the measured curve [m]
+constexpr int kPoints = 32;      // of a curve, per section; even, since dashes are drawn in pairs
+constexpr double kLine = 0.010;  // width of the measured curve [m]
 constexpr double kTextHeight = 0.025;  // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
 
@@ -74,7 +74,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   const std::vector<lie::SE3> X_BT = estimation::tagPoses(layout, fit.shape);
   const estimation::Corners corners = layout.corners();
   for (const estimation::TagResidual& tag : fit.tags) {
-    for (int k = 0; k < 8; ++k) {  // each edge from corner to corner
+    for (int k = 0; k < 8; ++k) {  // edges from corner to corner
       const Eigen::Vector2d corner = corners.col((k + 1) / 2 % 4);
       tags.points.push_back(toPointMsg(X_BT[tag.tag] * Eigen::Vector3d(corner.x(), corner.y(), 0)));
       tags.colors.push_back(tag.outlier ? color(1.0, 0.25, 0.2) : color(0.4, 1.0, 0.5));

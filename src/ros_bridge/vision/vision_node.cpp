@@ -5,9 +5,8 @@
 #include <utility>
 #include <variant>
 
-#include <ros/console.h>
-
 #include "helix_arm/ros_bridge/common/conversions.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -15,7 +14,7 @@ namespace {
 
 constexpr double kWatchPeriod = 0.05;  // [s]
 
-// The scene, when there is something to see in it.
+// Checks that the scene has a camera and tags.
 io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
   std::string missing;
   if (!scene.camera) missing += "`camera`";
@@ -28,6 +27,12 @@ io::Scene requireSight(io::Scene scene, const VisionOptions& options) {
   if (options.fromWebcam() && !scene.camera->webcam) {
     throw std::invalid_argument("scene " + scene.name +
                                 " has no camera.webcam; add it, or set ~source to topic");
+  }
+  if (options.publish_image && !options.fromWebcam() && !options.fromFile()) {
+    throw std::invalid_argument("~publish_image is true, but the pictures of ~source " +
+                                options.source +
+                                " come from a topic already; leave it false, or set ~source to "
+                                "webcam or a file");
   }
   return scene;
 }
@@ -58,12 +63,12 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     worker_.start([this] { work(); }, on_failure);
     source_.start(on_failure);
   } catch (...) {
-    end();  // the destructor is not called, and those of the members wait for their threads
+    end();  // no destructor runs here, and those of the members wait for their threads
     throw;
   }
-  ROS_INFO("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
-           static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
-           options_.source.c_str());
+  logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
+          static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
+          options_.source.c_str());
 }
 
 VisionNode::~VisionNode() { end(); }
@@ -90,10 +95,9 @@ void VisionNode::onFailure() {
     return;
   }
   stop();
-  // For good: the other thread may still be at a picture.
+  // Both threads stop for good; the other may still process a picture.
   status_.fail("vision has failed and stopped: load its nodelet again");
-  ROS_FATAL("%s has failed and stopped; its manager goes on. Load the nodelet again",
-            name_.c_str());
+  logFatal("%s has failed and stopped; its manager goes on. Load the nodelet again", name_.c_str());
 }
 
 void VisionNode::onModel(const ArmShapeConstPtr& model) {
@@ -101,8 +105,8 @@ void VisionNode::onModel(const ArmShapeConstPtr& model) {
   if (const auto* shape = std::get_if<model::Shape>(&checked)) {
     models_.add(model->header.stamp, *shape);
   } else {
-    // Measured without it, all the same.
-    status_.count({PictureFault::kBadModel, "a model is not taken for scene " + scene_.name + ": " +
+    // The picture is measured without the model.
+    status_.count({PictureFault::kBadModel, "a model does not match scene " + scene_.name + ": " +
                                                 std::get<control::Refusal>(checked).message});
   }
 }
@@ -133,14 +137,14 @@ void VisionNode::work() {
     const bool sound = picture_guard_.run(
         "", [&] { measure(*picture); }, &why);
     if (!sound) {
-      status_.enter(VisionStatus::CAMERA_FAULT, "a picture cannot be measured in: " + why);
+      status_.enter(VisionStatus::CAMERA_FAULT, "a picture could not be processed: " + why);
     }
     source_.done();
   }
 }
 
 void VisionNode::measure(const Picture& picture) {
-  const Taken<Measurement> taken = measurer_.measure(picture);
+  const CheckedPicture<Measurement> taken = measurer_.measure(picture);
   if (const auto* refusal = std::get_if<PictureRefusal>(&taken)) {
     status_.refuse(*refusal);
   } else {

@@ -8,8 +8,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// The vision node inside a nodelet manager: pictures of a camera in the same manager come without
-/// being copied.
+/// The vision node as a nodelet: pictures of a camera in the same manager are not copied.
 class VisionNodelet : public nodelet::Nodelet {
  private:
   void onInit() override {
@@ -19,7 +18,7 @@ class VisionNodelet : public nodelet::Nodelet {
       return kDone;
     });
     if (code == kDone) return;
-    // The manager's loader says nothing of what is thrown.
+    // The manager does not print the message of the exception.
     NODELET_FATAL("%s is not loaded: see the faults above", getName().c_str());
     throw std::runtime_error(getName() + " has faults that were printed");
   }

@@ -27,6 +27,7 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   out.file_rate = reader.number("file_rate", out.file_rate, {0.1, 1000.0});
   out.draw_rate = reader.number("draw_rate", out.draw_rate, {0.1, 100.0});
   out.stale_after = reader.number("stale_after_s", out.stale_after, {0.05, 60.0});
+  out.publish_image = reader.flag("publish_image", out.publish_image);
   out.frames = reader.count("frames", out.frames, 2, 1000);
   out.world_frame = reader.frame("world_frame", names::kWorldFrame);
   out.frame_prefix = reader.frame("frame_prefix", "");

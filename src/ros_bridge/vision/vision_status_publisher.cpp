@@ -101,8 +101,8 @@ void VisionStatusPublisher::watch() {
   const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
   if (!watching_ || silence < stale_after_ || ledger_.state() == VisionStatus::ENDED) return;
   if (ledger_.status().pictures == 0 || source_fault_) return;
-  enterLocked(VisionStatus::STALE, "no picture has come for " + fixed(silence) +
-                                       " s: is the camera plugged in, and its node up?");
+  enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
+                                       " s: is the camera plugged in, and its node running?");
 }
 
 void VisionStatusPublisher::stopWatching() {

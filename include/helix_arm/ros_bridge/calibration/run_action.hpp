@@ -47,6 +47,7 @@ class RunAction {
   struct Motion {
     model::Arm arm;
     procedures::CalibrationRun run;
+    bool waited = false;  ///< for pictures, in its last turn
   };
   /// How a run ended.
   struct Ending {
@@ -87,6 +88,7 @@ class RunAction {
   /// From the begin of a run to its result.
   std::optional<Motion> motion_ HELIX_ARM_GUARDED_BY(mutex_);
   CommandTrace trace_ HELIX_ARM_GUARDED_BY(mutex_);
+  FaultCount stale_targets_ HELIX_ARM_GUARDED_BY(mutex_);
 
   ros::Publisher target_publisher_;
   ros::Subscriber status_subscriber_;

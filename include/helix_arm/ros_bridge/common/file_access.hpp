@@ -12,6 +12,8 @@ std::string defaultFolder();
 
 /// Start of the comment in a data set of recorded samples.
 inline constexpr char kRecordedTitle[] = "recorded of scene ";
+/// Start of the comment in the table of a recorded run.
+inline constexpr char kRecordedRunTitle[] = "recorded run of ";
 
 /// Restricts the files that a node's services read and write to some folders, since any client may
 /// name any path. The target of a link counts, not the link's location.
@@ -23,6 +25,8 @@ class FileAccess {
   };
 
   explicit FileAccess(std::vector<Folder> folders) : folders_(std::move(folders)) {}
+  /// Any folder: for files that the parameters of a node name, not its clients.
+  static FileAccess anywhere() { return FileAccess(std::vector<Folder>{{"/", ""}}); }
 
   /// @param what     name of the file in messages, such as "data".
   /// @param given    an absolute path.
@@ -34,7 +38,8 @@ class FileAccess {
                      const std::vector<std::string>& endings) const;
 
   /// The same for a file to write. Its folder must be writable. An existing file is accepted only
-  /// if this package wrote it, as a calibrated scene (.yaml) or recorded samples (.csv).
+  /// if this package wrote it: a calibrated scene (.yaml), recorded samples or a recorded run
+  /// (.csv), or a figure (.png).
   std::string toWrite(const std::string& what, const std::string& given,
                       const std::vector<std::string>& endings) const;
 

@@ -5,13 +5,14 @@
 #include <string>
 
 #include <actionlib_msgs/GoalID.h>
+#include <actionlib_msgs/GoalStatusArray.h>
 #include <ros/serialization.h>
 
 #include "helix_arm/ros_bridge/common/checked_stream.hpp"
 #include "helix_arm/ros_bridge/common/clock_gate.hpp"
 
-/// How the servers of actions read what clients send. Every source that instantiates a server
-/// includes it, and makes the Serializer of its goals a GoalSerializer.
+/// How the servers and clients of actions read what the other side sends. Every source that
+/// instantiates one includes it; a server makes the Serializer of its goals a GoalSerializer.
 namespace helix_arm::ros_bridge {
 
 /// Reads the goals of an action with the checks of all other messages (CheckedStream).
@@ -62,6 +63,27 @@ struct Serializer<actionlib_msgs::GoalID> {
   }
   static std::uint32_t serializedLength(const GoalID& goal) {
     return serializationLength(goal.stamp) + serializationLength(goal.id);
+  }
+};
+
+// A client gets the states of all goals: an array, which may claim any length.
+template <>
+struct Serializer<actionlib_msgs::GoalStatusArray> {
+  using GoalStatusArray = actionlib_msgs::GoalStatusArray;
+  template <class Stream>
+  static void read(Stream& stream, GoalStatusArray& array) {
+    helix_arm::ros_bridge::CheckedStream checked(stream.getData(), stream.getLength());
+    checked.next(array.header);
+    checked.next(array.status_list);
+    stream.advance(stream.getLength() - static_cast<std::uint32_t>(checked.left()));
+  }
+  template <class Stream>
+  static void write(Stream& stream, const GoalStatusArray& array) {
+    stream.next(array.header);
+    stream.next(array.status_list);
+  }
+  static std::uint32_t serializedLength(const GoalStatusArray& array) {
+    return serializationLength(array.header) + serializationLength(array.status_list);
   }
 };
 

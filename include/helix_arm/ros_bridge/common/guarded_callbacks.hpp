@@ -29,7 +29,7 @@ class FaultGuard {
   using Log = std::function<void(const std::string& line)>;
 
   /// @param source  named in the warnings, such as "a message on /tip_target".
-  /// @param log     receives the warnings; default: rosconsole.
+  /// @param log     receives the warnings; default: logWarning().
   explicit FaultGuard(std::string source, Log log = {});
 
   /// @param culprit  the sender; empty if there is none.

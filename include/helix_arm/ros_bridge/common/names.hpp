@@ -84,16 +84,20 @@ inline constexpr char kBaseCurveNs[] = "base_curve";
 inline constexpr char kSeparatorsNs[] = "separators";
 inline constexpr char kTipTraceNs[] = "tip_trace";
 inline constexpr char kPressuresNs[] = "pressures";
+inline constexpr char kStateBannerNs[] = "state_banner";
+inline constexpr char kLegendNs[] = "legend";
 inline constexpr char kMeasuredCurveNs[] = "measured_curve";
 inline constexpr char kModelCurveNs[] = "model_curve";
 inline constexpr char kTagsNs[] = "tags";
 inline constexpr char kTipErrorNs[] = "tip_error";
 inline constexpr char kTipCovarianceNs[] = "tip_covariance";
 inline constexpr char kWantedTipNs[] = "wanted_tip";
+inline constexpr char kPredictedCurveNs[] = "predicted_curve";
 inline constexpr char kPredictedTipNs[] = "predicted_tip";
 inline constexpr char kTipForceNs[] = "tip_force";
 inline constexpr char kPredictedCovarianceNs[] = "predicted_covariance";
 inline constexpr char kLoopStateNs[] = "loop_state";
+inline constexpr char kErrorBudgetNs[] = "error_budget";
 
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kTargetsStatus[] = "targets";
@@ -107,6 +111,8 @@ inline constexpr char kMeasurementStatus[] = "measurement";
 inline constexpr char kCorrectionStatus[] = "correction";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`
 inline constexpr char kDroppedPrefix[] = "dropped_";
+inline constexpr char kLowerLimitKey[] = "lower_limit_kpa";  ///< of a channel
+inline constexpr char kUpperLimitKey[] = "upper_limit_kpa";
 inline constexpr char kReachedKey[] = "reached";
 inline constexpr char kUnreachableKey[] = "unreachable";
 inline constexpr char kLeaseHolderKey[] = "lease_holder";
@@ -123,6 +129,7 @@ inline constexpr char kPictureRateKey[] = "pictures_hz";
 inline constexpr char kMeasuredRateKey[] = "measured_hz";
 inline constexpr char kStateKey[] = "state";
 inline constexpr char kAcceptedKey[] = "accepted";
+inline constexpr char kWithoutTagsKey[] = "without_tags";
 inline constexpr char kRefusedPrefix[] = "refused_";  ///< followed by the fault
 
 }  // namespace helix_arm::ros_bridge::names

@@ -48,6 +48,10 @@ class ParameterReader {
   std::string optionalFile(const std::string& name, const std::string& folder,
                            const std::string& extension);
 
+  /// Absolute path of a file to write, as FileAccess allows it anywhere; empty if the parameter is
+  /// absent or empty.
+  std::string fileToWrite(const std::string& name, const std::string& extension);
+
   /// Absolute path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback);
 

@@ -11,6 +11,7 @@
 #include "helix_arm/ros_bridge/common/end_request.hpp"
 #include "helix_arm/ros_bridge/common/end_watch.hpp"
 #include "helix_arm/ros_bridge/common/exit_code.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/master_watch.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -20,6 +21,9 @@ class NothingToDo : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// Longest wait for the last lines of a log that is blocked [s].
+inline constexpr double kLastLines = 1.0;
 
 /// Runs `body` and converts its exceptions to printed faults and an exit code.
 ///
@@ -52,8 +56,9 @@ int runNode(int argc, char** argv, const char* name) {
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
+  LogThread log_thread;
   const EndRequest takes_over;
-  return guarded([&end_watch]() -> int {
+  return guarded([&]() -> int {
     const ClockGate clock;
     MasterWatch master;
     Node node;
@@ -66,6 +71,7 @@ int runNode(int argc, char** argv, const char* name) {
     const int verdict = node.finish();
     end_watch.waits(false);
     if (master.lost()) end_watch.hurry();
+    log_thread.flush(kLastLines);
     ros::shutdown();
     return thrown != kDone || master.lost() ? kFailed : verdict;
   });

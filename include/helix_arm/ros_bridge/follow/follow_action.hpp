@@ -2,11 +2,9 @@
 
 #include <Eigen/Core>
 #include <functional>
-#include <future>
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include <actionlib/server/action_server.h>
 #include <ros/node_handle.h>
@@ -20,6 +18,7 @@
 #include "helix_arm/ros_bridge/follow/command_link.hpp"
 #include "helix_arm/ros_bridge/follow/goal_watch.hpp"
 #include "helix_arm/ros_bridge/follow/loop_targets.hpp"
+#include "helix_arm/ros_bridge/follow/path_checker.hpp"
 #include "helix_arm/ros_bridge/follow/path_goal.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -27,15 +26,14 @@ namespace helix_arm::ros_bridge {
 /// Serves the action ~follow_tip_path: checks a goal, lets the loop follow its path, and decides
 /// how it ends. Afterwards the last wanted place is held for a time.
 ///
-/// A new goal replaces the running one once it is accepted. A running goal holds the lease of the
-/// loop's commanders. All of it belongs to the thread of the node's callback queue; a check of a
-/// path has a thread of its own.
+/// A new goal replaces the running one once it is accepted, and one whose path is still being
+/// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
+/// the thread of the node's callback queue, except the checks of a PathChecker.
 class FollowAction {
  public:
-  /// Why the arm cannot follow a path; empty if it can. Runs in a thread of its own.
-  using PathCheck = std::function<std::string()>;
   /// Makes the check of a path, with a tolerance of its positions [m].
-  using MakePathCheck = std::function<PathCheck(const control::TipPath& path, double tolerance)>;
+  using MakePathCheck =
+      std::function<PathChecker::Check(const control::TipPath& path, double tolerance)>;
 
   /// @param scene, frames, targets  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
@@ -72,7 +70,6 @@ class FollowAction {
   struct Candidate {
     Handle handle;
     PathGoal goal;
-    std::future<std::string> check;
   };
   /// An accepted goal.
   struct Run {
@@ -98,7 +95,7 @@ class FollowAction {
   LoopTargets& targets_;
   const MakePathCheck make_check_;
   std::optional<Candidate> candidate_;
-  std::vector<std::future<std::string>> discarded_;  ///< checks of replaced goals
+  PathChecker checker_;  ///< of the candidate's path
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
   double hold_time_ = 0.0;  ///< [s]

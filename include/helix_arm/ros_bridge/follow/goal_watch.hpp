@@ -70,6 +70,7 @@ class GoalWatch {
   std::deque<Moment> moments_;  ///< by ascending time
   std::optional<double> blind_since_;
   bool was_seen_ = false;
+  std::optional<double> last_sight_;  ///< time of a picture, or of a state that tells of one
   std::optional<double> last_error_;  ///< of a picture after the path's end [m]
   double sum2_ = 0.0, max_ = 0.0;     ///< of distances [m^2], [m]
   std::uint32_t pictures_ = 0;

@@ -14,8 +14,9 @@ class LoadPublisher {
  public:
   LoadPublisher(ros::NodeHandle& node, std::string base_frame);
 
-  /// After a picture that the loop used. The budget is published at most at 5 Hz; the load on every
-  /// change, and with every picture while something touches the arm.
+  /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
+  /// of this picture is published at most at 5 Hz; the load on every change, and with every picture
+  /// while something touches the arm.
   void publish(const ros::Time& picture, const follow::SightLoop& loop);
 
  private:

@@ -15,8 +15,10 @@ namespace helix_arm::ros_bridge {
 /// Counts pictures, and says how the loop is doing.
 class LoopDiagnostics {
  public:
-  /// Notes what became of a picture. @param filter  the loop's tracker.
-  void saw(double time, const estimation::Sighting& sighting, const estimation::ArmFilter& filter);
+  /// Notes what became of a picture. @param filter  the loop's tracker. @param with_tags  the tags
+  /// of its fit are known.
+  void saw(double time, const estimation::Sighting& sighting, const estimation::ArmFilter& filter,
+           bool with_tags);
   /// Notes a `measured` that is not of this arm.
   void sawForeign(const std::string& why);
 
@@ -33,6 +35,7 @@ class LoopDiagnostics {
 
  private:
   std::uint64_t accepted_ = 0, refused_ = 0;
+  std::uint64_t without_tags_ = 0;  ///< of accepted_
   std::array<std::uint64_t, estimation::kSightingFaultCount> by_fault_ = {};
   FaultCount foreign_;
   CalibrationWatch calibration_;

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <visualization_msgs/MarkerArray.h>
 
@@ -17,6 +18,7 @@ namespace helix_arm::ros_bridge {
 /// - predicted_covariance: where that tip is within two standard deviations, an ellipsoid
 /// - tip_force: an arrow to the predicted tip along the force that touches the arm
 /// - loop_state: the loop's state and error, as text below the predicted tip
+/// - error_budget: standard deviations of the tip by their sources, as a table beside the ellipsoid
 class LoopMarkers {
  public:
   /// The tips at one time, base frame. What is absent is removed from the screen.
@@ -25,7 +27,10 @@ class LoopMarkers {
     std::optional<Eigen::Vector3d> predicted;  ///< [m]
     Eigen::Matrix3d covariance;                ///< of predicted [m^2]
     std::optional<Eigen::Vector3d> force;      ///< on the arm, while something touches it [N]
+    std::vector<Eigen::Vector3d> curve;        ///< of the corrected model; empty if unknown
     std::string text;
+    std::string budget;    ///< the table; empty: none
+    bool outside = false;  ///< the budget does not explain what is measured
   };
 
   /// @param lifetime  longer than the period of drawing [s].
@@ -37,6 +42,10 @@ class LoopMarkers {
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
   visualization_msgs::Marker ball(const ros::Time& stamp, const char* ns,
                                   const std::optional<Eigen::Vector3d>& centre, double size) const;
+  visualization_msgs::Marker curve(const ros::Time& stamp, const Tips& tips) const;
+  visualization_msgs::Marker words(const ros::Time& stamp, const char* ns,
+                                   const std::optional<Eigen::Vector3d>& place, double height,
+                                   const std::string& text) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
   std::string base_frame_;

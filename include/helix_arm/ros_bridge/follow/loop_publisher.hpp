@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <ros/node_handle.h>
 #include <ros/time.h>
@@ -50,6 +51,7 @@ class LoopPublisher {
   bool isDue(const View& view) const;
   LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const;
   void publishEstimate(const View& view);
+  void noteBudget(const View& view);
 
   const io::Scene& scene_;
   const std::string base_frame_;
@@ -57,7 +59,10 @@ class LoopPublisher {
   LoopMarkers markers_;
   LoopStatus status_;                     ///< the last one
   std::optional<Eigen::Vector3d> force_;  ///< on the arm, while something touches it [N]
+  std::vector<Eigen::Vector3d> curve_;    ///< of the corrected model, base frame [m]
   std::string force_text_;
+  std::string budget_text_;  ///< empty: nothing was seen for a while
+  bool outside_ = false;     ///< of the budget
   ros::Publisher status_publisher_, estimate_publisher_, marker_publisher_;
   std::unique_ptr<TipHandle> handle_;
 };

@@ -9,7 +9,6 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
-#include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -23,6 +22,7 @@
 #include "helix_arm/ros_bridge/follow/loop_diagnostics.hpp"
 #include "helix_arm/ros_bridge/follow/loop_publisher.hpp"
 #include "helix_arm/ros_bridge/follow/loop_targets.hpp"
+#include "helix_arm/ros_bridge/follow/sight_intake.hpp"
 #include "helix_arm/ros_bridge/follow/sight_loop_options.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -33,7 +33,8 @@ namespace helix_arm::ros_bridge {
 /// Subscribes
 /// - tip_target (TipTarget), tip_pose (geometry_msgs/PoseStamped), shape_target (ShapeTarget):
 ///   targets, in any frame that tf relates to the arm's base; tip_handle/feedback
-/// - measured (ArmShape): of vision
+/// - measured (ArmShape), tag_detections (TagDetections): of vision; the second tells which tags a
+///   shape was fitted to
 /// - pressure_measured, pressure_command (PressureArray), safety_state (SafetyState),
 ///   target_status (TargetStatus): of pressure_command
 /// - /tf, /tf_static
@@ -82,7 +83,7 @@ class SightLoopNode {
   using SetBool = std_srvs::SetBool;
 
   void onReading(const PressureArrayConstPtr& message);
-  void onMeasured(const ArmShapeConstPtr& shape);
+  void onSeen(const SeenArm& seen);
   bool onCloseLoop(SetBool::Request& request, SetBool::Response& response);
   bool onReset(Trigger::Request&, Trigger::Response& response);
   void onDraw(const ros::SteadyTimerEvent& event);
@@ -95,7 +96,7 @@ class SightLoopNode {
   bool isWanted() { return action_.wants() || targets_.target().has_value(); }
   void letGo();
   void giveUp(const std::string& reason);
-  FollowAction::PathCheck checkOf(const control::TipPath& path, double tolerance) const;
+  PathChecker::Check checkOf(const control::TipPath& path, double tolerance) const;
   LoopPublisher::View view();
   std::string commander();
   std::string reason();
@@ -119,7 +120,8 @@ class SightLoopNode {
   LoadPublisher load_publisher_;
   FollowAction action_;
   ros::Publisher diagnostics_publisher_;
-  ros::Subscriber reading_subscriber_, measured_subscriber_;
+  ros::Subscriber reading_subscriber_;
+  SightIntake sight_;
   ros::ServiceServer close_server_, reset_server_;
   ReloadServer reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;

@@ -7,6 +7,7 @@
 
 #include <visualization_msgs/MarkerArray.h>
 
+#include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -19,12 +20,18 @@ namespace helix_arm::ros_bridge {
 /// - separators: the discs that hold the muscles
 /// - tip_trace: trace of the tip, smoothed over a few drawings
 /// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
+/// - state_banner: the state of the arm (0) and its reason (1), above the base, in the state's
+/// colour
+/// - legend: what the curves are, one line each in its curve's colour
 class ArmMarkers {
  public:
   /// Keeps a reference to the scene.
   ///
   /// @param lifetime  longer than the period of drawing [s].
   ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime);
+
+  /// The text above the base, with the next drawing.
+  void tell(const control::SafetyReport& report, const std::string& reason);
 
   /// @param shape     to draw.
   /// @param pressure  (n) pressures for the colours and the text, gauge [Pa].
@@ -39,11 +46,14 @@ class ArmMarkers {
  private:
   visualization_msgs::Marker marker(const char* ns, int id, int type) const;
   void extendTrace(const Eigen::Vector3d& tip);
+  void addWords(visualization_msgs::MarkerArray& out) const;
 
   const io::Scene& scene_;
   std::string base_frame_;
   ros::Duration lifetime_;
   ros::Time stamp_;
+  control::SafetyReport safety_;
+  std::string reason_;
   std::vector<std::pair<std::string, int>> drawn_;  ///< namespaces and ids on the screen
   Eigen::Vector3d smooth_tip_;                      ///< base frame [m]
   std::deque<Eigen::Vector3d> trace_;               ///< base frame [m]

@@ -23,7 +23,6 @@
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/guarded_thread.hpp"
-#include "helix_arm/ros_bridge/common/log_thread.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -113,7 +112,6 @@ class PressureLoop {
   const int realtime_priority_;
   const bool auto_enable_;
   const Take take_;
-  LogThread log_;
 
   mutable regulator::PriorityMutex mutex_;  ///< also orders the commands
   model::Arm arm_ HELIX_ARM_GUARDED_BY(mutex_);

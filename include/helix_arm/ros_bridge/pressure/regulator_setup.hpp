@@ -16,15 +16,16 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 
 /// The simulated regulator of the scene; warns of actuators whose limits its supply does not reach.
 /// @throws std::invalid_argument if the scene has none, or a hardware one.
-regulator::SimulatedRegulator makeRegulator(const io::Scene& scene);
+regulator::SimulatedRegulator makeSimulatedRegulator(const io::Scene& scene);
 
-/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeRegulator() does.
+/// Starts the scene's regulator with its own I/O. Logs it, and warns as makeSimulatedRegulator()
+/// does.
 /// @param rate               of the loop that gives the orders [Hz].
 /// @param realtime_priority  as IoRules::realtime_priority.
 /// @throws std::invalid_argument as requireRegulator(), regulator::makeDriver() and
 /// regulator::RegulatorIo.
-std::unique_ptr<regulator::RegulatorIo> startRegulator(const io::Scene& scene, double rate,
-                                                       int realtime_priority);
+std::unique_ptr<regulator::RegulatorIo> startRegulatorIo(const io::Scene& scene, double rate,
+                                                         int realtime_priority);
 
 /// Longest gap between two turns of a loop at this rate [Hz] before the receiver of its orders may
 /// have vented by itself [s].
@@ -32,7 +33,7 @@ double longestGap(double rate);
 
 /// A guard that vents the scene's regulator if this process is killed.
 /// @throws std::runtime_error as regulator::GuardProcess.
-std::shared_ptr<regulator::GuardProcess> startGuard(const std::string& scene_path,
-                                                    int realtime_priority);
+std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& scene_path,
+                                                           int realtime_priority);
 
 }  // namespace helix_arm::ros_bridge

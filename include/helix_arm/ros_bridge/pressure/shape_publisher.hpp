@@ -43,6 +43,10 @@ class ShapePublisher {
   /// Brings the handle, if there is one, to the model's tip at these pressures, if it finds one.
   /// @param goal  (n) gauge [Pa]
   void moveHandle(const Eigen::VectorXd& goal);
+  /// The state of the arm, drawn above its base from the next drawing on.
+  void tell(const control::SafetyReport& report, const std::string& reason) {
+    markers_.tell(report, reason);
+  }
   /// Draws the shape at the last reading, or removes it if that is stale or has no shape.
   void draw();
 

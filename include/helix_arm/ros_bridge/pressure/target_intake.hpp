@@ -12,6 +12,7 @@
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/pressure/target_admission.hpp"
@@ -46,6 +47,9 @@ class TargetIntake {
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt();
 
+  /// A warning about a commander whose pressures look like kPa, once for each; else empty.
+  std::string unitWarning();
+
   /// As TargetAdmission::status().
   diagnostic_msgs::DiagnosticStatus status(const std::string& node);
 
@@ -64,6 +68,7 @@ class TargetIntake {
   const Commands commands_;
   statics::InverseSolver solver_;
   TargetAdmission admission_;
+  control::UnitWatch units_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
 };
 

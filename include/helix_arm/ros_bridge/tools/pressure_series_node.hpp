@@ -89,6 +89,7 @@ class PressureSeriesNode {
   bool over_ = false;  ///< the last row was played
   int told_row_ = -1;
   bool yielding_ = false;
+  FaultCount waits_;
   bool held_back_ = false;     ///< targets are dropped for now, whatever their values
   Trouble foreign_, refused_;  ///< commands of another arm; targets refused for their values
   int verdict_ = kDone;

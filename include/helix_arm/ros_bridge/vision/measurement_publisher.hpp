@@ -16,7 +16,8 @@
 namespace helix_arm::ros_bridge {
 
 /// Publishes what was measured in each picture: state, measured, model_error, tf, tag_detections,
-/// and at a limited rate overlay and markers. For one thread.
+/// and at a limited rate overlay and markers. With VisionOptions::publish_image also the picture
+/// itself and its camera_info, while someone subscribes to them. For one thread.
 class MeasurementPublisher {
  public:
   /// @param frames  of the measured shape.
@@ -27,6 +28,7 @@ class MeasurementPublisher {
   void publish(const Measurement& measurement);
 
  private:
+  void republish(const Measurement& measurement);
   void sendFrames(const Measurement& measurement);
   void draw(const Measurement& measurement, const SightReport& report);
 
@@ -40,6 +42,7 @@ class MeasurementPublisher {
   ros::SteadyTime last_drawing_;
   FaultCount far_stamps_;
   ros::Publisher measured_publisher_, detections_publisher_, error_publisher_, overlay_publisher_;
+  ros::Publisher image_publisher_, info_publisher_;  // only with VisionOptions::publish_image
   tf2_ros::TransformBroadcaster tf_;
 };
 

@@ -42,7 +42,7 @@ class PictureMeasurer {
 
   /// Measures the shape. For one thread.
   /// @return why the picture is not taken, or what was seen in it.
-  Taken<Measurement> measure(const Picture& picture) HELIX_ARM_EXCLUDES(mutex_);
+  CheckedPicture<Measurement> measure(const Picture& picture) HELIX_ARM_EXCLUDES(mutex_);
 
   /// Another file of the same rig, used from the next picture on. From any thread.
   void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_);
@@ -50,8 +50,8 @@ class PictureMeasurer {
  private:
   void adoptNext() HELIX_ARM_EXCLUDES(mutex_);
   /// The picture in gray, of the size of the camera that is used for it.
-  Taken<cv::Mat> take(const Picture& picture);
-  Taken<cv::Mat> decode(const Picture& picture);
+  CheckedPicture<cv::Mat> take(const Picture& picture);
+  CheckedPicture<cv::Mat> decode(const Picture& picture);
   /// Uses the camera that holds now, if it is of this size.
   std::optional<PictureRefusal> adoptCamera(const cv::Size& size);
   /// Forgets what a gap or a jump back in time makes useless.

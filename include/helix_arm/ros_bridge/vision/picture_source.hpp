@@ -56,7 +56,7 @@ class PictureSource {
 
   /// The last camera_info, or the calibration of ~camera_info_url; nothing where none came, so that
   /// the scene's intrinsics hold. From any thread.
-  std::optional<Taken<estimation::Camera>> cameraInfo() const HELIX_ARM_EXCLUDES(mutex_);
+  std::optional<CheckedPicture<estimation::Camera>> cameraInfo() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Number of nodes that publish pictures on a topic. From any thread.
   std::uint32_t publishers() const;
@@ -91,7 +91,8 @@ class PictureSource {
   std::unique_ptr<camera_info_manager::CameraInfoManager> calibration_;
 
   mutable basics::Mutex mutex_;
-  std::optional<Taken<estimation::Camera>> camera_info_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
+  std::optional<CheckedPicture<estimation::Camera>> camera_info_
+      HELIX_ARM_GUARDED_BY(mutex_);  ///< the last
 
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;

@@ -2,21 +2,21 @@
 
 #include <cstdint>
 #include <string>
-#include <variant>
 
 #include <opencv2/core.hpp>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include "helix_arm/basics/checked.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
-/// Pictures and cameras between messages and values. What comes in is checked here; nothing beyond
-/// trusts a message.
+/// Conversion of pictures and cameras between messages and values. Messages are checked here; no
+/// other code trusts them.
 namespace helix_arm::ros_bridge {
 
-/// Why a picture, or what goes with it, is not taken.
+/// Why a picture, a camera_info or a model was refused.
 enum class PictureFault {
   kBadJpeg,
   kWrongEncoding,
@@ -30,25 +30,22 @@ inline constexpr int kPictureFaultCount = 6;
 /// Name of a fault, as the fields of VisionStatus have it: `bad_jpeg`, `wrong_encoding`, ...
 const char* nameOf(PictureFault fault);
 
-struct PictureRefusal {
-  PictureFault fault;
-  std::string message;  ///< names the culprit and the remedy
-};
+using PictureRefusal = basics::Refusal<PictureFault>;
 
-/// What a message holds, or why it is not taken.
+/// Content of a message, or why it was refused.
 template <class T>
-using Taken = std::variant<T, PictureRefusal>;
+using CheckedPicture = basics::Checked<T, PictureFault>;
 
 /// The picture in gray (CV_8UC1): mono8 as it is, without a copy, so valid as long as the message;
 /// bgr8, rgb8, bgra8, rgba8 and 8-bit Bayer patterns converted into `buffer`.
-Taken<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer);
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer);
 
 /// The picture in gray, decoded into `buffer`.
-Taken<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image, vision::JpegDecoder& decoder,
-                       cv::Mat& buffer);
+CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::CompressedImage& image,
+                                vision::JpegDecoder& decoder, cv::Mat& buffer);
 
 /// Intrinsics of a camera_info; an uncalibrated one (K = 0) is refused.
-Taken<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info);
+CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info);
 
 /// plumb_bob, or rational_polynomial where the camera needs k4 to k6.
 sensor_msgs::CameraInfo toCameraInfoMsg(const std_msgs::Header& header,

@@ -37,6 +37,9 @@ namespace helix_arm::ros_bridge {
 /// - model_error (ModelError): with each measurement that has a model of its time
 /// - vision_status (VisionStatus): at every change of state, and once a second
 /// - overlay (sensor_msgs/Image, bgr8): while someone subscribes to it
+/// - with ~publish_image: image (sensor_msgs/Image, mono8) and camera_info, the pictures of a
+/// webcam
+///   or file with the intrinsics that they are measured with: each while someone subscribes to it
 /// - measured_markers (visualization_msgs/MarkerArray): see VisionMarkers; deleted when the state
 ///   is no longer `measured`
 /// - /diagnostics (diagnostic_msgs/DiagnosticArray): `<node>: camera`, `<node>: measurement`, 1 Hz

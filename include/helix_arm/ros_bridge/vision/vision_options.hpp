@@ -20,10 +20,12 @@ struct VisionOptions {
   double file_rate = 15.0;      ///< ~file_rate: picture rate of a file, 0.1 to 1000 [Hz]
   double draw_rate = 20.0;      ///< ~draw_rate: maximum of markers and overlay, 0.1 to 100 [Hz]
   double stale_after = 1.0;     ///< ~stale_after_s: time without pictures, 0.05 to 60 [s]
-  int frames = 5;               ///< ~frames: measured_0 .. measured_(frames - 1), 2 to 1000
-  std::string world_frame;      ///< ~world_frame: "world"
-  std::string frame_prefix;     ///< ~frame_prefix: "", set before arm_base and measured_*
-  bool optional = false;        ///< ~optional: a scene without camera or tags is no fault
+  /// ~publish_image: the pictures of a webcam or file also on image, with camera_info.
+  bool publish_image = false;
+  int frames = 5;            ///< ~frames: measured_0 .. measured_(frames - 1), 2 to 1000
+  std::string world_frame;   ///< ~world_frame: "world"
+  std::string frame_prefix;  ///< ~frame_prefix: "", set before arm_base and measured_*
+  bool optional = false;     ///< ~optional: a scene without camera or tags is no fault
 
   /// @throws ParameterError with every fault.
   static VisionOptions load(const ros::NodeHandle& private_node);

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "helix_arm/procedures/calibration_job.hpp"
+
+namespace helix_arm::procedures {
+
+/// What the data of a calibration determined.
+struct Determined {
+  std::vector<estimation::Parameter> parameters;  ///< without those of tags
+  std::vector<int> tags;  ///< ids of tags with a parameter that was determined, ascending
+  int omitted = 0;        ///< number of parameters that were not determined, those of tags included
+};
+Determined determinedOf(const estimation::Calibration& calibration);
+
+/// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2".
+std::string textOf(const estimation::Parameter& parameter);
+
+/// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.
+std::string tipErrorText(const CalibrationOutcome& outcome);
+
+/// Result of a calibration that succeeded, in one line: its tip error, then what was determined.
+std::string resultText(const std::string& scene, const CalibrationOutcome& outcome);
+
+}  // namespace helix_arm::procedures

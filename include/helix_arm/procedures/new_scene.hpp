@@ -1,0 +1,36 @@
+#pragma once
+
+#include <string>
+
+namespace helix_arm::procedures {
+
+/// An arm as its builder describes it: equal sections in series, each a ring of equal muscles that
+/// shorten. It hangs, and a webcam looks at it from the side.
+struct NewScene {
+  enum class Regulator { kSimulated, kGeneric, kNone };
+
+  std::string name = "my_arm";    ///< a word of letters, digits, _ and -
+  int sections = 1;               ///< 1 to 16
+  int muscles = 3;                ///< per section, 3 to 24
+  double length = 0.3;            ///< of a muscle at 0 kPa, 0.02 to 5 [m]
+  double contraction = 0.2;       ///< by how much it shortens at max_pressure, 0.01 to 0.5
+  double radius = 0.025;          ///< from the centre line to the muscles', 0.002 to 1 [m]
+  double tilt_deg = 0;            ///< of the muscles around the arm, -60 to 60
+  double max_pressure_kpa = 300;  ///< gauge, 1 to 2000
+  double tag_size = 0.03;         ///< outer edge of the black border, 0.005 to 0.3 [m]; 0: no tags
+  int tags = 0;                   ///< per muscle, 2 to 20; 0: as many as fit, at most 7
+  double camera_distance = 0;     ///< from the arm, 0.1 to 10 [m]; 0: so that the arm fits
+  Regulator regulator = Regulator::kSimulated;
+  std::string device = "/dev/serial/by-id/usb-YOUR_BOARD";  ///< of regulator kGeneric
+
+  /// @throws std::invalid_argument naming the value, its rule and the remedy.
+  void validate() const;
+  /// Tags per muscle.
+  int tagsPerMuscle() const;
+};
+
+/// A commented scene file. It loads without faults.
+/// @throws std::invalid_argument as validate().
+std::string newSceneText(const NewScene& scene);
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,21 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace helix_arm::procedures {
+
+/// Has plot_report draw a report, a JSON document, as a picture.
+///
+/// @param report  its file.
+/// @param without  what the user may do to go without the picture: "leave it out with --no-files".
+/// @throws io::FileError naming the picture and the remedy.
+void drawReport(const std::filesystem::path& report, const std::filesystem::path& picture,
+                const std::string& without);
+/// The same of a report that is in no file.
+void drawReportText(const std::string& report, const std::filesystem::path& picture,
+                    const std::string& without);
+/// The same, as the bytes of a PNG file.
+std::string drawnReport(const std::string& report, const std::string& without);
+
+}  // namespace helix_arm::procedures

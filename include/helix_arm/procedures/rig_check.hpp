@@ -1,0 +1,63 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::procedures {
+
+/// How much a finding matters.
+enum class Severity {
+  kNote,     ///< worth knowing
+  kWarning,  ///< it works, but less well or less safely than it could
+  kFault,    ///< it does not work as described
+};
+/// "note", "warning" or "fault".
+const char* nameOf(Severity severity);
+
+/// One finding of a check.
+struct Finding {
+  Severity severity;
+  std::string check;    ///< what was checked, a word: "tag_faces_inward"
+  std::string culprit;  ///< "tag 7", "muscle_1", "camera"
+  std::string value;    ///< what it is, and what is expected
+  std::string remedy;
+};
+
+/// What the camera sees of the arm over its workspace.
+struct SightFigures {
+  int samples = 0;            ///< inputs at which a shape was found
+  int least_tags = 0;         ///< fewest tags in sight
+  double median_tags = 0;     ///< of tags in sight
+  double measured = 0;        ///< part of the samples in which the shape can be measured
+  double median_tip_sd = 0;   ///< of the tip along its worst direction, where measured [m]
+  double worst_tip_sd = 0;    ///< [m]
+  double pixels_per_bit = 0;  ///< of tags in sight: the value that 90 % of them exceed [px]
+};
+
+struct RigCheck {
+  std::vector<Finding> findings;
+  std::optional<SightFigures> sight;  ///< only with camera and tags
+
+  bool hasFault() const;
+};
+
+/// Largest distance of a tag outside the arm's skin [m]; brackets reach that far.
+inline constexpr double kFarthestTag = 0.05;
+/// Pixels of a tag's bit in the picture that is searched, shrunk by vision.quad_decimate: fewer
+/// cost detections, and below the second most tags are lost.
+inline constexpr double kWantedPixelsPerBit = 1.5, kLeastPixelsPerBit = 1.0;
+
+/// Looks for what keeps a rig from working, without moving or connecting anything: tags that stand
+/// off the arm, face inward, overlap or are too small; how many are seen over the workspace and how
+/// well they tell the tip; contraction curves; the regulator's supply and its behaviour when its
+/// line dies.
+/// @param samples  number of inputs drawn within the limits, besides their corners; >= 0.
+RigCheck checkRig(const io::Scene& scene, int samples = 150);
+
+/// The supply as the regulator measures it [Pa] against the limits of the actuators.
+std::vector<Finding> checkSupply(const io::Scene& scene, double supply);
+
+}  // namespace helix_arm::procedures

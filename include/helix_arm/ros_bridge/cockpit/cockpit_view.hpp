@@ -1,0 +1,73 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace helix_arm::ros_bridge {
+
+inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+/// One actuator as the cockpit shows it. NaN where unknown.
+struct CockpitChannel {
+  std::string name;
+  double command = kUnknown;   ///< set point in force, gauge [Pa]
+  double measured = kUnknown;  ///< reading, gauge [Pa]
+  double lower = kUnknown;     ///< limits of the command, gauge [Pa]
+  double upper = kUnknown;
+};
+
+/// safety_state, with its one line cut into its parts.
+struct CockpitSafety {
+  std::string state;   ///< disabled, enabled, fault or vented
+  std::string cause;   ///< none, stale_target, ...
+  std::string reason;  ///< the whole line
+  bool stopped = false;
+  bool vent_overdue = false;
+};
+
+/// loop_status of sight_loop.
+struct CockpitLoop {
+  std::string state, message;
+  double error = kUnknown;         ///< distance of the measured from the wanted tip [m]
+  double predicted_sd = kUnknown;  ///< [m]
+};
+
+/// What the cockpit itself commands.
+enum class CockpitGoal : std::uint8_t { kNone, kPressures, kTip };
+
+/// The run and the result of ~run_calibration.
+struct CockpitCalibration {
+  bool there = false;  ///< the action's server is connected
+  bool running = false;
+  std::uint32_t step = 0, steps = 0, samples = 0;
+  std::string state;  ///< phase of the run, and what it waits for
+  bool ended = false;
+  bool success = false;
+  std::string message;  ///< of the result
+  /// Median tip error of the samples with the present scene and with the calibrated one [m].
+  double tip_error_before = kUnknown, tip_error_after = kUnknown;
+  std::vector<std::string> parameters;  ///< one line per determined parameter
+};
+
+/// All that the cockpit shows of one arm, at one moment.
+struct CockpitView {
+  std::string ns;          ///< resolved namespace of the arm, such as / or /left
+  std::string base_frame;  ///< tf frame of the arm's base; empty if unknown
+  bool connected = false;  ///< pressure_command comes
+  std::optional<CockpitSafety> safety;
+  std::vector<CockpitChannel> channels;             ///< in scene order
+  std::optional<std::vector<double>> measured_tip;  ///< x, y, z, base frame [m]; fresh
+  std::optional<std::vector<double>> model_tip;     ///< likewise
+  double tip_error = kUnknown;                      ///< measured minus model [m]
+  std::optional<CockpitLoop> loop;                  ///< if sight_loop is up
+  CockpitGoal goal = CockpitGoal::kNone;            ///< what is held
+  std::vector<double> held;                         ///< the held pressures, in scene order [Pa]
+  std::string answer;    ///< to the cockpit's targets; or why it commands no longer
+  bool refused = false;  ///< the last target was dropped
+  CockpitCalibration calibration;
+};
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
+
+/// What the cockpit says of an arm, and what it offers. No widget, no ROS: values in, words out.
+namespace helix_arm::ros_bridge {
+
+/// How serious a text is; a widget gives it a colour.
+enum class Tone : std::uint8_t { kQuiet, kGood, kCaution, kBad };
+
+/// State, cause and remedy of the arm in words.
+struct Headline {
+  std::string state;   ///< one or two words
+  std::string cause;   ///< empty if nothing is wrong
+  std::string remedy;  ///< what to do next
+  Tone tone = Tone::kQuiet;
+};
+Headline headline(const CockpitView& view);
+
+/// Whether an action is possible now; if not, why not, and what makes it possible.
+struct Possibility {
+  std::string why_not;  ///< empty if it is possible
+  bool possible() const { return why_not.empty(); }
+};
+Possibility mayEnable(const CockpitView& view);
+Possibility mayVent(const CockpitView& view);
+/// The emergency stop is offered always, except where it is engaged already.
+Possibility mayStop(const CockpitView& view);
+Possibility mayRelease(const CockpitView& view);
+Possibility mayHold(const CockpitView& view);
+Possibility maySetPressure(const CockpitView& view, const CockpitChannel& channel);
+Possibility mayAimTip(const CockpitView& view);
+Possibility mayCalibrate(const CockpitView& view);
+Possibility mayCancel(const CockpitView& view);
+Possibility mayUse(const CockpitView& view);
+
+/// A line with its tone.
+struct Words {
+  std::string text;
+  Tone tone = Tone::kQuiet;
+};
+Words loopWords(const CockpitView& view);
+Words calibrationWords(const CockpitView& view);
+/// Answer to the cockpit's own targets, and what it holds.
+Words goalWords(const CockpitView& view);
+
+/// "123.4 kPa"; "-" if unknown.
+std::string kilopascals(double pascals);
+/// "12.34 mm"; "-" if unknown.
+std::string millimetres(double metres);
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,81 @@
+#include "camera_source.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <thread>
+
+#include "command.hpp"
+#include "interrupt_watch.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+constexpr double kPatience = 5;  // for the first or next picture of a webcam [s]
+constexpr std::chrono::milliseconds kBetweenTries(20);
+
+double steadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void readWebcam(const CameraSource& source,
+                const std::function<bool(const vision::Frame&, bool)>& take, PicturesRead& read) {
+  const auto camera = vision::FrameSource::webcam(source.webcam);
+  const double begin = steadySeconds();
+  double last = begin, retry = begin;
+  vision::Frame frame;
+  while (!interrupted() && steadySeconds() - begin < source.seconds) {
+    if (steadySeconds() < retry) {
+      std::this_thread::sleep_for(kBetweenTries);
+      continue;
+    }
+    if (camera->next(frame) == vision::FrameStatus::kFrame) {
+      last = steadySeconds();
+      ++read.pictures;
+      if (!take(frame, true)) return;
+      continue;
+    }
+    retry = steadySeconds() + frame.retry_after;
+    if (steadySeconds() - last < kPatience) continue;
+    read.faults.push_back({frame.name, frame.fault});
+    return;
+  }
+}
+
+}  // namespace
+
+PicturesRead readPictures(const CameraSource& source,
+                          const std::function<bool(const vision::Frame&, bool)>& take) {
+  PicturesRead read;
+  const InterruptWatch watch;
+  if (source.isWebcam()) {
+    readWebcam(source, take, read);
+    read.interrupted = interrupted();
+    return read;
+  }
+  if (std::find(source.sources.begin(), source.sources.end(), kWebcam) != source.sources.end()) {
+    throw CallerError("--source has webcam beside files; give either");
+  }
+  std::vector<std::unique_ptr<vision::FrameSource>> files;
+  for (const std::string& path : source.sources) {
+    files.push_back(vision::FrameSource::files(path, source.expected));
+  }
+  vision::Frame frame;
+  for (const auto& file : files) {
+    for (;;) {
+      const vision::FrameStatus status = file->next(frame);
+      if (status == vision::FrameStatus::kEnd) break;
+      read.interrupted = interrupted();
+      if (read.interrupted) return read;
+      if (status == vision::FrameStatus::kFault) {
+        read.faults.push_back({frame.name, frame.fault});
+        continue;
+      }
+      ++read.pictures;
+      if (!take(frame, file->continuous())) return read;
+    }
+  }
+  return read;
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,176 @@
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <memory>
+
+#include "arguments.hpp"
+#include "command.hpp"
+#include "helix_arm/procedures/rig_check.hpp"
+#include "helix_arm/regulator/config.hpp"
+#include "helix_arm/regulator/driver.hpp"
+#include "output.hpp"
+
+namespace helix_arm::cli {
+namespace {
+
+using nlohmann::json;
+using procedures::Finding;
+using procedures::RigCheck;
+using procedures::Severity;
+using procedures::SightFigures;
+
+struct CheckArguments {
+  std::string scene;
+  bool probe = false;
+  int samples = 150;
+};
+
+/// What the regulator said.
+struct Answer {
+  bool asked = false;
+  std::optional<double> supply;  ///< [Pa]
+};
+
+// Connects, which vents, and reads once.
+Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
+  Answer answer{true, std::nullopt};
+  const std::string name = regulator::describe(*scene.regulator);
+  try {
+    const auto driver = regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
+    driver->connect();
+    regulator::Pressures pressures(scene.arm.actuatorCount());
+    driver->read(pressures);
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      if (std::isfinite(pressures.pressure[i])) continue;
+      findings.push_back({Severity::kFault, "no_reading", scene.arm.actuator(i).name,
+                          "its channel gives no reading",
+                          "look at its sensor and address: helix_arm regulator SCENE probe"});
+    }
+    if (std::isfinite(pressures.supply)) answer.supply = pressures.supply;
+  } catch (const regulator::LinkError& error) {
+    findings.push_back(
+        {Severity::kFault, "no_answer", name, error.what(), "check power, cable and address"});
+  } catch (const regulator::BadReply& error) {
+    findings.push_back(
+        {Severity::kFault, "bad_reply", name, error.what(), "check the profile of the regulator"});
+  }
+  if (answer.supply) {
+    for (const Finding& finding : procedures::checkSupply(scene, *answer.supply)) {
+      findings.push_back(finding);
+    }
+  }
+  return answer;
+}
+
+json sightJson(const std::optional<SightFigures>& sight) {
+  if (!sight) return nullptr;
+  const bool measured = sight->measured > 0;
+  return {{"samples", sight->samples},
+          {"least_tags", sight->least_tags},
+          {"median_tags", sight->median_tags},
+          {"measured", sight->measured},
+          {"median_tip_sd_m", measured ? json(sight->median_tip_sd) : json()},
+          {"worst_tip_sd_m", measured ? json(sight->worst_tip_sd) : json()},
+          {"pixels_per_bit", sight->pixels_per_bit > 0 ? json(sight->pixels_per_bit) : json()}};
+}
+
+void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
+  json findings = json::array();
+  for (const Finding& finding : check.findings) {
+    findings.push_back({{"severity", nameOf(finding.severity)},
+                        {"check", finding.check},
+                        {"culprit", finding.culprit},
+                        {"value", finding.value},
+                        {"remedy", finding.remedy}});
+  }
+  printJson({{"scene", scene.name},
+             {"passed", !check.hasFault()},
+             {"findings", findings},
+             {"sight", sightJson(check.sight)},
+             {"probed", answer.asked},
+             {"supply_pa", toJson(answer.supply)}});
+}
+
+void printCsvResult(const RigCheck& check) {
+  const auto quoted = [](const std::string& text) {
+    std::string cell = "\"";
+    for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
+    return cell + "\"";
+  };
+  CsvTable::printNames(
+      {{"severity", ""}, {"check", ""}, {"culprit", ""}, {"value", ""}, {"remedy", ""}}, std::cout);
+  for (const Finding& finding : check.findings) {
+    CsvTable::printValues({{"severity", nameOf(finding.severity)},
+                           {"check", finding.check},
+                           {"culprit", quoted(finding.culprit)},
+                           {"value", quoted(finding.value)},
+                           {"remedy", quoted(finding.remedy)}},
+                          std::cout);
+  }
+}
+
+void printText(const io::Scene& scene, const RigCheck& check, const Answer& answer) {
+  for (const Finding& finding : check.findings) {
+    std::cout << nameOf(finding.severity) << ": " << finding.culprit << ": " << finding.value
+              << ". " << finding.remedy << " [" << finding.check << "]\n";
+  }
+  if (check.sight && check.sight->samples > 0) {
+    const SightFigures& sight = *check.sight;
+    std::cout << "over " << sight.samples << " inputs the camera sees " << sight.median_tags
+              << " tags (median), at least " << sight.least_tags << "; measured in "
+              << std::lround(100 * sight.measured) << " %";
+    if (sight.measured > 0) {
+      std::cout << std::fixed << std::setprecision(1) << ", tip to " << 1e3 * sight.median_tip_sd
+                << " mm (median), at worst " << 1e3 * sight.worst_tip_sd << " mm";
+    }
+    std::cout << "\n";
+  }
+  if (scene.regulator && regulator::isHardware(*scene.regulator) && !answer.asked) {
+    std::cout << "the regulator was not asked: --probe connects to it, which vents\n";
+  }
+  std::cout << scene.name
+            << (check.hasFault()
+                    ? ": faults found\n"
+                    : (check.findings.empty() ? ": nothing found\n" : ": no fault found\n"));
+}
+
+int run(const CheckArguments& arguments, const GlobalOptions& global) {
+  const io::Scene scene = loadScene(arguments.scene, global);
+  if (arguments.probe && !scene.regulator) {
+    throw CallerError(
+        "scene " + scene.name +
+        " has no regulator to probe; add the section regulator, or leave out --probe");
+  }
+  RigCheck check = procedures::checkRig(scene, arguments.samples);
+  const Answer answer = arguments.probe ? ask(scene, check.findings) : Answer();
+  if (global.format == Format::kJson) printJsonResult(scene, check, answer);
+  if (global.format == Format::kCsv) printCsvResult(check);
+  if (global.format == Format::kText) printText(scene, check, answer);
+  return check.hasFault() ? kNotPossible : kDone;
+}
+
+}  // namespace
+
+Subcommand addCheck(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("check", "look for what keeps a rig from working, before it moves");
+  const auto arguments = std::make_shared<CheckArguments>();
+  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  command->add_flag("--probe", arguments->probe,
+                    "also connect to the regulator, which vents, and read it once");
+  command
+      ->add_option("--samples", arguments->samples,
+                   "number of inputs drawn within the limits, besides their corners")
+      ->check(CLI::Range(0, 100000))
+      ->capture_default_str();
+  command->footer(
+      "Nothing moves. Faults of the file itself are reported as by every command (exit code 2).\n"
+      "json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,\n"
+      "remedy}], sight {samples, least_tags, median_tags (in sight), measured (part of the\n"
+      "samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 % of the tags in sight\n"
+      "exceed)} (null without camera or tags), probed, supply_pa (null unless measured).\n"
+      "csv: one row per finding. Exit code 1 if a fault was found.");
+  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
+}
+
+}  // namespace helix_arm::cli

@@ -1,0 +1,72 @@
+#include "helix_arm/procedures/budget_table.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+namespace helix_arm::procedures {
+namespace {
+
+using estimation::BudgetPart;
+using estimation::TipErrorBudget;
+using estimation::TipSpread;
+
+BudgetRow rowOf(const char* name, const TipSpread& spread) {
+  const Eigen::Vector3d variance = spread.covariance.diagonal();
+  const auto root = [](double value) { return std::copysign(std::sqrt(std::abs(value)), value); };
+  return {name, variance.unaryExpr(root), spread.deviation()};
+}
+
+template <class... Values>
+std::string text(const char* format, Values... values) {
+  char out[160];
+  std::snprintf(out, sizeof out, format, values...);
+  return out;
+}
+
+std::string line(const char* name, const Eigen::Vector3d& axes, double worst) {
+  const Eigen::Vector3d mm = 1e3 * axes;
+  return text("%-16s%8.2f%8.2f%8.2f%8.2f\n", name, mm.x(), mm.y(), mm.z(), 1e3 * worst);
+}
+
+// The measured error in standard deviations of what the calibration promises.
+std::string verdict(const TipErrorBudget& budget) {
+  return text("%s: %.1f of %.1f sd", nameOf(budget.state), std::sqrt(budget.distance2),
+              std::sqrt(budget.limit));
+}
+
+}  // namespace
+
+std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
+  std::vector<BudgetRow> rows;
+  for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
+    const auto part = static_cast<BudgetPart>(i);
+    rows.push_back(rowOf(nameOf(part), budget.part(part)));
+    if (part != BudgetPart::kUnexplained) continue;
+    TipSpread sum = budget.part(BudgetPart::kCalibration);
+    sum.covariance += budget.part(part).covariance;
+    rows.push_back(rowOf("both together", sum));
+  }
+  rows.push_back(rowOf("predicted", budget.predicted));
+  rows.push_back(rowOf("open loop", budget.open_loop));
+  return rows;
+}
+
+std::string budgetTable(const TipErrorBudget& budget) {
+  std::string out = "error budget of the tip, standard deviations in mm, seen from the base\n" +
+                    text("%-16s%8s%8s%8s%8s\n", "", "x", "y", "z", "worst");
+  for (const BudgetRow& row : budgetRows(budget))
+    out += line(row.name.c_str(), row.axes, row.worst);
+  out += line("measured - model", budget.error, budget.error.norm());
+  return out + "the measured tip is " + verdict(budget) + " of open loop and camera\n";
+}
+
+std::string budgetText(const TipErrorBudget& budget) {
+  std::string out;
+  for (const BudgetRow& row : budgetRows(budget)) {
+    out += text("%.2f mm %s\n", 1e3 * row.worst, row.name.c_str());
+  }
+  out += text("%.2f mm measured - model\n", 1e3 * budget.error.norm());
+  return out + verdict(budget);
+}
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,88 @@
+#include "helix_arm/procedures/calibration_words.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <set>
+
+namespace helix_arm::procedures {
+namespace {
+
+constexpr const char* kTag = "tag_";
+constexpr const char* kBase = "base_";
+constexpr int kMostDigits = 12;
+
+bool beginsWith(const std::string& text, const std::string& begin) {
+  return text.compare(0, begin.size(), begin) == 0;
+}
+
+template <class... Arguments>
+std::string format(const char* pattern, Arguments... arguments) {
+  char text[128];
+  std::snprintf(text, sizeof text, pattern, arguments...);
+  return text;
+}
+
+// Digits of the value down to the second digit of its error.
+int digitsOf(const estimation::Parameter& one) {
+  if (!(one.standard_error > 0) || !std::isfinite(one.standard_error) || one.value == 0) return 6;
+  const double orders =
+      std::floor(std::log10(std::abs(one.value))) - std::floor(std::log10(one.standard_error));
+  return static_cast<int>(std::fmin(std::fmax(orders + 2, 2), kMostDigits));
+}
+
+}  // namespace
+
+Determined determinedOf(const estimation::Calibration& calibration) {
+  Determined out;
+  std::set<int> tags;
+  for (const estimation::Parameter& one : calibration.parameters) {
+    if (!one.identifiable) {
+      ++out.omitted;
+    } else if (beginsWith(one.name, kTag)) {
+      tags.insert(std::atoi(one.name.c_str() + std::string(kTag).size()));
+    } else {
+      out.parameters.push_back(one);
+    }
+  }
+  out.tags.assign(tags.begin(), tags.end());
+  return out;
+}
+
+std::string textOf(const estimation::Parameter& one) {
+  return one.name + format(" = %.*g +- %.2g", digitsOf(one), one.value, one.standard_error) +
+         (one.unit.empty() ? "" : " " + one.unit);
+}
+
+std::string tipErrorText(const CalibrationOutcome& outcome) {
+  if (!outcome.tip_error_before || !outcome.tip_error_after) return "";
+  return format("tip error %.1f mm before, %.1f mm after", 1e3 * *outcome.tip_error_before,
+                1e3 * *outcome.tip_error_after);
+}
+
+std::string resultText(const std::string& scene, const CalibrationOutcome& outcome) {
+  std::string out = tipErrorText(outcome);
+  out += (out.empty() ? "" : "; ") + std::string("calibrated ") + scene;
+  std::string list;
+  const auto add = [&list](const std::string& text) { list += (list.empty() ? "" : ", ") + text; };
+  for (const auto& [name, fit] : outcome.contractions) add("contraction " + name);
+  if (outcome.calibration) {
+    const Determined found = determinedOf(*outcome.calibration);
+    bool base = false;
+    for (const estimation::Parameter& one : found.parameters) {
+      if (beginsWith(one.name, kBase)) {
+        base = true;
+      } else {
+        add(textOf(one));
+      }
+    }
+    if (base) add("pose of the base");
+    if (!found.tags.empty()) {
+      add("places of " + std::to_string(found.tags.size()) +
+          (found.tags.size() == 1 ? " tag" : " tags"));
+    }
+  }
+  return out + ": " + (list.empty() ? "the data determined no parameter" : list);
+}
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,92 @@
+#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <cstddef>
+#include <cstdio>
+
+#include <ros/names.h>
+#include <ros/param.h>
+#include <ros/service.h>
+
+#include "helix_arm/Reload.h"
+#include "helix_arm/Save.h"
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/ros_bridge/common/file_access.hpp"
+#include "helix_arm/ros_bridge/common/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr std::size_t kLongestMessage = 500;  // of another node
+
+std::string textOf(const std::string& text) { return basics::quoted(text, kLongestMessage); }
+
+// Of a file: digits and T, Z alone.
+std::string timeStamp() {
+  std::string out = procedures::utcNow();
+  out.erase(
+      std::remove_if(out.begin(), out.end(), [](unsigned char c) { return std::isalnum(c) == 0; }),
+      out.end());
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
+  const std::size_t count =
+      std::min({result.names.size(), result.units.size(), result.initial.size(),
+                result.values.size(), result.standard_errors.size(), result.identifiable.size()});
+  std::vector<std::string> out;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!result.identifiable[i]) continue;
+    char numbers[120];
+    std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g ", result.initial[i],
+                  result.values[i], result.standard_errors[i]);
+    out.push_back(textOf(result.names[i]) + numbers + textOf(result.units[i]));
+  }
+  return out;
+}
+
+CallAnswer useLastCalibration(const std::string& ns) {
+  CallAnswer out;
+  const std::string node = ros::names::append(ns, names::kCalibrationNode);
+  std::string folder;
+  ros::param::get(ros::names::append(node, "out_folder"), folder);
+  if (folder.empty()) ros::param::get(ros::names::append(node, "data_folder"), folder);
+  if (folder.empty()) folder = defaultFolder();
+  Save save;
+  save.request.path = folder + "/calibrated_" + timeStamp() + ".yaml";
+  const std::string save_name = ros::names::append(node, names::kSave);
+  if (!ros::service::call(save_name, save)) {
+    out.message = save_name + " is not there or does not answer";
+    return out;
+  }
+  if (!save.response.success) {
+    out.message = "not written: " + textOf(save.response.message);
+    return out;
+  }
+  std::string users;
+  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kSightLoopNode,
+                           names::kCalibrationNode}) {
+    const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
+    if (!ros::service::exists(name, false)) continue;
+    Reload reload;
+    reload.request.scene = save.request.path;
+    const bool called = ros::service::call(name, reload);
+    if (!called || !reload.response.success) {
+      out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
+                    " is not loaded by " + user + ": " +
+                    (called ? textOf(reload.response.message) : "no answer");
+      return out;
+    }
+    users += (users.empty() ? "" : ", ") + std::string(user);
+  }
+  out.success = !users.empty();
+  out.message = out.success ? save.request.path + " is used by " + users
+                            : save.request.path + " is written, but no node is up that loads it";
+  return out;
+}
+
+}  // namespace helix_arm::ros_bridge

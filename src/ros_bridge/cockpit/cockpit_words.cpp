@@ -1,0 +1,238 @@
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+constexpr char kDisabled[] = "disabled";
+constexpr char kEnabled[] = "enabled";
+constexpr char kFault[] = "fault";
+constexpr char kVented[] = "vented";
+
+// The parts of `<state>: <cause>; <remedy>`.
+struct Parts {
+  std::string cause, remedy;
+};
+
+Parts partsOf(const CockpitSafety& safety) {
+  Parts out;
+  std::string text = safety.reason;
+  if (text.compare(0, safety.state.size() + 2, safety.state + ": ") == 0) {
+    text.erase(0, safety.state.size() + 2);
+  }
+  const std::size_t cut = text.rfind("; ");
+  out.cause = text.substr(0, cut);
+  if (cut != std::string::npos) out.remedy = text.substr(cut + 2);
+  return out;
+}
+
+bool is(const CockpitView& view, const char* state) {
+  return view.safety && view.safety->state == state;
+}
+
+std::string nodeOf(const CockpitView& view, const char* node) {
+  return (view.ns == "/" ? "" : view.ns) + "/" + node;
+}
+
+std::string disconnected(const CockpitView& view) {
+  return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
+         "; start the arm (arm.launch or demo.launch), or correct the namespace";
+}
+
+// What stands in the way of every command of the arm; empty if nothing does.
+std::string unheard(const CockpitView& view) {
+  if (!view.connected) return disconnected(view);
+  if (!view.safety) return "safety_state has not come yet";
+  return {};
+}
+
+std::string notEnabled(const CockpitView& view) {
+  std::string out = unheard(view);
+  if (!out.empty() || is(view, kEnabled)) return out;
+  if (view.safety->stopped) return "the emergency stop is engaged; release it, then enable the arm";
+  return "the arm is " + view.safety->state + "; enable it first";
+}
+
+bool calibrates(const CockpitView& view) { return view.calibration.running; }
+
+template <class... Arguments>
+std::string format(const char* pattern, Arguments... arguments) {
+  char text[400];
+  std::snprintf(text, sizeof text, pattern, arguments...);
+  return text;
+}
+
+}  // namespace
+
+Headline headline(const CockpitView& view) {
+  if (!view.connected) return {"NO CONNECTION", disconnected(view), "", Tone::kBad};
+  if (!view.safety) return {"NO STATE", "safety_state has not come yet", "", Tone::kCaution};
+  const CockpitSafety& safety = *view.safety;
+  const Parts parts = partsOf(safety);
+  Headline out;
+  out.cause = parts.cause;
+  out.remedy = parts.remedy;
+  if (safety.state == kEnabled) {
+    const bool resting = safety.reason.find("rest") != std::string::npos;
+    out.state = resting ? "ENABLED, GOES TO REST" : "ENABLED";
+    out.tone = Tone::kGood;
+  } else if (safety.state == kDisabled) {
+    out.state = "DISABLED";
+    out.tone = Tone::kQuiet;
+  } else if (safety.state == kFault) {
+    out.state = "FAULT";
+    out.tone = Tone::kBad;
+  } else if (safety.state == kVented) {
+    out.state = "VENTED";
+    out.tone = Tone::kCaution;
+  } else {
+    out.state = safety.state;
+    out.tone = Tone::kCaution;
+  }
+  if (safety.stopped) {
+    out.state = "STOPPED (" + out.state + ")";
+    out.tone = Tone::kBad;
+  }
+  if (safety.vent_overdue) out.tone = Tone::kBad;
+  return out;
+}
+
+Possibility mayEnable(const CockpitView& view) {
+  const std::string out = unheard(view);
+  if (!out.empty()) return {out};
+  if (is(view, kEnabled)) return {"the arm is enabled already"};
+  if (view.safety->stopped) return {"the emergency stop is engaged; release it first"};
+  if (is(view, kFault)) return {"pressure remains after a fault; wait until the arm is vented"};
+  for (const CockpitChannel& channel : view.channels) {
+    if (std::isfinite(channel.measured)) continue;
+    return {"no reading of " + channel.name + " is received; check the regulator and its node"};
+  }
+  return {};
+}
+
+Possibility mayVent(const CockpitView& view) { return {unheard(view)}; }
+
+Possibility mayStop(const CockpitView& view) {
+  const bool engaged = view.connected && view.safety && view.safety->stopped;
+  return {engaged ? "the emergency stop is engaged" : ""};
+}
+
+Possibility mayRelease(const CockpitView& view) {
+  const std::string out = unheard(view);
+  if (!out.empty()) return {out};
+  return {view.safety->stopped ? "" : "the emergency stop is not engaged"};
+}
+
+Possibility mayHold(const CockpitView& view) {
+  if (view.goal != CockpitGoal::kNone) return {};
+  const std::string out = notEnabled(view);
+  if (!out.empty()) return {out};
+  if (calibrates(view)) return {"a calibration commands the arm; cancel it first"};
+  for (const CockpitChannel& channel : view.channels) {
+    if (!std::isfinite(channel.command)) return {"the command of " + channel.name + " is unknown"};
+  }
+  return {};
+}
+
+Possibility maySetPressure(const CockpitView& view, const CockpitChannel& channel) {
+  const std::string out = notEnabled(view);
+  if (!out.empty()) return {out};
+  if (calibrates(view)) return {"a calibration commands the arm; cancel it first"};
+  if (!(channel.lower < channel.upper)) {
+    return {"the limits of " + channel.name + " have not come yet (/diagnostics)"};
+  }
+  return {};
+}
+
+Possibility mayAimTip(const CockpitView& view) {
+  const std::string out = notEnabled(view);
+  if (!out.empty()) return {out};
+  return {calibrates(view) ? "a calibration commands the arm; cancel it first" : ""};
+}
+
+Possibility mayCalibrate(const CockpitView& view) {
+  if (!view.calibration.there) {
+    return {
+        "no calibration node is up; start demo.launch with calibration:=true, or "
+        "calibration.launch"};
+  }
+  if (calibrates(view)) return {"a calibration runs already"};
+  const std::string out = notEnabled(view);
+  if (!out.empty()) return {out};
+  if (view.goal != CockpitGoal::kNone) return {"the cockpit holds the arm; let go of it first"};
+  return {};
+}
+
+Possibility mayCancel(const CockpitView& view) {
+  return {calibrates(view) ? "" : "no calibration of this cockpit runs"};
+}
+
+Possibility mayUse(const CockpitView& view) {
+  const CockpitCalibration& run = view.calibration;
+  if (calibrates(view)) return {"the calibration has not ended"};
+  if (!run.ended || !run.success) return {"there is no calibrated scene yet"};
+  return {unheard(view)};
+}
+
+Words loopWords(const CockpitView& view) {
+  if (!view.loop) return {"open: no sight_loop is up (closed_loop:=true)", Tone::kQuiet};
+  const CockpitLoop& loop = *view.loop;
+  Words out{loop.state, Tone::kQuiet};
+  if (std::isfinite(loop.error)) out.text += ", " + millimetres(loop.error) + " from the target";
+  if (loop.predicted_sd > 0) out.text += ", tip known to " + millimetres(loop.predicted_sd);
+  if (!loop.message.empty()) out.text += ": " + loop.message;
+  if (loop.state == "closed") out.tone = Tone::kGood;
+  if (loop.state == "coasting" || loop.state == "yielding") out.tone = Tone::kCaution;
+  if (loop.state == "diverging") out.tone = Tone::kBad;
+  return out;
+}
+
+Words calibrationWords(const CockpitView& view) {
+  const CockpitCalibration& run = view.calibration;
+  if (run.running) {
+    if (run.steps == 0) return {"begins", Tone::kQuiet};
+    return {format("step %u of %u, %u samples: ", run.step, run.steps, run.samples) + run.state,
+            Tone::kQuiet};
+  }
+  if (!run.ended) return {mayCalibrate(view).why_not, Tone::kQuiet};
+  if (!run.success) return {"failed: " + run.message, Tone::kBad};
+  std::string text;
+  if (std::isfinite(run.tip_error_before) && std::isfinite(run.tip_error_after)) {
+    text = "tip error " + millimetres(run.tip_error_before) + " before, " +
+           millimetres(run.tip_error_after) + " after (median of the samples)";
+  } else {
+    text = run.message;
+  }
+  for (const std::string& line : run.parameters) text += "\n" + line;
+  return {text, Tone::kGood};
+}
+
+Words goalWords(const CockpitView& view) {
+  const char* const held = view.goal == CockpitGoal::kPressures ? "holds the pressures"
+                           : view.goal == CockpitGoal::kTip     ? "holds the tip target"
+                                                                : "";
+  Words out{held, view.refused ? Tone::kBad : Tone::kQuiet};
+  if (!view.answer.empty()) {
+    if (!out.text.empty()) out.text += ": ";
+    out.text += view.answer;
+  }
+  if (out.text.empty()) {
+    out.text = "commands nothing; an arm without targets vents after safety.target_timeout_s";
+  }
+  return out;
+}
+
+std::string kilopascals(double pascals) {
+  if (!std::isfinite(pascals)) return "-";
+  return format("%.1f kPa", std::round(1e-2 * pascals) / 10 + 0.0);  // never "-0.0"
+}
+
+std::string millimetres(double metres) {
+  if (!std::isfinite(metres)) return "-";
+  return format("%.2f mm", 1e3 * metres);
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include <rviz/panel.h>
+
+#include "helix_arm/ros_bridge/cockpit/cockpit_link.hpp"
+
+class QLineEdit;
+class QTimer;
+
+namespace helix_arm::rviz_panel {
+
+class CalibrationBox;
+class PressureBox;
+class SafetyBox;
+class StripChart;
+class TipBox;
+
+/// The cockpit of one arm as a panel of rviz. Its namespace is saved in the configuration of rviz.
+///
+/// The thread of the window only reads CockpitLink::view() and asks for calls; none of it blocks.
+class CockpitPanel : public rviz::Panel {
+ public:
+  explicit CockpitPanel(QWidget* parent = nullptr);
+  ~CockpitPanel() override;
+
+  void onInitialize() override;
+  void load(const rviz::Config& config) override;
+  void save(rviz::Config config) const override;
+
+ private:
+  void connectTo(const QString& ns);  ///< begins anew with the arm of this namespace
+  void refresh();
+  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix.
+  void lookAt(const std::string& base_frame);
+  /// Runs an action of the link, if there is one.
+  template <class Action>
+  void with(const Action& action);
+
+  QLineEdit* namespace_;
+  SafetyBox* safety_;
+  PressureBox* pressures_;
+  TipBox* tip_;
+  CalibrationBox* calibration_;
+  StripChart* chart_;
+  QTimer* timer_;
+  std::string connected_to_;
+  std::unique_ptr<ros_bridge::CockpitLink> link_;
+};
+
+}  // namespace helix_arm::rviz_panel

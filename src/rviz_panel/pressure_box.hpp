@@ -1,0 +1,46 @@
+#pragma once
+
+#include <QGroupBox>
+#include <cstddef>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
+
+class QDoubleSpinBox;
+class QGridLayout;
+class QLabel;
+class QSlider;
+
+namespace helix_arm::rviz_panel {
+
+/// One row per actuator: name, slider between its limits, number [kPa], reading.
+class PressureBox : public QGroupBox {
+ public:
+  /// Commands one actuator, by its index [Pa].
+  using Set = std::function<void(std::size_t channel, double pressure)>;
+
+  PressureBox(QWidget* parent, Set set);
+
+  void display(const ros_bridge::CockpitView& view);
+
+ private:
+  struct Row {
+    std::string name;
+    QLabel* label;
+    QSlider* slider;        ///< [0.1 kPa]
+    QDoubleSpinBox* value;  ///< [kPa]
+    QLabel* reading;
+  };
+
+  void makeRows(const ros_bridge::CockpitView& view);
+  Row makeRow(int index, const std::string& name);
+
+  const Set set_;
+  QGridLayout* grid_;
+  QLabel* why_not_;
+  std::vector<Row> rows_;
+};
+
+}  // namespace helix_arm::rviz_panel

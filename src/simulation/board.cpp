@@ -1,0 +1,54 @@
+#include "helix_arm/simulation/board.hpp"
+
+#include <Eigen/Geometry>
+#include <random>
+
+namespace helix_arm::simulation {
+namespace {
+
+constexpr double kNear = 0.26, kFar = 0.4;             // [m], for a focal length of kFocal
+constexpr double kFocal = 930;                         // [px]
+constexpr double kLeastTilt = 0.25, kMostTilt = 0.75;  // [rad]
+constexpr double kTurn = 0.3;                          // part of the tilt about the optical axis
+constexpr double kScatter = 0.05;                      // of the place, as a part of the picture
+
+}  // namespace
+
+std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count, std::uint32_t seed) {
+  std::mt19937_64 generator(seed);
+  const auto uniform = [&generator](double least, double most) {
+    return std::uniform_real_distribution<double>(least, most)(generator);
+  };
+  std::normal_distribution<double> normal;
+  const Eigen::Matrix3d facing = Eigen::Vector3d(1, -1, -1).asDiagonal();
+  std::vector<lie::SE3> poses;
+  for (int i = 0; i < count; ++i) {
+    // Nine places in turn.
+    const double u = 0.2 + 0.3 * (i % 3) + uniform(-kScatter, kScatter);
+    const double v = 0.25 + 0.25 * (i / 3 % 3) + uniform(-kScatter, kScatter);
+    Eigen::Vector3d axis;
+    for (double& entry : axis) entry = normal(generator);
+    Eigen::Vector3d tilt = uniform(kLeastTilt, kMostTilt) * axis.normalized();
+    tilt.z() *= kTurn;
+    const double distance = uniform(kNear, kFar) * camera.fx / kFocal;
+    const Eigen::AngleAxisd turn(tilt.norm(), tilt.normalized());
+    poses.push_back({turn * facing,
+                     {distance * (u * camera.width - camera.cx) / camera.fx,
+                      distance * (v * camera.height - camera.cy) / camera.fy, distance}});
+  }
+  return poses;
+}
+
+estimation::ArmView boardView(const estimation::Camera& camera, const vision::TagBoard& board,
+                              const lie::SE3& X_CP) {
+  estimation::ArmView view{camera, {}, {board.tag_size, {}}, 1};
+  for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
+    const Eigen::Vector2d centre = board.corners(id).rowwise().mean();
+    lie::SE3 X_CT = X_CP;
+    X_CT.translation = X_CP * Eigen::Vector3d(centre.x(), centre.y(), 0);
+    view.layout.tags.push_back({id, 0, 0.0, X_CT});
+  }
+  return view;
+}
+
+}  // namespace helix_arm::simulation

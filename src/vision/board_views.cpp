@@ -1,0 +1,99 @@
+#include "helix_arm/vision/board_views.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace helix_arm::vision {
+namespace {
+
+// RMS distance of the corners of tags that both show [px]; nothing if they share too few.
+std::optional<double> distanceOf(const BoardSight& a, const BoardSight& b) {
+  double sum = 0;
+  int shared = 0;
+  for (const TagDetection& tag : a.tags) {
+    const auto other = std::find_if(b.tags.begin(), b.tags.end(),
+                                    [&tag](const TagDetection& one) { return one.id == tag.id; });
+    if (other == b.tags.end()) continue;
+    sum += (tag.corners - other->corners).squaredNorm() / 4;
+    ++shared;
+  }
+  if (shared < BoardViews::kLeastTags) return std::nullopt;
+  return std::sqrt(sum / shared);
+}
+
+}  // namespace
+
+BoardSight boardSight(const TagBoard& board, const std::string& name,
+                      const std::vector<TagDetection>& detections) {
+  BoardSight sight{name, {}};
+  for (std::size_t i = 0; i < detections.size(); ++i) {
+    const TagDetection& tag = detections[i];
+    const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
+                          (i + 1 < detections.size() && detections[i + 1].id == tag.id);
+    if (board.has(tag.id) && tag.hamming == 0 && !repeated) sight.tags.push_back(tag);
+  }
+  return sight;
+}
+
+void Coverage::add(const BoardSight& sight) {
+  for (const TagDetection& tag : sight.tags) {
+    for (int c = 0; c < 4; ++c) {
+      // A pixel's centre is at whole numbers.
+      const double x = (tag.corners(0, c) + 0.5) / size_.width;
+      const double y = (tag.corners(1, c) + 0.5) / size_.height;
+      const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
+      const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
+      seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
+    }
+  }
+}
+
+double Coverage::fraction() const {
+  const auto seen = std::count(seen_.begin(), seen_.end(), true);
+  return static_cast<double>(seen) / (kColumns * kRows);
+}
+
+std::string Coverage::emptiest() const {
+  const char* const kAcross[] = {"left", "", "right"};
+  const char* const kDown[] = {"top", "", "bottom"};
+  std::string name;
+  double most = 0;
+  for (int down = 0; down < 3; ++down) {
+    for (int across = 0; across < 3; ++across) {
+      int empty = 0, cells = 0;
+      for (int row = down * kRows / 3; row < (down + 1) * kRows / 3; ++row) {
+        for (int column = across * kColumns / 3; column < (across + 1) * kColumns / 3; ++column) {
+          ++cells;
+          empty += isSeen(column, row) ? 0 : 1;
+        }
+      }
+      const double part = static_cast<double>(empty) / cells;
+      if (part <= most) continue;
+      most = part;
+      name = kDown[down];
+      if (!name.empty() && *kAcross[across] != '\0') name += " ";
+      name += kAcross[across];
+      if (name.empty()) name = "centre";
+    }
+  }
+  return name;
+}
+
+bool BoardViews::offer(const BoardSight& sight) {
+  if (static_cast<int>(sight.tags.size()) < kLeastTags) {
+    last_.reset();
+    return false;
+  }
+  const std::optional<double> motion = last_ ? distanceOf(sight, *last_) : std::nullopt;
+  last_ = sight;
+  if (!motion || *motion > kMostMotion) return false;
+  for (const BoardSight& one : chosen_) {
+    const std::optional<double> change = distanceOf(sight, one);
+    if (change && *change < kLeastChange * size_.width) return false;
+  }
+  chosen_.push_back(sight);
+  coverage_.add(sight);
+  return true;
+}
+
+}  // namespace helix_arm::vision

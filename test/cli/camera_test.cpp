@@ -1,0 +1,293 @@
+// `helix_arm camera` on rendered pictures whose truth is known.
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <iostream>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/io/atomic_file.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/jpeg.hpp"
+#include "support/board_studio.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+const vision::TagBoard kBoard;
+
+void save(const std::string& path, const cv::Mat& gray) {
+  const std::vector<std::uint8_t> jpeg = vision::JpegEncoder(90).encode(gray);
+  io::writeFileAtomically(path, std::string(jpeg.begin(), jpeg.end()));
+}
+
+// A folder with pictures of the board.
+class BoardPictures {
+ public:
+  explicit BoardPictures(int count) {
+    Random random(1);
+    fs::create_directory(path());
+    int number = 0;
+    for (const lie::SE3& pose : boardPoses(boardCamera(), count, random)) {
+      simulation::SimulatedCameraConfig config;
+      config.bleed = 0.0002;
+      config.seed = static_cast<std::uint32_t>(++number);
+      save(path() + "/" + std::to_string(100 + number) + ".jpg",
+           boardPicture(boardCamera(), kBoard, pose, config));
+    }
+  }
+
+  std::string path() const { return folder_ / "board"; }
+  std::string operator/(const std::string& name) const { return folder_ / name; }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+const BoardPictures& board() {
+  static const BoardPictures pictures(18);
+  return pictures;
+}
+
+// The numbers behind "data: [" of a matrix of a camera_info file.
+std::vector<double> matrixOf(const std::string& text, const std::string& name) {
+  const std::size_t begin = text.find("data: [", text.find("\n" + name + ":")) + 6;
+  return numbersOf(json::parse(text.substr(begin, text.find(']', begin) + 1 - begin)));
+}
+
+TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
+  const std::string out = board() / "camera.yaml";
+  const Outcome outcome = runCommand({"camera", "calibrate", "--source", board().path(), "--board",
+                                      "tags", "--out", out, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  const json& parameters = result["parameters"];
+  const double fx = parameters["fx"]["value"], fy = parameters["fy"]["value"];
+  std::cout << "fx off by " << 100 * (fx / boardCamera().fx - 1) << " %, fy by "
+            << 100 * (fy / boardCamera().fy - 1) << " %, RMS " << result["rms_px"] << " px\n";
+  EXPECT_NEAR(fx / boardCamera().fx, 1, 0.005);
+  EXPECT_NEAR(fy / boardCamera().fy, 1, 0.005);
+  EXPECT_GT(parameters["fx"]["standard_error"], 0);
+  EXPECT_EQ(parameters["fx"]["unit"], "px");
+  EXPECT_EQ(parameters["k1"]["unit"], "");
+  EXPECT_EQ(parameters.size(), 9u);
+  EXPECT_TRUE(result["success"]);
+  EXPECT_TRUE(result["scene"].is_null() && result["reason"].is_null());
+  EXPECT_EQ(result["size_px"], json({1280, 720}));
+  EXPECT_EQ(result["pictures"], 18);
+  EXPECT_EQ(result["views"].size(), 18u);
+  EXPECT_GT(result["coverage"], 0.7);
+  EXPECT_GT(result["reach"], 0.7);
+  EXPECT_EQ(result["out"], out);
+
+  const std::string info = contentOf(out);
+  EXPECT_NE(info.find("image_width: 1280\nimage_height: 720\ncamera_name: camera\n"),
+            std::string::npos);
+  EXPECT_NE(info.find("distortion_model: plumb_bob"), std::string::npos);
+  const auto K = matrixOf(info, "camera_matrix");
+  ASSERT_EQ(K.size(), 9u);
+  EXPECT_EQ(K[0], fx);
+  EXPECT_EQ(K[4], fy);
+  EXPECT_EQ(K[2], parameters["cx"]["value"].get<double>());
+  EXPECT_EQ(K[8], 1);
+  EXPECT_EQ(matrixOf(info, "distortion_coefficients").size(), 5u);
+  EXPECT_EQ(matrixOf(info, "projection_matrix").size(), 12u);
+}
+
+TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
+  const std::string out = board() / "scene.yaml";
+  const Outcome outcome =
+      runCommand({"camera", "calibrate", "--source", board().path(), "--scene", scenePath("demo"),
+                  "--out", out, "--set", "tags.size_m=0.03", "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  EXPECT_EQ(result["scene"], "demo");
+  const io::Scene before = io::loadScene(scenePath("demo")), after = io::loadScene(out);
+  const json& parameters = result["parameters"];
+  EXPECT_EQ(after.camera->model.fx, parameters["fx"]["value"].get<double>());
+  EXPECT_EQ(after.camera->model.cy, parameters["cy"]["value"].get<double>());
+  EXPECT_EQ(after.camera->model.distortion[1], parameters["k2"]["value"].get<double>());
+  EXPECT_EQ(after.tags->size, 0.03);
+  EXPECT_EQ(after.camera->X_WC.translation, before.camera->X_WC.translation);
+}
+
+TEST(CameraCalibrate, FormatsTellTheSame) {
+  const Outcome csv = runCommand({"camera", "calibrate", "--source", board().path(),
+                                  "--coefficients", "4", "--format", "csv"});
+  ASSERT_EQ(csv.exit_code, 0) << csv.err;
+  const auto rows = csvRows(csv.out);
+  ASSERT_EQ(rows.size(), 10u);
+  EXPECT_EQ(rows[0], (std::vector<std::string>{"parameter", "value", "standard_error", "unit"}));
+  EXPECT_EQ(rows[9][0], "k3");
+  EXPECT_EQ(std::stod(rows[9][1]), 0);  // four coefficients leave k3 out
+  EXPECT_EQ(std::stod(rows[9][2]), 0);
+  const Outcome text = runCommand({"camera", "calibrate", "--source", board().path()});
+  ASSERT_EQ(text.exit_code, 0) << text.err;
+  EXPECT_NE(text.out.find("18 of 18 views, RMS "), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("\nfx = "), std::string::npos);
+}
+
+TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "camera.yaml";
+  const Outcome outcome =
+      runCommand({"camera", "calibrate", "--source", board().path() + "/101.jpg",
+                  board().path() + "/102.jpg", "--out", out, "--format", "json"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json result = outcome.json();
+  EXPECT_FALSE(result["success"]);
+  EXPECT_NE(result["reason"].get<std::string>().find("2 of 2 pictures show"), std::string::npos);
+  EXPECT_TRUE(result["out"].is_null());
+  EXPECT_FALSE(fs::exists(out));
+}
+
+TEST(CameraCalibrate, AWebcamThatIsNotThereIsAReasonNotAHang) {
+  const Outcome outcome = runCommand({"camera", "calibrate", "--source", "webcam", "--device",
+                                      "/dev/no_such_camera", "--format", "json"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_NE(outcome.err.find("/dev/no_such_camera: "), std::string::npos) << outcome.err;
+  EXPECT_NE(outcome.err.find("plug the camera in"), std::string::npos) << outcome.err;
+}
+
+TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
+  const TemporaryFolder folder;
+  const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
+    arguments.insert(arguments.begin(), {"camera", "calibrate"});
+    expectCallerError(runCommand(arguments), message);
+  };
+  const std::string pictures = board().path();
+  refused({}, "--source is required");
+  refused({"--source", "webcam", pictures}, "--source has webcam beside files; give either");
+  refused({"--source", folder / "none"}, "none");
+  refused({"--source", pictures, "--board", "charuco"}, "--board: charuco not in {tags}");
+  refused({"--source", pictures, "--set", "name=x"}, "none is given; leave out --set");
+  refused({"--source", pictures, "--size", "640,480"}, "go with --source webcam");
+  refused({"--source", "webcam", "--size", "640,0"},
+          "--size is 640,0; expected whole numbers from 1 to 32767");
+  refused({"--source", pictures, "--scene", scenePath("planar_50")},
+          "scene planar_50 has no camera; add the section camera");
+  refused({"--source", pictures, "--coefficients", "3"}, "--coefficients");
+  save(folder / "small.jpg", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128)));
+  refused({"--source", pictures, folder / "small.jpg"},
+          "small.jpg is not of the first picture's size, 1280 x 720 px");
+}
+
+// The demo rig at rest, seen by a camera that is not where the scene has it.
+struct MovedRig {
+  io::Scene scene = io::loadScene(scenePath("demo"));
+  lie::SE3 X_WC;
+
+  MovedRig() {
+    lie::Vector6 off;
+    off << 0.03, -0.02, 0.04, 0.03, -0.05, 0.02;
+    X_WC = scene.camera->X_WC * lie::SE3::exp(off);
+  }
+  void photograph(const std::string& path, std::uint32_t seed) const {
+    estimation::ArmView view = scene.view();
+    view.X_CB = X_WC.inverse() * scene.X_WB;
+    simulation::SimulatedCameraConfig config = scene.simulation.camera;
+    config.seed = seed;
+    simulation::SimulatedCamera camera(view, vision::TagFamily("36h11"),
+                                       {scene.looks[0].separator_radius}, config);
+    // The true arm of the rig, 1 % longer.
+    const simulation::TrueArm arm(scene.model, scene.simulation.arm);
+    save(path, camera.render(arm.shape(scene.arm.inputAt(0))));
+  }
+};
+
+TEST(CameraPlace, FindsTheCameraOfARenderedRigWithinThreeStandardErrors) {
+  const TemporaryFolder folder;
+  const MovedRig rig;
+  for (const int i : {1, 2, 3}) {
+    rig.photograph(folder / ("rest_" + std::to_string(i) + ".jpg"), static_cast<std::uint32_t>(i));
+  }
+  const std::string out = folder / "placed.yaml";
+  const Outcome outcome = runCommand({"camera", "place", scenePath("demo"), "--source",
+                                      folder.path(), "--out", out, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json result = outcome.json();
+  EXPECT_EQ(result["pictures"], 3);
+  EXPECT_GE(result["tags"].size(), 5u);
+  const auto position = numbersOf(result["position_m"]);
+  const auto error = numbersOf(result["standard_error"]["position_m"]);
+  const auto turn_error = numbersOf(result["standard_error"]["rotation_rad"]);
+  const auto quaternion = numbersOf(result["pose"]["quaternion_xyzw"]);
+  const Eigen::Quaterniond found(quaternion[3], quaternion[0], quaternion[1], quaternion[2]);
+  const lie::SE3 turn{found.toRotationMatrix() * rig.X_WC.rotation.transpose(),
+                      Eigen::Vector3d::Zero()};
+  const lie::Vector6 turned = turn.log();
+  for (int i = 0; i < 3; ++i) {
+    const auto axis = static_cast<std::size_t>(i);
+    std::cout << 1e3 * (position[axis] - rig.X_WC.translation[i]) << " mm of " << 1e3 * error[axis]
+              << ", " << turned[3 + i] << " rad of " << turn_error[axis] << "\n";
+    EXPECT_NEAR(position[axis], rig.X_WC.translation[i], 3 * error[axis]);
+    EXPECT_NEAR(turned[3 + i], 0, 3 * turn_error[axis]);
+    EXPECT_LT(error[axis], 0.02);
+  }
+  EXPECT_NEAR(result["moved_m"].get<double>(), 0.054, 0.015);
+  EXPECT_EQ(result["covariance"].size(), 6u);
+  const io::Scene written = io::loadScene(out);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR(written.camera->X_WC.translation[i], position[static_cast<std::size_t>(i)], 1e-12);
+  }
+  EXPECT_TRUE(written.camera->X_WC.rotation.isApprox(found.toRotationMatrix(), 1e-9));
+}
+
+TEST(CameraPlace, FormatsTellTheSame) {
+  const TemporaryFolder folder;
+  MovedRig().photograph(folder / "rest.jpg", 1);
+  const auto run = [&](const char* format) {
+    return runCommand({"camera", "place", scenePath("demo"), "--source", folder / "rest.jpg",
+                       "--format", format});
+  };
+  const Outcome text = run("text"), csv = run("csv");
+  ASSERT_EQ(text.exit_code, 0) << text.err;
+  EXPECT_NE(text.out.find("demo: camera placed by "), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("in 1 picture, RMS"), std::string::npos) << text.out;
+  const auto rows = csvRows(csv.out);
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[0][1], "position_x_m");
+  EXPECT_EQ(std::stod(rows[1][1]), run("json").json()["position_m"][0].get<double>());
+}
+
+TEST(CameraPlace, APictureWithoutTagsExitsWithOneAndWritesNothing) {
+  const TemporaryFolder folder;
+  save(folder / "gray.jpg", cv::Mat(720, 1280, CV_8UC1, cv::Scalar(128)));
+  const std::string out = folder / "placed.yaml";
+  const Outcome outcome = runCommand({"camera", "place", scenePath("demo"), "--source",
+                                      folder / "gray.jpg", "--out", out, "--format", "json"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json result = outcome.json();
+  EXPECT_FALSE(result["success"]);
+  EXPECT_EQ(result["reason"],
+            "0 tags of scene demo can be used; expected 3: bring more of them into sight, in focus "
+            "and in even light");
+  EXPECT_TRUE(result["position_m"].is_null() && result["covariance"].is_null());
+  EXPECT_FALSE(fs::exists(out));
+}
+
+TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
+  const TemporaryFolder folder;
+  const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
+    arguments.insert(arguments.begin(), {"camera", "place"});
+    expectCallerError(runCommand(arguments), message);
+  };
+  refused({scenePath("planar_50"), "--source", folder.path()},
+          "scene planar_50 has no camera; expected a scene with the sections camera and tags");
+  refused({scenePath("demo"), "--source", "webcam"},
+          "scene demo has no camera.webcam; add it, or give pictures as --source");
+  refused({scenePath("demo")}, "--source is required");
+  refused({"--source", "webcam"}, "SCENE is required");
+}
+
+TEST(Camera, WithoutASubcommandIsRefused) {
+  expectCallerError(runCommand({"camera"}), "A subcommand is required");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

@@ -1,0 +1,74 @@
+// `helix_arm check`.
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+
+json findingOf(const json& result, const std::string& check) {
+  for (const json& finding : result["findings"]) {
+    if (finding["check"] == check) return finding;
+  }
+  return nullptr;
+}
+
+TEST(Check, ASoundRigPassesAndTellsWhatIsSeen) {
+  const Outcome outcome = runCommand({"check", scenePath("demo"), "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  EXPECT_EQ(result["scene"], "demo");
+  EXPECT_TRUE(result["passed"]);
+  EXPECT_EQ(result["sight"]["measured"], 1.0);
+  EXPECT_GT(result["sight"]["median_tags"], 6);
+  EXPECT_GT(result["sight"]["pixels_per_bit"], 3);
+  EXPECT_FALSE(result["probed"]);
+  EXPECT_TRUE(result["supply_pa"].is_null());
+}
+
+TEST(Check, AFaultExitsWithOneInEveryFormat) {
+  const auto run = [](const char* format) {
+    return runCommand({"check", scenePath("demo"), "--set", "tags.groups.0.rpy_deg=[180,0,0]",
+                       "--samples", "10", "--format", format});
+  };
+  const Outcome text = run("text"), csv = run("csv");
+  EXPECT_EQ(text.exit_code, 1);
+  EXPECT_NE(text.out.find("fault: tag 0: its face points 180 deg from outwards; expected less than "
+                          "90 deg. turn it by rpy_deg"),
+            std::string::npos)
+      << text.out;
+  EXPECT_NE(text.out.find("demo: faults found\n"), std::string::npos);
+  EXPECT_EQ(csv.exit_code, 1);
+  EXPECT_EQ(csv.out.substr(0, 36), "severity,check,culprit,value,remedy\n");
+  const json result = run("json").json();
+  EXPECT_FALSE(result["passed"]);
+  const json finding = findingOf(result, "tag_faces_inward");
+  EXPECT_EQ(finding["severity"], "fault");
+  EXPECT_EQ(finding["culprit"], "tag 0");
+}
+
+TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
+  const std::vector<std::string> quiet{
+      "check",    scenePath("demo_serial"),
+      "--set",    "regulator.ascii_serial.device=/tmp/no_such_regulator",
+      "--format", "json"};
+  EXPECT_EQ(runCommand(quiet).exit_code, 0);
+  std::vector<std::string> probed = quiet;
+  probed.push_back("--probe");
+  const Outcome outcome = runCommand(probed);
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json finding = findingOf(outcome.json(), "no_answer");
+  ASSERT_FALSE(finding.is_null()) << outcome.out;
+  EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
+  EXPECT_TRUE(outcome.json()["probed"]);
+}
+
+TEST(Check, WithoutARegulatorThereIsNothingToProbe) {
+  expectCallerError(runCommand({"check", scenePath("annotated"), "--samples", "-1"}), "--samples");
+  expectCallerError(runCommand({"check"}), "SCENE is required");
+}
+
+}  // namespace
+}  // namespace helix_arm::test

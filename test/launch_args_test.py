@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Checks what `roslaunch --ros-args` says of every launch file: each argument is documented, and none that has a default is
+listed as required, as roslaunch does with a default that is empty.
+
+usage: launch_args_test.py --root PACKAGE
+Exit code: 0 when nothing is wrong; 1 with every fault as file: argument: fault.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from roslaunch.arg_dump import get_args
+
+PLANTED = '<launch><arg name="empty" default="" doc="d"/><arg name="bare" default="1"/><arg name="value" value=""/></launch>'
+
+
+def faults_of(path):
+    faults = []
+    for name, (doc, default) in sorted(get_args([str(path)]).items()):
+        if not doc:
+            faults.append("%s: %s: no doc" % (path.name, name))
+        if default is not None and not default:
+            faults.append("%s: %s: its default is empty, so --ros-args lists it as required; take a word for it" %
+                          (path.name, name))
+    return faults
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--root", required=True, type=Path)
+    root = parser.parse_args().root
+    with tempfile.NamedTemporaryFile("w", suffix=".launch") as planted:
+        planted.write(PLANTED)
+        planted.flush()
+        found = faults_of(Path(planted.name))
+    if len(found) != 3:
+        print("planted faults were not found: %s" % found)
+        return 1
+    files = sorted((root / "launch").glob("*.launch"))
+    if len(files) < 5:
+        print("only %d launch files below %s" % (len(files), root))
+        return 1
+    faults = [fault for path in files for fault in faults_of(path)]
+    print("\n".join(faults) if faults else "%d launch files: all arguments are documented" % len(files))
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

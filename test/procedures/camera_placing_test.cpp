@@ -1,0 +1,216 @@
+#include "helix_arm/procedures/camera_placing.hpp"
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <iostream>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/vision/camera_start.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+using test::Random;
+using vision::TagDetection;
+
+io::Scene demo() { return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml"); }
+
+lie::Vector6 normals(Random& random, double translation, double rotation) {
+  lie::Vector6 out;
+  for (int i = 0; i < 6; ++i) out[i] = (i < 3 ? translation : rotation) * random.normal();
+  return out;
+}
+
+// A rig that deviates from its scene as much as the priors say, with a camera somewhere else.
+struct Truth {
+  lie::SE3 X_WC;
+  model::Shape shape;
+  estimation::ArmView view;
+  double bleed;
+};
+
+Truth draw(const io::Scene& scene, Random& random, double errors) {
+  const estimation::CameraPlacementOptions options;
+  Truth truth;
+  truth.X_WC = scene.camera->X_WC * lie::SE3::exp(normals(random, 0.03, 0.05));
+  model::Twists twists = scene.arm.twists(scene.arm.inputAt(0));
+  for (int k = 0; k < twists.cols(); ++k) {
+    twists.col(k) +=
+        errors * normals(random, options.shape_prior.translation * scene.arm.restLength(k),
+                         options.shape_prior.rotation);
+  }
+  truth.shape = twists;
+  truth.view = scene.view();
+  truth.view.X_CB = truth.X_WC.inverse() * scene.X_WB;
+  for (int i = 0; i < static_cast<int>(truth.view.layout.tags.size()); ++i) {
+    if (i == truth.view.layout.baseTag()) continue;
+    estimation::TagPlacement& tag = truth.view.layout.tags[static_cast<std::size_t>(i)];
+    tag = estimation::movedBy(
+        tag, errors * normals(random, scene.tag_prior.translation, scene.tag_prior.rotation),
+        scene.arm.restLength(tag.section));
+  }
+  truth.bleed = errors * scene.vision.fit.bleed_prior * random.normal();
+  truth.view.layout.size -= 2 * truth.bleed;
+  return truth;
+}
+
+std::vector<TagDetection> look(const Truth& truth, double noise, Random& random) {
+  std::vector<TagDetection> tags;
+  for (const estimation::TagSight& sight : estimation::visibleTags(truth.view, truth.shape, 0.3)) {
+    TagDetection tag{truth.view.layout.tags[static_cast<std::size_t>(sight.tag)].id, 0, 50,
+                     sight.corners};
+    for (int c = 0; c < 4; ++c) {
+      tag.corners.col(c) += noise * Eigen::Vector2d(random.normal(), random.normal());
+    }
+    tags.push_back(tag);
+  }
+  return tags;
+}
+
+model::Shape modelShape(const io::Scene& scene) {
+  return scene.model.solve(scene.arm.inputAt(0)).shape;
+}
+
+// Error of position [m] and rotation [rad], along and about the axes of the world.
+lie::Vector6 errorOf(const lie::SE3& X_WC, const lie::SE3& truth) {
+  lie::Vector6 error = lie::Vector6::Zero();
+  error.head<3>() = X_WC.translation - truth.translation;
+  const lie::SE3 turn{X_WC.rotation * truth.rotation.transpose(), Eigen::Vector3d::Zero()};
+  error.tail<3>() = turn.log().tail<3>();
+  return error;
+}
+
+TEST(CameraPlacing, AnExactRigGivesThePoseItself) {
+  const io::Scene scene = demo();
+  Random random(1);
+  for (int i = 0; i < 20; ++i) {
+    const Truth truth = draw(scene, random, 0);
+    const CameraPlacing placed = placeCamera(scene, modelShape(scene), {look(truth, 0, random)});
+    ASSERT_TRUE(placed.success) << placed.reason;
+    EXPECT_LT(errorOf(placed.X_WC, truth.X_WC).norm(), 1e-6);
+    EXPECT_TRUE(placed.warnings.empty());
+    const lie::SE3 change = scene.camera->X_WC.inverse() * truth.X_WC;
+    EXPECT_NEAR(placed.moved, change.translation.norm(), 1e-6);
+    EXPECT_NEAR(placed.turned, change.log().tail<3>().norm(), 1e-6);
+  }
+}
+
+TEST(CameraPlacing, PoseIsWithinThreeStandardErrorsIn95Of100Rigs) {
+  const io::Scene scene = demo();
+  Random random(2);
+  int inside = 0;
+  double distance2 = 0, worst = 0;
+  constexpr int kRigs = 100;
+  for (int i = 0; i < kRigs; ++i) {
+    const Truth truth = draw(scene, random, 1);
+    const CameraPlacing placed = placeCamera(scene, modelShape(scene), {look(truth, 0.3, random)});
+    ASSERT_TRUE(placed.success) << placed.reason;
+    const lie::Vector6 error = errorOf(placed.X_WC, truth.X_WC);
+    const lie::Vector6 relative = error.cwiseQuotient(placed.covariance.diagonal().cwiseSqrt());
+    inside += relative.cwiseAbs().maxCoeff() <= 3 ? 1 : 0;
+    distance2 += error.dot(placed.covariance.ldlt().solve(error)) / kRigs;
+    worst = std::max(worst, error.head<3>().norm());
+  }
+  std::cout << inside << " of 100 within 3 standard errors, mean squared distance " << distance2
+            << " (6 expected), worst position off by " << 1e3 * worst << " mm\n";
+  EXPECT_GE(inside, 95);
+  EXPECT_GT(distance2, 3.0);  // neither is it stated much too large
+  EXPECT_LT(distance2, 9.0);
+}
+
+TEST(CameraPlacing, AMisplacedTagIsNamedAndDoesNotMoveTheCamera) {
+  const io::Scene scene = demo();
+  Random random(3);
+  const Truth truth = draw(scene, random, 0);
+  std::vector<TagDetection> tags = look(truth, 0.2, random);
+  ASSERT_GE(tags.size(), 7u);
+  const CameraPlacing before = placeCamera(scene, modelShape(scene), {tags});
+  tags[3].corners.row(0).array() += 60;  // 5 cm
+  const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
+  ASSERT_TRUE(placed.success) << placed.reason;
+  EXPECT_EQ(placed.outliers, std::vector<int>{tags[3].id});
+  EXPECT_LT(errorOf(placed.X_WC, before.X_WC).head<3>().norm(), 0.01);
+  ASSERT_EQ(placed.warnings.size(), 1u);
+  EXPECT_EQ(placed.warnings[0], "these tags do not fit: " + std::to_string(tags[3].id) +
+                                    "; check their places in tags.groups");
+}
+
+TEST(CameraPlacing, PicturesOfSeveralPosesAreRefused) {
+  const io::Scene scene = demo();
+  Random random(4);
+  const Truth truth = draw(scene, random, 0);
+  const auto one = look(truth, 0.2, random);
+  auto other = one;
+  for (TagDetection& tag : other) tag.corners.array() += 8;
+  const CameraPlacing still =
+      placeCamera(scene, modelShape(scene), {one, look(truth, 0.2, random)});
+  EXPECT_TRUE(still.success) << still.reason;
+  const CameraPlacing moved = placeCamera(scene, modelShape(scene), {one, other});
+  EXPECT_FALSE(moved.success);
+  EXPECT_NE(moved.reason.find("4 px off its mean over the pictures; expected at most 2 px: keep "
+                              "camera and arm still"),
+            std::string::npos)
+      << moved.reason;
+}
+
+TEST(CameraPlacing, TooFewTagsAreRefused) {
+  const io::Scene scene = demo();
+  Random random(5);
+  std::vector<TagDetection> tags = look(draw(scene, random, 0), 0.2, random);
+  tags.resize(4);
+  tags[0].hamming = 1;
+  tags[1].id = 500;
+  const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
+  EXPECT_FALSE(placed.success);
+  EXPECT_EQ(placed.reason,
+            "2 tags of scene demo can be used; expected 3: bring more of them into sight, in focus "
+            "and in even light");
+  tags[0].hamming = 0;
+  tags.push_back(tags[2]);  // seen twice
+  EXPECT_EQ(placeCamera(scene, modelShape(scene), {tags}).reason.substr(0, 6), "2 tags");
+}
+
+TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
+  const io::Scene scene = demo();
+  Random random(6);
+  std::vector<TagDetection> tags = look(draw(scene, random, 0), 0.2, random);
+  for (TagDetection& tag : tags) {
+    tag.corners.colwise() += Eigen::Vector2d(80 * random.normal(), 80 * random.normal());
+  }
+  const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
+  EXPECT_FALSE(placed.success);
+  EXPECT_NE(placed.reason.find("tags.groups"), std::string::npos) << placed.reason;
+}
+
+TEST(CameraPlacing, ASceneWithoutCameraOrTagsIsRefused) {
+  const io::Scene planar = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/planar_50.yaml");
+  EXPECT_EQ(test::refusal([&] { placeCamera(planar, modelShape(planar), {{}}); }),
+            "scene planar_50 has no camera; expected a scene with the sections camera and tags");
+}
+
+TEST(CameraStart, HoldsWithFewerThanHalfOfTheTagsMisplaced) {
+  const io::Scene scene = demo();
+  Random random(8);
+  const Truth truth = draw(scene, random, 0);
+  std::vector<estimation::CornerObservation> seen;
+  for (const TagDetection& tag : look(truth, 0.3, random)) {
+    estimation::Corners corners = tag.corners;
+    if (seen.size() % 3 == 1) corners.array() += 100;
+    seen.push_back(
+        {scene.tags->find(tag.id), *estimation::directionsOf(scene.camera->model, corners)});
+  }
+  const auto start =
+      vision::startOfPlacement(*scene.tags, modelShape(scene), seen, scene.camera->model.focal());
+  ASSERT_TRUE(start);
+  const lie::SE3 off = truth.view.X_CB.inverse() * *start;
+  EXPECT_LT(off.translation.norm(), 0.15);
+  EXPECT_LT(off.log().tail<3>().norm(), 0.4);
+  EXPECT_FALSE(vision::startOfPlacement(*scene.tags, modelShape(scene), {}, 900));
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures

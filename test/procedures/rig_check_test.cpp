@@ -1,0 +1,126 @@
+#include "helix_arm/procedures/rig_check.hpp"
+
+#include <algorithm>
+
+#include <gtest/gtest.h>
+
+namespace helix_arm::procedures {
+namespace {
+
+io::Scene sceneOf(const std::string& name, const std::vector<io::Override>& overrides = {}) {
+  return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml", overrides);
+}
+
+// The findings of one check.
+std::vector<Finding> found(const io::Scene& scene, const std::string& check) {
+  std::vector<Finding> out;
+  for (const Finding& finding : checkRig(scene, 40).findings) {
+    EXPECT_FALSE(finding.culprit.empty() || finding.value.empty() || finding.remedy.empty())
+        << finding.check;
+    if (finding.check == check) out.push_back(finding);
+  }
+  return out;
+}
+
+// Expects one check to find something with these overrides, and nothing without them.
+void expectFinding(const std::string& scene, const std::vector<io::Override>& overrides,
+                   const std::string& check, Severity severity, const std::string& culprit,
+                   const std::string& value) {
+  SCOPED_TRACE(check);
+  EXPECT_TRUE(found(sceneOf(scene), check).empty());
+  const auto findings = found(sceneOf(scene, overrides), check);
+  ASSERT_FALSE(findings.empty());
+  EXPECT_EQ(findings[0].severity, severity);
+  EXPECT_EQ(findings[0].culprit, culprit);
+  EXPECT_NE(findings[0].value.find(value), std::string::npos) << findings[0].value;
+}
+
+TEST(RigCheck, TheDemoRigHasNoFaultAndIsMeasuredEverywhere) {
+  const RigCheck check = checkRig(sceneOf("demo"));
+  for (const Finding& finding : check.findings) {
+    EXPECT_EQ(finding.severity, Severity::kNote) << finding.check << ": " << finding.value;
+  }
+  EXPECT_FALSE(check.hasFault());
+  ASSERT_TRUE(check.sight);
+  EXPECT_GT(check.sight->samples, 150);
+  EXPECT_EQ(check.sight->measured, 1);
+  EXPECT_GE(check.sight->least_tags, 7);
+  EXPECT_GT(check.sight->median_tip_sd, 0.0005);
+  EXPECT_LT(check.sight->median_tip_sd, 0.0126);
+  EXPECT_GE(check.sight->worst_tip_sd, check.sight->median_tip_sd);
+}
+
+TEST(RigCheck, TagsThatAreMountedWrongAreNamed) {
+  const std::string group = "tags.groups.0.";
+  expectFinding("demo", {{group + "position_m", "[0, 0, 0.09]"}}, "tag_off_arm", Severity::kWarning,
+                "tag 0", "mm outside the arm's skin; expected 50 mm at most");
+  expectFinding("demo", {{group + "position_m", "[0, 0, -0.02]"}}, "tag_inside_arm",
+                Severity::kFault, "tag 0", "5.4 mm from the base curve, inside the arm");
+  expectFinding("demo", {{group + "rpy_deg", "[180, 0, 0]"}}, "tag_faces_inward", Severity::kFault,
+                "tag 0", "180 deg from outwards; expected less than 90 deg");
+  expectFinding("demo", {{group + "rpy_deg", "[75, 0, 0]"}}, "tag_oblique", Severity::kNote,
+                "tag 0", "75 deg from outwards");
+  expectFinding("demo", {{group + "s", "[0.04, 0.06, 0.36, 0.52, 0.68, 0.84, 1]"}}, "tags_overlap",
+                Severity::kFault, "tags 0 and 1", "mm apart; expected 34.9 mm");
+}
+
+TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
+  expectFinding("demo", {{"tags.size_m", "0.015"}}, "tags_too_small", Severity::kWarning,
+                "tags.size_m", "px a bit");
+  expectFinding("demo", {{"tags.size_m", "0.012"}}, "tags_too_small", Severity::kFault,
+                "tags.size_m", "px a bit");
+  expectFinding("demo", {{"camera.rpy_deg", "[0, 0, 30]"}}, "few_tags", Severity::kFault, "camera",
+                "100 % of the workspace");
+  expectFinding("demo", {{"camera.rpy_deg", "[0, -20, -145.9]"}}, "tip_outside_picture",
+                Severity::kWarning, "camera", "of the workspace");
+  expectFinding("demo", {{"tags.placement_prior", "{translation_m: 0.03, rotation_deg: 30}"}},
+                "tip_uncertain", Severity::kWarning, "tags", "expected 3 % of the arm's length");
+  expectFinding("demo",
+                {{"camera.centre_px", "[639.5, 359.5]"}, {"camera.distortion", "[0, 0, 0, 0]"}},
+                "camera_uncalibrated", Severity::kWarning, "camera", "no distortion");
+  EXPECT_EQ(found(sceneOf("demo"), "tags_never_seen").size(), 1u);
+}
+
+TEST(RigCheck, CurvesThatHardlyMoveAMuscleAreNamed) {
+  const std::string table = "contractions.muscle.table";
+  expectFinding("demo_serial", {{table, "{pressure_kpa: [0, 300], length_m: [0.2, 0.197]}"}},
+                "short_stroke", Severity::kWarning, "muscle_1", "1.5 % within its limits");
+  expectFinding(
+      "demo_serial",
+      {{table, "{pressure_kpa: [0, 100, 200, 300], length_m: [0.2, 0.1999, 0.1998, 0.17]}"}},
+      "flat_curve", Severity::kWarning, "muscle_1", "hardly changes");
+  expectFinding("demo_serial", {{"arm.sections.0.ring.max_pressure_kpa", "140"}}, "curve_unused",
+                Severity::kNote, "muscle_1", "46.7 % of its contraction curve");
+}
+
+TEST(RigCheck, TheRegulatorIsHeldAgainstTheLimits) {
+  expectFinding("demo", {{"regulator.simulated.supply_kpa", "300"}}, "supply", Severity::kWarning,
+                "muscle_1", "its limit is 413.7 kPa, and the supply gives 300 kPa");
+  EXPECT_TRUE(checkSupply(sceneOf("demo"), 413686).empty());
+  EXPECT_EQ(checkSupply(sceneOf("demo"), 413685).size(), 1u);
+  EXPECT_EQ(found(sceneOf("demo_modbus"), "no_watchdog").size(), 1u);
+  EXPECT_TRUE(found(sceneOf("demo_serial"), "no_watchdog").empty());
+  const auto watchdog = found(sceneOf("demo_serial"), "watchdog");
+  ASSERT_EQ(watchdog.size(), 1u);
+  EXPECT_EQ(watchdog[0].value, "it vents by itself 0.5 s after the last line");
+}
+
+TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
+  const RigCheck check = checkRig(sceneOf("demo_serial"), 10);
+  EXPECT_FALSE(check.sight);
+  EXPECT_FALSE(check.hasFault());
+  for (const char* const name : {"no_tags", "no_camera"}) {
+    EXPECT_EQ(found(sceneOf("demo_serial"), name).size(), 1u) << name;
+  }
+}
+
+TEST(RigCheck, FaultsComeFirst) {
+  const auto findings =
+      checkRig(sceneOf("demo", {{"tags.groups.0.rpy_deg", "[180, 0, 0]"}})).findings;
+  EXPECT_TRUE(std::is_sorted(findings.begin(), findings.end(),
+                             [](const auto& a, const auto& b) { return a.severity > b.severity; }));
+  EXPECT_EQ(findings.front().severity, Severity::kFault);
+}
+
+}  // namespace
+}  // namespace helix_arm::procedures

@@ -1,0 +1,197 @@
+// What the cockpit says of an arm, and what it offers.
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
+
+#include <gtest/gtest.h>
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+CockpitView arm(const std::string& state, const std::string& reason) {
+  CockpitView out;
+  out.ns = "/left";
+  out.connected = true;
+  out.safety = CockpitSafety{state, "none", reason, false, false};
+  CockpitChannel muscle;
+  muscle.name = "muscle_1";
+  muscle.command = 1e5;
+  muscle.measured = 99e3;
+  muscle.lower = 0;
+  muscle.upper = 4e5;
+  out.channels = {muscle};
+  return out;
+}
+CockpitView enabled() { return arm("enabled", "enabled: follows targets"); }
+
+TEST(Headline, CutsTheReasonIntoCauseAndRemedy) {
+  const CockpitView view =
+      arm("vented",
+          "vented: no pressure stands after no target came for 1.02 s, longer than 1 s "
+          "(safety.target_timeout_s); look for a commander that ended, then call enable");
+  const Headline words = headline(view);
+  EXPECT_EQ(words.state, "VENTED");
+  EXPECT_EQ(words.cause,
+            "no pressure stands after no target came for 1.02 s, longer than 1 s "
+            "(safety.target_timeout_s)");
+  EXPECT_EQ(words.remedy, "look for a commander that ended, then call enable");
+  EXPECT_EQ(words.tone, Tone::kCaution);
+}
+
+TEST(Headline, TellsEachStateApartInWordsAndTone) {
+  EXPECT_EQ(headline(enabled()).state, "ENABLED");
+  EXPECT_EQ(headline(enabled()).tone, Tone::kGood);
+  EXPECT_EQ(headline(arm("enabled", "enabled: ramps down to rest")).state, "ENABLED, GOES TO REST");
+  EXPECT_EQ(headline(arm("disabled", "disabled: all channels vent; call enable")).tone,
+            Tone::kQuiet);
+  EXPECT_EQ(headline(arm("fault", "fault: leak; mend it")).tone, Tone::kBad);
+  CockpitView stopped = arm("vented", "vented: x; y");
+  stopped.safety->stopped = true;
+  EXPECT_EQ(headline(stopped).state, "STOPPED (VENTED)");
+  EXPECT_EQ(headline(stopped).tone, Tone::kBad);
+  CockpitView overdue = arm("vented", "vented: x; y");
+  overdue.safety->vent_overdue = true;
+  EXPECT_EQ(headline(overdue).tone, Tone::kBad);
+}
+
+TEST(Headline, WithoutAnArmItNamesTheNodeAndTheRemedy) {
+  CockpitView view;
+  view.ns = "/left";
+  const Headline words = headline(view);
+  EXPECT_EQ(words.state, "NO CONNECTION");
+  EXPECT_NE(words.cause.find("/left/pressure_command"), std::string::npos);
+  EXPECT_NE(words.cause.find("namespace"), std::string::npos);
+}
+
+TEST(Possibility, WithoutAnArmOnlyTheStopIsOffered) {
+  CockpitView view = enabled();
+  view.connected = false;
+  view.safety->stopped = true;  // of an arm that is gone: latched topics outlive nothing
+  EXPECT_TRUE(mayStop(view).possible());
+  for (const Possibility& one :
+       {mayEnable(view), mayVent(view), mayRelease(view), mayHold(view), mayAimTip(view),
+        maySetPressure(view, view.channels[0]), mayUse(view), mayCalibrate(view)}) {
+    EXPECT_FALSE(one.possible());
+  }
+}
+
+TEST(Possibility, AnEnabledArmTakesCommandsButNoSecondEnable) {
+  const CockpitView view = enabled();
+  EXPECT_EQ(mayEnable(view).why_not, "the arm is enabled already");
+  EXPECT_TRUE(mayVent(view).possible());
+  EXPECT_TRUE(mayStop(view).possible());
+  EXPECT_FALSE(mayRelease(view).possible());
+  EXPECT_TRUE(mayHold(view).possible());
+  EXPECT_TRUE(mayAimTip(view).possible());
+  EXPECT_TRUE(maySetPressure(view, view.channels[0]).possible());
+}
+
+TEST(Possibility, AnArmThatIsNotEnabledTakesNoTargets) {
+  for (const char* state : {"disabled", "vented", "fault"}) {
+    const CockpitView view = arm(state, std::string(state) + ": x; y");
+    EXPECT_FALSE(mayHold(view).possible()) << state;
+    EXPECT_FALSE(mayAimTip(view).possible()) << state;
+    EXPECT_NE(maySetPressure(view, view.channels[0]).why_not.find("enable"), std::string::npos);
+    EXPECT_EQ(mayEnable(view).possible(), state != std::string("fault"));
+  }
+}
+
+TEST(Possibility, AnArmWithoutReadingsIsNotEnabled) {
+  CockpitView view = arm("disabled", "disabled: x; y");
+  EXPECT_TRUE(mayEnable(view).possible());
+  view.channels[0].measured = kUnknown;
+  EXPECT_NE(mayEnable(view).why_not.find("reading of muscle_1"), std::string::npos);
+}
+
+TEST(Possibility, AnEngagedStopIsReleasedFirst) {
+  CockpitView view = arm("vented", "vented: x; y");
+  view.safety->stopped = true;
+  EXPECT_FALSE(mayStop(view).possible());
+  EXPECT_TRUE(mayRelease(view).possible());
+  EXPECT_NE(mayEnable(view).why_not.find("release"), std::string::npos);
+  EXPECT_NE(mayHold(view).why_not.find("release"), std::string::npos);
+}
+
+TEST(Possibility, ASliderNeedsItsLimits) {
+  CockpitView view = enabled();
+  view.channels[0].upper = kUnknown;
+  EXPECT_NE(maySetPressure(view, view.channels[0]).why_not.find("limits of muscle_1"),
+            std::string::npos);
+}
+
+TEST(Possibility, WhatIsHeldCanBeLetGoWhateverTheStateIs) {
+  CockpitView view = arm("fault", "fault: x; y");
+  view.goal = CockpitGoal::kPressures;
+  EXPECT_TRUE(mayHold(view).possible());
+}
+
+TEST(Possibility, ACalibrationExcludesOtherCommandsAndViceVersa) {
+  CockpitView view = enabled();
+  EXPECT_NE(mayCalibrate(view).why_not.find("calibration:=true"), std::string::npos);
+  view.calibration.there = true;
+  EXPECT_TRUE(mayCalibrate(view).possible());
+  EXPECT_FALSE(mayCancel(view).possible());
+  view.goal = CockpitGoal::kTip;
+  EXPECT_FALSE(mayCalibrate(view).possible());
+  view.goal = CockpitGoal::kNone;
+  view.calibration.running = true;
+  EXPECT_FALSE(mayCalibrate(view).possible());
+  EXPECT_TRUE(mayCancel(view).possible());
+  EXPECT_FALSE(mayHold(view).possible());
+  EXPECT_FALSE(mayAimTip(view).possible());
+  EXPECT_FALSE(maySetPressure(view, view.channels[0]).possible());
+}
+
+TEST(Possibility, OnlyACalibrationThatSucceededCanBeUsed) {
+  CockpitView view = enabled();
+  EXPECT_FALSE(mayUse(view).possible());
+  view.calibration.ended = true;
+  EXPECT_FALSE(mayUse(view).possible());
+  view.calibration.success = true;
+  EXPECT_TRUE(mayUse(view).possible());
+  view.calibration.running = true;
+  EXPECT_FALSE(mayUse(view).possible());
+}
+
+TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
+  CockpitView view = enabled();
+  view.calibration.ended = view.calibration.success = true;
+  view.calibration.tip_error_before = 0.0143;
+  view.calibration.tip_error_after = 0.00104;
+  view.calibration.parameters = {"K_kappa 9.8e-05 -> 1.05e-04 +- 2e-06 m^2"};
+  const Words words = calibrationWords(view);
+  EXPECT_EQ(words.text.find("tip error 14.30 mm before, 1.04 mm after"), 0U);
+  EXPECT_NE(words.text.find("\nK_kappa"), std::string::npos);
+  EXPECT_EQ(words.tone, Tone::kGood);
+  view.calibration.success = false;
+  view.calibration.message = "it was cancelled";
+  EXPECT_EQ(calibrationWords(view).text, "failed: it was cancelled");
+}
+
+TEST(Words, OfTheLoopTellStateAndError) {
+  CockpitView view = enabled();
+  EXPECT_NE(loopWords(view).text.find("closed_loop:=true"), std::string::npos);
+  view.loop = CockpitLoop{"closed", "", 0.0012, 0.0005};
+  EXPECT_EQ(loopWords(view).text, "closed, 1.20 mm from the target, tip known to 0.50 mm");
+  EXPECT_EQ(loopWords(view).tone, Tone::kGood);
+  view.loop = CockpitLoop{"diverging", "call reset", kUnknown, kUnknown};
+  EXPECT_EQ(loopWords(view).text, "diverging: call reset");
+  EXPECT_EQ(loopWords(view).tone, Tone::kBad);
+}
+
+TEST(Words, ASilentCockpitSaysThatTheArmVents) {
+  CockpitView view = enabled();
+  EXPECT_NE(goalWords(view).text.find("safety.target_timeout_s"), std::string::npos);
+  view.goal = CockpitGoal::kTip;
+  view.answer = "the tip stays 5.0 mm away";
+  EXPECT_EQ(goalWords(view).text, "holds the tip target: the tip stays 5.0 mm away");
+}
+
+TEST(Words, NumbersCarryTheirUnit) {
+  EXPECT_EQ(kilopascals(123456), "123.5 kPa");
+  EXPECT_EQ(kilopascals(-3), "0.0 kPa");
+  EXPECT_EQ(kilopascals(kUnknown), "-");
+  EXPECT_EQ(millimetres(0.00123), "1.23 mm");
+  EXPECT_EQ(millimetres(kUnknown), "-");
+}
+
+}  // namespace
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,274 @@
+// The panel of rviz, loaded as rviz loads it, under real clicks.
+#include <QAbstractButton>
+#include <QApplication>
+#include <QDoubleSpinBox>
+#include <QLabel>
+#include <QLineEdit>
+#include <QPushButton>
+#include <QSlider>
+#include <csignal>
+#include <cstdlib>
+#include <memory>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <pluginlib/class_loader.hpp>
+#include <rviz/config.h>
+#include <rviz/panel.h>
+
+#include "helix_arm/LoopStatus.h"
+#include "helix_arm/SafetyState.h"
+#include "support/process.hpp"
+#include "support/ros_rig.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+constexpr char kArm[] = "left";
+
+double seconds() { return ros::SteadyTime::now().toSec(); }
+
+// Lets the window and the inboxes go on until the condition holds; false if it does not.
+bool until(const std::function<bool()>& condition, double deadline = 40) {
+  return waitFor(
+      [&] {
+        QApplication::processEvents(QEventLoop::AllEvents, 10);
+        return condition();
+      },
+      deadline);
+}
+
+class Cockpit : public ::testing::Test {
+ protected:
+  Cockpit() : loader_("rviz", "rviz::Panel"), node_(kArm) {}
+
+  void SetUp() override {
+    startArm();
+    show(kArm);
+    ASSERT_TRUE(until([this] { return !safety_.all().empty() && !command_.all().empty(); }))
+        << pressure_->output();
+    ASSERT_TRUE(until([this] { return text("state") != "NO CONNECTION"; }));
+  }
+
+  void startArm() {
+    const std::string ns = std::string("__ns:=/") + kArm;
+    rig_ = std::make_unique<Process>(
+        std::vector<std::string>{HELIX_ARM_SIMULATED_RIG, "_scene:=demo", ns});
+    pressure_ = std::make_unique<Process>(
+        std::vector<std::string>{HELIX_ARM_PRESSURE_COMMAND, "_scene:=demo", "_regulator:=topic",
+                                 "_auto_enable:=false", "_frame_prefix:=left_", ns});
+  }
+
+  // As rviz: made by pluginlib, then its configuration is loaded.
+  void show(const std::string& ns) {
+    panel_.reset(loader_.createUnmanagedInstance("helix_arm/Cockpit"));
+    panel_->initialize(nullptr);
+    rviz::Config config;
+    config.mapSetValue("Namespace", QString::fromStdString(ns));
+    panel_->load(config);
+    panel_->resize(460, 1100);
+    panel_->move(0, 0);
+    panel_->show();
+    ASSERT_TRUE(until([this] { return panel_->isVisible(); }));
+  }
+
+  template <class Widget>
+  Widget* find(const char* name) {
+    auto* const found = panel_->findChild<Widget*>(name);
+    if (found == nullptr) throw std::runtime_error(std::string("no widget ") + name);
+    return found;
+  }
+  std::string text(const char* label) { return find<QLabel>(label)->text().toStdString(); }
+  bool isOffered(const char* name) { return find<QWidget>(name)->isEnabled(); }
+  std::string tip(const char* name) { return find<QWidget>(name)->toolTip().toStdString(); }
+
+  // A click of the X server at a place of a widget, from its left (0) to its right (1).
+  void click(const char* name, double place = 0.5) {
+    QWidget* const widget = find<QWidget>(name);
+    const QPoint at = widget->mapToGlobal(
+        {static_cast<int>(place * (widget->width() - 1)), widget->height() / 2});
+    Process xdotool(
+        {"xdotool", "mousemove", std::to_string(at.x()), std::to_string(at.y()), "click", "1"});
+    ASSERT_TRUE(until([&] { return xdotool.exitCode(0.01) != -1; }));
+    ASSERT_EQ(xdotool.exitCode(), 0) << xdotool.output();
+  }
+
+  std::string state() { return safety_.all().empty() ? "" : safety_.last().state; }
+  double commanded() { return command_.last().pressure.at(0); }
+
+  void enable() {
+    // The node may hear the first reading later than the panel, and then refuses.
+    ASSERT_TRUE(until([this] {
+      if (isOffered("enable")) click("enable");
+      return until([this] { return state() == SafetyState::ENABLED; }, 1);
+    })) << tip("enable")
+        << text("answer");
+    ASSERT_TRUE(until([this] { return text("state") == "ENABLED"; }));
+    ASSERT_TRUE(until([this] { return isOffered("slider_0"); })) << tip("slider_0");
+  }
+
+  pluginlib::ClassLoader<rviz::Panel> loader_;
+  std::unique_ptr<rviz::Panel> panel_;
+  std::unique_ptr<Process> rig_, pressure_;
+  ros::NodeHandle node_;
+  Inbox<SafetyState> safety_{node_, names::kSafetyState};
+  Inbox<PressureArray> command_{node_, names::kPressureCommand};
+  Inbox<TipTarget> tips_{node_, names::kTipTarget};
+};
+
+TEST_F(Cockpit, AClickEnablesTheArmAndTheWordsTellIt) {
+  EXPECT_EQ(text("state"), "DISABLED");
+  EXPECT_FALSE(isOffered("slider_0"));
+  EXPECT_NE(tip("slider_0").find("enable it first"), std::string::npos) << tip("slider_0");
+  EXPECT_EQ(text("pressures_why_not"), tip("slider_0"));
+  enable();
+  EXPECT_FALSE(isOffered("enable"));
+  EXPECT_EQ(tip("enable"), "the arm is enabled already");
+}
+
+TEST_F(Cockpit, ASliderMovesThePressureAndHoldsItWithoutAnyOtherCommander) {
+  enable();
+  auto* const slider = find<QSlider>("slider_0");
+  EXPECT_EQ(slider->minimum(), 0);
+  EXPECT_EQ(slider->maximum(), 4136) << "413.6856 kPa in steps of 0.1 kPa, not beyond";
+  while (slider->value() < 1000) click("slider_0", 0.9);  // a page at a time
+  const double wanted = 100.0 * slider->value();
+  ASSERT_TRUE(until([&] { return std::abs(commanded() - wanted) < 1; })) << commanded();
+  // Three times the time after which a silent commander is a fault.
+  const double start = seconds();
+  ASSERT_TRUE(until([&] { return seconds() - start > 3; }));
+  EXPECT_EQ(state(), SafetyState::ENABLED) << safety_.last().reason;
+  EXPECT_NEAR(commanded(), wanted, 1);
+  ASSERT_TRUE(until([&] { return text("reading_0") != "0.0 kPa" && text("reading_0") != "-"; }));
+  // No end of the slider is refused.
+  slider->setValue(slider->maximum());
+  ASSERT_TRUE(until([&] { return std::abs(commanded() - 413600) < 1; })) << text("goal");
+  EXPECT_EQ(text("goal"), "Cockpit: holds the pressures: reached");
+  // Let go: down to rest, without a fault.
+  EXPECT_EQ(find<QPushButton>("hold")->text(), "Let go");
+  click("hold");
+  ASSERT_TRUE(until([this] { return state() == SafetyState::DISABLED; })) << safety_.last().reason;
+  EXPECT_EQ(safety_.last().cause, "none");
+}
+
+TEST_F(Cockpit, HoldKeepsThePresentPressures) {
+  enable();
+  click("hold");
+  ASSERT_TRUE(until([this] { return find<QPushButton>("hold")->isChecked(); }));
+  const double start = seconds();
+  ASSERT_TRUE(until([&] { return seconds() - start > 2; }));
+  EXPECT_EQ(state(), SafetyState::ENABLED);
+  EXPECT_NEAR(commanded(), 0, 1);
+}
+
+TEST_F(Cockpit, ATipTargetInNumbersMovesTheArm) {
+  enable();
+  find<QDoubleSpinBox>("tip_x")->setValue(366);
+  find<QDoubleSpinBox>("tip_y")->setValue(20);
+  find<QDoubleSpinBox>("tip_z")->setValue(5);
+  click("tip_go");
+  ASSERT_TRUE(until([this] { return !tips_.all().empty(); }));
+  EXPECT_NEAR(tips_.last().pose.position.y, 0.020, 1e-9);
+  ASSERT_TRUE(until([this] {
+    const auto& p = command_.last().pressure;
+    return *std::max_element(p.begin(), p.end()) > 2e4;
+  })) << text("goal");
+  ASSERT_TRUE(until([this] { return text("goal").find("tip target") != std::string::npos; }));
+}
+
+TEST_F(Cockpit, AVentEndsWhatIsHeld) {
+  enable();
+  while (find<QSlider>("slider_1")->value() < 500) click("slider_1", 0.9);
+  ASSERT_TRUE(until([this] { return command_.last().pressure.at(1) > 4e4; }));
+  click("vent");
+  ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
+  ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
+  EXPECT_NE(text("cause").find("a vent was requested"), std::string::npos) << text("cause");
+  EXPECT_NE(text("remedy").find("call enable"), std::string::npos) << text("remedy");
+  EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
+  // Enabled again, it stays where it is: nothing old is repeated.
+  enable();
+  const double start = seconds();
+  ASSERT_TRUE(until([&] { return seconds() - start > 1; }));
+  EXPECT_NEAR(command_.last().pressure.at(1), 0, 1);
+}
+
+TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
+  enable();
+  click("stop");
+  ASSERT_TRUE(until([this] { return safety_.last().stopped; }));
+  ASSERT_TRUE(until([this] { return find<QPushButton>("stop")->isChecked(); }));
+  EXPECT_EQ(safety_.last().cause, "emergency_stop");
+  ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
+  ASSERT_TRUE(until([this] { return text("state") == "STOPPED (VENTED)"; })) << text("state");
+  click("stop");  // a second click does not release it
+  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
+  const double start = seconds();
+  ASSERT_TRUE(until([&] { return seconds() - start > 0.5; }));
+  EXPECT_TRUE(safety_.last().stopped);
+  EXPECT_TRUE(find<QPushButton>("stop")->isChecked());
+  EXPECT_FALSE(isOffered("enable"));
+  EXPECT_NE(tip("enable").find("release it first"), std::string::npos);
+  click("release");
+  ASSERT_TRUE(until([this] { return !safety_.last().stopped; }));
+  ASSERT_TRUE(until([this] { return !find<QPushButton>("stop")->isChecked(); }));
+  enable();
+}
+
+TEST_F(Cockpit, WithoutAnArmAllButTheStopIsGreyAndTheWordsSayWhy) {
+  enable();
+  pressure_.reset();
+  ASSERT_TRUE(until([this] { return text("state") == "NO CONNECTION"; }));
+  EXPECT_NE(text("cause").find("/left/pressure_command"), std::string::npos);
+  for (const char* name : {"enable", "vent", "hold", "release", "slider_0", "value_0", "tip_go",
+                           "calibration_start", "calibration_cancel", "calibration_use"}) {
+    EXPECT_FALSE(isOffered(name)) << name;
+    EXPECT_FALSE(tip(name).empty()) << name;
+  }
+  EXPECT_TRUE(isOffered("stop"));
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("answer").find("by hand") != std::string::npos; }))
+      << text("answer");
+}
+
+TEST_F(Cockpit, ANodeThatHangsBlocksNeitherWindowNorStop) {
+  enable();
+  pressure_->signal(SIGSTOP);
+  click("vent");
+  double longest = 0, last = seconds();
+  ASSERT_TRUE(until([&] {
+    longest = std::max(longest, seconds() - last);
+    last = seconds();
+    return text("answer").find("no answer within") != std::string::npos;
+  })) << text("answer");
+  EXPECT_LT(longest, 1.0);
+  pressure_->signal(SIGCONT);
+}
+
+TEST_F(Cockpit, TheNamespaceIsKeptInTheConfiguration) {
+  rviz::Config config;
+  panel_->save(config);
+  QString ns;
+  ASSERT_TRUE(config.mapGetString("Namespace", &ns));
+  EXPECT_EQ(ns, kArm);
+  EXPECT_EQ(find<QLineEdit>("namespace")->text(), kArm);
+  show("nowhere");
+  ASSERT_TRUE(until([this] { return text("cause").find("/nowhere/") != std::string::npos; }));
+  show("no name, this");
+  ASSERT_TRUE(until([this] { return text("answer").find("Namespace") == 0; })) << text("answer");
+}
+
+}  // namespace
+}  // namespace helix_arm::test
+
+int main(int argc, char** argv) {
+  // Its own X server: the test neither needs a screen nor disturbs one.
+  helix_arm::test::Process server(
+      {"Xvfb", "-displayfd", "1", "-screen", "0", "1280x1200x24", "-nolisten", "tcp"});
+  if (!server.prints("\n")) return 2;
+  const std::string display = ":" + server.output().substr(0, server.output().find('\n'));
+  setenv("DISPLAY", display.c_str(), 1);
+  unsetenv("QT_QPA_PLATFORM");
+  QApplication application(argc, argv);
+  return helix_arm::test::runRostest(argc, argv);
+}

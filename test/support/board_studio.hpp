@@ -1,0 +1,86 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/vision/board_views.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::test {
+
+/// A webcam of 1280 x 720 with the distortion that such have.
+inline estimation::Camera boardCamera() {
+  return {1280, 720, 931.5, 929.8, 644.2, 357.6, {0.08, -0.17, 0.0008, -0.0006, 0.06, 0, 0, 0}};
+}
+
+/// Board frame: origin in its centre, x right, y up, z to the reader.
+/// @param u, v  where its centre appears, as parts of the picture.
+/// @param tilt  rotation vector of the board from facing the camera [rad].
+inline lie::SE3 boardPose(const estimation::Camera& camera, double u, double v, double distance,
+                          const Eigen::Vector3d& tilt) {
+  const Eigen::Matrix3d facing = Eigen::Vector3d(1, -1, -1).asDiagonal();
+  const Eigen::AngleAxisd turn(
+      tilt.norm(), tilt.norm() > 0 ? Eigen::Vector3d(tilt.normalized()) : Eigen::Vector3d(1, 0, 0));
+  return {turn * facing,
+          {distance * (u * camera.width - camera.cx) / camera.fx,
+           distance * (v * camera.height - camera.cy) / camera.fy, distance}};
+}
+
+/// Poses as a person would hold the board: near, all over the picture, tilted to each side.
+inline std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count,
+                                        Random& random) {
+  std::vector<lie::SE3> poses;
+  for (int i = 0; i < count; ++i) {
+    const double u = (0.2 + 0.6 * (i % 3) / 2.0) + random.uniform(-0.05, 0.05);
+    const double v = (0.25 + 0.5 * ((i / 3) % 3) / 2.0) + random.uniform(-0.05, 0.05);
+    Eigen::Vector3d tilt = random.uniform(0.25, 0.75) * random.direction<3>();
+    tilt.z() *= 0.3;
+    poses.push_back(boardPose(camera, u, v, random.uniform(0.24, 0.4), tilt));
+  }
+  return poses;
+}
+
+/// The board as tags on an arm that is out of sight.
+inline estimation::ArmView boardView(const estimation::Camera& camera,
+                                     const vision::TagBoard& board, const lie::SE3& X_CP) {
+  estimation::ArmView view{camera, {}, {board.tag_size, {}}, 1};
+  for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
+    const Eigen::Vector2d centre = board.corners(id).rowwise().mean();
+    lie::SE3 X_CT = X_CP;
+    X_CT.translation = X_CP * Eigen::Vector3d(centre.x(), centre.y(), 0);
+    view.layout.tags.push_back({id, 0, 0.0, X_CT});
+  }
+  return view;
+}
+
+/// A picture of the board.
+inline cv::Mat boardPicture(const estimation::Camera& camera, const vision::TagBoard& board,
+                            const lie::SE3& X_CP,
+                            const simulation::SimulatedCameraConfig& config = {}) {
+  simulation::SimulatedCamera photographer(boardView(camera, board, X_CP),
+                                           vision::TagFamily(board.family), {}, config);
+  return photographer.render(model::Twists(model::Twists::Identity(6, 1) * 0.4)).clone();
+}
+
+/// What a detector would find, each coordinate off by normal noise [px].
+inline vision::BoardSight boardCorners(const estimation::Camera& camera,
+                                       const vision::TagBoard& board, const lie::SE3& X_CP,
+                                       double noise, Random& random) {
+  vision::BoardSight sight{"", {}};
+  for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
+    const estimation::Corners plane = board.corners(id);
+    vision::TagDetection tag{id, 0, 100.0, {}};
+    bool visible = true;
+    for (int c = 0; c < 4 && visible; ++c) {
+      const auto pixel = camera.project(X_CP * Eigen::Vector3d(plane(0, c), plane(1, c), 0));
+      visible = pixel && camera.contains(*pixel);
+      if (!visible) break;
+      tag.corners.col(c) = *pixel + noise * Eigen::Vector2d(random.normal(), random.normal());
+    }
+    if (visible) sight.tags.push_back(tag);
+  }
+  return sight;
+}
+
+}  // namespace helix_arm::test

@@ -1,0 +1,290 @@
+#include "helix_arm/vision/camera_calibration.hpp"
+
+#include <cmath>
+#include <iostream>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/basics/median.hpp"
+#include "support/board_studio.hpp"
+#include "support/refusal.hpp"
+
+namespace helix_arm::vision {
+namespace {
+
+using estimation::Camera;
+using test::boardCamera;
+using test::boardCorners;
+using test::boardPose;
+using test::boardPoses;
+using test::Random;
+
+const TagBoard kBoard;
+
+cv::Size sizeOf(const Camera& camera) { return {camera.width, camera.height}; }
+
+std::vector<BoardSight> cornersOf(const Camera& camera, const std::vector<lie::SE3>& poses,
+                                  double noise, Random& random) {
+  std::vector<BoardSight> sights;
+  for (const lie::SE3& pose : poses) {
+    sights.push_back(boardCorners(camera, kBoard, pose, noise, random));
+    sights.back().name = "view_" + std::to_string(sights.size());
+  }
+  return sights;
+}
+
+// In the order of the parameters.
+std::vector<double> truthOf(const Camera& camera) {
+  std::vector<double> truth{camera.fx, camera.fy, camera.cx, camera.cy};
+  truth.insert(truth.end(), camera.distortion.begin(), camera.distortion.end());
+  return truth;
+}
+
+// Largest distance between the pixels of a direction, over the picture up to 5 % from its edge.
+double worstPixel(const Camera& a, const Camera& truth) {
+  double worst = 0;
+  for (double u = 0.05; u < 0.96; u += 0.05) {
+    for (double v = 0.05; v < 0.96; v += 0.05) {
+      const Eigen::Vector2d pixel(u * truth.width, v * truth.height);
+      worst = std::max(worst, (a.pixelOf(truth.directionOf(pixel).value()) - pixel).norm());
+    }
+  }
+  return worst;
+}
+
+TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
+  Random random(1);
+  Camera rational = boardCamera();
+  rational.distortion = {0.31, -0.12, 0.0008, -0.0006, 0.02, 0.2, -0.05, 0.01};
+  const Camera plain{1280, 720, 700, 705, 630, 365, {}};
+  for (const auto& [camera, coefficients] :
+       {std::pair{boardCamera(), 5}, {plain, 0}, {plain, 2}, {plain, 4}, {rational, 8}}) {
+    SCOPED_TRACE(coefficients);
+    const auto sights = cornersOf(camera, boardPoses(camera, 15, random), 0, random);
+    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights, {coefficients});
+    ASSERT_TRUE(found.success) << found.reason;
+    // OpenCV takes corners as floats.
+    EXPECT_LT(worstPixel(found.camera, camera), 0.02);
+    EXPECT_LT(found.rms, 1e-3);
+    EXPECT_EQ(found.camera.width, camera.width);
+    EXPECT_EQ(found.camera.height, camera.height);
+  }
+}
+
+TEST(CameraCalibration, FocalLengthFromRenderedPicturesIsWithinHalfAPercent) {
+  Random random(2);
+  Camera wide = boardCamera();
+  wide.fx = 640;
+  wide.fy = 642;
+  wide.distortion = {-0.12, 0.03, 0.001, 0.0005, 0, 0, 0, 0};
+  for (const Camera& camera : {boardCamera(), wide}) {
+    DetectorConfig detecting;
+    detecting.quad_decimate = 1;
+    TagDetector detector(detecting);
+    std::vector<BoardSight> sights;
+    for (const lie::SE3& pose : boardPoses(camera, 18, random)) {
+      simulation::SimulatedCameraConfig config;
+      config.bleed = 0.0002;
+      config.seed = static_cast<std::uint32_t>(sights.size() + 1);
+      const cv::Mat picture = test::boardPicture(camera, kBoard, pose, config);
+      sights.push_back(boardSight(kBoard, "", detector.detect(picture)));
+    }
+    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+    ASSERT_TRUE(found.success) << found.reason;
+    for (const CameraParameter& one : found.parameters) {
+      std::cout << one.name << " = " << one.value << " +- " << one.standard_error << "\n";
+    }
+    const double worst = worstPixel(found.camera, camera);
+    std::cout << "RMS " << found.rms << " px, coverage " << found.coverage
+              << ", worst pixel off by " << worst << " px\n";
+    EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
+    EXPECT_NEAR(found.camera.fy / camera.fy, 1, 0.005);
+    EXPECT_LT(worst, 5);
+    EXPECT_GT(found.coverage, 0.7);
+  }
+}
+
+TEST(CameraCalibration, TrueParametersLieWithinThreeStandardErrors) {
+  Random random(3);
+  const Camera camera = boardCamera();
+  const std::vector<double> truth = truthOf(camera);
+  constexpr int kDraws = 30;
+  int off = 0, count = 0;
+  std::vector<double> relative;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const auto sights = cornersOf(camera, boardPoses(camera, 12, random), 0.3, random);
+    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+    ASSERT_TRUE(found.success) << found.reason;
+    EXPECT_NEAR(found.rms, 0.3, 0.03);
+    for (std::size_t i = 0; i < found.parameters.size(); ++i) {
+      const double error = std::abs(found.parameters[i].value - truth[i]);
+      relative.push_back(error / found.parameters[i].standard_error);
+      off += relative.back() > 3 ? 1 : 0;
+      ++count;
+    }
+  }
+  std::cout << off << " of " << count << " beyond 3 standard errors, median error "
+            << basics::medianOf(relative) << " standard errors\n";
+  EXPECT_LE(off, count / 20);
+  // 0.67 for normal errors; the larger of two estimates is on the safe side.
+  EXPECT_GT(basics::medianOf(relative), 0.35);
+}
+
+TEST(CameraCalibration, ErrorsThatAViewSharesRaiseTheStandardErrors) {
+  Random random(4);
+  const Camera camera = boardCamera();
+  const auto poses = boardPoses(camera, 15, random);
+  auto sights = cornersOf(camera, poses, 0.1, random);
+  const double before =
+      calibrateCamera(kBoard, sizeOf(camera), sights).parameters[0].standard_error;
+  // A board that is bent by up to a millimetre moves corners of a view together.
+  for (BoardSight& sight : sights) {
+    const double bend = random.uniform(-0.6, 0.6);
+    for (TagDetection& tag : sight.tags) {
+      const estimation::Corners plane = kBoard.corners(tag.id);
+      for (int c = 0; c < 4; ++c) {
+        tag.corners(0, c) += bend * std::pow(plane(0, c) / (0.5 * kBoard.width()), 2);
+      }
+    }
+  }
+  const CameraCalibration bent = calibrateCamera(kBoard, sizeOf(camera), sights);
+  EXPECT_GT(bent.parameters[0].standard_error, 1.5 * before);
+  EXPECT_LT(std::abs(bent.camera.fx - camera.fx), 4 * bent.parameters[0].standard_error);
+}
+
+TEST(CameraCalibration, ViewsFromTheFrontAloneDoNotDetermineTheFocalLength) {
+  Random random(5);
+  const Camera camera = boardCamera();
+  std::vector<lie::SE3> poses;
+  for (int i = 0; i < 12; ++i) {
+    poses.push_back(
+        boardPose(camera, 0.3 + 0.4 * (i % 3) / 2, 0.4 + 0.2 * (i / 6), 0.4, {0, 0, 0.3 * i}));
+  }
+  const CameraCalibration found =
+      calibrateCamera(kBoard, sizeOf(camera), cornersOf(camera, poses, 0.5, random));
+  ASSERT_FALSE(found.success);
+  EXPECT_NE(found.reason.find("tilt the board to each side"), std::string::npos) << found.reason;
+}
+
+TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
+  Random random(6);
+  const Camera camera = boardCamera();
+  auto sights = cornersOf(camera, boardPoses(camera, 14, random), 0.2, random);
+  for (TagDetection& tag : sights[4].tags) {
+    for (int c = 0; c < 4; ++c) tag.corners(1, c) += 12 * random.normal();
+  }
+  const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+  ASSERT_TRUE(found.success) << found.reason;
+  for (std::size_t i = 0; i < found.views.size(); ++i) {
+    EXPECT_EQ(found.views[i].used, i != 4) << i;
+  }
+  EXPECT_EQ(found.views[4].name, "view_5");
+  EXPECT_NE(found.views[4].reason.find("three times the median"), std::string::npos);
+  EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
+}
+
+TEST(CameraCalibration, TooFewViewsAreRefusedWithTheRemedy) {
+  Random random(7);
+  const Camera camera = boardCamera();
+  auto sights = cornersOf(camera, boardPoses(camera, 6, random), 0.2, random);
+  sights[0].tags.resize(5);
+  sights[1].tags.resize(5);
+  const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+  EXPECT_FALSE(found.success);
+  EXPECT_EQ(found.reason,
+            "4 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
+            "tags --board and take 15 pictures or more");
+  EXPECT_EQ(found.views[0].reason, "it shows 5 tags of the board; expected 6");
+  EXPECT_TRUE(found.parameters.empty());
+  EXPECT_EQ(calibrateCamera(kBoard, {}, {}).success, false);
+}
+
+TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
+  Random random(8);
+  const Camera camera = boardCamera();
+  std::vector<lie::SE3> poses;
+  for (int i = 0; i < 12; ++i) {  // all on the left and far, three of them tilted
+    const double tilt = i < 3 ? 0.6 : 0.1;
+    poses.push_back(boardPose(camera, 0.25 + 0.01 * i, 0.45, 0.55,
+                              {tilt * std::cos(i), tilt * std::sin(i), 0}));
+  }
+  const CameraCalibration found =
+      calibrateCamera(kBoard, sizeOf(camera), cornersOf(camera, poses, 0.9, random), {2});
+  std::string all = found.reason + "\n";
+  for (const std::string& warning : found.warnings) all += warning + "\n";
+  for (const char* const said : {"% of the picture; expected 60 %: hold the board also at the ",
+                                 "views are tilted by 20 degrees or more; expected 4",
+                                 "fx has a standard error of", "px; expected 0.6 px: glue"}) {
+    EXPECT_NE(all.find(said), std::string::npos) << said << "\n" << all;
+  }
+}
+
+TEST(CameraCalibration, OptionsOutOfRangeAreRefused) {
+  EXPECT_EQ(test::refusal([] {
+              calibrateCamera(kBoard, {1280, 720}, {}, {3});
+            }),
+            "camera calibration: the number of coefficients is 3; expected 0, 2, 4, 5 or 8");
+}
+
+TEST(BoardSight, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
+  const auto tag = [](int id, int hamming) { return TagDetection{id, hamming, 50, {}}; };
+  const BoardSight sight = boardSight(
+      kBoard, "a.png",
+      {tag(3, 0), tag(556, 0), tag(557, 0), tag(560, 1), tag(570, 0), tag(570, 0), tag(586, 0)});
+  EXPECT_EQ(sight.name, "a.png");
+  ASSERT_EQ(sight.tags.size(), 2u);
+  EXPECT_EQ(sight.tags[0].id, 557);
+  EXPECT_EQ(sight.tags[1].id, 586);
+}
+
+TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
+  Random random(9);
+  const Camera camera = boardCamera();
+  BoardViews views(sizeOf(camera));
+  const auto at = [&](double u) {
+    return boardCorners(camera, kBoard, boardPose(camera, u, 0.5, 0.4, {0.3, 0, 0}), 0.1, random);
+  };
+  EXPECT_FALSE(views.offer(at(0.4))) << "nothing says that it rests";
+  EXPECT_TRUE(views.offer(at(0.4)));
+  EXPECT_FALSE(views.offer(at(0.4))) << "there is this view";
+  EXPECT_FALSE(views.offer(at(0.6))) << "it moves";
+  EXPECT_TRUE(views.offer(at(0.6)));
+  EXPECT_FALSE(views.offer(at(0.602))) << "2.6 px: it moves";
+  EXPECT_FALSE(views.offer(at(0.602))) << "too close to the last";
+  BoardSight few = at(0.2);
+  few.tags.resize(BoardViews::kLeastTags - 1);
+  EXPECT_FALSE(views.offer(few));
+  EXPECT_FALSE(views.offer(at(0.2))) << "nothing says that it rests";
+  EXPECT_EQ(views.chosen().size(), 2u);
+}
+
+TEST(Coverage, CountsCellsThatHoldCorners) {
+  Coverage coverage({800, 600});
+  EXPECT_EQ(coverage.fraction(), 0);
+  EXPECT_EQ(coverage.emptiest(), "top left");
+  const auto add = [&coverage](double x, double y) {
+    BoardSight sight{"", {{557, 0, 50, {}}}};
+    sight.tags[0].corners.colwise() = Eigen::Vector2d(x, y);
+    coverage.add(sight);
+  };
+  add(-0.5, -0.5);
+  EXPECT_NEAR(coverage.fraction(), 1.0 / 48, 1e-15);
+  add(99, 99);  // the same cell
+  EXPECT_NEAR(coverage.fraction(), 1.0 / 48, 1e-15);
+  for (int column = 0; column < 8; ++column) {
+    for (int row = 0; row < 6; ++row) {
+      if (column >= 5 && row >= 4) continue;
+      add(100 * column + 50, 100 * row + 50);
+    }
+  }
+  EXPECT_NEAR(coverage.fraction(), 42.0 / 48, 1e-15);
+  EXPECT_EQ(coverage.emptiest(), "bottom right");
+  for (const int column : {5, 6, 7}) {
+    for (const int row : {4, 5}) add(100 * column + 50, 100 * row + 50);
+  }
+  EXPECT_EQ(coverage.fraction(), 1);
+  EXPECT_EQ(coverage.emptiest(), "");
+}
+
+}  // namespace
+}  // namespace helix_arm::vision
