@@ -34,6 +34,9 @@ struct SimulatedSight::Workspace {
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
+      if (const auto& by_placements = localizer_config.rig_by_placements) {
+        memory.emplace(localizer_config.fit, *by_placements);
+      }
     } else {
       simulated.emplace(camera.view, camera.family, camera.body, camera.config);
       encoder.emplace(camera.config.jpeg_quality);
@@ -50,6 +53,7 @@ struct SimulatedSight::Workspace {
   std::mt19937_64 generator;
   std::normal_distribution<double> normal;
   std::optional<estimation::TwistFitter> fitter;
+  std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
@@ -74,8 +78,10 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
     }
   }
   if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+  if (memory) fitter->know(memory->estimate());
   const estimation::TwistFit& fit =
       fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+  if (memory) memory->learn(fit);
   last.reset();
   if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
   last = fit.shape;
