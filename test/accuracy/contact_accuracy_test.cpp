@@ -21,8 +21,9 @@ using procedures::FollowResult;
 using procedures::FollowRow;
 
 constexpr double kMm = 1e3;
-constexpr double kForce = 0.3;        // [N]
-constexpr double kTouched = 14.5;     // time of the force [s]
+constexpr double kForce = 0.3;  // [N]
+constexpr int kTips = 4;
+constexpr double kCalm = 2.5;         // between the last step and the force [s]
 constexpr double kLeastScore = 20.0;  // of what nearly is an alarm
 
 io::Scene arm() {
@@ -47,16 +48,16 @@ FollowPlan randomTips(const io::Scene& scene, int count, double seconds, unsigne
   return plan;
 }
 
-// Four tips, and a force of a random direction across the arm's end at the last one.
-FollowPlan touchedPlan(const io::Scene& scene, double seconds, unsigned seed,
-                       double force = kForce) {
-  FollowPlan plan = randomTips(scene, 4, seconds, seed);
+// Four tips, and a force of a random direction across the arm's end, which then lasts, some time
+// after the last step.
+FollowPlan touchedPlan(const io::Scene& scene, double held, unsigned seed) {
+  FollowPlan plan = randomTips(scene, kTips, kTips * (kCalm + held), seed);
   test::Random random(1000 + seed);
   statics::InverseSolver solver(scene.model);
   const Eigen::VectorXd& input = solver.toPosition(plan.tips.back(), scene.arm.inputAt(0.3)).input;
   const Eigen::Vector3d along = scene.model.tip(input).tip.rotation.col(0);
   const Eigen::Vector3d across = along.cross(random.direction<3>()).normalized();
-  plan.force = procedures::TimedForce{kTouched, force * across};
+  plan.force = procedures::TimedForce{plan.seconds - held, kForce * across};
   return plan;
 }
 
@@ -79,38 +80,31 @@ struct Draw {
 };
 
 // The force as it is known 1.5 s after it came.
-std::optional<Draw> touch(const io::Scene& scene, unsigned seed, double force = kForce) {
-  const FollowPlan plan = touchedPlan(scene, kTouched + 1.5, seed, force);
+std::optional<Draw> touch(const io::Scene& scene, unsigned seed) {
+  const FollowPlan plan = touchedPlan(scene, 1.5, seed);
   const FollowResult result = procedures::runFollow(scene, plan);
   EXPECT_EQ(result.vented, "") << seed;
   EXPECT_LE(result.alarms.size(), 1u) << seed;
   if (result.alarms.empty()) return std::nullopt;
   const FollowAlarm& alarm = result.alarms.front();
-  EXPECT_GT(alarm.time, kTouched) << seed << ": before the force";
+  EXPECT_GT(alarm.time, plan.force->time) << seed << ": before the force";
   EXPECT_FALSE(alarm.normalised);
   const Eigen::Vector3d error = alarm.force - plan.force->force;
   const FollowRow& last = result.rows.back();
   EXPECT_TRUE(last.wanted);
   const simulation::TrueArm truth(scene.model, scene.simulation.arm);
   const Eigen::Vector3d along = model::tipPose(truth.shape(last.pressure)).rotation.col(0);
-  return Draw{alarm.time - kTouched, (error - along * along.dot(error)).norm(),
+  return Draw{alarm.time - plan.force->time, (error - along * along.dot(error)).norm(),
               error.dot(alarm.covariance.ldlt().solve(error))};
 }
 
-// What is found of a force across the arm, in 20 draws.
-struct Found {
-  int soon = 0;            // within half a second
-  double lateral = 0;      // error of the force that 9 in 10 stay below [N]
-  double mean_square = 0;  // error by its covariance, 3 in the mean if it is right
-};
-
-Found found(double force) {
+TEST(Contact, ThreeTenthsOfANewtonAcrossTheArmAreFoundWithinHalfASecond) {
   constexpr int kDraws = 20;
   const io::Scene scene = arm();
   std::vector<double> delays, laterals;
   double sum = 0;
   for (unsigned seed = 1; seed <= kDraws; ++seed) {
-    const auto draw = touch(scene, seed, force);
+    const auto draw = touch(scene, seed);
     if (!draw) continue;
     delays.push_back(draw->delay);
     laterals.push_back(draw->lateral);
@@ -118,37 +112,20 @@ Found found(double force) {
   }
   std::sort(delays.begin(), delays.end());
   std::sort(laterals.begin(), laterals.end());
-  if (delays.empty()) return {};
+  ASSERT_FALSE(delays.empty());
   const auto soon = std::upper_bound(delays.begin(), delays.end(), 0.5) - delays.begin();
   const double mean = sum / static_cast<double>(delays.size());
   std::printf(
-      "[  FIGURE  ] %.1f N across the arm, %d draws: %zu found, %d within 0.5 s, after %.2f s in "
-      "the median; lateral error after 1.5 s %.2f N in the median, %.2f N at most; error^2 %.2f of "
-      "3 "
+      "[  FIGURE  ] 0.3 N across the arm, %d draws: %zu found, %d within 0.5 s, after %.2f s in "
+      "the "
+      "median; lateral error after 1.5 s %.2f N in the median, %.2f N at most; error^2 %.2f of 3 "
       "in the mean\n",
-      force, kDraws, delays.size(), static_cast<int>(soon), delays[delays.size() / 2],
+      kDraws, delays.size(), static_cast<int>(soon), delays[delays.size() / 2],
       laterals[laterals.size() / 2], laterals.back(), mean);
-  return {static_cast<int>(soon), laterals[delays.size() * 9 / 10], mean};
-}
-
-TEST(Contact, AForceAcrossTheArmIsFoundWithinHalfASecond) {
-  const Found strong = found(2 * kForce);
-  EXPECT_GE(strong.soon, 16);
-  EXPECT_LE(strong.lateral, 0.2);
-  EXPECT_GT(strong.mean_square, 0.5);
-  EXPECT_LT(strong.mean_square, 4.0);
-  const Found weak = found(kForce);
-  EXPECT_GE(weak.soon, 8);
-  EXPECT_LE(weak.lateral, 0.2);
-  EXPECT_GT(weak.mean_square, 0.5);
-  EXPECT_LT(weak.mean_square, 4.0);
-}
-
-// What is wanted, and not reached.
-TEST(Contact, DISABLED_ThreeTenthsOfANewtonAreFoundNineTimesInTen) {
-  const Found weak = found(kForce);
-  EXPECT_GE(weak.soon, 18);
-  EXPECT_LE(weak.lateral, 0.15);
+  EXPECT_GE(soon, 9 * kDraws / 10);
+  EXPECT_LE(laterals[delays.size() * 9 / 10], 0.15);
+  EXPECT_GT(mean, 0.5);
+  EXPECT_LT(mean, 4.0);
 }
 
 // The scores of forks while nothing touches the arm.
@@ -209,7 +186,8 @@ TEST(Contact, DISABLED_AnHourOfStepsIsNoContact) {
 TEST(Contact, DISABLED_ThreeHoursOfRestAreNoContact) {
   const Quiet quiet = restWithoutContact(18, 610);
   EXPECT_EQ(quiet.alarms, 0);
-  // Chance alone gives 17; fewer mean that the scores are too careful.
+  // The test is as sharp as chance allows: 17 expected.
+  EXPECT_GE(quiet.crossings, 5);
   EXPECT_LE(quiet.crossings, 50);
 }
 
@@ -234,48 +212,38 @@ TEST(Contact, DISABLED_TwoHundredDraws) {
 
 struct Carried {
   const char* name;
-  Eigen::Vector3d force;  // base frame [N]; 0: as drawn
-  double most;            // [m]
+  Eigen::Vector3d force;  // base frame [N]
 };
 
-class CarriedLoad : public testing::TestWithParam<Carried> {
- protected:
-  static double worstOf(const Carried& load);
-};
+class CarriedLoad : public testing::TestWithParam<Carried> {};
 
-// RMS of the tip's error 1 to 4 s after the load came, of the worst draw [m].
-double CarriedLoad::worstOf(const Carried& load) {
+// The loop goes on: the arm carries what pulls it.
+TEST_P(CarriedLoad, StaysWhereItIsWanted) {
   constexpr int kDraws = 8;
   const io::Scene scene = arm();
   double first = 0, steady = 0, worst = 0;
   int found = 0;
   for (unsigned seed = 1; seed <= kDraws; ++seed) {
-    FollowPlan plan = touchedPlan(scene, kTouched + 4, seed);
-    if (!load.force.isZero(0)) plan.force->force = load.force;
+    FollowPlan plan = touchedPlan(scene, 4, seed);
+    if (!GetParam().force.isZero(0)) plan.force->force = GetParam().force;
     const FollowResult result = procedures::runFollow(scene, plan);
     found += static_cast<int>(result.alarms.size());
-    first += std::pow(rms(result, kTouched, kTouched + 0.3), 2);
-    const double one = rms(result, kTouched + 1, kTouched + 4);
+    first += std::pow(rms(result, plan.force->time, plan.force->time + 0.3), 2);
+    const double one = rms(result, plan.force->time + 1, plan.force->time + 4);
     steady += one * one;
     worst = std::max(worst, one);
   }
   std::printf(
       "[  FIGURE  ] %s, %d draws, %d found: RMS %.2f mm in the first 0.3 s, %.2f mm from 1 to 4 s, "
       "%.2f mm at worst\n",
-      load.name, kDraws, found, kMm * std::sqrt(first / kDraws), kMm * std::sqrt(steady / kDraws),
-      kMm * worst);
-  return worst;
+      GetParam().name, kDraws, found, kMm * std::sqrt(first / kDraws),
+      kMm * std::sqrt(steady / kDraws), kMm * worst);
+  EXPECT_LE(worst, 0.001);
 }
 
-// The loop goes on: the arm carries what pulls it.
-TEST_P(CarriedLoad, StaysNearWhereItIsWanted) { EXPECT_LE(worstOf(GetParam()), GetParam().most); }
-
-// What is wanted, and not reached by each draw.
-TEST_P(CarriedLoad, DISABLED_StaysWithinAMillimetre) { EXPECT_LE(worstOf(GetParam()), 0.001); }
-
 INSTANTIATE_TEST_SUITE_P(Loads, CarriedLoad,
-                         testing::Values(Carried{"0.3 N across the arm", {0, 0, 0}, 0.002},
-                                         Carried{"50 g hung on", {0.05 * 9.81, 0, 0}, 0.001}),
+                         testing::Values(Carried{"0.3 N across the arm", {0, 0, 0}},
+                                         Carried{"50 g hung on", {0.05 * 9.81, 0, 0}}),
                          [](const auto& load) {
                            return load.index == 0 ? "LateralForce" : "Weight";
                          });

@@ -143,7 +143,9 @@ void SightLoopNode::onSeen(const SeenArm& seen) {
   last_picture_ = seen.stamp;
   load_publisher_.publish(seen.stamp, loop_);
   if (action_.runs()) {
-    action_.picture(seen.stamp, model::tipPose(seen.shape), LoopPublisher::tipCovariance(view()));
+    lie::SE3 tip = model::tipPose(seen.shape);
+    tip.translation += loop_.load().tip_beyond_fit;
+    action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
   }
 }
 
