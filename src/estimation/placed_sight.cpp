@@ -50,8 +50,9 @@ lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::S
   return out;
 }
 
-// Covariance of all parameters of a fit by errors of the tags' placements and of the base's.
-std::optional<Eigen::MatrixXd> covarianceOfFit(const PlacedSight& sight, const model::Arm& arm,
+// Errors of all parameters of a fit by one standard deviation of each entry of the placements: six
+// columns for each tag of the layout, six for the base. A tag that is not fitted has none.
+std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedSight& sight, const model::Arm& arm,
                                                const model::Shape& shape,
                                                const std::vector<int>& tags) {
   basics::requireValue(
@@ -77,23 +78,26 @@ std::optional<Eigen::MatrixXd> covarianceOfFit(const PlacedSight& sight, const m
 
   const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
   const Eigen::Index size = system.gradient.size();
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, size);
-  const auto add = [&](const Eigen::MatrixXd& gradient, const lie::Vector6& deviations) {
-    const Eigen::MatrixXd by_placement = factors.solve(gradient);
-    out += by_placement * deviations.cwiseAbs2().asDiagonal() * by_placement.transpose();
+  const auto count = static_cast<Eigen::Index>(sight.view.layout.tags.size());
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, 6 * (count + 1));
+  const auto set = [&](Eigen::Index placement, const Eigen::MatrixXd& gradient,
+                       const lie::Vector6& deviations) {
+    out.middleCols<6>(6 * placement) = factors.solve(gradient) * deviations.asDiagonal();
   };
   Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(size, 6);
   for (const CornerObservation& one : seen) {
     const auto index = static_cast<std::size_t>(one.tag);
     const TagPlacement& tag = sight.view.layout.tags[index];
     const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
-    add(by_motion * motions(tag, arm.restLength(tag.section), point.shape),
+    set(one.tag, by_motion * motions(tag, arm.restLength(tag.section), point.shape),
         sight.deviations.tags[index]);
     by_base += by_motion;
   }
-  add(by_base, sight.deviations.base);
+  set(count, by_base, sight.deviations.base);
   return out;
 }
+
+Eigen::MatrixXd covarianceOf(const Eigen::MatrixXd& errors) { return errors * errors.transpose(); }
 
 }  // namespace
 
@@ -124,10 +128,19 @@ void PlacedSight::validate() const {
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags) {
-  const auto whole = covarianceOfFit(sight, arm, shape, tags);
-  if (!whole) return std::nullopt;
-  const int size = 6 * sight.view.sections;
-  return Eigen::MatrixXd(whole->topLeftCorner(size, size));
+  const auto errors = errorsOfFit(sight, arm, shape, tags);
+  if (!errors) return std::nullopt;
+  return covarianceOf(errors->topRows(6 * sight.view.sections));
+}
+
+std::optional<Eigen::MatrixXd> placementDifference(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags,
+                                                   const std::vector<int>& others) {
+  const auto errors = errorsOfFit(sight, arm, shape, tags);
+  const auto of_others = errorsOfFit(sight, arm, shape, others);
+  if (!errors || !of_others) return std::nullopt;
+  return covarianceOf((*of_others - *errors).topRows(6 * sight.view.sections));
 }
 
 std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedSight& sight, const model::Arm& arm,
@@ -138,12 +151,12 @@ std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedSight& sight, con
   free.fit.base_prior.translation *= kWide;
   free.fit.base_prior.rotation *= kWide;
   free.fit.bleed_prior *= kWide;
-  const auto whole = covarianceOfFit(free, arm, shape, tags);
-  if (!whole) return std::nullopt;
+  const auto errors = errorsOfFit(free, arm, shape, tags);
+  if (!errors) return std::nullopt;
   RigEstimate::Matrix out = RigEstimate::Matrix::Zero();
   const int first = sight.fit.free_base ? 0 : 6;
   const int count = (sight.fit.free_base ? 6 : 0) + (sight.fit.free_bleed ? 1 : 0);
-  out.block(first, first, count, count) = whole->bottomRightCorner(count, count);
+  out.block(first, first, count, count) = covarianceOf(errors->bottomRows(count));
   return out;
 }
 

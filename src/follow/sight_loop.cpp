@@ -22,7 +22,6 @@ constexpr double kClosingTime = 0.5;       // [s]
 constexpr double kSureTip = 0.01;          // largest uncertainty at which the loop closes [m]
 constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
-constexpr double kReadingPatience = 0.05;  // how far a picture may be newer than the readings [s]
 constexpr double kShortApproach = 0.04;    // of 2 mm; a path then begins immediately [s]
 constexpr double kCorrectingTime = 0.1;    // beyond smoothing and lag [s]
 
@@ -226,14 +225,9 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
           : stamp > now                                 ? SightingFault::kFuture
                                                         : SightingFault::kNone;
   if (fault != SightingFault::kNone) return false;
-  if (observer.at(stamp, at_picture)) return true;
-  const double ahead = observer.started() ? stamp - observer.time() : -1.0;
-  if (ahead < 0 || ahead > kReadingPatience) {
-    fault = SightingFault::kTooOld;
-    return false;
-  }
-  at_picture = observer.newest();
-  return true;
+  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) return true;
+  fault = SightingFault::kTooOld;
+  return false;
 }
 
 // The measured tip with the wanted one at the time of the picture.
@@ -286,8 +280,17 @@ void SightLoop::hold() { work_->path.reset(); }
 bool SightLoop::hasTarget() const { return work_->target.has_value(); }
 
 void SightLoop::enable(bool enabled) {
-  if (work_->enabled && !enabled) release();
-  work_->enabled = enabled;
+  Workspace& w = *work_;
+  if (w.enabled && !enabled) {
+    release();
+    // What held the arm then says nothing of the arm that is vented. The watch, which knew the arm
+    // under that load, begins anew.
+    if (w.contact.load().contact) {
+      w.contact.reset();
+      w.watch.reset();
+    }
+  }
+  w.enabled = enabled;
 }
 
 void SightLoop::close(bool closed) {

@@ -86,6 +86,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
+  const bool touched = loop_.load().contact;
   loop_.enable(link_.follows());
   action_.prepare(time, loop_, link_);
   aim();
@@ -93,6 +94,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   command(turn);
   if (turn.commands) action_.watch(time, turn);
   tellState(before);
+  if (touched && !loop_.load().contact) load_publisher_.publish(stamp, loop_);
   publisher_.publish(view());
 }
 
