@@ -53,8 +53,8 @@ lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::S
 // Errors of all parameters of a fit by one standard deviation of each entry of the placements: six
 // columns for each tag of the layout, six for the base. A tag that is not fitted has none.
 std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedSight& sight, const model::Arm& arm,
-                                               const model::Shape& shape,
-                                               const std::vector<int>& tags) {
+                                           const model::Shape& shape,
+                                           const std::vector<int>& tags) {
   basics::requireValue(
       shape.sectionCount() == sight.view.sections && shape.sectionCount() == arm.sectionCount(),
       kCulprit, "the number of sections of the shape", shape.sectionCount(),

@@ -174,7 +174,9 @@ TipCompliance::Workspace::Compliance TipCompliance::Workspace::compute(const For
       if (!shape) continue;
       ends[side] = fit ? fit->change(*shape)
                        : Eigen::VectorXd((shape->twists() - unforced->twists()).reshaped());
-      if (ends[side]) beyond[side] = model::tipPose(*shape).translation - tipOf(*ends[side]);
+      beyond[side] = fit && ends[side]
+                         ? Eigen::Vector3d(model::tipPose(*shape).translation - tipOf(*ends[side]))
+                         : Eigen::Vector3d::Zero();
     }
     if (!ends[0] || !ends[1]) continue;
     out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);

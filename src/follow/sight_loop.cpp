@@ -17,13 +17,13 @@
 namespace helix_arm::follow {
 namespace {
 
-constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
-constexpr double kClosingTime = 0.5;       // [s]
-constexpr double kSureTip = 0.01;          // largest uncertainty at which the loop closes [m]
-constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
-constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
-constexpr double kShortApproach = 0.04;    // of 2 mm; a path then begins immediately [s]
-constexpr double kCorrectingTime = 0.1;    // beyond smoothing and lag [s]
+constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;     // [s]
+constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
+constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
+constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 

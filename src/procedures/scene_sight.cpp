@@ -63,10 +63,11 @@ RigEstimate::Matrix rigByPlacementsOf(const io::Scene& scene,
 std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene) {
   if (!scene.camera || !scene.tags) return std::nullopt;
   estimation::PlacedSight out = nominalSightOf(scene);
-  if (!out.fit.free_base) return out;
-  const auto by_placements = rigByPlacementsOf(scene, out);
-  out.deviations.base =
-      estimation::RigMemory::heldErrors(out.fit, by_placements).diagonal().head<6>().cwiseSqrt();
+  if (out.fit.free_base) {
+    const auto errors =
+        estimation::RigMemory::heldErrors(out.fit, rigByPlacementsOf(scene, out)).diagonal();
+    out.deviations.base = errors.head<6>().cwiseSqrt();
+  }
   out.fit = estimation::RigMemory::heldOptions(out.fit);
   return out;
 }

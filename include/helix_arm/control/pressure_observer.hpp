@@ -45,8 +45,8 @@ class PressureObserver {
   /// `out` as it is, for times after the newest or before the oldest estimate.
   bool at(double time, Estimate& out) const;
   /// Estimates at a time after the newest one, if the set point stays what it was. Looks at least
-  /// 50 ms ahead, 1.5 periods of the readings if that is longer, at most kMemory; returns false, and
-  /// leaves `out` as it is, for other times.
+  /// 50 ms ahead, 1.5 periods of the readings if that is longer, at most kMemory; returns false,
+  /// and leaves `out` as it is, for other times.
   bool ahead(double time, Estimate& out) const;
 
  private:
@@ -61,7 +61,7 @@ class PressureObserver {
   const double time_constant_;
   const double noise_;
   Estimate now_;
-  Eigen::VectorXd set_point_;  // in force until now_; NaN if unknown
+  Eigen::VectorXd set_point_;    // in force until now_; NaN if unknown
   std::vector<Moment> history_;  // a ring
   int newest_ = -1;
   int count_ = 0;

@@ -46,8 +46,8 @@ std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, con
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags);
 
-/// Covariance of how fits of two sets of tags differ by errors of the placements, which are the same
-/// for the tags that both contain. Otherwise as placementCovariance().
+/// Covariance of how fits of two sets of tags differ by errors of the placements, which are the
+/// same for the tags that both contain. Otherwise as placementCovariance().
 std::optional<Eigen::MatrixXd> placementDifference(const PlacedSight& sight, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags,

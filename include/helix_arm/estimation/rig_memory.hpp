@@ -10,8 +10,8 @@ namespace helix_arm::estimation {
 ///
 /// A fit that frees them anew in every picture takes half of what a force does to the arm for a
 /// motion of its base. Pictures of different shapes tell the two apart: each picture whose shape is
-/// a new one teaches, until noise contributes at most kSurest of the priors' deviations. From then
-/// on the estimate is held.
+/// a new one teaches. Once noise contributes at most kSurest of the priors' deviations, the
+/// estimate is held: it changes slowly while the arm moves, as the camera may be pushed.
 ///
 /// Errors of the placements do not average out. With z the base and bleed for which the pictures
 /// speak, P0 the priors' covariance and Q that of z's errors by placements, the estimate is
@@ -26,7 +26,7 @@ class RigMemory {
 
   /// For the next fit. Its covariance is that of noise alone, so that successive fits agree.
   const RigEstimate& estimate() const { return estimate_; }
-  /// Whether the estimate is held.
+  /// Whether the estimate is held, or there is none.
   bool isHeld() const { return held_; }
 
   /// After a fit that knew estimate(). One that has not converged teaches nothing; 30 in a row that
@@ -50,7 +50,7 @@ class RigMemory {
   // Of the pictures alone, as if placements were exact.
   RigEstimate::Matrix information_ = RigEstimate::Matrix::Zero();
   RigEstimate::Vector weighted_ = RigEstimate::Vector::Zero();  // information times z
-  bool held_ = false;
+  bool teaches_ = false, held_ = false;
   std::optional<model::Twists> taught_;  // of the last picture that taught
   int failures_ = 0;                     // in a row
 };
