@@ -90,13 +90,13 @@ void requireFinite(const Rows& rows, const char* name) {
   }
 }
 
-py::array_t<double> copied(const Eigen::Ref<const Eigen::VectorXd>& vector) {
+py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector) {
   py::array_t<double> out(vector.size());
   Eigen::VectorXd::Map(out.mutable_data(), vector.size()) = vector;
   return out;
 }
 
-py::array_t<double> copied(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
+py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
   py::array_t<double> out({matrix.rows(), matrix.cols()});
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   RowMajor::Map(out.mutable_data(), matrix.rows(), matrix.cols()) = matrix;

@@ -51,8 +51,8 @@ void requireFinite(const Rows& rows, const char* name);
 std::string shapeText(const py::array& array);
 
 /// New array.
-py::array_t<double> copied(const Eigen::Ref<const Eigen::VectorXd>& vector);
+py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector);
 /// New array (rows, columns), in the order of C.
-py::array_t<double> copied(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
+py::array_t<double> matrixOf(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
 
 }  // namespace helix_arm::python

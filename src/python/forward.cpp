@@ -1,10 +1,11 @@
 #include "forward.hpp"
 
-#include <Eigen/Geometry>
+#include <algorithm>
 #include <limits>
-#include <sstream>
 
+#include "bindings.hpp"
 #include "parallel.hpp"
+#include "poses.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -13,11 +14,6 @@ constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 // Work of one thread at a time, about 0.1 ms in closed form.
 constexpr std::size_t kPiece = 1024;
 constexpr std::size_t kLoadedPiece = 16;
-
-Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
-  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
-}
 
 // Memory without initial values: every entry is written.
 std::unique_ptr<double[]> numbers(py::ssize_t count) {
@@ -48,10 +44,6 @@ void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, st
       const statics::Solution solution = scene.model().solve(q);
       converged_[row] = solution.converged();
       set(row, solution.tip, solution.shape.twists());
-      if (solution.converged()) continue;
-      std::fill_n(&tips_[3 * row], 3, kNoNumber);
-      std::fill_n(&quaternions_[4 * row], 4, kNoNumber);
-      std::fill_n(&twists_[6 * sections_ * row], 6 * sections_, kNoNumber);
       continue;
     }
     const model::Twists twists = scene.arm().twists(q);
@@ -63,9 +55,13 @@ void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, st
 }
 
 void Forward::set(std::size_t row, const lie::SE3& tip, const model::Twists& twists) {
-  Eigen::Vector3d::Map(&tips_[3 * row]) = tip.translation;
-  Eigen::Vector4d::Map(&quaternions_[4 * row]) = quaternionXyzw(tip.rotation);
-  std::copy_n(twists.data(), 6 * sections_, &twists_[6 * sections_ * row]);
+  setPose(tip, converged_[row], &tips_[3 * row], &quaternions_[4 * row]);
+  double* const to = &twists_[6 * sections_ * row];
+  if (converged_[row]) {
+    std::copy_n(twists.data(), 6 * sections_, to);
+  } else {
+    std::fill_n(to, 6 * sections_, kNoNumber);
+  }
 }
 
 py::array Forward::view(const py::object& self, const double* first,

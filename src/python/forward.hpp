@@ -38,6 +38,4 @@ class Forward {
 /// @param out  array for them, or none: a new one.
 py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, std::size_t threads);
 
-void bindForward(py::module_& module, py::class_<Scene>& scene);
-
 }  // namespace helix_arm::python

@@ -1,6 +1,6 @@
-#include "forward.hpp"
+#include "bindings.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "scene.hpp"
+
 
 #include <pybind11/stl.h>
 
@@ -65,6 +65,14 @@ PYBIND11_MODULE(_core, module) {
           "tier", [](const Scene& self) { return self.model().choice().setting.name(); },
           "Tier that computes the shapes.");
   bindForward(module, scene);
+  bindCurve(scene);
+  bindInverse(scene);
+  bindJacobian(scene);
+  bindWorkspace(scene);
+  bindCalibrate(scene);
+  bindFit(scene);
+  bindFollow(scene);
+  bindLocalize(scene);
   module.def("scene_folder", &sceneFolder, "Folder of the shipped scenes.");
 }
 
