@@ -186,7 +186,7 @@ py::dict follow(const Scene& self, const py::object& tips, const py::object& pat
 
 void bindFollow(py::class_<Scene>& scene) {
   scene.def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"),
-            py::arg("open"), py::arg("sight"), py::arg("force"), py::arg("blind"),
+            py::arg("open").noconvert(), py::arg("sight"), py::arg("force"), py::arg("blind"),
             py::arg("latency_s"), py::arg("seed"), py::arg("rig"));
 }
 

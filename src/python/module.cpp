@@ -29,6 +29,8 @@ PYBIND11_MODULE(_core, module) {
   // Never freed: the interpreter may be gone by then.
   static auto& document_error =
       *new py::exception<io::DocumentError>(module, "DocumentError", PyExc_ValueError);
+  document_error.attr("__doc__") =
+      "A file that breaks its rules, or cannot be read; one fault per line: file:line key value rule.";
   py::register_exception_translator([](std::exception_ptr exception) {
     try {
       if (exception) std::rethrow_exception(exception);

@@ -1,7 +1,8 @@
-#include <array>
+#include <algorithm>
 #include <limits>
 #include <vector>
 
+#include "columns.hpp"
 #include "forward.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "parallel.hpp"
@@ -11,8 +12,8 @@ namespace {
 
 // Rows that are computed at once: whole blocks, whose columns stay in the innermost caches. Pieces
 // of threads are multiples of it, so that results do not depend on the number of threads.
-constexpr std::size_t kChunk = 4 * model::kBatchBlock;
-constexpr std::size_t kPiece = 16 * kChunk;
+constexpr std::size_t kChunk = 2 * model::kBatchBlock;
+constexpr std::size_t kPiece = 32 * kChunk;
 constexpr std::size_t kLoadedPiece = 16;
 
 // One column, one number after the other.
@@ -26,42 +27,36 @@ void readColumn(const Rows& rows, py::ssize_t column, std::size_t first, std::si
   }
 }
 
-// False for NaN, too.
-bool within(const double* values, std::size_t count, const model::Range& limits) {
-  bool inside = true;
-  for (std::size_t j = 0; j < count; ++j) {
-    inside &= (values[j] >= limits.lower) & (values[j] <= limits.upper);
-  }
-  return inside;
-}
-
 // Without load: the columns of a chunk, and the batch.
 void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
                 double* out) {
   const model::Arm& arm = scene.arm();
   const auto n = static_cast<std::size_t>(arm.actuatorCount());
+  const bool in_one_piece = inputs.columnStride() == sizeof(double) &&
+                            inputs.rowStride() == static_cast<py::ssize_t>(n * sizeof(double));
   std::vector<double> memory((n + 3) * kChunk);
-  std::vector<const double*> columns(n);
+  std::vector<double*> columns(n);
+  for (std::size_t i = 0; i < n; ++i) columns[i] = memory.data() + i * kChunk;
   double* const x = memory.data() + n * kChunk;
   double* const y = x + kChunk;
   double* const z = y + kChunk;
   for (std::size_t begin = first; begin < end; begin += kChunk) {
     const std::size_t count = std::min(kChunk, end - begin);
+    if (in_one_piece) {
+      splitRows(reinterpret_cast<const double*>(inputs.data()) + n * begin, n, count,
+                columns.data());
+    }
     for (std::size_t i = 0; i < n; ++i) {
-      double* const column = memory.data() + i * kChunk;
-      readColumn(inputs, static_cast<py::ssize_t>(i), begin, count, column);
-      if (!within(column, count, arm.actuator(static_cast<int>(i)).limits)) {
+      if (!in_one_piece) {
+        readColumn(inputs, static_cast<py::ssize_t>(i), begin, count, columns[i]);
+      }
+      const model::Range& limits = arm.actuator(static_cast<int>(i)).limits;
+      if (countOutside(columns[i], count, limits.lower, limits.upper) > 0) {
         scene.requireWithinLimits(inputs, "pressures_pa");  // says where
       }
-      columns[i] = column;
     }
     model::batchTips(arm, columns.data(), count, x, y, z);
-    double* row = out + 3 * begin;
-    for (std::size_t j = 0; j < count; ++j, row += 3) {
-      row[0] = x[j];
-      row[1] = y[j];
-      row[2] = z[j];
-    }
+    joinRows(x, y, z, count, out + 3 * begin);
   }
 }
 

@@ -97,7 +97,7 @@ class ForwardTest(unittest.TestCase):
             np.testing.assert_array_equal(value, getattr(result, name))
 
     def test_rows_without_equilibrium_hold_nan(self):
-        scene = helix_arm.Scene.load("loaded", {"load.mass_kg": 40, "tier": "loaded", "order": 5})
+        scene = helix_arm.Scene.load("loaded", {"arm.base.rpy_deg": [0, 0, 0], "load.mass_kg": 200, "tier": "loaded", "order": 5})
         result = scene.forward(np.full((2, 3), 2e5))
         self.assertFalse(result.converged.any(), "the load is not too large")
         for numbers in [result.tips, result.twists, result.quaternions_xyzw, scene.tips(np.full((2, 3), 2e5))]:
