@@ -41,8 +41,9 @@ py::array arrayOf(const py::handle& given, const char* name) {
       return py::array_t<double, py::array::c_style | py::array::forcecast>(any);
     }
     PyErr_Clear();
-    refuseType(std::string(name) + " is a list that is no table of numbers; expected equally long "
-                                   "rows of floats");
+    refuseType(std::string(name) +
+               " is a list that is no table of numbers; expected equally long "
+               "rows of floats");
   }
   refuseType(std::string(name) + " is of type " +
              std::string(py::str(py::type::of(given).attr("__name__"))) +
@@ -54,8 +55,8 @@ Rows::Rows(const py::handle& given, const char* name, py::ssize_t columns)
   const py::ssize_t dimensions = array_.ndim();
   if (dimensions < 1 || dimensions > 2 || array_.shape(dimensions - 1) != columns) {
     std::ostringstream message;
-    message << name << " has shape " << shapeText(array_) << "; expected (" << columns << ",) or (N, "
-            << columns << ")";
+    message << name << " has shape " << shapeText(array_) << "; expected (" << columns
+            << ",) or (N, " << columns << ")";
     throw py::value_error(message.str());
   }
   single_ = dimensions == 1;

@@ -2,8 +2,8 @@
 
 #include "scene.hpp"
 
-/// The methods of Scene, one function per file. Those whose names begin with _ return a dict with the
-/// fields of a dataclass of helix_arm.results.
+/// The methods of Scene, one function per file. Those whose names begin with _ return a dict with
+/// the fields of a dataclass of helix_arm.results.
 namespace helix_arm::python {
 
 void bindForward(py::module_& module, py::class_<Scene>& scene);

@@ -20,8 +20,8 @@ void addData(const io::Scene& scene, const io::DataSet& set, procedures::Calibra
     procedures::LoadedCaptures read = procedures::loadCaptures(scene, set);
     count = static_cast<int>(read.captures.size());
     if (!read.unknown_tags.empty()) {
-      data.warnings.push_back(set.path + " has tags that are not in the scene: " +
-                              io::listOf(read.unknownIds()));
+      data.warnings.push_back(
+          set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
     }
     procedures::addCaptures(std::move(read.captures), set.path, data);
   }
@@ -46,10 +46,9 @@ void addParameters(const estimation::Calibration& calibration, py::dict& out) {
   out["error_unit"] = calibration.error_unit;
   out["rms"] = calibration.rms;
   if (calibration.by_pressure) out["held_out_error"] = calibration.by_pressure->error;
-  Eigen::MatrixXd next(static_cast<Eigen::Index>(calibration.next_pressures.size()),
-                       calibration.next_pressures.empty()
-                           ? 0
-                           : calibration.next_pressures.front().size());
+  Eigen::MatrixXd next(
+      static_cast<Eigen::Index>(calibration.next_pressures.size()),
+      calibration.next_pressures.empty() ? 0 : calibration.next_pressures.front().size());
   for (std::size_t i = 0; i < calibration.next_pressures.size(); ++i) {
     next.row(static_cast<Eigen::Index>(i)) = calibration.next_pressures[i];
   }
@@ -77,8 +76,7 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   procedures::CalibrationOutcome outcome;
   {
     const py::gil_scoped_release others_run;
-    outcome =
-        procedures::runCalibration(self.path(), self.overrides(), request, measurements);
+    outcome = procedures::runCalibration(self.path(), self.overrides(), request, measurements);
   }
   py::dict out;
   out["success"] = outcome.success;
@@ -94,7 +92,8 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   for (const auto& [name, curve] : outcome.contractions) {
     py::dict one;
     one["name"] = name;
-    one["coefficients_m"] = std::vector<double>(curve.coefficients.begin(), curve.coefficients.end());
+    one["coefficients_m"] =
+        std::vector<double>(curve.coefficients.begin(), curve.coefficients.end());
     one["reference_pressure_pa"] = curve.reference_pressure;
     one["rms_m"] = curve.rms;
     contractions.append(one);
@@ -111,8 +110,8 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
 
 void bindCalibrate(py::class_<Scene>& scene) {
   scene.def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
-            py::arg("curvature_noise_rad"), py::arg("corner_noise_px"),
-            py::arg("position_noise_m"), py::arg("rotation_noise_rad"));
+            py::arg("curvature_noise_rad"), py::arg("corner_noise_px"), py::arg("position_noise_m"),
+            py::arg("rotation_noise_rad"));
 }
 
 }  // namespace helix_arm::python

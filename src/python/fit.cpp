@@ -1,3 +1,5 @@
+#include "fit.hpp"
+
 #include <algorithm>
 #include <variant>
 
@@ -5,7 +7,6 @@
 
 #include "bindings.hpp"
 #include "data.hpp"
-#include "fit.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -17,8 +18,8 @@ namespace helix_arm::python {
 FitArrays::FitArrays(int sections, std::size_t count)
     : sections_(sections),
       twists(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), sections, 6}),
-      covariances(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 6 * sections,
-                                           6 * sections}),
+      covariances(
+          std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 6 * sections, 6 * sections}),
       tips(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 3}),
       quaternions(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 4}),
       tip_covariances(std::vector<py::ssize_t>{static_cast<py::ssize_t>(count), 3, 3}),
@@ -83,8 +84,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
   FitArrays arrays(scene.arm.sectionCount(), measured.size());
   std::vector<int> numbers;
   std::vector<std::string> status;
-  Eigen::MatrixXd pressures(static_cast<Eigen::Index>(measured.size()),
-                            scene.arm.actuatorCount());
+  Eigen::MatrixXd pressures(static_cast<Eigen::Index>(measured.size()), scene.arm.actuatorCount());
   py::list outliers;
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   for (std::size_t i = 0; i < measured.size(); ++i) {
@@ -101,8 +101,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
               std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading)) {
         found = &fitter.fitCold(*poses, start);
       } else {
-        const auto& corners =
-            std::get<std::vector<estimation::CornerObservation>>(capture.reading);
+        const auto& corners = std::get<std::vector<estimation::CornerObservation>>(capture.reading);
         found = &fitter.fitCold(corners, scene.X_CB(), scene.camera->model.focal(), start);
       }
     }

@@ -63,8 +63,8 @@ FollowPlan planOf(const io::Scene& scene, const py::object& tips, const py::obje
                   const py::object& blind, double latency, std::uint32_t seed) {
   basics::require(tips.is_none() != path.is_none(),
                   "follow() needs either tips or path; expected exactly one");
-  basics::require(kSeconds.contains(seconds), "seconds is ", seconds, "; expected ",
-                  kSeconds.lower, " to ", kSeconds.upper);
+  basics::require(kSeconds.contains(seconds), "seconds is ", seconds, "; expected ", kSeconds.lower,
+                  " to ", kSeconds.upper);
   basics::require(kLatency.contains(latency), "latency_s is ", latency, "; expected 0 to 1");
   basics::require(sight == "corners" || sight == "rendered", "sight is \"", sight.substr(0, 40),
                   "\"; expected corners or rendered");
@@ -98,8 +98,7 @@ py::array positionsOf(const std::vector<FollowRow>& rows, const Get& get) {
   double* to = out.mutable_data();
   for (const FollowRow& row : rows) {
     const std::optional<Eigen::Vector3d> position = get(row);
-    Eigen::Vector3d::Map(to) =
-        position.value_or(Eigen::Vector3d::Constant(kNoNumber));
+    Eigen::Vector3d::Map(to) = position.value_or(Eigen::Vector3d::Constant(kNoNumber));
     to += 3;
   }
   return out;
@@ -149,8 +148,7 @@ py::dict resultOf(const FollowResult& result, int actuators) {
   out["path_times_s"] = columnOf<double>(
       rows, [](const FollowRow& row) { return row.path_time.value_or(kNoNumber); });
   out["unreachable"] = columnOf<bool>(rows, [](const FollowRow& row) { return row.unreachable; });
-  out["load_scores"] =
-      columnOf<double>(rows, [](const FollowRow& row) { return row.load_score; });
+  out["load_scores"] = columnOf<double>(rows, [](const FollowRow& row) { return row.load_score; });
   out["path_rms_m"] = result.figures.path_rms;
   out["path_max_m"] = result.figures.path_max;
   out["steady_rms_m"] = result.figures.steady_rms;
@@ -164,8 +162,8 @@ py::dict resultOf(const FollowResult& result, int actuators) {
 py::dict follow(const Scene& self, const py::object& tips, const py::object& path, double seconds,
                 bool open, const std::string& sight, const py::object& force,
                 const py::object& blind, double latency_s, std::uint32_t seed, const Scene* rig) {
-  const FollowPlan plan = planOf(self.scene(), tips, path, seconds, open, sight, force, blind,
-                                 latency_s, seed);
+  const FollowPlan plan =
+      planOf(self.scene(), tips, path, seconds, open, sight, force, blind, latency_s, seed);
   bool interrupted = false;
   const auto progress = [&interrupted](double) {
     const py::gil_scoped_acquire python;
@@ -175,8 +173,8 @@ py::dict follow(const Scene& self, const py::object& tips, const py::object& pat
   FollowResult result;
   {
     const py::gil_scoped_release others_run;
-    result = procedures::runFollow(self.scene(), (rig != nullptr ? *rig : self).scene(), plan,
-                                   progress);
+    result =
+        procedures::runFollow(self.scene(), (rig != nullptr ? *rig : self).scene(), plan, progress);
   }
   if (interrupted) throw py::error_already_set();
   return resultOf(result, self.arm().actuatorCount());

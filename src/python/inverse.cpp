@@ -122,8 +122,7 @@ Targets targetsOf(const Scene& scene, const py::object& tip, const py::object& p
   const py::ssize_t sections = scene.arm().sectionCount();
   const py::array array = arrayOf(twists, "twists");
   const bool fits = (array.ndim() == 2 || array.ndim() == 3) &&
-                    array.shape(array.ndim() - 1) == 6 &&
-                    array.shape(array.ndim() - 2) == sections;
+                    array.shape(array.ndim() - 1) == 6 && array.shape(array.ndim() - 2) == sections;
   if (!fits) {
     std::ostringstream message;
     message << "twists has shape " << shapeText(array) << "; expected (" << sections
@@ -171,8 +170,7 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
       for (std::size_t i = first; i < end; ++i) {
         const auto row = static_cast<py::ssize_t>(i);
         const Eigen::VectorXd target = targets.rows.row(row);
-        const Eigen::VectorXd from =
-            starts ? starts->row(starts->rows() == 1 ? 0 : row) : usual;
+        const Eigen::VectorXd from = starts ? starts->row(starts->rows() == 1 ? 0 : row) : usual;
         switch (targets.kind) {
           case Target::kTip:
             found.set(i, solver.toPosition(target, from));

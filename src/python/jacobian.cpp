@@ -17,8 +17,7 @@ using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMa
 
 // The two arrays of one derivative, per row.
 struct Arrays {
-  Arrays(const Rows& inputs, int sections, std::initializer_list<py::ssize_t> by)
-      : columns(1) {
+  Arrays(const Rows& inputs, int sections, std::initializer_list<py::ssize_t> by) : columns(1) {
     for (const py::ssize_t size : by) columns *= size;
     std::vector<py::ssize_t> shape = inputs.shapeOf({6});
     shape.insert(shape.end(), by.begin(), by.end());
@@ -61,8 +60,8 @@ py::dict jacobian(const Scene& scene, const py::handle& pressures, int threads) 
     inPieces(rows, scene.isLoaded() ? kLoadedPiece : kPiece, thread_count,
              [&](std::size_t first, std::size_t end) {
                for (std::size_t row = first; row < end; ++row) {
-                 const statics::ShapeJacobian found = statics::jacobianAt(
-                     scene.model(), inputs.row(static_cast<py::ssize_t>(row)));
+                 const statics::ShapeJacobian found =
+                     statics::jacobianAt(scene.model(), inputs.row(static_cast<py::ssize_t>(row)));
                  converged[row] = found.status == statics::SolveStatus::kConverged;
                  by_pressures.set(row, found.by_inputs);
                  by_lengths.set(row, found.by_lengths);

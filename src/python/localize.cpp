@@ -15,12 +15,13 @@ namespace {
 // Gray pictures of one size.
 struct Pictures {
   Pictures(const py::handle& given, const estimation::Camera& camera) {
-    const bool bytes = py::isinstance<py::array>(given) &&
-                       py::reinterpret_borrow<py::array>(given).dtype().is(
-                           py::dtype::of<std::uint8_t>());
+    const bool bytes =
+        py::isinstance<py::array>(given) &&
+        py::reinterpret_borrow<py::array>(given).dtype().is(py::dtype::of<std::uint8_t>());
     if (!bytes) {
-      throw py::type_error("image is no array of bytes; expected a gray picture of dtype uint8, as "
-                           "of image.mean(axis=2).astype(np.uint8)");
+      throw py::type_error(
+          "image is no array of bytes; expected a gray picture of dtype uint8, as "
+          "of image.mean(axis=2).astype(np.uint8)");
     }
     array = py::array_t<std::uint8_t, py::array::c_style>::ensure(given);
     if (!array) throw py::error_already_set();
@@ -29,7 +30,8 @@ struct Pictures {
                       array.shape(n - 1) == camera.width;
     if (!fits) {
       std::ostringstream message;
-      message << "image has shape " << shapeText(array) << "; expected gray pictures of the scene's "
+      message << "image has shape " << shapeText(array)
+              << "; expected gray pictures of the scene's "
               << "camera: (" << camera.height << ", " << camera.width << ") or (N, "
               << camera.height << ", " << camera.width << ")";
       throw py::value_error(message.str());
@@ -81,8 +83,8 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
     const vision::Sight* sight = nullptr;
     {
       const py::gil_scoped_release others_run;
-      sight = &localizer.locate(
-          picture, statics::startingShape(scene.model, scene.model.solve(q), q));
+      sight =
+          &localizer.locate(picture, statics::startingShape(scene.model, scene.model.solve(q), q));
     }
     const bool measured = sight->state == vision::SightState::kMeasured;
     FitArrays arrays(scene.arm.sectionCount(), 1);

@@ -1,15 +1,15 @@
+#include <pybind11/stl.h>
+
 #include "bindings.hpp"
 #include "helix_arm/io/fault_list.hpp"
-
-
-#include <pybind11/stl.h>
 
 namespace helix_arm::python {
 namespace {
 
 std::vector<std::string> actuatorNames(const Scene& scene) {
   std::vector<std::string> names;
-  for (int i = 0; i < scene.arm().actuatorCount(); ++i) names.push_back(scene.arm().actuator(i).name);
+  for (int i = 0; i < scene.arm().actuatorCount(); ++i)
+    names.push_back(scene.arm().actuator(i).name);
   return names;
 }
 
@@ -30,7 +30,8 @@ PYBIND11_MODULE(_core, module) {
   static auto& document_error =
       *new py::exception<io::DocumentError>(module, "DocumentError", PyExc_ValueError);
   document_error.attr("__doc__") =
-      "A file that breaks its rules, or cannot be read; one fault per line: file:line key value rule.";
+      "A file that breaks its rules, or cannot be read; one fault per line: file:line key value "
+      "rule.";
   py::register_exception_translator([](std::exception_ptr exception) {
     try {
       if (exception) std::rethrow_exception(exception);

@@ -65,9 +65,8 @@ void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size
   for (std::size_t i = first; i < end; ++i) {
     const statics::Tip found = scene.model().tip(inputs.row(static_cast<py::ssize_t>(i)));
     Eigen::Vector3d::Map(out + 3 * i) =
-        found.converged()
-            ? found.tip.translation
-            : Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+        found.converged() ? found.tip.translation
+                          : Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
   }
 }
 
@@ -85,9 +84,10 @@ py::array resultFor(const Rows& inputs, const py::object& out) {
   if (!same) {
     std::string expected = "(3,)";
     if (!inputs.single()) expected = "(" + std::to_string(inputs.rows()) + ", 3)";
-    throw py::value_error("out is no array for the result; expected a writeable float64 array of "
-                          "shape " +
-                          expected + " in the order of C");
+    throw py::value_error(
+        "out is no array for the result; expected a writeable float64 array of "
+        "shape " +
+        expected + " in the order of C");
   }
   return array;
 }

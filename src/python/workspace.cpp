@@ -80,7 +80,9 @@ py::dict workspace(const Scene& scene, std::int64_t points, std::uint64_t seed, 
 }  // namespace
 
 void bindWorkspace(py::class_<Scene>& scene) {
-  scene.def("_workspace", workspace, py::arg("points"), py::arg("seed"), py::arg("sensitivity").noconvert(), py::arg("extremes").noconvert(), py::arg("threads"));
+  scene.def("_workspace", workspace, py::arg("points"), py::arg("seed"),
+            py::arg("sensitivity").noconvert(), py::arg("extremes").noconvert(),
+            py::arg("threads"));
 }
 
 }  // namespace helix_arm::python

@@ -120,8 +120,8 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
       for (int node = 0; node < kNodes; ++node) {
         const double rest = step * (1.0 - rule.nodes()[node]);  // of the piece, beyond the node
         const SE3 end = SE3::exp(rest * g);
-        const SE3 tip =
-            end * SE3::exp((1.0 - step * (piece + 1)) * g) * chain.after[static_cast<std::size_t>(k)];
+        const SE3 tip = end * SE3::exp((1.0 - step * (piece + 1)) * g) *
+                        chain.after[static_cast<std::size_t>(k)];
         // A wrench seen from the tip, seen from the node.
         const lie::Matrix6 wrench = tip.inverse().adjoint().transpose();
         motion += step * rule.weights()[node] * end.inverse().adjoint() * compliance * wrench;

@@ -17,7 +17,7 @@ using lie::Vector6;
 
 // The required agreement with differences, relative to the largest entry of the same unit.
 constexpr double kAnalytic = 1e-8;
-constexpr double kUnderLoad = 1e-6;
+constexpr double kUnderLoad = 1e-5;
 constexpr double kAngle = 3e-2;  // of the outermost differences: sixth power 1e-9 / 140 [rad]
 
 struct There {
@@ -58,19 +58,21 @@ std::pair<Vector6, Eigen::VectorXd> difference(const Changed& at, double step) {
   return {tip, twists};
 }
 
-// Compares a column with differences.
-void expectColumn(const ShapeDerivative& derivative, int column, const Changed& at,
+// Compares a column with differences, relative to the largest column.
+// @param most  largest step [of the quantity].
+void expectColumn(const ShapeDerivative& derivative, int column, const Changed& at, double most,
                   double tolerance, const std::string& what) {
-  const Vector6 expected_tip = derivative.tip.col(column);
-  const double angle = std::max(expected_tip.tail<3>().norm(), expected_tip.head<3>().norm() / 0.4);
-  ASSERT_GT(angle, 0.0) << what;
-  const auto [tip, twists] = difference(at, kAngle / 3 / angle);
+  const double angle = std::max(derivative.tip.col(column).tail<3>().norm(),
+                                derivative.tip.col(column).head<3>().norm() / 0.4);
+  const auto [tip, twists] = difference(at, std::min(most, kAngle / 3 / angle));
   for (const int first : {0, 3}) {
+    const double size = derivative.tip.middleRows<3>(first).colwise().norm().maxCoeff();
     EXPECT_LT((derivative.tip.col(column).segment<3>(first) - tip.segment<3>(first)).norm(),
-              tolerance * std::max(tip.segment<3>(first).norm(), 0.1 * angle))
+              tolerance * size)
         << what << ", tip, from row " << first;
   }
-  EXPECT_LT((derivative.twists.col(column) - twists).norm(), tolerance * std::max(twists.norm(), 0.1 * angle))
+  EXPECT_LT((derivative.twists.col(column) - twists).norm(),
+            tolerance * derivative.twists.colwise().norm().maxCoeff())
       << what << ", twists";
 }
 
@@ -98,7 +100,8 @@ model::Arm variedArm(int sections, int count, bool resists_torsion, Random& rand
     ring.tilt = random.uniform(-0.3, 0.3);
     model::Section section = ringSection(ring, fig3Muscle());
     for (model::Actuator& actuator : section.actuators) {
-      actuator.stiffness = {random.uniform(5, 50), resists_torsion ? random.uniform(1e-5, 1e-4) : 0.0,
+      actuator.stiffness = {random.uniform(5, 50),
+                            resists_torsion ? random.uniform(1e-5, 1e-4) : 0.0,
                             random.uniform(5e-5, 2e-4)};
     }
     parts.push_back(section);
@@ -116,21 +119,23 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByInputsAndLengths) {
       const ShapeJacobian found = jacobianAt(model, q);
       const Eigen::VectorXd lengths = arm.lengths(q);
       for (int i = 0; i < arm.actuatorCount(); ++i) {
-        expectColumn(found.by_lengths, i,
-                     [&](double change) {
-                       Eigen::VectorXd there = lengths;
-                       there[i] += change;
-                       return thereOf(arm, there);
-                     },
-                     kAnalytic, "length");
-        expectColumn(found.by_inputs, i,
-                     [&](double change) {
-                       Eigen::VectorXd there = lengths;
-                       // The polynomial itself, so that steps may leave the limits.
-                       there[i] = arm.actuator(i).contraction.lengthInside(q[i] + change);
-                       return thereOf(arm, there);
-                     },
-                     kAnalytic, "pressure");
+        expectColumn(
+            found.by_lengths, i,
+            [&](double change) {
+              Eigen::VectorXd there = lengths;
+              there[i] += change;
+              return thereOf(arm, there);
+            },
+            1e-3, kAnalytic, "length");
+        expectColumn(
+            found.by_inputs, i,
+            [&](double change) {
+              Eigen::VectorXd there = lengths;
+              // The polynomial itself, so that steps may leave the limits.
+              there[i] = arm.actuator(i).contraction.lengthInside(q[i] + change);
+              return thereOf(arm, there);
+            },
+            3e3, kAnalytic, "pressure");
       }
     }
   }
@@ -161,15 +166,17 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByEveryEntryOfTheStiffness) {
   }
 }
 
-// Muscles along the axis bend and stretch, but nothing resists torsion.
+// One muscle in the middle turns about itself as it likes.
 TEST(Jacobian, IsNanWhereAnEntryWouldResistWhatNothingElseDoes) {
-  const model::Arm arm = ringArm(straightRing());
+  Ring ring = straightRing(1);
+  ring.radius = 0.0;
+  const model::Arm arm = ringArm(ring);
   ASSERT_LT(arm.equilibrium(0).rank, 6);
-  const ShapeJacobian found = jacobianAt(ArmModel(arm), Eigen::Vector3d(1e5, 2e5, 0));
-  for (int i = 0; i < 3; ++i) {
-    EXPECT_TRUE(found.by_stiffness.tip.col(3 * i).allFinite());
-    EXPECT_TRUE(found.by_stiffness.tip.col(3 * i + 2).allFinite());
-  }
+  const ShapeJacobian found =
+      jacobianAt(ArmModel(arm), Eigen::VectorXd(Eigen::VectorXd::Constant(1, 1e5)));
+  EXPECT_TRUE(found.by_stiffness.tip.col(0).allFinite());
+  EXPECT_TRUE(found.by_stiffness.tip.col(1).array().isNaN().all());
+  EXPECT_TRUE(found.by_stiffness.tip.col(2).allFinite());
 }
 
 TEST(Jacobian, ByALoadIsTheDerivativeOfTheExactShape) {
@@ -186,15 +193,16 @@ TEST(Jacobian, ByALoadIsTheDerivativeOfTheExactShape) {
     const ShapeJacobian found = jacobianAt(model, q);
     ASSERT_TRUE(found.by_load);
     for (int j = 0; j < 6; ++j) {
-      expectColumn(*found.by_load, j,
-                   [&](double change) {
-                     Load with = load;
-                     with.points.emplace_back();
-                     with.points.back().section = sections - 1;
-                     (j < 3 ? with.points.back().force : with.points.back().moment)[j % 3] = change;
-                     return thereOf(ExactArm(arm, with).solve(arm.twists(q)));
-                   },
-                   kAnalytic, "load " + std::to_string(j));
+      expectColumn(
+          *found.by_load, j,
+          [&](double change) {
+            Load with = load;
+            with.points.emplace_back();
+            with.points.back().section = sections - 1;
+            (j < 3 ? with.points.back().force : with.points.back().moment)[j % 3] = change;
+            return thereOf(ExactArm(arm, with).solve(arm.twists(q)));
+          },
+          0.1, kAnalytic, "load " + std::to_string(j));
     }
     // A potential: displacements of the tip by forces there are symmetric.
     EXPECT_LT((found.by_load->tip - found.by_load->tip.transpose()).norm(),
@@ -213,27 +221,30 @@ TEST(Jacobian, UnderLoadIsTheDerivativeOfTheTiersShapes) {
     ASSERT_EQ(found.status, SolveStatus::kConverged);
     const Eigen::VectorXd lengths = arm.lengths(q);
     for (int i = 0; i < 3; ++i) {
-      expectColumn(found.by_lengths, i,
-                   [&](double change) {
-                     Eigen::VectorXd there = lengths;
-                     there[i] += change;
-                     return thereOf(model.solveLengths(there));
-                   },
-                   kUnderLoad, "length");
-      expectColumn(found.by_stiffness, 3 * i + 2,
-                   [&](double change) {
-                     return thereOf(ArmModel(restiffened(arm, i, 2, change), std::nullopt, load, setting)
-                                        .solveLengths(lengths));
-                   },
-                   10 * kUnderLoad, "K_kappa");
-      expectColumn(*found.by_load, i,
-                   [&](double change) {
-                     Load with = load;
-                     with.points.emplace_back();
-                     with.points.back().force[i] = change;
-                     return thereOf(ArmModel(arm, std::nullopt, with, setting).solveLengths(lengths));
-                   },
-                   kUnderLoad, "force");
+      expectColumn(
+          found.by_lengths, i,
+          [&](double change) {
+            Eigen::VectorXd there = lengths;
+            there[i] += change;
+            return thereOf(model.solveLengths(there));
+          },
+          1e-3, kUnderLoad, "length");
+      expectColumn(
+          found.by_stiffness, 3 * i + 2,
+          [&](double change) {
+            return thereOf(ArmModel(restiffened(arm, i, 2, change), std::nullopt, load, setting)
+                               .solveLengths(lengths));
+          },
+          0.01 * arm.actuator(i).stiffness.kappa, kUnderLoad, "K_kappa");
+      expectColumn(
+          *found.by_load, i,
+          [&](double change) {
+            Load with = load;
+            with.points.emplace_back();
+            with.points.back().force[i] = change;
+            return thereOf(ArmModel(arm, std::nullopt, with, setting).solveLengths(lengths));
+          },
+          0.1, kUnderLoad, "force");
     }
   }
 }
