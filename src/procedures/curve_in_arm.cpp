@@ -4,8 +4,6 @@
 #include <cmath>
 #include <cstdio>
 
-#include "helix_arm/io/number.hpp"
-
 namespace helix_arm::procedures {
 namespace {
 
