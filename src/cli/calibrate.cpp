@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "contractions_json.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
@@ -26,13 +27,10 @@ using estimation::ContractionFit;
 using nlohmann::json;
 
 struct CalibrateOptions {
-  std::string scene, out, fit, curve = "quintic", branch = "both";
+  std::string scene, out, fit, curve, branch = "both";
   std::vector<std::string> data, also;
   procedures::CalibrationRequest request;
 };
-
-// Points of a fitted curve, for drawing.
-constexpr int kCurvePoints = 100;
 
 std::vector<std::string> wordsOf(const std::string& list) {
   std::vector<std::string> words;
@@ -114,34 +112,6 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
     arms.push_back({{"name", arm.name}, {"captures", std::move(captures)}});
   }
   return arms;
-}
-
-json contractionsJson(const procedures::CalibrationOutcome& outcome,
-                      const procedures::CalibrationData& data) {
-  json all = json::array();
-  for (const auto& [name, fit] : outcome.contractions) {
-    json samples = json::array(), curve = json::array();
-    for (const estimation::LengthSample& sample : data.lengths) {
-      samples.push_back({{"pressure_pa", sample.pressure}, {"length_m", sample.length}});
-    }
-    if (fit.curve) {
-      const model::Range& range = fit.curve->inputRange();
-      for (int i = 0; i <= kCurvePoints; ++i) {
-        const double p = range.lower + (range.upper - range.lower) * i / kCurvePoints;
-        curve.push_back({{"pressure_pa", p}, {"length_m", fit.curve->lengthInside(p)}});
-      }
-    }
-    all.push_back({{"name", name},
-                   {"kind", fit.kind == estimation::CurveKind::kQuintic ? "quintic" : "table"},
-                   {"rms_m", fit.rms},
-                   {"constrained", fit.constrained},
-                   {"hysteresis_m", toJson(fit.hysteresis)},
-                   {"coefficients_m", fit.coefficients},
-                   {"reference_pressure_pa", fit.reference_pressure},
-                   {"samples", std::move(samples)},
-                   {"curve", std::move(curve)}});
-  }
-  return all;
 }
 
 json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
@@ -266,7 +236,10 @@ void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcom
   for (const auto& [name, fit] : outcome.contractions) {
     if (!fit.curve) continue;
     std::cout << "contraction " << name << ": RMS " << std::fixed << std::setprecision(2)
-              << 1e3 * fit.rms << " mm" << (fit.constrained ? ", held monotone" : "") << "\n";
+              << 1e3 * fit.rms << " mm" << (fit.constrained ? ", held monotone" : "")
+              << (outcome.curve_in_arm && outcome.curve_in_arm->taken ? ", fitted with the arm"
+                                                                      : "")
+              << "\n";
   }
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
@@ -303,10 +276,9 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (!options.out.empty()) requireOutputOfItsOwn(options);
   procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
-  request.curve.kind =
-      options.curve == "table" ? estimation::CurveKind::kTable : estimation::CurveKind::kQuintic;
-  if (options.branch == "rising") request.curve.branch = estimation::Branch::kRising;
-  if (options.branch == "falling") request.curve.branch = estimation::Branch::kFalling;
+  request.curve = curveKindOf(options.curve);
+  if (options.branch == "rising") request.branch = estimation::Branch::kRising;
+  if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.date = procedures::utcNow();
   const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
   std::vector<procedures::CompanionArm> companions;
@@ -351,9 +323,12 @@ Subcommand addCalibrate(CLI::App& app) {
   command->add_option(
       "--contraction", options->request.contraction,
       "the scene's contraction curve that free lengths replace; needed if it has several");
-  command->add_option("--curve", options->curve, "kind of contraction curve: quintic or table")
-      ->check(CLI::IsMember({"quintic", "table"}))
-      ->capture_default_str();
+  command
+      ->add_option("--curve", options->curve,
+                   "kind of contraction curve: spline (fitted to free lengths and captures "
+                   "together), quintic or table (to free lengths alone); default spline with "
+                   "captures, else quintic")
+      ->check(CLI::IsMember({"quintic", "table", "spline"}));
   command
       ->add_option("--branch", options->branch,
                    "branch of the free lengths: both, rising or falling")

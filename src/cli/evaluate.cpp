@@ -175,7 +175,8 @@ Subcommand addEvaluate(CLI::App& app) {
       "Tag poses, json: captures [{capture, pressure_pa, status (of the fit), converged,\n"
       "reason, model_status (as that of forward), rms_m (the model's tags against those\n"
       "measured that fit one shape), tip_error_m and tip_error_percent (model against fitted\n"
-      "tip, of the arm's length at rest), outlier_tags, unknown_tags}], median_rms_m and\n"
+      "tip, of the arm's length at rest), outlier_tags, fit_rms_m, usual_fit_rms_m (only where\n"
+      "fit_rms_m is far larger than that of the others), unknown_tags}], median_rms_m and\n"
       "median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,\n"
       "reason.\n"
       "csv: the summary as # comments, then one row per point or capture.");

@@ -105,6 +105,8 @@ void printJsonResult(const io::Scene& scene, const TagComparison& c, const std::
          {"tip_error_m", toJson(capture.tip_error)},
          {"tip_error_percent", toJson(c.percent(capture.tip_error))},
          {"outlier_tags", capture.outlier_tags},
+         {"fit_rms_m", capture.measured.fit ? json(capture.measured.fit->rms) : json()},
+         {"usual_fit_rms_m", toJson(capture.measured.usual_rms)},
          {"unknown_tags", capture.measured.unknown_tags}});
   }
   printJson({{"scene", scene.name},
@@ -156,6 +158,7 @@ void printTextResult(const io::Scene& scene, const TagComparison& c, const std::
     if (!capture.outlier_tags.empty()) {
       std::cout << "; wrong: tag " << joined(capture.outlier_tags);
     }
+    if (capture.measured.usual_rms) std::cout << "; " << noteOnScatter(capture.measured);
     if (!capture.measured.unknown_tags.empty()) {
       std::cout << "; not in the scene: tag " << joined(capture.measured.unknown_tags);
     }

@@ -31,7 +31,7 @@ FitSummary summaryOf(const std::vector<FittedCapture>& captures) {
   for (const FittedCapture& capture : captures) {
     if (capture.sound()) rms.push_back(capture.fit->rms);
     const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
-    if (unexplained || (capture.fit && capture.fit->outliers() > 0)) {
+    if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {
       summary.flagged_captures.push_back(capture.number);
     }
     unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
@@ -55,6 +55,7 @@ json captureJson(const FittedCapture& capture, const TagLayout& layout) {
               {"tip", nullptr},
               {"base", nullptr},
               {"outlier_tags", capture.outlierTags(layout)},
+              {"usual_rms_m", toJson(capture.usual_rms)},
               {"unknown_tags", capture.unknown_tags}};
   if (capture.fit) {
     const estimation::TwistFit& fit = *capture.fit;
@@ -122,6 +123,7 @@ void printCsvResult(const io::Scene& scene, const std::vector<FittedCapture>& ca
     appendInputs(scene.arm, capture.pressure, row);
     row.emplace_back("rms_m", capture.fit ? exact(capture.fit->rms) : "");
     row.emplace_back("outlier_tags", joined(capture.outlierTags(*scene.tags)));
+    row.emplace_back("usual_rms_m", exact(capture.usual_rms));
     row.emplace_back("unknown_tags", joined(capture.unknown_tags));
     appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
     row.emplace_back("model_status", statics::nameOf(capture.model.status));
@@ -153,6 +155,7 @@ void printTextResult(const io::Scene& scene, const std::vector<FittedCapture>& c
     if (!capture.converged()) {
       std::cout << "; " << estimation::nameOf(capture.status) << ": " << capture.reason;
     }
+    if (capture.usual_rms) std::cout << "; " << noteOnScatter(capture);
     const std::string note = noteOnStart(capture.model);
     if (!note.empty()) std::cout << "; " << note;
     std::cout << "\n";
@@ -196,7 +199,8 @@ Subcommand addFit(CLI::App& app) {
       "json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless\n"
       "converged, the search began at the shape without load), twist, covariance, rms_m (of the\n"
       "tags that fit), tip and base (fitted, relative to the base's nominal pose),\n"
-      "outlier_tags, unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m\n"
+      "outlier_tags, usual_rms_m (only where rms_m is far larger than that of the others),\n"
+      "unknown_tags, tags [{id, residual_m, weight, outlier}]}], median_rms_m\n"
       "over the captures whose tags all fit, flagged_captures (the others), unknown_tags,\n"
       "reason (if no capture's tags all fit: exit code 1). If the tags determine no shape, or\n"
       "no shape fits most of them, twist is null. csv: one row per capture.\n"

@@ -8,6 +8,7 @@
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/capture_scatter.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -31,6 +32,18 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
   // Three points determine a section's twist, two in a plane; one pose counts as all of them.
   const int places = scene.vision.fit.planar ? 2 : 3;
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
+}
+
+void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
+  std::vector<std::optional<estimation::CaptureScatter>> scatter;
+  for (const FittedCapture& capture : captures) {
+    scatter.emplace_back();
+    if (capture.converged()) scatter.back() = procedures::scatterOfPoses(*capture.fit, planar);
+  }
+  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    if (check.apart[i]) captures[i].usual_rms = check.usual;
+  }
 }
 
 }  // namespace
@@ -79,7 +92,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}};
+    FittedCapture capture{measured.number, measured.pressure, {}, {}, {}, {}, {}, {}, {}};
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);
       if (index < 0) {
@@ -100,7 +113,13 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
     }
     captures.push_back(std::move(capture));
   }
+  compareScatter(scene.vision.fit.planar, captures);
   return captures;
+}
+
+std::string noteOnScatter(const FittedCapture& capture) {
+  if (!capture.usual_rms) return {};
+  return procedures::scatterText(capture.fit->rms, *capture.usual_rms);
 }
 
 lie::SE3 measuredTip(const estimation::TwistFit& fit) {

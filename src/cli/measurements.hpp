@@ -32,10 +32,12 @@ struct FittedCapture {
   std::string reason;  ///< why it did not converge; empty where it did
   /// Absent where the tags do not determine a shape, or no shape fits most of them.
   std::optional<estimation::TwistFit> fit;
+  /// Set where its residuals are far larger than is usual among the captures: that RMS [m].
+  std::optional<double> usual_rms;
 
   bool converged() const { return status == estimation::FitStatus::kConverged; }
-  /// Fitted, and all its tags agree.
-  bool sound() const { return converged() && fit->outliers() == 0; }
+  /// Fitted, all its tags agree, and as well as those of the others.
+  bool sound() const { return converged() && fit->outliers() == 0 && !usual_rms; }
   /// Ids of the tags that do not fit.
   std::vector<int> outlierTags(const estimation::TagLayout& layout) const;
 };
@@ -46,6 +48,10 @@ struct FittedCapture {
 /// @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
 /// data.
 std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data);
+
+/// Names a capture that no shape explains, with its RMS, what is usual, and what to do; empty for
+/// the others.
+std::string noteOnScatter(const FittedCapture& capture);
 
 /// Pose of the fitted tip, seen from where the arm's base nominally is.
 lie::SE3 measuredTip(const estimation::TwistFit& fit);

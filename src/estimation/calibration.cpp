@@ -46,7 +46,7 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   for (const Parameter& one : fit.held) held.insert(one.name);
   std::vector<Parameter> out;
   for (std::size_t i = 0; i < infos.size(); ++i) {
-    if (held.count(infos[i].name) > 0) continue;
+    if (held.count(infos[i].name) > 0 || !infos[i].reported) continue;
     const double variance = fit.covariance(i, i);
     const double value =
         infos[i].logarithmic ? infos[i].reference * std::exp(values[i]) : values[i];
@@ -77,6 +77,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   if (!problem.selection().stiffness.empty()) out.stiffness = problem.stiffness();
   out.K_eps = problem.K_eps();
   out.length_scale = problem.lengthScale();
+  out.spline = problem.spline();
   out.X_B0B = problem.base();
   out.layout = problem.layout();
   out.bleed = problem.values().rig.at(ParameterBlock::kBleed)[0];

@@ -181,7 +181,8 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
 }
 
 bool hasOthers(const Selection& selection) {
-  return selection.length_scale != LengthScaling::kNone || !selection.rig.empty();
+  return selection.length_scale != LengthScaling::kNone || !selection.rig.empty() ||
+         selection.curve;
 }
 
 }  // namespace

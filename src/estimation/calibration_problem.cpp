@@ -70,8 +70,7 @@ struct CalibrationProblem::Workspace {
 
   void addTerms(int capture) {
     const Capture& measured = captureOf(capture);
-    const Place place{places[capture].first, capture,
-                      armOf(capture).arm.lengths(measured.pressure)};
+    const Place place = placeAt(shared, places[capture].first, capture, measured.pressure);
     for (ReadingTerm& term : termsOf(shared, place, measured.reading, blocks)) {
       terms.push_back(std::move(term));
     }
@@ -89,7 +88,9 @@ struct CalibrationProblem::Workspace {
 
   model::Shape modelShape(int capture) {
     const Values& values = blocks.values();
-    Eigen::VectorXd lengths = armOf(capture).arm.lengths(captureOf(capture).pressure);
+    const Place place =
+        placeAt(shared, places[capture].first, capture, captureOf(capture).pressure);
+    Eigen::VectorXd lengths = place.lengthsAt(values.curve.data());
     for (int i = 0; i < lengths.size(); ++i) {
       lengths[i] *= shared.scaleOf(values.length_scale.data(), i);
     }
@@ -241,6 +242,15 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
   }
   return out;
 }
+
+std::optional<ContractionSpline> CalibrationProblem::spline() const {
+  if (!selection().has(ParameterBlock::kCurve)) return std::nullopt;
+  ContractionSpline spline = work().shared.arms.front().free_curve->spline;
+  spline.lengths += spline.root * values().curve;
+  return spline;
+}
+
+void CalibrationProblem::loosenCurve(double factor) { work().blocks.loosenCurve(factor); }
 
 lie::SE3 CalibrationProblem::base() const {
   return lie::SE3::exp(lie::Vector6(values().rig.at(ParameterBlock::kBase)));

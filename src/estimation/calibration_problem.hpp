@@ -52,6 +52,9 @@ class CalibrationProblem {
   /// Values of the free parameters in the order of parameters().
   Eigen::VectorXd vector() const;
 
+  /// Multiplies the standard errors of the free lengths.
+  void loosenCurve(double factor);
+
   using Included = std::function<bool(int capture)>;
   /// Least squares over the included captures, starting from the current values.
   ///
@@ -73,8 +76,9 @@ class CalibrationProblem {
 
   // The physical quantities of the current values.
   model::Stiffness stiffness() const;
-  std::optional<double> K_eps() const;  ///< [N], if fitted
-  Eigen::VectorXd lengthScale() const;  ///< (actuators of the first arm)
+  std::optional<double> K_eps() const;              ///< [N], if fitted
+  Eigen::VectorXd lengthScale() const;              ///< (actuators of the first arm)
+  std::optional<ContractionSpline> spline() const;  ///< the FreeCurve, with its initial covariance
   lie::SE3 base() const;
   TagLayout layout() const;
   model::Shape shape(int capture);

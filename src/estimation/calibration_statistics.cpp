@@ -20,6 +20,8 @@ constexpr double kGross = 2.0;
 // Minimum fraction of residuals that counts as degrees of freedom.
 constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
+// Factor on the standard errors of free lengths while the noise of captures is estimated.
+constexpr double kLooseCurve = 10.0;
 
 bool eachCapture(int) { return true; }
 
@@ -109,6 +111,10 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   }
   if (errors.empty()) return estimate;
   estimate.noise_scale = std::max(1.0, basics::medianOf(std::move(errors)));
+  // Near its free lengths, a muscle leaves errors that are no noise of the captures, and that would
+  // hide themselves by giving the captures less weight.
+  const bool has_curve = problem.selection().has(ParameterBlock::kCurve);
+  if (has_curve) problem.loosenCurve(kLooseCurve);
   for (int round = 0; round < kMostRounds; ++round) {
     const double before = estimate.noise_scale;
     const Solved solved = problem.solve(before, eachCapture);
@@ -119,6 +125,13 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
     const double seen = noiseScaleOf(problem.compare(before), statistics.data_parameters, before);
     estimate.noise_scale = std::hypot(seen, bias);
     if (std::abs(estimate.noise_scale / before - 1) < kNoiseSettled) break;
+  }
+  if (has_curve) {
+    problem.loosenCurve(1 / kLooseCurve);
+    const Solved solved = problem.solve(estimate.noise_scale, eachCapture);
+    estimate.converged = solved.converged;
+    estimate.cost = solved.cost;
+    estimate.solved_scale = estimate.noise_scale;
   }
   return estimate;
 }

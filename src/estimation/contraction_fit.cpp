@@ -7,6 +7,7 @@
 #include <utility>
 #include <variant>
 
+#include "contraction_branches.hpp"
 #include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
@@ -15,9 +16,6 @@ namespace {
 constexpr int kCoefficients = 6;
 // Largest first pressure of a quintic, relative to the largest pressure.
 constexpr double kNearZero = 0.05;
-// A smaller change of the pressure, relative to the largest one, is noise of the regulator and
-// starts no new branch.
-constexpr double kLeastMove = 0.01;
 // Smallest slope of a curve, relative to the mean slope; it keeps the curve invertible.
 constexpr double kLeastSlope = 1e-3;
 // Minimum significance of the trend, in standard errors of its slope.
@@ -26,6 +24,8 @@ constexpr double kLeastTrend = 2.0;
 // digits.
 constexpr double kSamePressure = 1e-6;
 constexpr int kSlopeChecks = 1001;
+// A piecewise cubic through so many points between two knots is the spline to 0.01 mm.
+constexpr int kPointsPerKnot = 4;
 // If pressures are closer than this, rounding exceeds the effect of the sixth coefficient.
 constexpr double kRankThreshold = 1e-8;
 
@@ -70,39 +70,6 @@ std::optional<Failure> checkSamples(const std::vector<LengthSample>& samples) {
     }
   }
   return std::nullopt;
-}
-
-// 1 if the pressure had risen before the sample, -1 if it had fallen, 0 before its first change.
-std::vector<int> arrivals(const std::vector<double>& pressure, double least_move) {
-  std::vector<int> out(pressure.size(), 0);
-  for (std::size_t i = 1, last = 0; i < pressure.size(); ++i) {
-    const double move = pressure[i] - pressure[last];
-    out[i] = out[i - 1];
-    if (std::abs(move) <= least_move) continue;
-    out[i] = move > 0 ? 1 : -1;
-    last = i;
-  }
-  return out;
-}
-
-struct Branches {
-  bool rising, falling;
-};
-
-std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
-  std::vector<double> pressure;
-  for (const LengthSample& sample : samples) pressure.push_back(sample.pressure);
-  if (pressure.empty()) return {};
-  const double least_move = kLeastMove * *std::max_element(pressure.begin(), pressure.end());
-  const std::vector<int> before = arrivals(pressure, least_move);
-  std::reverse(pressure.begin(), pressure.end());
-  std::vector<int> after = arrivals(pressure, least_move);  // in reverse order, a rise is a fall
-  std::reverse(after.begin(), after.end());
-  std::vector<Branches> out;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    out.push_back({before[i] > 0 || after[i] < 0, before[i] < 0 || after[i] > 0});
-  }
-  return out;
 }
 
 // Samples of the branch, sorted by pressure; lengths at one pressure are averaged.
@@ -310,6 +277,27 @@ Solution fitTable(const Knots& knots, double trend) {
   return fit;
 }
 
+// The spline at close points, held monotone.
+Solution fitSplineTable(const Knots& knots, double trend, const ContractionSpline* given) {
+  ContractionSpline spline =
+      given != nullptr ? *given : fitSpline(knots.pressure, knots.length, knots.weight);
+  Knots points;
+  for (std::size_t k = 0; k + 1 < spline.knots.size(); ++k) {
+    const double step = (spline.knots[k + 1] - spline.knots[k]) / kPointsPerKnot;
+    for (int i = 0; i < kPointsPerKnot; ++i) points.pressure.push_back(spline.knots[k] + i * step);
+  }
+  points.pressure.push_back(spline.knots.back());
+  for (const double p : points.pressure)
+    points.length.push_back(spline.weights(p) * spline.lengths);
+  points.weight.assign(points.size(), 1.0);
+  Solution solution = fitTable(points, trend);
+  if (ContractionFit* fit = std::get_if<ContractionFit>(&solution)) {
+    fit->kind = CurveKind::kSpline;
+    fit->spline = std::move(spline);
+  }
+  return solution;
+}
+
 ContractionFit failed(CurveKind kind, Failure failure) {
   ContractionFit fit;
   fit.status = failure.status;
@@ -318,10 +306,9 @@ ContractionFit failed(CurveKind kind, Failure failure) {
   return fit;
 }
 
-}  // namespace
-
-ContractionFit fitContraction(const std::vector<LengthSample>& samples,
-                              const ContractionFitOptions& options) {
+// @param given  spline to use instead of a fit, if any.
+ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
+                           const ContractionFitOptions& options, const ContractionSpline* given) {
   if (std::optional<Failure> fault = checkSamples(samples)) {
     return failed(options.kind, std::move(*fault));
   }
@@ -351,7 +338,9 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
                 "at least ",
                 kLeastTrend, " of its standard errors: check which column is which")});
   }
-  Solution solution = quintic ? fitQuintic(knots, trend) : fitTable(knots, trend);
+  Solution solution = quintic                             ? fitQuintic(knots, trend)
+                      : options.kind == CurveKind::kTable ? fitTable(knots, trend)
+                                                          : fitSplineTable(knots, trend, given);
   if (Failure* failure = std::get_if<Failure>(&solution)) {
     return failed(options.kind, std::move(*failure));
   }
@@ -376,6 +365,18 @@ ContractionFit fitContraction(const std::vector<LengthSample>& samples,
   if (!rising.empty() && !falling.empty())
     fit.hysteresis = basics::medianOf(falling) - basics::medianOf(rising);
   return fit;
+}
+
+}  // namespace
+
+ContractionFit fitContraction(const std::vector<LengthSample>& samples,
+                              const ContractionFitOptions& options) {
+  return fittedCurve(samples, options, nullptr);
+}
+
+ContractionFit contractionOf(const ContractionSpline& spline,
+                             const std::vector<LengthSample>& samples, Branch branch) {
+  return fittedCurve(samples, {CurveKind::kSpline, branch}, &spline);
 }
 
 }  // namespace helix_arm::estimation

@@ -21,6 +21,7 @@ template <class AnyValues>
 auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
   if (block.kind == ParameterBlock::kStiffness) return values.stiffness.data();
   if (block.kind == ParameterBlock::kLengthScale) return values.length_scale.data();
+  if (block.kind == ParameterBlock::kCurve) return values.curve.data();
   if (block.kind == ParameterBlock::kShape) return values.shapes[block.of].data();
   if (block.kind == ParameterBlock::kTag) return values.tags[block.of].data();
   return values.rig.at(block.kind).data();
@@ -34,6 +35,7 @@ bool Selection::has(ParameterBlock block) const {
   if (block == ParameterBlock::kLengthScale) {
     return !free_shapes && length_scale != LengthScaling::kNone;
   }
+  if (block == ParameterBlock::kCurve) return !free_shapes && curve;
   return rig.count(block) > 0;
 }
 
@@ -46,6 +48,7 @@ Selection selectionOf(const CalibrationOptions& options) {
   }
   selection.length_scale = options.length_scale;
   selection.free_shapes = options.free_shapes;
+  selection.curve = options.contraction;
   return selection;
 }
 
@@ -88,6 +91,24 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
         addRig(info, options, static_cast<int>(i), info.name + ("_" + std::to_string(tags[i].id)));
       }
     }
+  }
+  // Last, so that the reported parameters come first.
+  if (selection.has(ParameterBlock::kCurve)) addCurve(first.free_curve.value());
+}
+
+void ParameterBlocks::addCurve(const FreeCurve& curve) {
+  const Eigen::Index count = curve.spline.lengths.size();
+  values_.curve.setZero(count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    infos_.push_back(
+        {"contraction_" + std::to_string(k + 1), "", 1.0, false, 0.0, 0.0, false, false});
+  }
+  add(ParameterBlock::kCurve, 0, Eigen::VectorXd::Zero(count), Eigen::VectorXd::Ones(count));
+}
+
+void ParameterBlocks::loosenCurve(double factor) {
+  for (Block& block : blocks_) {
+    if (block.kind == ParameterBlock::kCurve) block.deviation *= factor;
   }
 }
 

@@ -18,6 +18,7 @@ struct Selection {
   LengthScaling length_scale = LengthScaling::kNone;
   std::set<ParameterBlock> rig;  ///< those of base, bleed and tags that are fitted
   bool free_shapes = false;
+  bool curve = false;  ///< of the arms' FreeCurve
 
   bool has(ParameterBlock block) const;
 };
@@ -34,13 +35,15 @@ struct ParameterInfo {
   double deviation;  ///< of its prior, in the parameter's units; for stiffness and scales, of the
                      ///< logarithm
   bool logarithmic;
-  double reference;  ///< if logarithmic, the value is reference * exp(parameter)
-  double initial;    ///< value in the scenes; 0 if they have none and a reference replaces it
-  bool about_shape;  ///< stiffness or length scale
+  double reference;      ///< if logarithmic, the value is reference * exp(parameter)
+  double initial;        ///< value in the scenes; 0 if they have none and a reference replaces it
+  bool about_shape;      ///< stiffness or length scale
+  bool reported = true;  ///< false for the numbers of a curve, which mean nothing on their own
 };
 
 /// Parameters of a calibration, fitted or not.
 struct Values {
+  Eigen::VectorXd curve;                    ///< see FreeCurve
   Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
   /// Numbers of every rig parameter except the tags: right-hand motion [m, rad] of the base, bleed
   /// [m].
@@ -69,6 +72,9 @@ class ParameterBlocks {
   /// @param model  model of these arms and the selected stiffness.
   ParameterBlocks(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                   const Selection& selection, const ShapeModel& model);
+
+  /// Multiplies the deviation of the curve's prior.
+  void loosenCurve(double factor);
 
   /// Adds the block of the next capture's shape, at the mean of its prior.
   void addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation);
@@ -100,6 +106,7 @@ class ParameterBlocks {
                     const ShapeModel& model);
   void addLengthScales(const CalibrationOptions& options, const Selection& selection,
                        const model::Arm& arm);
+  void addCurve(const FreeCurve& curve);
   void addRig(const FitParameterInfo& info, const CalibrationOptions& options, int of,
               const std::string& name);
 

@@ -10,6 +10,7 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "parameter_blocks.hpp"
+#include "reading_place.hpp"
 #include "shape_model.hpp"
 #include "tag_models.hpp"
 
@@ -19,57 +20,9 @@ namespace helix_arm::estimation {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Entries of an arm's twists that are free if shapes are fitted.
-inline std::vector<int> freeEntries(const ArmCaptures& arm) {
-  std::vector<int> entries;
-  for (int entry = 0; entry < 6 * arm.arm.sectionCount(); ++entry) {
-    const int axis = entry % 6;
-    if (!arm.planar || axis < 2 || axis == 5) entries.push_back(entry);
-  }
-  return entries;
-}
-
-// Data that all costs share.
-struct Shared {
-  const std::vector<ArmCaptures>& arms;
-  const CalibrationOptions& options;
-  Selection selection;
-  ShapeModel model;
-  double inverse_noise = 1;  // 1 / scale of the expected noise
-  // (captures) shapes of the model before the search, for free shapes: the deviations of a
-  // section's pieces from its mean are the model's.
-  std::vector<model::Shape> expected_shapes;
-  TwistFitOptions expected;  // noise of tags
-  int held_tag;              // index of the tag that defines the reference frame
-
-  Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
-         const Selection& chosen)
-      : arms(all),
-        options(wanted),
-        selection(chosen),
-        model(all, chosen.stiffness),
-        held_tag(all.front().layout.baseTag()) {
-    expected.corner_noise = options.corner_noise;
-    expected.position_noise = options.position_noise;
-    expected.rotation_noise = options.rotation_noise;
-  }
-
-  int scales() const { return lengthScales(selection, arms.front().arm); }
-  double scaleOf(const double* logs, int actuator) const {
-    if (scales() == 0) return 1;
-    return std::exp(logs[scales() == 1 ? 0 : actuator]);
-  }
-};
-
-// Arm, capture and lengths of a reading.
-struct Place {
-  int arm, capture;         // capture: index over all arms
-  Eigen::VectorXd lengths;  // at its pressures [m]
-};
-
 // Index of each parameter block of a cost in Ceres' order.
 struct Blocks {
-  int stiffness = -1, scale = -1, shape = -1, base = -1, bleed = -1, tag = -1;
+  int stiffness = -1, scale = -1, curve = -1, shape = -1, base = -1, bleed = -1, tag = -1;
 };
 
 class ReadingCost : public ceres::CostFunction {
@@ -90,6 +43,7 @@ class ReadingCost : public ceres::CostFunction {
     take(ParameterBlock::kStiffness, static_cast<int>(shared.selection.stiffness.size()),
          blocks_.stiffness);
     take(ParameterBlock::kLengthScale, shared.scales(), blocks_.scale);
+    take(ParameterBlock::kCurve, static_cast<int>(place_.by_curve.cols()), blocks_.curve);
     take(ParameterBlock::kShape, static_cast<int>(entries_.size()), blocks_.shape);
     takeOfRig(ParameterBlock::kBase, 6, blocks_.base);
     takeOfRig(ParameterBlock::kBleed, 1, blocks_.bleed);
@@ -114,12 +68,25 @@ class ReadingCost : public ceres::CostFunction {
       shape.shape = shared_.expected_shapes[place_.capture].about(twists);
       return shape;
     }
-    Eigen::VectorXd lengths = place_.lengths;
+    const Eigen::VectorXd unscaled =
+        place_.lengthsAt(blocks_.curve >= 0 ? p[blocks_.curve] : nullptr);
+    Eigen::VectorXd lengths = unscaled;
     const double* scales = blocks_.scale >= 0 ? p[blocks_.scale] : nullptr;
     for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared_.scaleOf(scales, i);
-    return shared_.model.at(place_.arm, lengths,
-                            blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr,
-                            scales != nullptr ? shared_.scales() : 0, derivatives);
+    const double* stiffness = blocks_.stiffness >= 0 ? p[blocks_.stiffness] : nullptr;
+    if (blocks_.curve < 0) {
+      return shared_.model.at(place_.arm, lengths, stiffness,
+                              scales != nullptr ? shared_.scales() : 0, derivatives);
+    }
+    // The derivatives with respect to each length give those with respect to scales and curve.
+    ShapeThere shape = shared_.model.at(place_.arm, lengths, stiffness,
+                                        static_cast<int>(lengths.size()), derivatives);
+    if (!derivatives) return shape;
+    shape.by_curve = shape.by_scale * unscaled.cwiseInverse().asDiagonal() * place_.by_curve;
+    if (scales != nullptr && shared_.scales() == 1) {
+      shape.by_scale = shape.by_scale.rowwise().sum().eval();
+    }
+    return shape;
   }
 
   // Converts derivatives with respect to mean twists to derivatives with respect to the pieces,
@@ -141,6 +108,7 @@ class ReadingCost : public ceres::CostFunction {
     };
     if (blocks_.stiffness >= 0) block(blocks_.stiffness, by_pieces * shape.by_stiffness);
     if (blocks_.scale >= 0) block(blocks_.scale, by_pieces * shape.by_scale);
+    if (blocks_.curve >= 0) block(blocks_.curve, by_pieces * shape.by_curve);
     if (blocks_.shape < 0 || J[blocks_.shape] == nullptr) return;
     // Each piece takes an equal part of a mean twist.
     const int per_section = shape.shape.piecesPerSection();

@@ -82,7 +82,7 @@ std::vector<ReadingTerm> termsOf(Shared& shared, const Place& place, const Readi
 std::vector<ReadingTerm> expectedTerms(Shared& shared, const ArmCaptures& arm,
                                        const Eigen::VectorXd& pressure,
                                        const ParameterBlocks& blocks) {
-  const Place place{0, 0, arm.arm.lengths(pressure)};
+  const Place place = placeAt(shared, 0, 0, pressure);
   std::vector<ReadingTerm> terms;
   std::vector<bool> seen(arm.layout.tags.size(), false);
   const auto add = [&](const Reading& reading) {

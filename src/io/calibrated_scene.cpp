@@ -199,6 +199,7 @@ Value curveValue(const estimation::ContractionFit& fit) {
       value.set("quintic", curve.value());
       break;
     case estimation::CurveKind::kTable:
+    case estimation::CurveKind::kSpline:
       curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
       curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
                                     fit.lengths.data(), static_cast<int>(fit.lengths.size())));

@@ -6,11 +6,13 @@
 #include <ctime>
 #include <set>
 
+#include "curve_in_arm.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
+#include "helix_arm/procedures/capture_scatter.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "least_tip_error.hpp"
 #include "tip_error.hpp"
@@ -145,6 +147,12 @@ void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& capt
   outcome.arms.push_back(std::move(arm));
 }
 
+std::string joinedNames(const std::vector<std::string>& names) {
+  std::string out;
+  for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;
+  return out;
+}
+
 CalibrationOutcome refused(CalibrationOutcome outcome, const std::string& message) {
   outcome.success = false;
   outcome.message = message;
@@ -185,7 +193,11 @@ CalibrationOutcome runCalibration(const std::string& path,
     std::string message;
     const auto name = curveName(scene, request.contraction, message);
     if (!name) return refused(outcome, message);
-    estimation::ContractionFit fit = estimation::fitContraction(data.lengths, request.curve);
+    const bool with_arm = fits_arm && !data.captures.empty();
+    const estimation::CurveKind usual =
+        with_arm ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
+    estimation::ContractionFit fit =
+        estimation::fitContraction(data.lengths, {request.curve.value_or(usual), request.branch});
     outcome.contractions.emplace_back(*name, fit);
     if (fit.status != estimation::ContractionFitStatus::kFitted) {
       return refused(outcome, "contraction " + *name + ": " + fit.reason);
@@ -200,21 +212,45 @@ CalibrationOutcome runCalibration(const std::string& path,
   io::SceneCalibration changes;
   if (fits_arm) {
     // From here on, the arm has its new curves.
-    if (!curves.contractions.empty()) {
+    const model::Arm before = scene.arm;
+    const auto putCurves = [&] {
+      curves.contractions = outcome.contractions;
       curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
-      if (!companions.empty()) {
-        outcome.warnings.push_back(
-            "the other arms keep the contraction curves of their own scenes");
-      }
-    }
+    };
+    if (fits_curve) putCurves();
     addArm(scene, data.captures, outcome);
     for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
     for (const ArmCaptures& arm : outcome.arms) {
       if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
     const CalibrationOptions options = optionsOf(scene, request, fitted, data);
+    const bool in_arm = fits_curve && !options.free_shapes &&
+                        outcome.contractions.front().second.spline.has_value();
+    std::vector<std::string> others;
+    for (std::size_t a = 1; a < outcome.arms.size(); ++a) others.push_back(outcome.arms[a].name);
+    if (in_arm) others = shareCurve(before, outcome.contractions.front().second, outcome.arms);
+    if (fits_curve && !others.empty()) {
+      outcome.warnings.push_back("these arms keep the contraction curves of their own scenes: " +
+                                 joinedNames(others));
+    }
     outcome.calibration = estimation::calibrate(outcome.arms, options);
+    if (in_arm && outcome.calibration->status == CalibrationStatus::kCalibrated) {
+      estimation::ContractionFit& curve = outcome.contractions.front().second;
+      CurveFit fit = fitCurveInArm(outcome.arms, options, curve, data.lengths, request.branch,
+                                   *outcome.calibration);
+      outcome.curve_in_arm = fit.verdict;
+      if (fit.verdict.taken) {
+        curve = std::move(fit.contraction);
+        outcome.calibration = std::move(fit.calibration);
+        putCurves();
+        outcome.arms.front().arm = scene.arm;
+      } else {
+        outcome.warnings.push_back(
+            "contraction " + outcome.contractions.front().first +
+            " keeps the curve of the free lengths alone: " + fit.verdict.reason);
+      }
+    }
     const Calibration& calibration = *outcome.calibration;
     outcome.warnings.insert(outcome.warnings.end(), calibration.warnings.begin(),
                             calibration.warnings.end());
@@ -230,8 +266,10 @@ CalibrationOutcome runCalibration(const std::string& path,
   outcome.scene_text = io::calibratedSceneText(path, overrides, changes, sha256);
   if (fits_arm) {
     outcome.tip_error_before = medianTipError(scene, data.captures);
-    outcome.tip_error_after =
-        medianTipError(io::sceneOfText(outcome.scene_text, path), data.captures);
+    const io::Scene calibrated = io::sceneOfText(outcome.scene_text, path);
+    outcome.tip_error_after = medianTipError(calibrated, data.captures);
+    const std::vector<std::string> apart = warningsOfScatter(calibrated, data.captures);
+    outcome.warnings.insert(outcome.warnings.end(), apart.begin(), apart.end());
   }
   outcome.success = true;
   outcome.message = resultText(scene.name, outcome);

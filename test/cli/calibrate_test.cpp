@@ -146,6 +146,44 @@ TEST(Calibrate, StiffnessIsFittedToTheArmWithItsNewCurve) {
   EXPECT_LT(after["rms_rad"].get<double>(), 1e-3);
 }
 
+// Free lengths that are off by up to 1 mm, and bends of an arm with the true curve.
+TEST(Calibrate, ContractionAndStiffnessAreFittedTogether) {
+  const TemporaryFolder folder;
+  const auto lengthsWith = [](double error) {
+    std::string rows = "pressure_kpa,length_m\n";
+    int sign = 1;
+    for (int i = 0; i <= 10; ++i, sign = i % 3 == 0 ? -sign : sign) {
+      const double p = 41.36856 * i, length = 0.42 - 0.09 * (1 - std::exp(-p * p / 4e4));
+      rows += std::to_string(p) + "," + std::to_string(length + error * sign) + "\n";
+    }
+    return rows;
+  };
+  const TemporaryFile exact(lengthsWith(0)), measured(lengthsWith(0.8e-3));
+  const std::string truth = folder / "truth.yaml", both = folder / "both.yaml";
+  ASSERT_EQ(calibrate(scenePath("spatial_50"), {exact.path()},
+                      {"--fit", "contraction", "--curve", "spline", "--out", truth})
+                .exit_code,
+            0);
+  const TemporaryFile bends(curvatures(truth, 2.1e-4, 3));
+  const Outcome outcome = calibrate(scenePath("spatial_50"), {measured.path(), bends.path()},
+                                    {"--fit", "contraction,stiffness", "--out", both});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json curve = outcome.json()["contractions"][0];
+  EXPECT_EQ(curve["kind"], "spline");
+  ASSERT_EQ(curve["in_arm"]["taken"], true) << curve["in_arm"];
+  const auto rms = [&](const std::string& scene) {
+    return runCommand({"evaluate", scene, bends.path(), "--format", "json"})
+        .json()["rms_rad"]
+        .get<double>();
+  };
+  const std::string alone = folder / "alone.yaml";
+  ASSERT_EQ(calibrate(scenePath("spatial_50"), {measured.path(), bends.path()},
+                      {"--fit", "contraction,stiffness", "--curve", "quintic", "--out", alone})
+                .exit_code,
+            0);
+  EXPECT_LT(rms(both), 0.7 * rms(alone));
+}
+
 TEST(Calibrate, ARigIsFoundFromItsPictures) {
   const TemporaryFolder folder;
   const std::string rig = folder / "rig", out = folder / "calibrated.yaml";
@@ -358,6 +396,82 @@ TEST_F(CalibrateMeasured, HelicalTagsThatWereLeftOutArePredictedWithinThirtyMill
       "helical_50: left-out tags %.1f mm; model against tags %.1f mm before, %.1f mm after\n",
       1e3 * result["held_out_error"].get<double>(), 1e3 * medianRms(scenePath("helical_50")),
       1e3 * medianRms(out));
+}
+
+TEST_F(CalibrateMeasured, TheCurveOfOneWidthCarriesOverToOthers) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "fitted.yaml";
+  const Outcome outcome =
+      calibrate(scenePath("planar_76"),
+                {sharedData("free_contraction_planar.csv"), sharedData("planar_76_curvature.csv")},
+                {"--fit", "contraction,stiffness", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json result = outcome.json(), curve = result["contractions"][0];
+  ASSERT_EQ(curve["in_arm"]["taken"], true) << curve["in_arm"];
+  EXPECT_EQ(curve["kind"], "spline");
+  EXPECT_LE(curve["in_arm"]["standard_errors"].get<double>(), 3);
+  EXPECT_LT(curve["rms_m"].get<double>(), 1.5e-3);
+  EXPECT_NEAR(value(result, "K_kappa"), 1.20e-4, 0.1e-4);
+  EXPECT_LT(result["held_out_error"].get<double>(), 0.0210) << "that of the free lengths alone";
+  const auto rmsOf = [&out](const std::string& width, const std::string& data) {
+    return runCommand({"evaluate", out, sharedData(data), "--format", "json", "--set",
+                       "arm.sections.0.ring.radius_m=" + width})
+        .json()["rms_rad"]
+        .get<double>();
+  };
+  const double fitted = rmsOf("0.0381", "planar_76_curvature.csv");
+  EXPECT_LT(fitted, 0.0115);
+  std::printf("planar_76, contraction in the arm: %.4f rad RMS, K_kappa %.3e m^2\n", fitted,
+              value(result, "K_kappa"));
+  for (const auto& [data, width, most] :
+       {std::tuple{"planar_50_curvature.csv", "0.0254", 0.0215},
+        std::tuple{"planar_101_curvature.csv", "0.0508", 0.0095}}) {
+    if (!std::filesystem::exists(sharedData(data))) continue;
+    const double rms = rmsOf(width, data);
+    EXPECT_LE(rms, most) << data;
+    std::printf("%s, predicted: %.4f rad RMS\n", data, rms);
+  }
+}
+
+TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
+  const std::vector<std::string> data{sharedData("free_contraction_fig3.csv"),
+                                      sharedData("spatial_50_curvature.csv")};
+  const Outcome outcome =
+      calibrate(scenePath("spatial_50"), data, {"--fit", "contraction,stiffness"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json in_arm = outcome.json()["contractions"][0]["in_arm"];
+  EXPECT_EQ(in_arm["taken"], false);
+  EXPECT_GT(in_arm["standard_errors"].get<double>(), 3);
+  EXPECT_NE(in_arm["reason"].get<std::string>().find("the arm, not the muscle"), std::string::npos);
+  EXPECT_LT(outcome.json()["contractions"][0]["rms_m"].get<double>(), 0.7e-3);
+  std::printf("spatial_50: %.1f standard errors\n", in_arm["standard_errors"].get<double>());
+}
+
+TEST_F(CalibrateMeasured, HelicalCapturesThatNoShapeExplainsAreNamed) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "calibrated.yaml", data = sharedData("helical_50_tag_poses.csv");
+  const Outcome outcome =
+      calibrate(scenePath("helical_50"), {data}, {"--fit", "stiffness,placement", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const std::string warnings = outcome.json()["warnings"].dump();
+  const json fitted = runCommand({"fit", out, data, "--format", "json"}).json();
+  const json compared = runCommand({"evaluate", out, data, "--format", "json"}).json();
+  int apart = 0;
+  for (std::size_t i = 0; i < fitted["captures"].size(); ++i) {
+    const json& capture = fitted["captures"][i];
+    const std::string name =
+        "capture " + std::to_string(capture["capture"].get<int>()) + ": no shape";
+    const bool named = !capture["usual_rms_m"].is_null();
+    EXPECT_EQ(warnings.find(name) != std::string::npos, named) << name;
+    EXPECT_EQ(compared["captures"][i]["usual_fit_rms_m"], capture["usual_rms_m"]) << name;
+    if (capture["rms_m"].get<double>() > 4 * fitted["median_rms_m"].get<double>()) {
+      EXPECT_TRUE(named) << name;
+    }
+    apart += named ? 1 : 0;
+  }
+  EXPECT_GE(apart, 1);
+  EXPECT_LE(apart, 4) << "those with wrong detections";
+  std::printf("helical_50: %d captures that no shape explains\n", apart);
 }
 
 // Simulated data whose truth is known: K_gamma 70 of the helical arm, 60 of the demo's.

@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "helix_arm/estimation/contraction_spline.hpp"
 #include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/arm.hpp"
@@ -37,6 +38,12 @@ struct Capture {
   Reading reading;
 };
 
+/// A contraction curve that is fitted together with the arm.
+struct FreeCurve {
+  ContractionSpline spline;     ///< as the free lengths determine it
+  std::vector<bool> actuators;  ///< whether each actuator follows it
+};
+
 /// One arm as described by its scene, and its measurements.
 struct ArmCaptures {
   std::string name;  ///< name in messages
@@ -50,6 +57,8 @@ struct ArmCaptures {
   /// parameter values. A tier without loads ignores the load.
   std::optional<statics::Load> load = std::nullopt;
   statics::TierSetting tier = {};
+  /// The same spline for all arms that have one; required of the first if contraction is fitted.
+  std::optional<FreeCurve> free_curve = std::nullopt;
 
   /// Whether the tier accounts for a load on the arm.
   bool isLoaded() const;
@@ -75,7 +84,8 @@ struct CalibrationOptions {
   bool K_tau = false;
   bool K_eps = false;  ///< one for all sections; requires a load
   LengthScaling length_scale = LengthScaling::kNone;
-  bool base = false;   ///< pose of the base seen from the camera or instrument
+  bool contraction = false;  ///< FreeCurve of the arms, under what the free lengths say
+  bool base = false;         ///< pose of the base seen from the camera or instrument
   bool tags = false;   ///< placement of every tag except the one nearest to the base, which defines
                        ///< the reference frame
   bool bleed = false;  ///< width of white bleeding into black; requires corners
@@ -180,6 +190,8 @@ struct Calibration {
   std::optional<double> K_eps;                ///< of every section, if fitted [N]
   /// (actuators of the first arm) factors on its free lengths; 1 if not fitted.
   Eigen::VectorXd length_scale;
+  std::optional<ContractionSpline>
+      spline;        ///< the FreeCurve as fitted; root: by free lengths alone
   lie::SE3 X_B0B;    ///< fitted base seen from the nominal base
   TagLayout layout;  ///< with the fitted placements
   double bleed = 0;  ///< [m]

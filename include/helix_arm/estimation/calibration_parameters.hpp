@@ -47,6 +47,7 @@ enum class ParameterBlock {
   kBase,
   kBleed,
   kTag,    ///< placement of one tag
+  kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
   kShape,  ///< twists of one capture; not a parameter of a request
 };
 

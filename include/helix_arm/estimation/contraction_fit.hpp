@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/estimation/contraction_spline.hpp"
 #include "helix_arm/model/contraction.hpp"
 
 namespace helix_arm::estimation {
@@ -19,6 +20,7 @@ struct LengthSample {
 enum class CurveKind {
   kQuintic,  ///< one polynomial over p / p_ref, as in the paper; from 0 to the largest pressure
   kTable,    ///< monotone piecewise cubic (PCHIP) from the smallest to the largest pressure
+  kSpline,   ///< ContractionSpline over the same range, as a table of close points
 };
 
 /// Which samples are used. A sample is on the rising branch if the pressure rose to it or rises
@@ -34,7 +36,7 @@ struct ContractionFitOptions {
 enum class ContractionFitStatus {
   kFitted,
   kTooFewPressures,  ///< fewer distinct pressures on the branch than the curve needs: 6 for
-                     ///< kQuintic, 2 for kTable
+                     ///< kQuintic, 2 for the others
   kNotFinite,        ///< a sample is not finite, or its length is not > 0
   kOutOfRange,       ///< a pressure or a fitted length is below 0 or, for a quintic, no pressure is
                      ///< within 5 % of the largest from 0, so the start of the curve is unknown
@@ -52,7 +54,8 @@ struct ContractionFit {
   // In the form of a scene file.
   std::array<double, 6> coefficients = {};  ///< of a quintic, over p / p_ref [m]
   double reference_pressure = 0;            ///< p_ref, also the upper end of the range [Pa]
-  std::vector<double> pressures, lengths;   ///< of a table [Pa], [m]
+  std::vector<double> pressures, lengths;   ///< of a table or a spline [Pa], [m]
+  std::optional<ContractionSpline> spline;  ///< of a spline, before it was held monotone
 
   double rms = 0;            ///< of the residuals [m]
   Eigen::VectorXd residual;  ///< (samples) curve - sample [m]; 0 for samples of the other branch
@@ -73,5 +76,9 @@ struct ContractionFit {
 ///     largest count as equal.
 ContractionFit fitContraction(const std::vector<LengthSample>& samples,
                               const ContractionFitOptions& options = {});
+
+/// The monotone curve of a spline that was found otherwise, compared with the same samples.
+ContractionFit contractionOf(const ContractionSpline& spline,
+                             const std::vector<LengthSample>& samples, Branch branch);
 
 }  // namespace helix_arm::estimation

@@ -19,7 +19,10 @@ struct CalibrationRequest {
   /// contraction means length_scale.
   std::vector<std::string> fit;
   std::string contraction;  ///< name of one of the scene's curves; empty if it has only one
-  estimation::ContractionFitOptions curve;
+  /// Default: kSpline if captures of the arm are fitted as well, else kQuintic. A spline is fitted
+  /// together with the arm; the others to the free lengths alone, before.
+  std::optional<estimation::CurveKind> curve;
+  estimation::Branch branch = estimation::Branch::kBoth;
   // Expected standard deviations; 0: those of the scene, for curvatures the default.
   double curvature_noise = 0;  ///< [rad]
   double corner_noise = 0;     ///< [px]
@@ -34,11 +37,23 @@ struct CompanionArm {
   CalibrationData data;  ///< captures only
 };
 
+/// A contraction curve fitted to free lengths and captures together, against the free lengths
+/// alone.
+struct CurveInArm {
+  bool taken = false;  ///< otherwise, the result has the curve of the free lengths
+  std::string reason;  ///< why it was not taken; empty if it was
+  // Its largest deviation, in standard errors of the free lengths.
+  double deviation = 0;        ///< [m]
+  double standard_errors = 0;  ///< of the free lengths
+  double pressure = 0;         ///< where it is [Pa]
+};
+
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
   std::string message;  ///< resultText(), or cause and remedy
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
+  std::optional<CurveInArm> curve_in_arm;  ///< if one was fitted
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;
   std::optional<estimation::Calibration> calibration;

@@ -48,9 +48,9 @@ procedures::CalibrationRequest requestOf(const FitContraction::Request& request)
   procedures::CalibrationRequest out;
   out.fit = {"contraction"};
   out.contraction = request.contraction;
-  out.curve.kind = wordOf<CurveKind>(
+  out.curve = wordOf<CurveKind>(
       "kind", request.kind, {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
-  out.curve.branch = wordOf<Branch>(
+  out.branch = wordOf<Branch>(
       "branch", request.branch,
       {{"both", Branch::kBoth}, {"rising", Branch::kRising}, {"falling", Branch::kFalling}});
   out.date = procedures::utcNow();
