@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "felt_pressures.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
@@ -21,7 +22,7 @@ using nlohmann::json;
 constexpr int kMostSamples = 1000000;
 
 struct ForwardOptions {
-  std::string scene, pressure_kpa, input, inputs;
+  std::string scene, pressure_kpa, input, inputs, history;
   TierArguments tier;
   int samples = 0;
 };
@@ -32,6 +33,14 @@ struct SectionResult {
   Eigen::MatrixXd null_space;  // (6 x lost), columns [v; w]
 };
 
+// One row of a history.
+struct HistoryRow {
+  std::optional<double> time;
+  Eigen::VectorXd pressure, felt;  // (n)
+  bool known;
+  statics::Tip tip;
+};
+
 struct ForwardResult {
   statics::TierChoice choice;
   Eigen::VectorXd inputs, lengths;
@@ -40,6 +49,9 @@ struct ForwardResult {
   int full_rank;
   std::vector<SectionResult> sections;
   std::vector<model::CurvePoint<lie::SE3>> curve;
+  model::ArmResponse response;   // at the inputs
+  Eigen::VectorXd measured;      // (n) last row of the history, or the inputs
+  std::vector<HistoryRow> rows;  // of the history
 
   int rank() const {
     const auto less = [](const SectionResult& a, const SectionResult& b) {
@@ -83,9 +95,31 @@ ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inp
                        {},
                        planar ? lie::SE2::kDof : lie::SE3::kDof,
                        planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm()),
+                       {},
+                       model::ArmResponse(model.arm()),
+                       inputs,
                        {}};
   result.twists = result.solution.shape.twists();
   if (samples > 0) result.curve = model.curve(inputs, samples);
+  return result;
+}
+
+// The rows in their order; the shape is that at the last one.
+ForwardResult forward(const statics::ArmModel& model, const model::InputHistory& history,
+                      int samples) {
+  model::ArmResponse response(model.arm());
+  std::vector<HistoryRow> rows;
+  for (Eigen::Index k = 0; k < history.rows(); ++k) {
+    response.follow(history, k);
+    const Eigen::VectorXd felt = model.arm().clamped(response.felt());
+    rows.push_back({history.time.empty() ? std::nullopt
+                                         : std::optional(history.time[static_cast<std::size_t>(k)]),
+                    history.input.row(k), felt, response.known(), model.tip(felt)});
+  }
+  ForwardResult result = forward(model, rows.back().felt, samples);
+  result.response = std::move(response);
+  result.measured = rows.back().pressure;
+  result.rows = std::move(rows);
   return result;
 }
 
@@ -146,7 +180,19 @@ json reportJson(const io::Scene& scene, const ForwardResult& result) {
                 {"full_rank", result.full_rank},
                 {"condition", result.condition()},
                 {"sections", sections}};
-  addInputs(scene.arm, result.inputs, document);
+  addInputs(scene.arm, result.measured, document);
+  addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
+  if (!result.rows.empty()) {
+    document["felt_pressure_pa"] = toJson(result.inputs);
+    json& rows = document["history"] = json::array();
+    for (const HistoryRow& row : result.rows) {
+      rows.push_back({{"time_s", toJson(row.time)},
+                      {"pressure_pa", toJson(row.pressure)},
+                      {"felt_pressure_pa", toJson(row.felt)},
+                      {"memory_known", row.known},
+                      {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}});
+    }
+  }
   if (result.solution.shape.piecesPerSection() > 1) {
     document["pieces"] = result.solution.shape.piecesPerSection();
     document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
@@ -180,7 +226,7 @@ CsvTable::Row csvRow(const io::Scene& scene, const ForwardResult& result) {
   return row;
 }
 
-// The curve if it was requested; otherwise one row with all numbers.
+// The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
 CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   CsvTable table;
   for (const auto& point : result.curve) {
@@ -188,7 +234,18 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
     appendPose("", point.X, row);
     table.add(row);
   }
-  if (result.curve.empty()) table.add(csvRow(scene, result));
+  for (const HistoryRow& row : result.rows) {
+    CsvTable::Row cells{{"time_s", exact(row.time)}};
+    appendInputs(scene.arm, row.pressure, cells);
+    for (int i = 0; i < row.felt.size(); ++i) {
+      cells.emplace_back("felt_pressure_" + std::to_string(i + 1) + "_pa", exact(row.felt[i]));
+    }
+    cells.emplace_back("memory_known", row.known ? "1" : "0");
+    cells.emplace_back("status", statics::nameOf(row.tip.status));
+    appendPose("tip_", row.tip.tip, cells);
+    table.add(cells);
+  }
+  if (result.curve.empty() && result.rows.empty()) table.add(csvRow(scene, result));
   return table;
 }
 
@@ -200,9 +257,23 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
   if (!failure.empty()) {
     std::cout << statics::nameOf(result.solution.status) << ": " << failure << "\n";
   }
+  if (!result.rows.empty()) {
+    std::cout << "after " << result.rows.size() << " rows of pressures, "
+              << (result.response.known()
+                      ? "which determine what the actuators remember"
+                      : "which leave open what the actuators remember: up to " +
+                            std::to_string(1e-3 * result.response.uncertainty().maxCoeff()) +
+                            " kPa of pressure")
+              << "\n";
+  } else if (const std::string note = noteOnResponse(scene.arm); !note.empty()) {
+    std::cout << note << "; --history follows measured pressures\n";
+  }
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    std::cout << "  " << scene.arm.actuator(i).name << ": "
-              << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
+    std::cout << "  " << scene.arm.actuator(i).name << ": ";
+    if (!result.rows.empty()) {
+      std::cout << inputText(scene.arm.actuator(i), result.measured[i]) << ", felt as ";
+    }
+    std::cout << inputText(scene.arm.actuator(i), result.inputs[i]) << ", free length "
               << std::fixed << std::setprecision(6) << result.lengths[i] << " m\n"
               << std::defaultfloat;
   }
@@ -225,8 +296,9 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
 
 // One result per row of a table.
 int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  if (!options.pressure_kpa.empty() || !options.input.empty() || options.samples > 0) {
-    throw CallerError("--inputs excludes --pressure-kpa, --input and --samples");
+  if (!options.pressure_kpa.empty() || !options.input.empty() || !options.history.empty() ||
+      options.samples > 0) {
+    throw CallerError("--inputs excludes --pressure-kpa, --input, --history and --samples");
   }
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
@@ -251,11 +323,22 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
 }
 
 int run(const ForwardOptions& options, const GlobalOptions& global) {
+  if (!options.history.empty() && (!options.pressure_kpa.empty() || !options.input.empty())) {
+    throw CallerError("--history gives the pressures; leave out --pressure-kpa and --input");
+  }
+  if (!options.history.empty() && options.samples > 0 && global.format == Format::kCsv) {
+    throw CallerError("with --history, csv has the rows of the history; leave out --samples");
+  }
   const io::Scene scene = loadScene(options.scene, global);
   if (!options.inputs.empty()) return runRows(options, global, scene);
-  const Eigen::VectorXd inputs =
-      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
-  const ForwardResult result = forward(modelOf(scene, options.tier), inputs, options.samples);
+  const statics::ArmModel model = modelOf(scene, options.tier);
+  const ForwardResult result =
+      options.history.empty()
+          ? forward(
+                model,
+                inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input),
+                options.samples)
+          : forward(model, historyOfFile(scene, options.history), options.samples);
   if (global.format == Format::kJson) printJson(reportJson(scene, result));
   if (global.format == Format::kCsv) toCsv(scene, result).print(std::cout);
   if (global.format == Format::kText) printText(scene, result);
@@ -276,6 +359,7 @@ Subcommand addForward(CLI::App& app) {
   command->add_option("--inputs", options->inputs,
                       "one result per row of this table, or of stdin where it is -: columns "
                       "pressure_1_kpa .. or input_1 .. in SI units");
+  command->add_option("--history", options->history, kHistoryHelp);
   addTierOptions(*command, options->tier);
   command
       ->add_option(
@@ -296,7 +380,12 @@ Subcommand addForward(CLI::App& app) {
       "the length and more); with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one\n"
       "row, or the rows of the curve. With --inputs json is {scene, rows [as above]}, csv has a "
       "row\n"
-      "for each input.\n"
+      "for each input. With --history the result is that of its last row;\n"
+      "json: felt_pressure_pa, history [{time_s, pressure_pa, felt_pressure_pa, memory_known,\n"
+      "tip}]; csv: one row for each of its rows. Of actuators with a response: response\n"
+      "{history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of\n"
+      "the felt pressures, until the memory is known), note (without a history: what is left "
+      "out)}.\n"
       "--tier, --order, --accuracy and --budget replace everything that the scene says about\n"
       "the tier.\n"
       "Exit code 1 if no shape balances the load.");

@@ -9,6 +9,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "felt_pressures.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "output.hpp"
 #include "table_rows.hpp"
@@ -23,7 +24,7 @@ using statics::Limit;
 using statics::Preference;
 
 struct InverseArguments {
-  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", start_kpa, start;
+  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", start_kpa, start, history;
   TierArguments tier;
   double cocontraction = 0.5;
   bool cocontraction_given = false;
@@ -107,8 +108,17 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
-                const InverseResult& result, const statics::Solution& reached) {
+// What the search found, and the pressures that it takes.
+struct Answer {
+  InverseResult result;         // its inputs are those that the actuators feel
+  Eigen::VectorXd pressure;     // (n) to command
+  model::ArmResponse response;  // before
+  Eigen::Index history_rows = 0;
+};
+
+json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
+                const statics::Solution& reached) {
+  const InverseResult& result = answer.result;
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
                 {"tier", nameOf(tier.tier)},
@@ -122,15 +132,18 @@ json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
                 {"iterations", result.iterations},
                 {"tip", reached.converged() ? toJson(reached.tip) : json()},
                 {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}};
-  addInputs(scene.arm, result.input, document);
+  addInputs(scene.arm, answer.pressure, document);
+  addResponse(scene.arm, answer.response, answer.history_rows, document);
+  if (answer.history_rows > 0) document["felt_pressure_pa"] = toJson(result.input);
   return document;
 }
 
-CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseResult& result, const statics::Solution& reached) {
+CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
+                     const statics::Solution& reached) {
+  const InverseResult& result = answer.result;
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
-  appendInputs(scene.arm, result.input, row);
+  appendInputs(scene.arm, answer.pressure, row);
   row.emplace_back("residual", exact(result.residual));
   row.emplace_back("position_error_m", exact(result.position_error));
   std::string limits;  // one cell: actuator=limit, separated by spaces
@@ -146,16 +159,22 @@ CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier,
   return row;
 }
 
-void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseResult& result, const statics::Solution& reached) {
+void printTextResult(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
+                     const statics::Solution& reached) {
+  const InverseResult& result = answer.result;
   std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
   if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = scene.arm.actuator(i);
-    std::cout << "  " << actuator.name << ": " << inputText(actuator, result.input[i]);
+    std::cout << "  " << actuator.name << ": " << inputText(actuator, answer.pressure[i]);
+    if (answer.history_rows > 0) std::cout << ", felt as " << inputText(actuator, result.input[i]);
     if (result.limits[i] != Limit::kNone)
       std::cout << ", at its " << limitName(result.limits[i]) << " limit";
     std::cout << "\n";
+  }
+  const std::string note = noteOnResponse(scene.arm);
+  if (answer.history_rows == 0 && !note.empty()) {
+    std::cout << note << "; --history follows measured pressures\n";
   }
   if (!reached.converged()) return;
   std::cout << "residual " << result.residual << " m, position error " << result.position_error
@@ -183,14 +202,15 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
         data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
     const InverseResult result =
         poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
+    const Answer answer{result, result.input, model::ArmResponse(scene.arm)};
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
-    if (global.format == Format::kJson) rows.push_back(reportJson(scene, tier, result, reached));
-    if (global.format == Format::kCsv) table.add(csvRow(scene, tier, result, reached));
+    if (global.format == Format::kJson) rows.push_back(reportJson(scene, tier, answer, reached));
+    if (global.format == Format::kCsv) table.add(csvRow(scene, tier, answer, reached));
     if (global.format == Format::kText) {
       std::cout << line << " ";
-      printTextResult(scene, tier, result, reached);
+      printTextResult(scene, tier, answer, reached);
     }
   }
   if (global.format == Format::kJson) printJson({{"scene", scene.name}, {"rows", rows}});
@@ -206,8 +226,21 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
   statics::InverseSolver solver(model, options);
-  const Eigen::VectorXd start = startOf(arguments, scene);
-  if (!arguments.targets.empty()) return runRows(arguments, global, scene, model, solver);
+  if (!arguments.targets.empty()) {
+    if (!arguments.history.empty()) throw CallerError("--targets excludes --history");
+    return runRows(arguments, global, scene, model, solver);
+  }
+  Eigen::VectorXd start = startOf(arguments, scene);
+  model::ArmResponse response(scene.arm);
+  Eigen::Index rows = 0;
+  if (!arguments.history.empty()) {
+    const model::InputHistory history = historyOfFile(scene, arguments.history);
+    for (; rows < history.rows(); ++rows) response.follow(history, rows);
+    Eigen::VectorXd lower = start, upper = start;
+    response.feltLimits(scene.arm, lower, upper);
+    solver.limit(lower, upper);
+    start = start.cwiseMax(lower).cwiseMin(upper);
+  }
 
   InverseResult result;
   if (!arguments.tip.empty()) {
@@ -218,15 +251,17 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   } else {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
+  Answer answer{result, result.input, response, rows};
+  if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure);
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
-  if (global.format == Format::kJson) printJson(reportJson(scene, tier, result, reached));
+  if (global.format == Format::kJson) printJson(reportJson(scene, tier, answer, reached));
   if (global.format == Format::kCsv) {
     CsvTable table;
-    table.add(csvRow(scene, tier, result, reached));
+    table.add(csvRow(scene, tier, answer, reached));
     table.print(std::cout);
   }
-  if (global.format == Format::kText) printTextResult(scene, tier, result, reached);
+  if (global.format == Format::kText) printTextResult(scene, tier, answer, reached);
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
 
@@ -260,6 +295,8 @@ Subcommand addInverse(CLI::App& app) {
   command->add_option(
       "--start", arguments->start,
       "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  command->add_option("--history", arguments->history,
+                      std::string(kHistoryHelp) + ", and the pressures continue from there");
   addTierOptions(*command, arguments->tier);
   CLI::Option* cocontraction =
       command
@@ -274,6 +311,9 @@ Subcommand addInverse(CLI::App& app) {
       "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist\n"
       "(mean of each section) reached.\n"
       "With --targets json is {scene, rows [as above]}, csv has a row for each target.\n"
+      "With --history the pressures are those to go to in one direction from its last row, for "
+      "the\n"
+      "felt_pressure_pa that reach the target; response as in `forward`.\n"
       "An unreachable target gives the closest inputs found and exit code 1.");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

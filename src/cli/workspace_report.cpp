@@ -3,6 +3,7 @@
 #include <iomanip>
 #include <iostream>
 
+#include "felt_pressures.hpp"
 #include "workspace_progress.hpp"
 
 namespace helix_arm::cli {
@@ -26,22 +27,24 @@ json toJson(const io::Scene& scene, const statics::TierSetting& setting,
     return json{{"min", corner(extremes.bounds().min())}, {"max", corner(extremes.bounds().max())}};
   };
   const std::string failure = workspaceFailure(summary);
-  return {{"scene", scene.name},
-          {"tier", statics::nameOf(setting.tier)},
-          {"order", setting.order > 0 ? json(setting.order) : json()},
-          {"seed", arguments.seed},
-          {"count", summary.inputs},
-          {"unbalanced", summary.unbalanced},
-          {"failure", failure.empty() ? json() : json(failure)},
-          {"seconds", summary.seconds},
-          {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
-          {"bounds_m", some ? bounds(summary.extremes) : json()},
-          {"reach_m", some ? json(summary.extremes.reach()) : json()},
-          {"sampled_bounds_m", some ? bounds(summary.sampled) : json()},
-          {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
-          {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
-          {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
-          {"sensitivity", sensitivity}};
+  json document{{"scene", scene.name},
+                {"tier", statics::nameOf(setting.tier)},
+                {"order", setting.order > 0 ? json(setting.order) : json()},
+                {"seed", arguments.seed},
+                {"count", summary.inputs},
+                {"unbalanced", summary.unbalanced},
+                {"failure", failure.empty() ? json() : json(failure)},
+                {"seconds", summary.seconds},
+                {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
+                {"bounds_m", some ? bounds(summary.extremes) : json()},
+                {"reach_m", some ? json(summary.extremes.reach()) : json()},
+                {"sampled_bounds_m", some ? bounds(summary.sampled) : json()},
+                {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
+                {"out", some && !arguments.out.empty() ? json(arguments.out) : json()},
+                {"png", some && !arguments.png.empty() ? json(arguments.png) : json()},
+                {"sensitivity", sensitivity}};
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  return document;
 }
 
 CsvTable toCsv(const io::Scene& scene, const statics::TierSetting& setting,
@@ -82,6 +85,8 @@ void printText(const io::Scene& scene, const statics::TierSetting& setting,
   std::cout << scene.name << ", tier " << setting.name() << ": " << summary.inputs << " inputs in "
             << std::setprecision(3) << summary.seconds << " s, "
             << rateText(static_cast<double>(summary.inputs) / summary.seconds) << "\n";
+  const std::string note = noteOnResponse(scene.arm);
+  if (!note.empty()) std::cout << note << "\n";
   if (summary.unbalanced > 0) {
     std::cout << "inputs omitted because no shape balances the load: " << summary.unbalanced
               << "\n";

@@ -61,7 +61,9 @@ void ChannelWatch::begin(double now) {
 }
 
 void ChannelWatch::pass(double now, const SafetyRules& rules) {
-  const double covered = -std::expm1((reference_at_ - now) / rules.time_constant);
+  const double time_constant =
+      set_point_ < reference_ ? rules.fallTimeConstant() : rules.time_constant;
+  const double covered = -std::expm1((reference_at_ - now) / time_constant);
   reference_ += covered * (set_point_ - reference_);
   reference_at_ = now;
 }

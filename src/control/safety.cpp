@@ -98,6 +98,7 @@ void SafetyRules::validate() const {
   requirePositive("follow_tolerance [Pa]", follow_tolerance);
   requirePositive("follow_time [s]", follow_time);
   requirePositive("time_constant [s]", time_constant);
+  requirePositive("fall_time_constant [s]", fallTimeConstant());
   requirePositive("leak_drop [Pa]", leak_drop);
   requireNotNegative("hold_time [s]", hold_time);
   requirePositive("vented_below [Pa]", vented_below);

@@ -71,6 +71,10 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
                   rule.unit_name);
     }
   }
+  if (next.fallTimeConstant() > rules.fallTimeConstant()) {
+    return tell("safety.follow.fall_time_constant_s", rules.fallTimeConstant(),
+                next.fallTimeConstant(), "s");
+  }
   constexpr double kNone = -std::numeric_limits<double>::infinity();
   if (next.min_supply.value_or(kNone) < rules.min_supply.value_or(kNone)) {
     return "safety.min_supply_kpa would be lower, or absent";

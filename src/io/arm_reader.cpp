@@ -19,7 +19,8 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
   for (std::size_t k = 0; k < sections.size(); ++k) {
     for (const model::Actuator& a : sections[k].actuators) {
       const lie::SE2 X_O{a.X_O.rotation.topLeftCorner<2, 2>(), a.X_O.translation.head<2>()};
-      planar[k].actuators.push_back({a.name, X_O, a.stiffness, a.contraction, a.limits, a.drive});
+      planar[k].actuators.push_back(
+          {a.name, X_O, a.stiffness, a.contraction, a.limits, a.drive, a.response});
     }
   }
   return model::PlanarArm(std::move(planar));

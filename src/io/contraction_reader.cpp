@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
+#include "response_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -57,19 +58,37 @@ const std::vector<CurveKind>& curveKinds() {
   return kinds;
 }
 
+constexpr char kResponse[] = "response";
+
+// None without the key.
+model::Response responseOf(const MapReader& contraction, const Value& value, model::Drive drive,
+                           FaultList& faults) {
+  const Value* given = value.find(kResponse);
+  if (given == nullptr) return {};
+  if (!model::isPressure(drive)) {
+    contraction.complain(kResponse,
+                         "is given for a tendon, which follows its spool; expected it "
+                         "only where the input is a pressure");
+  }
+  return readResponse(*given, contraction.path(kResponse), faults);
+}
+
 std::optional<NamedContraction> readContraction(const Value& value, const std::string& path,
                                                 FaultList& faults) {
   std::vector<std::string> keys;
   for (const CurveKind& kind : curveKinds()) keys.push_back(kind.key);
-  const MapReader contraction(value, path, keys, faults);
+  std::vector<std::string> known = keys;
+  known.emplace_back(kResponse);
+  const MapReader contraction(value, path, known, faults);
   const std::optional<std::string> given = contraction.exactlyOne(keys);
   if (!given) return std::nullopt;
   for (const CurveKind& kind : curveKinds()) {
     if (kind.key != *given) continue;
+    const model::Response response = responseOf(contraction, value, kind.drive, faults);
     const MapReader curve(*value.find(*given), joinPath(path, *given), kind.known, faults);
     try {
       OptionalCurve read = kind.read(curve);
-      if (read) return NamedContraction{std::move(*read), kind.drive};
+      if (read) return NamedContraction{std::move(*read), kind.drive, response};
     } catch (const std::invalid_argument& error) {
       contraction.complain(
           *given,

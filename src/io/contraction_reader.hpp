@@ -13,6 +13,7 @@ namespace helix_arm::io {
 struct NamedContraction {
   model::Contraction curve;
   model::Drive drive;
+  model::Response response{};  ///< between the pressure and the curve
 };
 
 /// All curves by name. A name whose declaration has faults maps to nothing: they are reported once,

@@ -14,12 +14,18 @@ namespace helix_arm::io {
 namespace {
 
 constexpr int kMostSlots = 1024;
+const NumberRule kDeadTime = within(kNotNegative, 0, 1, " s");
 
 std::optional<regulator::Config> readSimulated(const Value& value, const std::string& path,
                                                const ArmParts*, FaultList& faults) {
-  const MapReader keys(value, path, {"time_constant_s", "supply_kpa", "noise_kpa", "seed"}, faults);
+  const MapReader keys(
+      value, path,
+      {"time_constant_s", "fall_time_constant_s", "dead_time_s", "supply_kpa", "noise_kpa", "seed"},
+      faults);
   regulator::SimulatedRegulatorConfig config;
   config.time_constant = keys.number("time_constant_s", kPositive, config.time_constant);
+  config.fall_time_constant = keys.optionalNumber("fall_time_constant_s", kPositive);
+  config.dead_time = keys.number("dead_time_s", kDeadTime, config.dead_time);
   config.supply_pressure =
       pascals(keys.number("supply_kpa", kPositivePressure, config.supply_pressure / 1e3));
   config.noise = pascals(keys.number("noise_kpa", kNotNegative, config.noise / 1e3));

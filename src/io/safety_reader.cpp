@@ -66,10 +66,12 @@ void readActions(const MapReader& safety, const Value& value,
 
 void readFollow(const Value& value, const std::string& path, control::SafetyRules& rules,
                 FaultList& faults) {
-  const MapReader follow(value, path, {"tolerance_kpa", "time_s", "time_constant_s"}, faults);
+  const MapReader follow(
+      value, path, {"tolerance_kpa", "time_s", "time_constant_s", "fall_time_constant_s"}, faults);
   rules.follow_tolerance = pressure(follow, "tolerance_kpa", rules.follow_tolerance);
   rules.follow_time = follow.number("time_s", seconds(kPositive), rules.follow_time);
   rules.time_constant = follow.number("time_constant_s", seconds(kPositive), rules.time_constant);
+  rules.fall_time_constant = follow.optionalNumber("fall_time_constant_s", seconds(kPositive));
 }
 
 void readTargetTimeout(const MapReader& safety, bool simulated, control::SafetyRules& rules) {

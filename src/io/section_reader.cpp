@@ -96,7 +96,7 @@ void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
   if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
   section.actuators.push_back({*name, X_O, *stiffness.value,
                                fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
-                               fitting.contraction->drive});
+                               fitting.contraction->drive, fitting.contraction->response});
 }
 
 // Default name: actuators are numbered from the base on.

@@ -4,13 +4,13 @@
 
 #include "helix_arm/io/number.hpp"
 #include "pose_reader.hpp"
+#include "response_reader.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 const NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 const NumberRule kLengthScale = within(kPositive, 0.5, 2);
-const NumberRule kPlay = within(kNotNegative, 0, 100, " kPa");
 const NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
 const NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 const NumberRule kBlur = within(kNotNegative, 0, 100, " px");
@@ -19,13 +19,20 @@ const NumberRule kExposure = within(kPositive, 1e-3, 1e3);
 const NumberRule kBleed = within(kNotNegative, 0, 0.1, " m");
 
 // @param actuators  0 if the arm has faults: the number of length scales is then not checked.
-simulation::ArmDeviation readDeviation(const MapReader& keys, int actuators) {
+simulation::ArmDeviation readDeviation(const Value& value, const std::string& path, int actuators,
+                                       FaultList& faults) {
+  const MapReader keys(value, path,
+                       {"K_gamma_scale", "K_kappa_scale", "length_scale", "length_scales",
+                        "K_eps_scale", "response"},
+                       faults);
   simulation::ArmDeviation arm;
   arm.K_gamma_scale = keys.number("K_gamma_scale", kStiffnessScale, arm.K_gamma_scale);
   arm.K_kappa_scale = keys.number("K_kappa_scale", kStiffnessScale, arm.K_kappa_scale);
   arm.length_scale = keys.number("length_scale", kLengthScale, arm.length_scale);
   arm.K_eps_scale = keys.number("K_eps_scale", kStiffnessScale, arm.K_eps_scale);
-  if (const auto kpa = keys.optionalNumber("play_kpa", kPlay)) arm.play = pascals(*kpa);
+  if (const Value* response = value.find("response")) {
+    arm.response = readResponse(*response, keys.path("response"), faults);
+  }
   if (keys.has("length_scales")) {
     const auto scales =
         keys.numbers("length_scales", static_cast<std::size_t>(actuators), kLengthScale);
@@ -77,11 +84,8 @@ SimulationConfig readSimulation(const MapReader& scene, const Value& document, c
   if (value == nullptr) return config;
   const MapReader simulation(*value, scene.path("simulation"), {"arm", "mounts", "camera"}, faults);
   if (const Value* deviation = value->find("arm")) {
-    config.arm = readDeviation(MapReader(*deviation, simulation.path("arm"),
-                                         {"K_gamma_scale", "K_kappa_scale", "length_scale",
-                                          "length_scales", "K_eps_scale", "play_kpa"},
-                                         faults),
-                               arm == nullptr ? 0 : arm->arm.actuatorCount());
+    config.arm = readDeviation(*deviation, simulation.path("arm"),
+                               arm == nullptr ? 0 : arm->arm.actuatorCount(), faults);
   }
   if (const Value* mounts = value->find("mounts")) {
     config.mounts = readMounts(MapReader(*mounts, simulation.path("mounts"),

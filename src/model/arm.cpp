@@ -47,6 +47,11 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
     first_.push_back(static_cast<int>(actuators_.size()));
     for (ActuatorOf<Group>& actuator : sections[k].actuators) {
       requireStiffness(actuator.stiffness, where + actuator.name);
+      try {
+        actuator.response.validate();
+      } catch (const std::invalid_argument& error) {
+        throw std::invalid_argument(where + actuator.name + ": " + error.what());
+      }
       const Range& range = actuator.contraction.inputRange();
       const Range& limits = actuator.limits;
       if (!(range.contains(limits.lower) && range.contains(limits.upper) &&
@@ -223,7 +228,7 @@ Arm embed(const PlanarArm& arm) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       const PlanarActuator& a = arm.actuator(i);
       sections[k].actuators.push_back(
-          {a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
+          {a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive, a.response});
     }
   }
   return Arm(std::move(sections));

@@ -1,5 +1,6 @@
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "helix_arm/basics/number_requirement.hpp"
@@ -25,6 +26,10 @@ void SimulatedRegulatorConfig::validate() const {
   basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
   basics::requirePositive(kCulprit, "the supply pressure [Pa]", supply_pressure);
   basics::requireNotNegative(kCulprit, "the noise [Pa]", noise);
+  if (fall_time_constant) {
+    basics::requirePositive(kCulprit, "the fall time constant [s]", *fall_time_constant);
+  }
+  basics::requireNotNegative(kCulprit, "the dead time [s]", dead_time);
 }
 
 SimulatedRegulator::SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config)
@@ -41,18 +46,48 @@ void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_po
   for (int i = 0; i < set_point.size(); ++i) {
     require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }
-  set_point_ = set_point.cwiseMax(0.0);
+  if (config_.dead_time == 0) {
+    set_point_ = set_point.cwiseMax(0.0);
+  } else {
+    // Repeated in one instant, the last one counts.
+    const double time = time_ + config_.dead_time;
+    if (coming_.empty() || coming_.back().time < time) coming_.push_back({time, {}});
+    coming_.back().set_point = set_point.cwiseMax(0.0);
+  }
 }
 
 void SimulatedRegulator::step(double dt) {
   require(dt >= 0, "the time step [s]", dt, "a value >= 0");
-  const double covered = -std::expm1(-dt / config_.time_constant);  // exact also for tiny steps
+  const double end = time_ + dt;
+  for (; !coming_.empty() && coming_.front().time <= end; coming_.pop_front()) {
+    const double wait = std::max(coming_.front().time - time_, 0.0);
+    advance(wait);
+    dt = std::max(dt - wait, 0.0);
+    set_point_ = coming_.front().set_point;
+  }
+  advance(dt);
+  time_ = end;
+}
+
+void SimulatedRegulator::advance(double dt) {
+  const auto covered = [dt](double time_constant) {
+    return -std::expm1(-dt / time_constant);  // exact also for tiny steps
+  };
+  const double rises = covered(config_.time_constant);
+  const double falls = covered(config_.fall_time_constant.value_or(config_.time_constant));
   const double first = pressure_[0];
-  // Pressure above the supply does not flow back.
-  pressure_ += covered * (set_point_.cwiseMin(pressure_.cwiseMax(supply())) - pressure_);
-  if (fault_ == AirFault::kBurst) pressure_[0] = (1 - covered) * first;
-  if (fault_ == AirFault::kStuckOpen) pressure_[0] = first + covered * (supply() - first);
+  for (double& pressure : pressure_) {
+    const double set_point = set_point_[&pressure - pressure_.data()];
+    // Pressure above the supply does not flow back.
+    const double goal = std::min(set_point, std::max(pressure, supply()));
+    pressure += (goal > pressure ? rises : falls) * (goal - pressure);
+  }
+  if (fault_ == AirFault::kBurst) pressure_[0] = (1 - falls) * first;
+  if (fault_ == AirFault::kStuckOpen) {
+    pressure_[0] = first + (supply() > first ? rises : falls) * (supply() - first);
+  }
   if (fault_ == AirFault::kStuckShut) pressure_[0] = first;
+  time_ += dt;
 }
 
 double SimulatedRegulator::supply() const {

@@ -68,8 +68,7 @@ void ArmDeviation::validate() const {
   check("the factor on the lengths", length_scale);
   check("the factor on K_eps", K_eps_scale);
   for (const double scale : length_scales) check("the factor on a length", scale);
-  basics::requireValue(std::isfinite(play) && play >= 0, "true arm", "the play [Pa]", play,
-                       "a finite value >= 0");
+  if (response) response->validate();
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
@@ -115,7 +114,8 @@ SimulatedRig::SimulatedRig(const statics::ArmModel& model,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
     : arm_(model, deviation),
       regulator_(model.arm().actuatorCount(), regulator_config),
-      play_(model.arm().actuatorCount(), deviation.play) {
+      response_(model.arm(), deviation.response) {
+  response_.step(regulator_.pressure(), 0);  // vented
   if (!camera) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                        "the number of sections in the camera's view", camera->view.sections,

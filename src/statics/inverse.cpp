@@ -72,6 +72,7 @@ class InverseSolver::Workspace {
   void aimAt(const model::Twists& twists) noexcept;
   const InverseResult& solve(const model::InputRef& start);
   void correct(const Correction& correction);
+  void limit(const model::InputRef& lower, const model::InputRef& upper);
   const model::Arm& arm() const { return arm_; }
 
  private:
@@ -85,7 +86,7 @@ class InverseSolver::Workspace {
   const int n_;
   InverseTask task_;
   CorrectedModel corrected_;
-  const LengthBox box_;
+  LengthBox box_;
   BoxLevenbergMarquardt minimiser_;
   InverseValley valley_;
   InverseStarts starts_;
@@ -122,7 +123,7 @@ void InverseSolver::Workspace::checkStart(const model::InputRef& start) const {
                                 " inputs; the arm has " + std::to_string(n_) + " actuators");
   }
   for (int i = 0; i < n_; ++i) {
-    if (!arm_.actuator(i).limits.contains(start[i])) {
+    if (!box_.limits(i).contains(start[i])) {
       throw std::invalid_argument("the start is outside the limits of " + arm_.actuator(i).name +
                                   ": " + std::to_string(start[i]));
     }
@@ -132,6 +133,24 @@ void InverseSolver::Workspace::checkStart(const model::InputRef& start) const {
 void InverseSolver::Workspace::correct(const Correction& correction) {
   corrected_.set(correction);
   task_.correctBy(corrected_);
+  answered_ = false;
+}
+
+void InverseSolver::Workspace::limit(const model::InputRef& lower, const model::InputRef& upper) {
+  if (lower.size() != n_ || upper.size() != n_) {
+    throw std::invalid_argument("got " + std::to_string(lower.size()) + " and " +
+                                std::to_string(upper.size()) + " limits; the arm has " +
+                                std::to_string(n_) + " actuators");
+  }
+  for (int i = 0; i < n_; ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    if (limits.contains(lower[i]) && limits.contains(upper[i]) && lower[i] < upper[i]) continue;
+    throw std::invalid_argument("the limits of " + arm_.actuator(i).name + " are " +
+                                std::to_string(lower[i]) + " to " + std::to_string(upper[i]) +
+                                "; expected a range within " + std::to_string(limits.lower) +
+                                " to " + std::to_string(limits.upper));
+  }
+  box_.limit(lower, upper);
   answered_ = false;
 }
 
@@ -193,7 +212,7 @@ Descent InverseSolver::Workspace::tryOtherStarts(Descent first) noexcept {
   double rest_cost = first == Descent::kAtRest ? current_.cost : infinity;
   std::swap(best_, current_);
   for (int s = 0; s < options_.max_starts; ++s) {
-    current_.lengths = starts_.next(s, task_);
+    current_.lengths = starts_.next(s, task_).cwiseMax(box_.lower()).cwiseMin(box_.upper());
     minimiser_.evaluate(current_);
     const Descent descent =
         valley_.follow(current_, minimiser_.descend(current_, options_.max_iterations));
@@ -235,7 +254,7 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
                                ? current_.residual.head<3>().norm()
                                : task_.positionError(current_.lengths);
   for (int i = 0; i < n_; ++i) {
-    const model::Range& limits = arm_.actuator(i).limits;
+    const model::Range& limits = box_.limits(i);
     const double margin = kLimitMargin * (limits.upper - limits.lower);
     result_.limits[i] = input_[i] <= limits.lower + margin   ? Limit::kLower
                         : input_[i] >= limits.upper - margin ? Limit::kUpper
@@ -254,6 +273,10 @@ InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& option
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;
+
+void InverseSolver::limit(const model::InputRef& lower, const model::InputRef& upper) {
+  workspace_->limit(lower, upper);
+}
 
 void InverseSolver::correct(const Correction& correction) { workspace_->correct(correction); }
 

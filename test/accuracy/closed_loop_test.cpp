@@ -127,7 +127,8 @@ TEST(ClosedLoop, MeasurementsThatComeLate) {
 }
 
 TEST(ClosedLoop, MusclesWithHysteresis) {
-  const io::Scene scene = demo({{"simulation.arm.play_kpa", "8"}});
+  const io::Scene scene =
+      demo({{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}});
   const FollowPlan plan = steps(scene, 20, 4);
   const StepFigures figures =
       printSteps("20 tips, play of 8 kPa to either side", run(scene, plan), run(scene, plan, true));

@@ -90,6 +90,9 @@ TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
             "safety.fault_action of vents would go from vent to hold");
   EXPECT_EQ(told([](auto&, auto& rules) { rules.target_timeout = 2; }),
             "safety.target_timeout_s would go from 1 to 2 s");
+  EXPECT_EQ(told([](auto&, auto& rules) { rules.fall_time_constant = 0.5; }),
+            "safety.follow.fall_time_constant_s would go from 0.25 to 0.5 s");
+  EXPECT_EQ(told([](auto&, auto& rules) { rules.fall_time_constant = 0.2; }), "");
   EXPECT_EQ(told([](auto&, auto& rules) { rules.min_supply.reset(); }),
             "safety.min_supply_kpa would be lower, or absent");
   for (double SafetyRules::*rule :

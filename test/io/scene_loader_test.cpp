@@ -293,9 +293,45 @@ TEST(SceneLoader, EachLengthOfTheRigMayDifferByItself) {
   EXPECT_EQ(scene.simulation.arm.length_scales, Eigen::Vector2d(0.98, 1.02));
 }
 
-TEST(SceneLoader, TheHysteresisOfTheRigIsAPressure) {
-  EXPECT_EQ(load(kPlanarScene).simulation.arm.play, 0.0);
-  EXPECT_EQ(load(kPlanarScene, {{"simulation.arm.play_kpa", "8"}}).simulation.arm.play, 8e3);
+TEST(SceneLoader, TheResponseIsThatOfItsContraction) {
+  const Scene plain = load(kPlanarScene);
+  EXPECT_TRUE(plain.arm.actuator(0).response.instant());
+  EXPECT_FALSE(plain.simulation.arm.response);
+  const std::string response =
+      "{rise_time_constant_s: 0.5, play_kpa: [20, 60], play_weight: [0.3, 0.4]}";
+  const Scene scene = load(kPlanarScene, {{"contractions.muscle.response", response}});
+  ASSERT_TRUE(scene.planar);
+  for (const model::Response& read :
+       {scene.arm.actuator(1).response, scene.planar->actuator(0).response}) {
+    EXPECT_EQ(read.rise_time, 0.5);
+    EXPECT_EQ(read.fall_time, 0.5);  // as while it rises
+    ASSERT_EQ(read.play_count, 2);
+    EXPECT_EQ(read.plays[0].reach, 2e4);
+    EXPECT_EQ(read.plays[1].reach, 6e4);
+    EXPECT_EQ(read.plays[0].weight, 0.3);
+    EXPECT_EQ(read.plays[1].weight, 0.4);
+  }
+}
+
+TEST(SceneLoader, TheRigMayRespondDifferently) {
+  const Scene none = load(kPlanarScene, {{"simulation.arm.response", "{}"}});
+  ASSERT_TRUE(none.simulation.arm.response);
+  EXPECT_TRUE(none.simulation.arm.response->instant());
+  const Scene scene =
+      load(kPlanarScene, {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}});
+  ASSERT_TRUE(scene.simulation.arm.response);
+  EXPECT_EQ(scene.simulation.arm.response->plays[0].reach, 8e3);
+}
+
+TEST(SceneLoader, AirMayLeaveMoreSlowlyThanItEnters) {
+  const Scene scene = load(kSpatialScene, {{"regulator.simulated.fall_time_constant_s", "0.6"},
+                                           {"regulator.simulated.dead_time_s", "0.03"},
+                                           {"safety.follow.fall_time_constant_s", "0.7"}});
+  EXPECT_EQ(simulatedOf(scene).fall_time_constant, 0.6);
+  EXPECT_EQ(simulatedOf(scene).dead_time, 0.03);
+  EXPECT_EQ(scene.safety.rules.fallTimeConstant(), 0.7);
+  EXPECT_EQ(load(kSpatialScene).safety.rules.fallTimeConstant(), 0.3);
+  EXPECT_FALSE(simulatedOf(load(kSpatialScene)).fall_time_constant);
 }
 
 TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {

@@ -102,6 +102,12 @@ const BrokenRule kNumbers[] = {
     {"time_constant_s: 0.2",
      "time_constant_s: 0",
      {":33 regulator.simulated.time_constant_s is 0; expected a finite value > 0"}},
+    {"time_constant_s: 0.2",
+     "fall_time_constant_s: 0",
+     {":33 regulator.simulated.fall_time_constant_s is 0; expected a finite value > 0"}},
+    {"time_constant_s: 0.2",
+     "dead_time_s: 1.5",
+     {":33 regulator.simulated.dead_time_s is 1.5; expected 0 to 1 s"}},
     {"supply_kpa: 450",
      "supply_kpa: -1",
      {":33 regulator.simulated.supply_kpa is -1; expected a finite value > 0"}},
@@ -116,6 +122,66 @@ const BrokenRule kNumbers[] = {
      {":34 safety.commander_timeout_s is 0; expected a finite value > 0"}},
 };
 INSTANTIATE_TEST_SUITE_P(Numbers, SpatialSceneRules, testing::ValuesIn(kNumbers));
+
+// A response of the bellows, and what is said of it.
+struct BrokenResponse {
+  const char* text;
+  const char* fault;
+};
+
+class SceneResponseRules : public testing::TestWithParam<BrokenResponse> {};
+
+TEST_P(SceneResponseRules, BreakingOneIsReported) {
+  const std::string curve = "length_m: [0.1, 0.12, 0.13]}\n";
+  const auto with = [&](const std::string& response) {
+    return faultsOf(replaced(kSpatialScene, curve, curve + "    response: " + response + "\n"));
+  };
+  ASSERT_TRUE(with("{}").empty());
+  ASSERT_TRUE(with("{play_kpa: [20, 60], play_weight: [0.3, 0.65]}").empty());
+  EXPECT_EQ(with(GetParam().text),
+            std::vector<std::string>{std::string(":10 contractions.bellows.response") +
+                                     GetParam().fault});
+}
+
+const BrokenResponse kResponses[] = {
+    {"0.5",
+     " is 0.5; expected a map of rise_time_constant_s, fall_time_constant_s, play_kpa or "
+     "play_weight"},
+    {"{rise_time_s: 0.5}",
+     ".rise_time_s is not a known key; expected rise_time_constant_s, "
+     "fall_time_constant_s, play_kpa or play_weight"},
+    {"{rise_time_constant_s: -1}", ".rise_time_constant_s is -1; expected a finite value >= 0"},
+    {"{rise_time_constant_s: 61}", ".rise_time_constant_s is 61; expected 0 to 60 s"},
+    {"{fall_time_constant_s: .nan}", ".fall_time_constant_s is .nan; expected a finite value >= 0"},
+    {"{play_kpa: [20]}",
+     ".play_weight is missing; expected a list of 1 numbers, each a finite value >= 0"},
+    {"{play_weight: [0.2]}", ".play_weight is given without play_kpa; expected both or none"},
+    {"{play_kpa: [], play_weight: []}",
+     ".play_kpa is empty; expected 1 to 4 numbers, or leave out play_kpa and play_weight "
+     "for none"},
+    {"{play_kpa: [20, 20], play_weight: [0.1, 0.1]}",
+     ".play_kpa has 20 after 20; expected ascending values"},
+    {"{play_kpa: [1, 2, 3, 4, 5], play_weight: [0.1, 0.1, 0.1, 0.1, 0.1]}",
+     ".play_kpa has 5 entries; expected at most 4"},
+    {"{play_kpa: [-20], play_weight: [0.1]}", ".play_kpa[0] is -20; expected a finite value > 0"},
+    {"{play_kpa: [20, 60], play_weight: [0.1]}",
+     ".play_weight has 1 entries; expected a list of 2 numbers, each a finite value >= 0"},
+    {"{play_kpa: [20], play_weight: [-0.1]}",
+     ".play_weight[0] is -0.1; expected a finite value >= 0"},
+    {"{play_kpa: [20, 60], play_weight: [0.5, 0.46]}",
+     ".play_weight has the sum 0.96; expected at most 0.95, so that every length belongs "
+     "to one pressure"},
+};
+INSTANTIATE_TEST_SUITE_P(Responses, SceneResponseRules, testing::ValuesIn(kResponses));
+
+TEST(SceneResponse, ATendonHasNone) {
+  const std::string tendon = "    tendon: {length_m: 0.3";
+  EXPECT_EQ(faultsOf(replaced(kSpatialScene, tendon,
+                              "    response: {rise_time_constant_s: 1}\n" + tendon)),
+            std::vector<std::string>{
+                ":11 contractions.cable.response is given for a tendon, which follows its spool; "
+                "expected it only where the input is a pressure"});
+}
 
 const BrokenRule kKeys[] = {
     {"radius_m: 0.03",
@@ -220,7 +286,7 @@ const BrokenRule kContractions[] = {
       ":3 contractions.muscle has none; expected exactly one of quintic, table or tendon"}},
     {"    tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}",
      "    off",
-     {":11 contractions.cable is off; expected a map of quintic, table or tendon"}},
+     {":11 contractions.cable is off; expected a map of quintic, table, tendon or response"}},
     {"max_pressure_kpa: 300",
      "max_pressure_kpa: 401",
      {":18 arm.sections[0].ring.max_pressure_kpa is 401; expected a pressure that contraction "

@@ -1,5 +1,6 @@
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -30,6 +31,38 @@ TEST(SimulatedRegulator, TheSizeOfTheStepsDoesNotMatter) {
     once.step(0.25);
     for (int i = 0; i < 250; ++i) often.step(1e-3);
     EXPECT_NEAR(once.pressure()[0], often.pressure()[0], 1e-9 * target);
+  }
+}
+
+TEST(SimulatedRegulator, AirMayLeaveMoreSlowlyThanItEnters) {
+  SimulatedRegulatorConfig config = kQuiet;
+  config.fall_time_constant = 0.3;
+  SimulatedRegulator regulator(2, config);
+  regulator.command(Eigen::Vector2d(2e5, 1e5));
+  regulator.step(100 * kTau);
+  regulator.command(Eigen::Vector2d(0, 3e5));
+  regulator.step(0.15);
+  EXPECT_NEAR(regulator.pressure()[0], 2e5 * std::exp(-0.15 / 0.3), 1e-6);
+  EXPECT_NEAR(regulator.pressure()[1], 3e5 - 2e5 * std::exp(-0.15 / kTau), 1e-6);
+}
+
+TEST(SimulatedRegulator, SetPointsHaveAnEffectAfterTheDeadTimeWhateverTheSteps) {
+  SimulatedRegulatorConfig config = kQuiet;
+  config.dead_time = 0.03;
+  for (const double step : {0.001, 0.0071, 0.1, 1.0}) {
+    SimulatedRegulator regulator(1, config);
+    const auto goOn = [&](double time) {
+      for (double left = time; left > 1e-12; left -= step) regulator.step(std::min(step, left));
+    };
+    regulator.command(Eigen::VectorXd::Constant(1, 1e5));
+    regulator.command(Eigen::VectorXd::Constant(1, 2e5));  // the last one of an instant counts
+    goOn(0.02);
+    regulator.command(Eigen::VectorXd::Constant(1, 0));
+    EXPECT_EQ(regulator.pressure()[0], 0) << step;
+    goOn(0.08);
+    // 0.03: rises for 0.02 s, then falls for 0.05 s.
+    const double top = 2e5 * -std::expm1(-0.02 / kTau);
+    EXPECT_NEAR(regulator.pressure()[0], top * std::exp(-0.05 / kTau), 1e-6) << step;
   }
 }
 

@@ -95,7 +95,7 @@ TEST(TrueArm, WhatIsNoPressureOrNoFactorIsRefused) {
   each.length_scales = Eigen::Vector2d(1, 1);
   EXPECT_THROW(TrueArm(arm, each), std::invalid_argument);
   ArmDeviation loose;
-  loose.play = -1;
+  loose.response = model::Response{-1, 0, 0, {}};
   EXPECT_THROW(loose.validate(), std::invalid_argument);
   try {
     ArmDeviation{1, -2, 1}.validate();
@@ -303,13 +303,14 @@ TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
   EXPECT_THROW(rig.step(-1), std::invalid_argument);
 }
 
-// On the way up the shape is that of a pressure which is lower by the play, on the way down of one
-// which is higher; a motion within twice the play moves nothing.
+// On the way up the shape is that of a pressure which is lower by the weight of the play, on the
+// way down of one which is higher; a motion within twice the play moves it by the rest of the
+// weight.
 TEST(SimulatedRig, MusclesWithPlayStayBehindTheirPressures) {
-  constexpr double kPlay = 8e3;
+  constexpr double kPlay = 8e3, kWeight = 0.75;
   const model::Arm arm = ringArm(helicalRing());
   ArmDeviation deviation;
-  deviation.play = kPlay;
+  deviation.response = model::Response{0, 0, 1, {{{kPlay, kWeight}}}};
   SimulatedRig rig(arm, kRegulator, deviation);
   const TrueArm truth(arm, deviation);
   const Eigen::Vector3d play = Eigen::Vector3d::Constant(kPlay);
@@ -320,16 +321,43 @@ TEST(SimulatedRig, MusclesWithPlayStayBehindTheirPressures) {
   const Eigen::Vector3d high(2e5, 3e5, 1e5);
   goTo(high);
   ASSERT_LT((rig.pressure() - high).norm(), 1e-6);
-  EXPECT_LT((rig.twists() - truth.twists(high - play)).norm(), 1e-9);
-  const model::Twists up = rig.twists();
-  goTo(high - 1.99 * play);
-  EXPECT_EQ(rig.twists(), up);
+  const auto feels = [&](double plays) {  // below the highest pressure
+    return (rig.twists() - truth.twists(high - plays * play)).norm() < 1e-9;
+  };
+  EXPECT_TRUE(feels(kWeight));
+  goTo(high - 1.6 * play);
+  EXPECT_TRUE(feels(1.6 * (1 - kWeight) + kWeight));
   goTo(high - 5 * play);
-  EXPECT_LT((rig.twists() - truth.twists(high - 4 * play)).norm(), 1e-9);
-  goTo(high - 3.01 * play);
-  EXPECT_LT((rig.twists() - truth.twists(high - 4 * play)).norm(), 1e-9);
+  EXPECT_TRUE(feels(5 - kWeight));
+  goTo(high - 3.4 * play);
+  EXPECT_TRUE(feels(3.4 * (1 - kWeight) + 4 * kWeight));
   goTo(high);
-  EXPECT_LT((rig.twists() - up).norm(), 1e-9);
+  EXPECT_TRUE(feels(kWeight));
+}
+
+TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
+  model::Arm plain = ringArm(helicalRing());
+  std::vector<model::Section> sections(1);
+  for (int i = 0; i < 3; ++i) {
+    sections[0].actuators.push_back(plain.actuator(i));
+    sections[0].actuators.back().response = model::Response{0.4, 0.4, 0, {}};
+  }
+  const model::Arm arm(std::move(sections));
+  SimulatedRig lags(arm, kRegulator, {});
+  ArmDeviation none;
+  none.response = model::Response{};
+  SimulatedRig follows(arm, kRegulator, none);
+  for (SimulatedRig* rig : {&lags, &follows}) {
+    rig->command(Eigen::Vector3d(2e5, 1e5, 0));
+    rig->step(100);
+    rig->command(Eigen::Vector3d(0, 1e5, 0));
+    rig->step(0.4);
+  }
+  const TrueArm truth(arm, {});
+  EXPECT_EQ(follows.twists(), truth.twists(follows.pressure()));
+  const double p = lags.pressure()[0];
+  const Eigen::Vector3d felt(p + (2e5 - p) * std::exp(-1.0), 1e5, 0);
+  EXPECT_LT((lags.twists() - truth.twists(felt)).norm(), 1e-9);
 }
 
 TEST(SimulatedRig, ThePictureIsThatOfTheTrueArm) {

@@ -90,6 +90,8 @@ struct SafetyRules {
   double follow_tolerance = 4e4;
   double follow_time = 1.0;
   double time_constant = 0.2;  ///< of a healthy channel, > 0 [s]
+  /// The same where its pressure falls, > 0 [s]; absent: as where it rises.
+  std::optional<double> fall_time_constant = std::nullopt;
   /// Maximum drop of a reading below a constant set point that it had reached, > 0 [Pa].
   double leak_drop = 2.5e4;
   double hold_time = 10.0;  ///< duration of FaultAction::kHold and kClose, >= 0 [s]
@@ -97,6 +99,7 @@ struct SafetyRules {
   double vented_below = 1.5e4;
   double vent_time = 3.0;  ///< time within which a venting channel must be empty, > 0 [s]
 
+  double fallTimeConstant() const { return fall_time_constant.value_or(time_constant); }
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };

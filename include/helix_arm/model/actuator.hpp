@@ -5,6 +5,7 @@
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/contraction.hpp"
+#include "helix_arm/model/response.hpp"
 
 namespace helix_arm::model {
 
@@ -59,6 +60,7 @@ struct ActuatorOf {
   Contraction contraction;
   Range limits;  ///< of the input; inside contraction.inputRange()
   Drive drive = Drive::kPressure;
+  Response response{};  ///< between the measured pressure and the contraction
 };
 
 using Actuator = ActuatorOf<lie::SE3>;

@@ -2,6 +2,8 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <deque>
+#include <optional>
 #include <random>
 
 namespace helix_arm::regulator {
@@ -21,6 +23,9 @@ struct SimulatedRegulatorConfig {
   double supply_pressure = 5e5;  ///< gauge, > 0; no channel rises above it [Pa]
   double noise = 5e3;            ///< standard deviation of the measurement, >= 0 [Pa]
   std::uint32_t seed = 1;        ///< of the noise
+  /// Lag where the pressure falls, > 0 [s]; absent: as where it rises.
+  std::optional<double> fall_time_constant = std::nullopt;
+  double dead_time = 0.0;  ///< of line and valve, until a set point has an effect, >= 0 [s]
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -30,8 +35,8 @@ struct SimulatedRegulatorConfig {
 /// noise.
 ///
 /// dp/dt = (min(p_set, max(p_supply, p)) - p) / tau, integrated exactly: the result does not depend
-/// on the step size. It has no clock; its time is the sum of the steps. The same seed and calls
-/// give the same measurements.
+/// on the step size. p_set has an effect after the dead time. It has no clock; its time is the sum
+/// of the steps. The same seed and calls give the same measurements.
 class SimulatedRegulator {
  public:
   /// Starts vented: set points and pressures are 0.
@@ -63,7 +68,16 @@ class SimulatedRegulator {
  private:
   SimulatedRegulatorConfig config_;
   AirFault fault_ = AirFault::kNone;
-  Eigen::VectorXd set_point_;
+  // A set point on its way through line and valve.
+  struct Coming {
+    double time;  // when it has an effect
+    Eigen::VectorXd set_point;
+  };
+  void advance(double dt);
+
+  double time_ = 0.0;          // sum of the steps [s]
+  std::deque<Coming> coming_;  // in order of their times
+  Eigen::VectorXd set_point_;  // in effect
   Eigen::VectorXd pressure_;
   std::mt19937_64 generator_;
   std::normal_distribution<double> normal_;

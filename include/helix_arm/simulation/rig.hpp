@@ -6,9 +6,9 @@
 #include <opencv2/core.hpp>
 
 #include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 #include "helix_arm/simulation/camera.hpp"
-#include "helix_arm/simulation/play.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
@@ -22,9 +22,9 @@ struct ArmDeviation {
   double K_eps_scale = 1.0;    ///< > 0; no effect on an arm that nothing loads
   /// (n) further factors on the free length of each actuator, > 0; empty: 1 each.
   Eigen::VectorXd length_scales = {};
-  /// Width of the hysteresis of the muscles, see Play; >= 0 [Pa]. A TrueArm has no memory and
-  /// ignores it, a SimulatedRig does not.
-  double play = 0.0;
+  /// How the true actuators follow their pressures; absent: as the scene's. A TrueArm has no memory
+  /// and ignores it, a SimulatedRig does not.
+  std::optional<model::Response> response = std::nullopt;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -73,7 +73,7 @@ struct CameraSetup {
 };
 
 /// A complete rig: regulators that follow their set points, an arm that follows their pressures
-/// instantly, and a camera. It has no clock; its time is the sum of the steps.
+/// with its response, and a camera. It has no clock; its time is the sum of the steps.
 ///
 /// The same seeds and calls give the same measurements and pictures.
 class SimulatedRig {
@@ -91,18 +91,20 @@ class SimulatedRig {
   void command(const model::InputRef& set_point) { regulator_.command(set_point); }
   /// Sets a dead force at the true tip; as TrueArm::setTipForce(), and throws as it does.
   void setTipForce(const Eigen::Vector3d& force) { arm_.setTipForce(force); }
-  /// Advances time by dt >= 0 [s]. Throws as SimulatedRegulator::step() does.
+  /// Advances time by dt >= 0 [s]; a lag of the arm sees the pressures at the end of the step.
+  /// Throws as SimulatedRegulator::step() does.
   void step(double dt) {
     regulator_.step(dt);
-    play_.follow(regulator_.pressure());
+    response_.step(regulator_.pressure(), dt);
   }
 
   /// True pressures (n), gauge [Pa].
   const Eigen::VectorXd& pressure() const { return regulator_.pressure(); }
   /// One noisy reading of them (n), gauge, may be below 0 [Pa]; each call draws anew.
   Eigen::VectorXd measure() { return regulator_.measure(); }
-  /// The current shape. Throws as TrueArm::shape() does if no shape is found.
-  model::Shape shape() const { return arm_.shape(play_.felt()); }
+  /// The current shape, of the pressures that the arm feels. Throws as TrueArm::shape() does if no
+  /// shape is found.
+  model::Shape shape() const { return arm_.shape(response_.felt()); }
   /// Its mean twists (6 x sections). Throws as shape() does.
   model::Twists twists() const { return shape().twists(); }
   /// The next picture (CV_8UC1) of the arm's current shape; valid until the next call.
@@ -112,7 +114,7 @@ class SimulatedRig {
  private:
   TrueArm arm_;
   regulator::SimulatedRegulator regulator_;
-  Play play_;
+  model::ArmResponse response_;
   std::optional<SimulatedCamera> camera_;
 };
 

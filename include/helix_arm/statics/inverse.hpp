@@ -89,6 +89,12 @@ class InverseSolver {
   /// @throws as CorrectedModel::set().
   void correct(const Correction& correction);
 
+  /// From now on inputs are searched between lower and upper (n), which are within the limits of
+  /// the arm: for actuators with a response, what they can be made to feel
+  /// (model::ArmResponse::feltLimits()). Does not allocate.
+  /// @throws std::invalid_argument naming the actuator and the rule.
+  void limit(const model::InputRef& lower, const model::InputRef& upper);
+
   /// Inputs that bring the tip to a position (base frame) [m].
   ///
   /// @param start  (n) initial inputs, inside the limits; pass the last command for a warm start.

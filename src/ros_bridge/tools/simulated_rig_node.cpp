@@ -54,9 +54,10 @@ SimulatedRigNode::SimulatedRigNode()
       scene_(requirePneumatic(io::loadScene(options_.scene))),
       regulator_(makeSimulatedRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
-      play_(scene_.arm.actuatorCount(), scene_.simulation.arm.play),
+      response_(scene_.arm, scene_.simulation.arm.response),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
       last_step_(ros::SteadyTime::now()) {
+  response_.step(regulator_.pressure(), 0);  // vented
   if (options_.time_factor > 0) {
     const ros::WallTime start = ros::WallTime::now();
     clock_ = {start.sec, start.nsec};
@@ -147,13 +148,13 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
   }
   ventWhenSilent(now);
   regulator_.step(dt);
-  play_.follow(regulator_.pressure());
+  response_.step(regulator_.pressure(), dt);
   std_msgs::Header header;
   header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
   measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
   std::optional<Moment> moment;
   try {
-    moment = Moment{header.stamp, true_arm_.shape(play_.felt())};
+    moment = Moment{header.stamp, true_arm_.shape(response_.felt())};
   } catch (const std::runtime_error& fault) {
     if (no_truths_.add()) {
       logWarning("%s (%lu times so far): neither truth nor picture until another command or force",

@@ -11,10 +11,10 @@
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/guarded_thread.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
-#include "helix_arm/simulation/play.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -92,9 +92,9 @@ class SimulatedRigNode {
   const io::Scene scene_;
   regulator::SimulatedRegulator regulator_;
   simulation::TrueArm true_arm_;
-  simulation::Play play_;
-  Eigen::VectorXd command_;    ///< in force, inside the limits [Pa]
-  ros::SteadyTime last_step_;  ///< of the regulator
+  model::ArmResponse response_;  // of the true arm
+  Eigen::VectorXd command_;      ///< in force, inside the limits [Pa]
+  ros::SteadyTime last_step_;    ///< of the regulator
   ros::SteadyTime last_command_;
   bool silent_ = true;  ///< no commands arrive, and it is vented
   ros::Time clock_;     ///< if ~time_factor is set

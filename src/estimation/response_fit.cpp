@@ -1,0 +1,195 @@
+#include "helix_arm/estimation/response_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "response_descent.hpp"
+#include "response_readings.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr std::array<double, 4> kThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10, 1.0 / 5};  // of the range
+constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
+constexpr int kLeastInMotion = 10;       // rows
+constexpr int kLeastTrials = 3;          // for the scatter between them
+constexpr double kStartWeight = 0.3;     // of a play, where nothing linear tells it
+
+std::vector<Number> lagNumbers(const ResponseReadings::Motion& motion) {
+  if (motion.rising + motion.falling < kLeastInMotion) return {};
+  if (std::min(motion.rising, motion.falling) < kLeastInMotion / 2) return {{Number::kLag}};
+  return {{Number::kRise}, {Number::kFall}};
+}
+
+// Common lags to start from: none, and the best of a series.
+std::vector<double> startingLags(const ResponseReadings& readings, bool lags) {
+  if (!lags) return {0.0};
+  double best = 0.0, least = std::numeric_limits<double>::infinity();
+  for (double lag = 0.03; lag < 31; lag *= 1.5) {
+    model::Response response;
+    response.rise_time = response.fall_time = lag;
+    const double rss = readings.residual(response).squaredNorm();
+    if (rss < least) {
+      least = rss;
+      best = lag;
+    }
+  }
+  return {0.0, best};
+}
+
+// Plays to start from: none, the linear fit, and single ones.
+std::vector<model::Response> startingPlays(const ResponseReadings& readings,
+                                           const model::Response& lags) {
+  std::vector<model::Response> out;
+  std::vector<double> reaches;
+  for (const double part : kThresholds) reaches.push_back(part * readings.range());
+  if (readings.perActuator()) {
+    const model::Response linear = readings.withWeights(lags, reaches);
+    if (linear.play_count > 1) out.push_back(linear);
+  }
+  model::Response best;
+  double least = std::numeric_limits<double>::infinity();
+  for (double reach = readings.range() / 60; reach < readings.range() / 3; reach *= 1.35) {
+    model::Response single = lags;
+    if (readings.perActuator()) single = readings.withWeights(lags, {reach});
+    if (!readings.perActuator()) {
+      single.play_count = 1;
+      single.plays[0] = {reach, kStartWeight};
+    }
+    if (single.play_count == 0) continue;
+    const double rss = readings.residual(single).squaredNorm();
+    if (rss >= least) continue;
+    least = rss;
+    best = single;
+  }
+  if (best.play_count > 0) out.push_back(best);
+  return out;
+}
+
+std::vector<Number> withPlays(std::vector<Number> numbers, const model::Response& response) {
+  for (int j = 0; j < response.play_count; ++j) numbers.push_back({Number::kWeight, j});
+  if (response.play_count == 1) numbers.push_back({Number::kReach, 0});
+  return numbers;
+}
+
+void report(const ResponseReadings& readings, const Candidate& fit, ResponseFit& out) {
+  out.response = fit.response;
+  for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
+    const Number& number = fit.numbers[k];
+    const Estimate estimate{valueOf(fit.response, number), fit.error[static_cast<Eigen::Index>(k)]};
+    const auto play = static_cast<std::size_t>(number.play);
+    if (number.kind == Number::kLag || number.kind == Number::kRise) out.rise_time = estimate;
+    if (number.kind == Number::kLag || number.kind == Number::kFall) out.fall_time = estimate;
+    if (number.kind == Number::kReach) out.reach[play] = estimate;
+    if (number.kind == Number::kWeight) out.weight[play] = estimate;
+  }
+  for (int j = 0; j < fit.response.play_count; ++j) {
+    const auto play = static_cast<std::size_t>(j);
+    out.reach[play].value = fit.response.plays[play].reach;
+  }
+  out.rms = std::sqrt(fit.rss / static_cast<double>(readings.rows()));
+  out.felt = readings.felt(fit.response);
+}
+
+// Whether one fit predicts trials that were left out better than another, by two standard errors of
+// the differences between trials. With fewer than three trials nothing contradicts it.
+bool predictsBetter(const ResponseReadings& readings, const Candidate& one,
+                    const Candidate& other) {
+  const Eigen::VectorXd gain =
+      readings.heldOutErrors(other.response) - readings.heldOutErrors(one.response);
+  const auto trials = static_cast<double>(gain.size());
+  if (trials < kLeastTrials) return true;
+  const double mean = gain.mean();
+  const double variance = (gain.array() - mean).square().sum() / (trials - 1);
+  return mean > kSignificant * std::sqrt(variance / trials);
+}
+
+ResponseFit fit(const ResponseReadings& readings) {
+  ResponseFit out;
+  if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
+    std::ostringstream text;
+    text << "the data hold " << readings.count() << " readings; expected at least "
+         << 3 * readings.coefficients() << " at pressures that differ";
+    out.failure = text.str();
+    return out;
+  }
+  const std::vector<Number> lags = lagNumbers(readings.motion());
+  const bool reverses = readings.largestReversal() >= kLeastReversal;
+  const Descent descent(readings);
+  std::vector<Candidate> candidates{descent.polish({}, {})};
+  out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
+  for (const double lag : startingLags(readings, !lags.empty())) {
+    model::Response start;
+    start.rise_time = start.fall_time = lag;
+    if (lag > 0) candidates.push_back(descent.polish(start, lags));
+    if (!reverses) continue;
+    const model::Response from = candidates.back().response;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      candidates.push_back(
+          descent.polish(plays, withPlays(lag > 0 ? lags : std::vector<Number>{}, plays)));
+    }
+  }
+  const auto better = [](const Candidate& a, const Candidate& b) { return a.rss < b.rss; };
+  const Candidate& closest = *std::min_element(candidates.begin(), candidates.end(), better);
+  const double effective =
+      static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);
+  Candidate best = *std::min_element(
+      candidates.begin(), candidates.end(), [&](const Candidate& a, const Candidate& b) {
+        return descent.criterion(a, effective) < descent.criterion(b, effective);
+      });
+  best = descent.prune(std::move(best));
+  bool play_is_scatter = false;
+  if (best.response.play_count > 0) {
+    candidates.erase(
+        std::remove_if(candidates.begin(), candidates.end(),
+                       [](const Candidate& one) { return one.response.play_count > 0; }),
+        candidates.end());
+    Candidate plain =
+        descent.prune(*std::min_element(candidates.begin(), candidates.end(), better));
+    play_is_scatter = !predictsBetter(readings, best, plain);
+    if (play_is_scatter) best = std::move(plain);
+  }
+  report(readings, best, out);
+  const bool lagged = best.response.rise_time > 0 || best.response.fall_time > 0;
+  out.lag = lags.empty() ? ResponseVerdict::kNotDetermined
+            : lagged     ? ResponseVerdict::kFound
+                         : ResponseVerdict::kNone;
+  out.play = !reverses                      ? ResponseVerdict::kNotDetermined
+             : best.response.play_count > 0 ? ResponseVerdict::kFound
+                                            : ResponseVerdict::kNone;
+  if (out.lag == ResponseVerdict::kNotDetermined) {
+    out.lag_reason =
+        "nothing was recorded in motion: record a series with times (time_s) through "
+        "steps of the pressure";
+  }
+  if (out.play == ResponseVerdict::kNotDetermined) {
+    out.play_reason =
+        "the pressures do not turn back by a twentieth of their range: record on the "
+        "way down as well, in the order taken";
+  }
+  const std::string none = " within two standard errors of 0 and is left out";
+  if (out.lag == ResponseVerdict::kNone) out.lag_reason = "the lag is" + none;
+  if (out.play == ResponseVerdict::kNone) {
+    out.play_reason = play_is_scatter ? "plays do not predict trials that were left out better, by "
+                                        "two standard errors of the differences between trials"
+                                      : "the weight of every play is" + none;
+  }
+  return out;
+}
+
+}  // namespace
+
+ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening) {
+  return fit({history, shortening, ResponseReadings::Kind::kPerActuator});
+}
+
+ResponseFit fitResponseToPositions(const model::InputHistory& history,
+                                   const Eigen::MatrixXd& position) {
+  return fit({history, position, ResponseReadings::Kind::kOfTheArm});
+}
+
+}  // namespace helix_arm::estimation

@@ -1,0 +1,284 @@
+#include "response_readings.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+namespace helix_arm::estimation {
+namespace {
+
+constexpr int kDegree = 5;              // of a contraction curve and of its inverse
+constexpr double kMoves = 0.1;          // of the largest range: an actuator that takes part
+constexpr double kSamePressure = 0.02;  // of the range: counts as the same
+constexpr double kRestLag = 0.5;        // [s]
+constexpr double kInMotion = 0.02;      // of the range, behind a lag of kRestLag
+constexpr double kMostCorrelation = 0.9999;
+constexpr double kSignificant = 2.0;  // standard errors
+
+// The value of x in [-1, 1] to powers 0 .. degree.
+template <class Row>
+void setPowers(double x, int degree, Row&& row) {
+  double power = 1.0;
+  for (int k = 0; k <= degree; ++k, power *= x) row[k] = power;
+}
+
+}  // namespace
+
+ResponseReadings::ResponseReadings(const model::InputHistory& history,
+                                   const Eigen::MatrixXd& reading, Kind kind)
+    : history_(history), kind_(kind) {
+  const Eigen::RowVectorXd low = history.input.colwise().minCoeff();
+  const Eigen::RowVectorXd high = history.input.colwise().maxCoeff();
+  const double widest = (high - low).maxCoeff();
+  double least = std::numeric_limits<double>::infinity(), most = -least;
+  for (Eigen::Index i = 0; i < low.size(); ++i) {
+    if (high[i] - low[i] < kMoves * widest || widest == 0) continue;
+    moving_.push_back(i);
+    least = std::min(least, low[i]);
+    most = std::max(most, high[i]);
+  }
+  range_ = moving_.empty() ? 0.0 : most - least;
+  middle_ = moving_.empty() ? 0.0 : 0.5 * (most + least);
+  std::set<long> distinct;
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    if (history.starts_anew[static_cast<std::size_t>(row)]) ++trials_;
+    if (!perActuator()) {
+      if (reading.row(row).allFinite()) usable_.push_back({row, -1, trials_ - 1});
+      continue;
+    }
+    for (const Eigen::Index i : moving_) {
+      if (!std::isfinite(reading(row, i))) continue;
+      usable_.push_back({row, i, trials_ - 1});
+      distinct.insert(std::lround(history.input(row, i) / (kSamePressure * range_)));
+    }
+  }
+  outputs_ = perActuator() ? 1 : reading.cols();
+  reading_.resize(static_cast<Eigen::Index>(usable_.size()), outputs_);
+  for (std::size_t k = 0; k < usable_.size(); ++k) {
+    const auto& [row, i, trial] = usable_[k];
+    if (perActuator()) {
+      reading_(static_cast<Eigen::Index>(k), 0) = reading(row, i);
+    } else {
+      reading_.row(static_cast<Eigen::Index>(k)) = reading.row(row);
+    }
+  }
+  const int n = static_cast<int>(moving_.size());
+  degree_ = std::min(kDegree, static_cast<int>(distinct.size()) - 1);
+  coefficients_ = perActuator() ? degree_ + 1 : 1 + n + n * (n + 1) / 2;
+}
+
+Eigen::MatrixXd ResponseReadings::felt(const model::Response& response) const {
+  Eigen::MatrixXd felt = history_.input;
+  for (const Eigen::Index i : moving_) {
+    model::ResponseState state(response);
+    for (Eigen::Index row = 0; row < felt.rows(); ++row) {
+      const auto k = static_cast<std::size_t>(row);
+      if (history_.starts_anew[k]) state.restart();
+      const bool first = history_.starts_anew[k];
+      const double dt = history_.time.empty() ? std::numeric_limits<double>::infinity()
+                        : first               ? 0.0
+                                              : history_.time[k] - history_.time[k - 1];
+      state.step(history_.input(row, i), dt);
+      felt(row, i) = state.felt();
+    }
+  }
+  return felt;
+}
+
+Eigen::MatrixXd ResponseReadings::basis(const Eigen::MatrixXd& felt) const {
+  Eigen::MatrixXd out(static_cast<Eigen::Index>(usable_.size()), coefficients_);
+  const auto scaled = [&](double pressure) { return (pressure - middle_) / (0.5 * range_); };
+  for (std::size_t k = 0; k < usable_.size(); ++k) {
+    auto row = out.row(static_cast<Eigen::Index>(k));
+    if (perActuator()) {
+      setPowers(scaled(felt(usable_[k].row, usable_[k].actuator)), degree_, row);
+      continue;
+    }
+    int column = 0;
+    row[column++] = 1.0;
+    for (std::size_t a = 0; a < moving_.size(); ++a) {
+      const double x = scaled(felt(usable_[k].row, moving_[a]));
+      row[column++] = x;
+      for (std::size_t b = a; b < moving_.size(); ++b) {
+        row[column++] = x * scaled(felt(usable_[k].row, moving_[b]));
+      }
+    }
+  }
+  return out;
+}
+
+Eigen::VectorXd ResponseReadings::residual(const model::Response& response) const {
+  const Eigen::MatrixXd columns = basis(felt(response));
+  const Eigen::LDLT<Eigen::MatrixXd> normal(columns.transpose() * columns);
+  Eigen::MatrixXd deviation = reading_ - columns * normal.solve(columns.transpose() * reading_);
+  return Eigen::Map<const Eigen::VectorXd>(deviation.data(), deviation.size());
+}
+
+Eigen::VectorXd ResponseReadings::heldOutErrors(const model::Response& response) const {
+  const Eigen::MatrixXd columns = basis(felt(response));
+  const Eigen::MatrixXd normal = columns.transpose() * columns;
+  const Eigen::MatrixXd projected = columns.transpose() * reading_;
+  std::vector<double> errors;
+  Eigen::Index begin = 0;
+  for (Eigen::Index end = 1; end <= rows(); ++end) {
+    const auto trialOf = [&](Eigen::Index k) { return usable_[static_cast<std::size_t>(k)].trial; };
+    if (end < rows() && trialOf(end) == trialOf(begin)) continue;
+    const auto own = columns.middleRows(begin, end - begin);
+    const auto seen = reading_.middleRows(begin, end - begin);
+    const Eigen::LDLT<Eigen::MatrixXd> others(normal - own.transpose() * own);
+    const Eigen::MatrixXd error = seen - own * others.solve(projected - own.transpose() * seen);
+    errors.push_back(error.norm() / std::sqrt(static_cast<double>(end - begin)));
+    begin = end;
+  }
+  return Eigen::Map<const Eigen::VectorXd>(errors.data(), static_cast<Eigen::Index>(errors.size()));
+}
+
+double ResponseReadings::correlationFactor(const Eigen::VectorXd& residual) const {
+  const auto rows = static_cast<Eigen::Index>(usable_.size());
+  double product = 0.0, square = 0.0;
+  for (Eigen::Index output = 0; output < outputs_; ++output) {
+    // Readings of one actuator follow one another at the distance of the number of actuators.
+    const Eigen::Index stride =
+        perActuator() && !moving_.empty() ? static_cast<Eigen::Index>(moving_.size()) : 1;
+    for (Eigen::Index k = stride; k < rows; ++k) {
+      const Entry& now = usable_[static_cast<std::size_t>(k)];
+      const Entry& before = usable_[static_cast<std::size_t>(k - stride)];
+      if (now.actuator != before.actuator ||
+          history_.starts_anew[static_cast<std::size_t>(now.row)]) {
+        continue;
+      }
+      product += residual[output * rows + k] * residual[output * rows + k - stride];
+      square += residual[output * rows + k] * residual[output * rows + k];
+    }
+  }
+  const double correlation = square > 0 ? std::clamp(product / square, 0.0, kMostCorrelation) : 0.0;
+  return (1 + correlation) / (1 - correlation);
+}
+
+double ResponseReadings::largestReversal() const {
+  double largest = 0.0;
+  for (const Eigen::Index i : moving_) {
+    double low = 0, high = 0, down = 0, up = 0;
+    for (Eigen::Index row = 0; row < history_.rows(); ++row) {
+      const double p = history_.input(row, i);
+      if (history_.starts_anew[static_cast<std::size_t>(row)]) {
+        low = high = p;
+        down = up = 0;
+      }
+      low = std::min(low, p);
+      high = std::max(high, p);
+      down = std::max(down, high - p);
+      up = std::max(up, p - low);
+      largest = std::max(largest, std::min(down, up));
+    }
+  }
+  return range_ > 0 ? largest / range_ : 0.0;
+}
+
+ResponseReadings::Motion ResponseReadings::motion() const {
+  Motion motion;
+  if (history_.time.empty() || moving_.empty()) return motion;
+  model::Response rest;
+  rest.rise_time = rest.fall_time = kRestLag;
+  const Eigen::MatrixXd behind = history_.input - felt(rest);
+  motion.rising = static_cast<int>((behind.array() > kInMotion * range_).count());
+  motion.falling = static_cast<int>((behind.array() < -kInMotion * range_).count());
+  return motion;
+}
+
+model::Response ResponseReadings::withWeights(const model::Response& lags,
+                                              const std::vector<double>& reaches) const {
+  model::Response only_lags = lags;
+  only_lags.play_count = 0;
+  const Eigen::MatrixXd x = felt(only_lags);
+  const int curve = degree_ + 1;
+  const auto rows = static_cast<Eigen::Index>(usable_.size());
+  Eigen::MatrixXd columns(rows, curve + static_cast<Eigen::Index>(reaches.size()));
+  Eigen::VectorXd target(rows);
+  const double low = reading_.minCoeff(), high = reading_.maxCoeff();
+  for (Eigen::Index k = 0; k < rows; ++k) {
+    const Entry& entry = usable_[static_cast<std::size_t>(k)];
+    setPowers((2 * reading_(k, 0) - low - high) / (high - low), degree_, columns.row(k));
+    target[k] = x(entry.row, entry.actuator) / range_;
+  }
+  for (std::size_t j = 0; j < reaches.size(); ++j) {
+    model::Response play = only_lags;
+    play.play_count = 1;
+    play.plays[0] = {reaches[j], 0.5};
+    const Eigen::MatrixXd felt = this->felt(play);  // x + (y - x) / 2
+    for (Eigen::Index k = 0; k < rows; ++k) {
+      const Entry& entry = usable_[static_cast<std::size_t>(k)];
+      columns(k, curve + static_cast<Eigen::Index>(j)) =
+          -2 * (felt(entry.row, entry.actuator) - x(entry.row, entry.actuator)) / range_;
+    }
+  }
+  // At most 16 sets of plays: the best one whose weights are all >= 0 is the solution.
+  const Eigen::MatrixXd gram = columns.transpose() * columns;
+  const Eigen::VectorXd projected = columns.transpose() * target;
+  struct Choice {
+    double rss = std::numeric_limits<double>::infinity();
+    std::vector<int> plays;
+    Eigen::VectorXd weight, error;
+  };
+  const auto solve = [&](unsigned set) {
+    Choice choice;
+    std::vector<Eigen::Index> index;
+    for (Eigen::Index k = 0; k < curve; ++k) index.push_back(k);
+    for (std::size_t j = 0; j < reaches.size(); ++j) {
+      if ((set >> j & 1U) == 0) continue;
+      choice.plays.push_back(static_cast<int>(j));
+      index.push_back(curve + static_cast<Eigen::Index>(j));
+    }
+    const auto n = static_cast<Eigen::Index>(index.size());
+    Eigen::MatrixXd G(n, n);
+    Eigen::VectorXd z(n);
+    for (Eigen::Index r = 0; r < n; ++r) {
+      z[r] = projected[index[static_cast<std::size_t>(r)]];
+      for (Eigen::Index c = 0; c < n; ++c) {
+        G(r, c) = gram(index[static_cast<std::size_t>(r)], index[static_cast<std::size_t>(c)]);
+      }
+    }
+    const Eigen::LDLT<Eigen::MatrixXd> normal(G);
+    const Eigen::VectorXd solution = normal.solve(z);
+    const Eigen::Index plays = n - curve;
+    choice.weight = solution.tail(plays);
+    if (plays > 0 && choice.weight.minCoeff() < 0) return choice;
+    choice.rss = std::max(target.squaredNorm() - z.dot(solution), 0.0);
+    const double variance = choice.rss / static_cast<double>(std::max<Eigen::Index>(rows - n, 1));
+    choice.error = (variance * normal.solve(Eigen::MatrixXd::Identity(n, n)).diagonal().tail(plays))
+                       .cwiseMax(0)
+                       .cwiseSqrt();
+    return choice;
+  };
+  unsigned allowed = (1U << reaches.size()) - 1;
+  Choice best;
+  for (;;) {
+    best = {};
+    for (unsigned set = 0; set <= allowed; ++set) {
+      if ((set & ~allowed) != 0) continue;
+      Choice next = solve(set);
+      if (next.rss < best.rss) best = std::move(next);
+    }
+    Eigen::Index weakest = 0;
+    if (best.plays.empty() || (best.weight - kSignificant * best.error).minCoeff(&weakest) > 0)
+      break;
+    allowed = 0;
+    for (std::size_t j = 0; j < best.plays.size(); ++j) {
+      if (static_cast<Eigen::Index>(j) != weakest) allowed |= 1U << best.plays[j];
+    }
+  }
+  model::Response out = only_lags;
+  const double sum = best.plays.empty() ? 0.0 : best.weight.sum();
+  const double most = 0.99 * model::Response::kMostWeight;
+  for (std::size_t j = 0; j < best.plays.size(); ++j) {
+    const double weight = best.weight[static_cast<Eigen::Index>(j)];
+    out.plays[static_cast<std::size_t>(out.play_count++)] = {
+        reaches[static_cast<std::size_t>(best.plays[j])],
+        sum > most ? weight * most / sum : weight};
+  }
+  return out;
+}
+
+}  // namespace helix_arm::estimation

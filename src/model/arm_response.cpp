@@ -1,0 +1,116 @@
+#include "helix_arm/model/arm_response.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "helix_arm/basics/requirement.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace
+
+ArmResponse::ArmResponse(const Arm& arm, const std::optional<Response>& response)
+    : common_(response),
+      times_(static_cast<std::size_t>(arm.actuatorCount()), kNaN),
+      felt_(Eigen::VectorXd::Constant(arm.actuatorCount(), kNaN)) {
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    states_.emplace_back(common_.value_or(arm.actuator(i).response));
+  }
+}
+
+void ArmResponse::requireSize(Eigen::Index count) const {
+  basics::requireValue(count == felt_.size(), "responses", "the number of inputs", count,
+                       "one per actuator");
+}
+
+void ArmResponse::adopt(const Arm& arm) {
+  requireSize(arm.actuatorCount());
+  for (int i = 0; i < size(); ++i) {
+    ResponseState& state = states_[static_cast<std::size_t>(i)];
+    state.adopt(common_.value_or(arm.actuator(i).response));
+    if (state.started()) felt_[i] = state.felt();
+  }
+}
+
+void ArmResponse::restart() {
+  for (ResponseState& state : states_) state.restart();
+  std::fill(times_.begin(), times_.end(), kNaN);
+  felt_.setConstant(kNaN);
+}
+
+void ArmResponse::stepOne(Eigen::Index i, double input, double dt) noexcept {
+  ResponseState& state = states_[static_cast<std::size_t>(i)];
+  state.step(input, dt);
+  felt_[i] = state.response().instant() ? input : state.felt();
+}
+
+bool ArmResponse::follow(double time, const InputRef& input) {
+  requireSize(input.size());
+  const bool back =
+      std::any_of(times_.begin(), times_.end(), [time](double last) { return time < last; });
+  if (back) restart();
+  for (Eigen::Index i = 0; i < input.size(); ++i) {
+    double& last = times_[static_cast<std::size_t>(i)];
+    stepOne(i, input[i], std::isnan(last) ? 0.0 : time - last);
+    if (std::isfinite(input[i])) last = time;
+  }
+  return back;
+}
+
+void ArmResponse::follow(const InputHistory& history, Eigen::Index row) {
+  const auto k = static_cast<std::size_t>(row);
+  if (history.starts_anew[k]) restart();
+  const Eigen::VectorXd input = history.input.row(row);
+  if (history.time.empty()) {
+    step(input, std::numeric_limits<double>::infinity());
+  } else {
+    follow(history.time[k], input);
+  }
+}
+
+void ArmResponse::step(const InputRef& input, double dt) {
+  requireSize(input.size());
+  for (Eigen::Index i = 0; i < input.size(); ++i) stepOne(i, input[i], dt);
+}
+
+bool ArmResponse::instant() const {
+  return std::all_of(states_.begin(), states_.end(),
+                     [](const ResponseState& state) { return state.response().instant(); });
+}
+
+bool ArmResponse::known() const {
+  return std::all_of(states_.begin(), states_.end(),
+                     [](const ResponseState& state) { return state.known(); });
+}
+
+Eigen::VectorXd ArmResponse::uncertainty() const {
+  Eigen::VectorXd out(size());
+  for (int i = 0; i < size(); ++i) out[i] = state(i).uncertainty();
+  return out;
+}
+
+void ArmResponse::feltLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
+                             Eigen::Ref<Eigen::VectorXd> upper) const noexcept {
+  for (int i = 0; i < size(); ++i) {
+    const Range& limits = arm.actuator(i).limits;
+    const Range felt = state(i).started() ? state(i).feltRange(limits) : limits;
+    // Readings may have been outside of the limits, where the curve may end.
+    lower[i] = std::clamp(felt.lower, limits.lower, limits.upper);
+    upper[i] = std::clamp(felt.upper, limits.lower, limits.upper);
+  }
+}
+
+void ArmResponse::inputsFor(const Arm& arm, const InputRef& felt,
+                            Eigen::Ref<Eigen::VectorXd> input) const noexcept {
+  for (int i = 0; i < size(); ++i) {
+    const Range& limits = arm.actuator(i).limits;
+    input[i] = state(i).started() ? state(i).inputFor(felt[i], limits)
+                                  : std::clamp(felt[i], limits.lower, limits.upper);
+  }
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,166 @@
+#include "helix_arm/model/response.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "helix_arm/basics/number_requirement.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/contraction.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr char kCulprit[] = "response";
+
+double follow(double y, double x, double reach) {
+  return std::min(std::max(y, x - reach), x + reach);
+}
+
+}  // namespace
+
+double Response::halfWidth() const {
+  double sum = 0.0;
+  for (int j = 0; j < play_count; ++j) sum += plays[j].weight * plays[j].reach;
+  return sum;
+}
+
+double Response::stroke() const { return play_count == 0 ? 0.0 : 2 * plays[play_count - 1].reach; }
+
+void Response::validate() const {
+  basics::requireNotNegative(kCulprit, "the rise time constant [s]", rise_time);
+  basics::requireNotNegative(kCulprit, "the fall time constant [s]", fall_time);
+  basics::requireValue(play_count >= 0 && play_count <= kMaxPlays, kCulprit, "the number of plays",
+                       play_count, "0 to " + std::to_string(kMaxPlays));
+  double sum = 0.0, before = 0.0;
+  for (int j = 0; j < play_count; ++j) {
+    const Play& play = plays[j];
+    basics::requirePositive(kCulprit, "a play [Pa]", play.reach);
+    basics::require(play.reach > before, "response: the plays [Pa] fall from ", before, " to ",
+                    play.reach, "; expected ascending values");
+    basics::requireNotNegative(kCulprit, "the weight of a play", play.weight);
+    before = play.reach;
+    sum += play.weight;
+  }
+  // The rounding of decimals such as 0.3 + 0.65 is none of the user's.
+  basics::requireValue(sum <= kMostWeight + 1e-12, kCulprit, "the sum of the weights", sum,
+                       "at most 0.95");
+}
+
+ResponseState::ResponseState(const Response& response) : response_(response) {
+  response_.validate();
+}
+
+void ResponseState::adopt(const Response& response) {
+  response.validate();
+  const Response before = response_;
+  response_ = response;
+  if (!started_) return;
+  for (int j = 0; j < response_.play_count; ++j) {
+    if (j >= before.play_count) memory_[j].y = x_;
+    const double reach = response_.plays[j].reach;
+    memory_[j].y = follow(memory_[j].y, x_, reach);
+    if (j >= before.play_count || reach != before.plays[j].reach) forget(j);
+  }
+}
+
+void ResponseState::forget(int j) noexcept {
+  memory_[j].lower = x_ - response_.plays[j].reach;
+  memory_[j].upper = x_ + response_.plays[j].reach;
+}
+
+void ResponseState::start(double input) noexcept {
+  started_ = true;
+  x_ = input;
+  for (int j = 0; j < response_.play_count; ++j) {
+    memory_[j].y = x_;
+    forget(j);
+  }
+}
+
+void ResponseState::step(double input, double dt) noexcept {
+  if (!std::isfinite(input) || !(dt >= 0)) return;
+  if (!started_) return start(input);
+  const double tau = input > x_ ? response_.rise_time : response_.fall_time;
+  const double covered = tau > 0 ? -std::expm1(-dt / tau) : 1.0;
+  x_ = covered == 1 ? input : x_ + covered * (input - x_);
+  for (int j = 0; j < response_.play_count; ++j) {
+    const double reach = response_.plays[j].reach;
+    Memory& memory = memory_[j];
+    memory.y = follow(memory.y, x_, reach);
+    memory.lower = follow(memory.lower, x_, reach);
+    memory.upper = follow(memory.upper, x_, reach);
+  }
+}
+
+double ResponseState::lagged() const {
+  return started_ ? x_ : std::numeric_limits<double>::quiet_NaN();
+}
+
+double ResponseState::felt() const {
+  return started_ ? feltAt(x_) : std::numeric_limits<double>::quiet_NaN();
+}
+
+bool ResponseState::known() const {
+  for (int j = 0; j < response_.play_count; ++j) {
+    if (memory_[j].lower != memory_[j].upper) return false;
+  }
+  return started_;
+}
+
+double ResponseState::uncertainty() const {
+  double sum = 0.0;
+  for (int j = 0; j < response_.play_count; ++j) {
+    const Memory& memory = memory_[j];
+    sum += response_.plays[j].weight * std::max(memory.upper - memory.y, memory.y - memory.lower);
+  }
+  return started_ ? sum : response_.halfWidth();
+}
+
+double ResponseState::feltAt(double x) const noexcept {
+  // As x plus what the plays are behind: without plays it is x, bit for bit.
+  double felt = x;
+  for (int j = 0; j < response_.play_count; ++j) {
+    const Response::Play& play = response_.plays[j];
+    felt += play.weight * (follow(memory_[j].y, x, play.reach) - x);
+  }
+  return felt;
+}
+
+double ResponseState::inputFor(double felt, const Range& limits) const noexcept {
+  // f rises and is linear between its kinks y_j -+ r_j.
+  std::array<double, 2 * kMaxPlays> kinks{};
+  int count = 0;
+  const auto insert = [&](double kink) {
+    int place = count++;
+    for (; place > 0 && kinks[place - 1] > kink; --place) kinks[place] = kinks[place - 1];
+    kinks[place] = kink;
+  };
+  for (int j = 0; j < response_.play_count; ++j) {
+    insert(memory_[j].y - response_.plays[j].reach);
+    insert(memory_[j].y + response_.plays[j].reach);
+  }
+  int piece = 0;  // between the kinks piece - 1 and piece
+  while (piece < count && feltAt(kinks[piece]) <= felt) ++piece;
+  double x = felt;
+  if (count > 0) {
+    const double kink = kinks[std::max(piece - 1, 0)];
+    double slope = 1.0;
+    if (piece > 0 && piece < count) {
+      const double middle = 0.5 * (kinks[piece - 1] + kinks[piece]);
+      for (int j = 0; j < response_.play_count; ++j) {
+        const bool rests = std::abs(middle - memory_[j].y) < response_.plays[j].reach;
+        if (rests) slope -= response_.plays[j].weight;
+      }
+    }
+    x = kink + (felt - feltAt(kink)) / slope;
+  }
+  return std::min(std::max(x, limits.lower), limits.upper);
+}
+
+Range ResponseState::feltRange(const Range& limits) const noexcept {
+  return {feltAt(limits.lower), feltAt(limits.upper)};
+}
+
+}  // namespace helix_arm::model

@@ -1,0 +1,198 @@
+#include "helix_arm/estimation/response_fit.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/pressure_history.hpp"
+#include "support/random.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using model::InputHistory;
+using model::Response;
+using test::Random;
+
+constexpr double kMost = 4e5;    // [Pa]
+constexpr double kNoise = 3e-4;  // of the shortening
+constexpr double kStep = 0.1;    // [s]
+
+struct Series {
+  InputHistory history;
+  Eigen::MatrixXd shortening;
+};
+
+// Pressures that go to random levels, each held for 4 s, through a regulator of 0.2 s.
+Series levels(const Response& truth, unsigned seed, int rows = 600) {
+  Random random(seed);
+  Series out{{Eigen::MatrixXd(rows, 1), {}, {}}, Eigen::MatrixXd(rows, 1)};
+  model::ResponseState state(truth);
+  double pressure = 0, level = 0;
+  for (int row = 0; row < rows; ++row) {
+    if (row > 0 && row % 40 == 0) level = random.uniform(0, kMost);
+    pressure += -std::expm1(-kStep / 0.2) * (level - pressure);
+    state.step(pressure, row == 0 ? 0 : kStep);
+    out.history.input(row, 0) = pressure;
+    out.history.time.push_back(kStep * row);
+    out.history.starts_anew.push_back(row == 0);
+    const double w = state.felt() / kMost;
+    out.shortening(row, 0) = 0.1 * -std::expm1(-std::pow(w / 0.6, 1.5)) + kNoise * random.normal();
+  }
+  return out;
+}
+
+Response lagOf(double rise, double fall) {
+  Response response;
+  response.rise_time = rise;
+  response.fall_time = fall;
+  return response;
+}
+
+Response withPlay(Response response, double reach, double weight) {
+  response.play_count = 1;
+  response.plays[0] = {reach, weight};
+  return response;
+}
+
+bool within(const Estimate& estimate, double truth) {
+  return std::abs(estimate.value - truth) <= 2 * estimate.standard_error;
+}
+
+// Of 100 series with other pressures and noise. Two standard errors hold in 95 of 100 on average;
+// 90 is 2.3 standard deviations of a count less.
+constexpr int kSeries = 100, kLeastHolding = 90;
+
+TEST(ResponseFit, LagAndPlayAreWithinTwoStandardErrors) {
+  const Response truth = withPlay(lagOf(0.5, 1.0), 3e4, 0.6);
+  int rise = 0, fall = 0, reach = 0, weight = 0;
+  for (unsigned seed = 0; seed < kSeries; ++seed) {
+    const Series series = levels(truth, seed);
+    const ResponseFit fit = fitResponse(series.history, series.shortening);
+    ASSERT_TRUE(fit.fitted()) << fit.failure;
+    rise += within(fit.rise_time, 0.5);
+    fall += within(fit.fall_time, 1.0);
+    const bool one = fit.response.play_count == 1;
+    reach += one && within(fit.reach[0], 3e4);
+    weight += one && within(fit.weight[0], 0.6);
+    EXPECT_LT(fit.rms, 1.2 * kNoise);
+    EXPECT_GT(fit.static_rms, 10 * kNoise);
+  }
+  std::printf(
+      "[  FIGURE  ] within two standard errors: rise %d, fall %d, reach %d, weight %d of %d\n",
+      rise, fall, reach, weight, kSeries);
+  for (const int count : {rise, fall, reach, weight}) EXPECT_GE(count, kLeastHolding);
+}
+
+TEST(ResponseFit, APureLagHasNoPlay) {
+  int rise = 0, fall = 0, none = 0;
+  for (unsigned seed = 0; seed < kSeries; ++seed) {
+    const Series series = levels(lagOf(0.5, 1.0), seed);
+    const ResponseFit fit = fitResponse(series.history, series.shortening);
+    none += fit.play == ResponseVerdict::kNone && fit.response.play_count == 0;
+    rise += within(fit.rise_time, 0.5);
+    fall += within(fit.fall_time, 1.0);
+  }
+  std::printf("[  FIGURE  ] no play: %d; rise %d, fall %d of %d\n", none, rise, fall, kSeries);
+  for (const int count : {rise, fall, none}) EXPECT_GE(count, kLeastHolding);
+}
+
+TEST(ResponseFit, APurePlayHasNoLag) {
+  int reach = 0, weight = 0, none = 0;
+  for (unsigned seed = 0; seed < kSeries; ++seed) {
+    const Series series = levels(withPlay({}, 3e4, 0.6), seed);
+    const ResponseFit fit = fitResponse(series.history, series.shortening);
+    none += fit.lag == ResponseVerdict::kNone && fit.response.rise_time == 0;
+    const bool one = fit.response.play_count == 1;
+    reach += one && within(fit.reach[0], 3e4);
+    weight += one && within(fit.weight[0], 0.6);
+  }
+  std::printf("[  FIGURE  ] no lag: %d; reach %d, weight %d of %d\n", none, reach, weight, kSeries);
+  for (const int count : {reach, weight, none}) EXPECT_GE(count, kLeastHolding);
+}
+
+TEST(ResponseFit, AtRestTheLagIsNotDetermined) {
+  Series series = levels(withPlay({}, 3e4, 0.6), 1);
+  series.history.time.clear();
+  const ResponseFit fit = fitResponse(series.history, series.shortening);
+  EXPECT_EQ(fit.lag, ResponseVerdict::kNotDetermined);
+  EXPECT_NE(fit.lag_reason.find("nothing was recorded in motion"), std::string::npos);
+  EXPECT_EQ(fit.play, ResponseVerdict::kFound);
+}
+
+TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
+  Random random(5);
+  Series series{{Eigen::MatrixXd(60, 1), {}, {}}, Eigen::MatrixXd(60, 1)};
+  model::ResponseState state(withPlay({}, 3e4, 0.6));
+  for (int row = 0; row < 60; ++row) {
+    // Every trial begins at 0 and rises.
+    if (row % 20 == 0) state.restart();
+    const double pressure = kMost * (row % 20) / 19;
+    state.step(pressure, 1);
+    series.history.input(row, 0) = pressure;
+    series.history.starts_anew.push_back(row % 20 == 0);
+    series.shortening(row, 0) = 0.1 * state.felt() / kMost + kNoise * random.normal();
+  }
+  const ResponseFit fit = fitResponse(series.history, series.shortening);
+  EXPECT_EQ(fit.play, ResponseVerdict::kNotDetermined);
+  EXPECT_NE(fit.play_reason.find("do not turn back"), std::string::npos);
+  EXPECT_EQ(fit.response.play_count, 0);
+}
+
+TEST(ResponseFit, SeveralPlaysOfTheThresholdsAreFound) {
+  Response truth;
+  truth.play_count = 2;
+  truth.plays[0] = {kMost / 40, 0.25};
+  truth.plays[1] = {kMost / 5, 0.45};
+  int right = 0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Series series = levels(truth, seed, 1200);
+    series.history.time.clear();
+    const ResponseFit fit = fitResponse(series.history, series.shortening);
+    EXPECT_LT(fit.rms, 1.3 * kNoise) << seed;
+    right += fit.response.play_count >= 2;
+  }
+  EXPECT_GE(right, 18);
+}
+
+TEST(ResponseFit, TooFewReadingsAreNamed) {
+  Series series = levels({}, 1, 10);
+  const ResponseFit fit = fitResponse(series.history, series.shortening);
+  EXPECT_FALSE(fit.fitted());
+  EXPECT_NE(fit.failure.find("expected at least"), std::string::npos);
+}
+
+// Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence). Static, the
+// tip across is off by 13 mm; with a lag by less than 4 mm, where repeats differ by 2.0 mm. Plays
+// do not predict left-out trials better and are left out.
+TEST(ResponseFit, TheTipOfATwoSectionArmLagsAndHasNoPlay) {
+  const std::string path = HELIX_ARM_SOURCE_DIR "/../shared/data/two_section_steps.csv";
+  io::DataSet data;
+  try {
+    data = io::loadDataSet(path);
+  } catch (const io::DocumentError&) {
+    GTEST_SKIP() << "no " << path;
+  }
+  const InputHistory history = io::historyOf(data, 6);
+  const ResponseFit fit = fitResponseToPositions(history, data.values.col(data.find("x_m")));
+  ASSERT_TRUE(fit.fitted()) << fit.failure;
+  std::printf(
+      "[  FIGURE  ] tip across: static %.1f mm, with a lag of %.2f +- %.2f s rising and "
+      "%.2f +- %.2f s falling %.1f mm\n",
+      1e3 * fit.static_rms, fit.rise_time.value, fit.rise_time.standard_error, fit.fall_time.value,
+      fit.fall_time.standard_error, 1e3 * fit.rms);
+  EXPECT_GT(fit.static_rms, 0.013);
+  EXPECT_LT(fit.rms, 0.004);
+  EXPECT_EQ(fit.lag, ResponseVerdict::kFound);
+  EXPECT_EQ(fit.play, ResponseVerdict::kNone);
+  EXPECT_EQ(fit.response.play_count, 0);
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

@@ -1,0 +1,444 @@
+#include "helix_arm/model/response.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/model/arm_response.hpp"
+#include "support/allocation_counter.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
+#include "support/sample_arm.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+using test::Random;
+using test::refusal;
+
+constexpr double kRest = std::numeric_limits<double>::infinity();
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr Range kLimits{0.0, 5e5};
+constexpr double kRounding = 1e-12 * 5e5;  // of a pressure [Pa]
+
+Response playsOf(const std::vector<Response::Play>& plays) {
+  Response response;
+  response.play_count = static_cast<int>(plays.size());
+  std::copy(plays.begin(), plays.end(), response.plays.begin());
+  return response;
+}
+
+const Response kTwoPlays = playsOf({{2e4, 0.3}, {6e4, 0.4}});
+
+Response randomResponse(Random& random) {
+  std::vector<Response::Play> plays(static_cast<std::size_t>(random.integer(1, kMaxPlays)));
+  double reach = 0.0, left = 0.95;
+  for (Response::Play& play : plays) {
+    reach += random.uniform(1e3, 5e4);
+    play = {reach, random.uniform(0, left)};
+    left -= play.weight;
+  }
+  return playsOf(plays);
+}
+
+void visit(ResponseState& state, const std::vector<double>& inputs) {
+  for (const double input : inputs) state.step(input, kRest);
+}
+
+ResponseState after(const Response& response, const std::vector<double>& inputs) {
+  ResponseState state(response);
+  visit(state, inputs);
+  return state;
+}
+
+std::vector<double> randomInputs(Random& random, int count) {
+  std::vector<double> inputs(static_cast<std::size_t>(count));
+  for (double& input : inputs) input = random.uniform(kLimits.lower, kLimits.upper);
+  return inputs;
+}
+
+TEST(Response, WithoutItTheInputIsFeltBitForBit) {
+  Random random(1);
+  ResponseState state;
+  EXPECT_TRUE(state.response().instant());
+  EXPECT_FALSE(state.started());
+  EXPECT_TRUE(std::isnan(state.felt()));
+  for (const double input : randomInputs(random, 1000)) {
+    state.step(input, random.uniform(0, 1));
+    EXPECT_EQ(state.felt(), input);
+    EXPECT_EQ(state.inputFor(input, kLimits), input);
+    EXPECT_TRUE(state.known());
+    EXPECT_EQ(state.uncertainty(), 0);
+  }
+}
+
+TEST(Response, PlayDependsOnTheTurningPointsNotOnTheRate) {
+  Random random(2);
+  for (int trial = 0; trial < 100; ++trial) {
+    const Response response = randomResponse(random);
+    const std::vector<double> turns = randomInputs(random, 10);
+    ResponseState slow(response), fast(response);
+    for (const double turn : turns) {
+      const double from = slow.started() ? slow.lagged() : turn;
+      for (int step = 1; step < 50; ++step) slow.step(from + (turn - from) * step / 50, 1e-3);
+      slow.step(turn, 1e-3);
+      fast.step(turn, 5);
+      EXPECT_NEAR(slow.felt(), fast.felt(), kRounding);
+    }
+  }
+}
+
+TEST(Response, AStrokeOfTwiceTheLargestPlayWipesOutThePast) {
+  Random random(3);
+  int strokes = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const Response response = randomResponse(random);
+    ResponseState one = after(response, randomInputs(random, 20));
+    ResponseState other = after(response, randomInputs(random, 20));
+    const double from = std::max(one.lagged(), other.lagged());
+    const double to = from + 1.001 * response.stroke();
+    if (to > kLimits.upper) continue;
+    ++strokes;
+    visit(one, {from, to});
+    visit(other, {from, to});
+    EXPECT_EQ(one.felt(), other.felt());
+    // All plays are as far behind as they can be.
+    EXPECT_NEAR(one.felt(), one.lagged() - response.halfWidth(), kRounding);
+  }
+  ASSERT_GT(strokes, 50);
+}
+
+TEST(Response, ALargerExcursionWipesOutTheSmallerOnesWithinIt) {
+  Random random(4);
+  for (int trial = 0; trial < 200; ++trial) {
+    ResponseState direct = after(randomResponse(random), randomInputs(random, 5));
+    ResponseState winding = direct;
+    const double from = direct.lagged(), to = random.uniform(0, 5e5);
+    for (int i = 0; i < 10; ++i) winding.step(random.uniform(from, to), kRest);
+    winding.step(from, kRest);
+    winding.step(to, kRest);
+    direct.step(to, kRest);
+    EXPECT_EQ(winding.felt(), direct.felt());
+  }
+}
+
+TEST(Response, MinorLoopsBetweenTheSameInputsAreCongruent) {
+  Random random(5);
+  for (int trial = 0; trial < 100; ++trial) {
+    const Response response = randomResponse(random);
+    const double low = random.uniform(0, 2e5), high = low + random.uniform(1e3, 2e5);
+    std::vector<std::vector<double>> loops;
+    for (int past = 0; past < 2; ++past) {
+      ResponseState state = after(response, randomInputs(random, 10));
+      visit(state, {low, high, low, high, low});
+      std::vector<double>& loop = loops.emplace_back();
+      const double start = state.felt();
+      for (int i = 1; i <= 20; ++i) {
+        state.step(low + (high - low) * (i <= 10 ? i : 20 - i) / 10, kRest);
+        loop.push_back(state.felt() - start);
+      }
+      EXPECT_NEAR(loop.back(), 0, kRounding);  // it closes
+      EXPECT_GE(loop[4], 0);
+    }
+    for (std::size_t i = 0; i < loops[0].size(); ++i) {
+      EXPECT_NEAR(loops[0][i], loops[1][i], kRounding);
+    }
+  }
+}
+
+TEST(Response, TheWayDownDiffersFromTheWayUpByTheWidthOfTheLoop) {
+  ResponseState up = after(kTwoPlays, {0, 3e5});
+  ResponseState down = after(kTwoPlays, {0, 5e5, 3e5});
+  EXPECT_NEAR(down.felt() - up.felt(), 2 * kTwoPlays.halfWidth(), kRounding);
+  EXPECT_NEAR(kTwoPlays.halfWidth(), 0.3 * 2e4 + 0.4 * 6e4, kRounding);
+}
+
+TEST(Response, FeltRisesWithTheInputAndStaysWithinTheInputsVisited) {
+  Random random(6);
+  for (int trial = 0; trial < 200; ++trial) {
+    const Response response = randomResponse(random);
+    double weights = 0;
+    for (int j = 0; j < response.play_count; ++j) weights += response.plays[j].weight;
+    ResponseState state(response);
+    double lowest = kRest, highest = -kRest;
+    for (const double input : randomInputs(random, 30)) {
+      state.step(input, kRest);
+      lowest = std::min(lowest, input);
+      highest = std::max(highest, input);
+      EXPECT_GE(state.felt(), lowest - kRounding);
+      EXPECT_LE(state.felt(), highest + kRounding);
+      const double x = random.uniform(0, 5e5), step = 1e3;
+      const double slope = (state.feltAt(x + step) - state.feltAt(x)) / step;
+      EXPECT_GE(slope, 1 - weights - 1e-9);
+      EXPECT_LE(slope, 1 + 1e-9);
+    }
+  }
+}
+
+TEST(Response, TheInverseClosesOverRandomHistories) {
+  Random random(7);
+  int inside = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    ResponseState state(randomResponse(random));
+    for (const double input : randomInputs(random, 10)) {
+      state.step(input, kRest);  // the first ones of an unknown past
+      const Range range = state.feltRange(kLimits);
+      const double wanted = random.uniform(range.lower, range.upper);
+      const double x = state.inputFor(wanted, kLimits);
+      ASSERT_TRUE(kLimits.contains(x));
+      EXPECT_NEAR(state.feltAt(x), wanted, kRounding);
+      ResponseState moved = state;
+      moved.step(x, kRest);
+      EXPECT_NEAR(moved.felt(), wanted, kRounding);
+      EXPECT_NEAR(state.inputFor(state.felt(), kLimits), state.lagged(), 20 * kRounding);
+      if (x > kLimits.lower && x < kLimits.upper) ++inside;
+      // Out of reach: the limit.
+      EXPECT_EQ(state.inputFor(range.upper + 1, kLimits), kLimits.upper);
+      EXPECT_EQ(state.inputFor(range.lower - 1, kLimits), kLimits.lower);
+      EXPECT_NEAR(state.feltAt(state.inputFor(range.upper, kLimits)), range.upper, kRounding);
+      EXPECT_NEAR(state.feltAt(state.inputFor(range.lower, kLimits)), range.lower, kRounding);
+    }
+  }
+  EXPECT_GT(inside, 3000);
+}
+
+TEST(Response, UncertaintyBoundsWhatAnUnknownStartCanChange) {
+  Random random(8);
+  int known = 0, largest = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    const Response response = randomResponse(random);
+    ResponseState truth = after(response, randomInputs(random, 5));
+    ResponseState state(response);
+    EXPECT_EQ(state.uncertainty(), response.halfWidth());
+    double x = truth.lagged();
+    for (int i = 0; i < 30; ++i) {
+      truth.step(x, kRest);
+      state.step(x, kRest);
+      const double error = std::abs(state.felt() - truth.felt());
+      EXPECT_LE(error, state.uncertainty() + kRounding);
+      EXPECT_LE(state.uncertainty(), response.halfWidth() + kRounding);
+      if (state.known()) {
+        EXPECT_EQ(state.uncertainty(), 0);
+        EXPECT_LE(error, kRounding);
+        ++known;
+      } else if (error > 0.5 * state.uncertainty()) {
+        ++largest;
+      }
+      x = std::clamp(x + random.uniform(-3e4, 3e4), 0.0, 5e5);
+    }
+  }
+  EXPECT_GT(known, 100);    // both occur
+  EXPECT_GT(largest, 100);  // the bound is no large multiple of what happens
+}
+
+TEST(Response, IsKnownAfterAStrokeOfTwiceTheLargestPlay) {
+  ResponseState state = after(kTwoPlays, {1e5});
+  EXPECT_FALSE(state.known());
+  state.step(1e5 + 0.99 * kTwoPlays.stroke(), kRest);
+  EXPECT_FALSE(state.known());
+  state.step(1e5 + 1.01 * kTwoPlays.stroke(), kRest);
+  EXPECT_TRUE(state.known());
+  state.step(0, kRest);
+  EXPECT_TRUE(state.known());
+  state.restart();
+  EXPECT_FALSE(state.known());
+  EXPECT_EQ(state.uncertainty(), kTwoPlays.halfWidth());
+}
+
+TEST(Response, AReadingThatIsNoNumberStepsNothing) {
+  Response response = kTwoPlays;
+  response.rise_time = 1;
+  response.fall_time = 2;
+  ResponseState state = after(response, {1e5, 3e5, 2e5});
+  const double felt = state.felt(), x = state.lagged();
+  for (const double bad : {kNaN, kRest, -kRest}) state.step(bad, 1);
+  state.step(5e5, -1);
+  state.step(5e5, kNaN);
+  EXPECT_EQ(state.felt(), felt);
+  EXPECT_EQ(state.lagged(), x);
+  ResponseState fresh(response);
+  fresh.step(kNaN, 1);
+  EXPECT_FALSE(fresh.started());
+}
+
+TEST(Response, TheLagIsExactForStepsOfAnySize) {
+  Response response;
+  response.rise_time = 0.5;
+  response.fall_time = 1.25;
+  Random random(9);
+  for (const auto& [from, to, tau] : {std::tuple{1e5, 3e5, 0.5}, std::tuple{3e5, 1e5, 1.25}}) {
+    for (const double time : {1e-9, 1e-3, 0.1, 1.0, 30.0}) {
+      const double expected = to + (from - to) * std::exp(-time / tau);
+      ResponseState one(response), many(response);
+      one.step(from, 0);
+      many.step(from, 0);
+      one.step(to, time);
+      double left = time;
+      for (int i = 0; i < 100; ++i) {
+        const double dt = random.uniform(0, 0.05) * left;
+        many.step(to, dt);
+        many.step(to, 0);  // changes nothing
+        left -= dt;
+      }
+      many.step(to, left);
+      EXPECT_NEAR(one.felt(), expected, kRounding);
+      EXPECT_NEAR(many.felt(), expected, kRounding);
+    }
+    ResponseState rested(response);
+    visit(rested, {from, to});
+    EXPECT_EQ(rested.felt(), to);
+  }
+}
+
+TEST(Response, PlaysFollowTheLaggedInput) {
+  Response response = kTwoPlays;
+  response.rise_time = response.fall_time = 0.8;
+  ResponseState state(response);
+  state.step(1e5, 0);
+  state.step(4e5, 0.4);
+  const double x = 4e5 - 3e5 * std::exp(-0.5);
+  EXPECT_NEAR(state.lagged(), x, kRounding);
+  EXPECT_NEAR(state.felt(), x - 0.3 * 2e4 - 0.4 * 6e4, kRounding);
+}
+
+TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
+  ResponseState state = after(kTwoPlays, {0, 5e5, 3e5});
+  const double felt = state.felt();
+  state.adopt(kTwoPlays);
+  EXPECT_EQ(state.felt(), felt);
+  EXPECT_TRUE(state.known());
+
+  Response other = kTwoPlays;
+  other.plays[0].weight = 0.1;
+  state.adopt(other);
+  EXPECT_TRUE(state.known());
+  EXPECT_NEAR(state.felt(), 3e5 + 0.1 * 2e4 + 0.4 * 6e4, kRounding);
+
+  other.plays[1].reach = 4e4;
+  state.adopt(other);
+  EXPECT_FALSE(state.known());
+  EXPECT_NEAR(state.felt(), 3e5 + 0.1 * 2e4 + 0.4 * 4e4, kRounding);
+  EXPECT_EQ(state.lagged(), 3e5);
+
+  state.adopt(playsOf({{2e4, 0.3}, {6e4, 0.3}, {9e4, 0.1}}));
+  EXPECT_NEAR(state.felt(), 3e5 + 0.3 * 2e4 + 0.3 * 4e4, kRounding);  // the third starts at x
+  state.adopt({});
+  EXPECT_EQ(state.felt(), 3e5);
+}
+
+TEST(Response, RefusesValuesThatBreakARule) {
+  const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
+  Response lag;
+  lag.rise_time = -1;
+  EXPECT_EQ(check(lag), "response: the rise time constant [s] is -1; expected a finite value >= 0");
+  lag.rise_time = 0;
+  lag.fall_time = kNaN;
+  EXPECT_EQ(check(lag),
+            "response: the fall time constant [s] is nan; expected a finite value >= 0");
+  EXPECT_EQ(check(playsOf({{0, 0.1}})), "response: a play [Pa] is 0; expected a finite value > 0");
+  EXPECT_EQ(check(playsOf({{2e4, 0.1}, {2e4, 0.1}})),
+            "response: the plays [Pa] fall from 20000 to 20000; expected ascending values");
+  EXPECT_EQ(check(playsOf({{2e4, -0.1}})),
+            "response: the weight of a play is -0.1; expected a finite value >= 0");
+  EXPECT_EQ(check(playsOf({{2e4, 0.5}, {4e4, 0.46}})),
+            "response: the sum of the weights is 0.96; expected at most 0.95");
+  EXPECT_EQ(check(playsOf({{2e4, 0.3}, {4e4, 0.65}})), "accepted");
+  Response many;
+  many.play_count = 5;
+  EXPECT_EQ(check(many), "response: the number of plays is 5; expected 0 to 4");
+}
+
+Arm armWith(const Response& response) {
+  Arm plain = test::sampleArm();
+  std::vector<Section> sections(1);
+  for (int i = 0; i < plain.actuatorCount(); ++i) {
+    sections[0].actuators.push_back(plain.actuator(i));
+    sections[0].actuators.back().response = response;
+  }
+  return Arm(std::move(sections));
+}
+
+TEST(ArmResponse, FollowsReadingsAtTheirTimes) {
+  Response response = kTwoPlays;
+  response.rise_time = response.fall_time = 0.5;
+  const Arm arm = armWith(response);
+  ArmResponse felt(arm);
+  ResponseState expected(response);
+  EXPECT_FALSE(felt.instant());
+  EXPECT_TRUE(ArmResponse(armWith({})).instant());
+  EXPECT_FALSE(felt.follow(100, Eigen::Vector3d(1e5, 1e5, 1e5)));
+  EXPECT_FALSE(felt.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));
+  EXPECT_FALSE(felt.follow(100.5, Eigen::Vector3d(3e5, kNaN, 3e5)));  // a paused clock
+  expected.step(1e5, 0);
+  EXPECT_EQ(felt.felt()[1], expected.felt());
+  expected.step(3e5, 0.5);
+  EXPECT_EQ(felt.felt()[0], expected.felt());
+  // The channel without a reading makes up for its time.
+  EXPECT_FALSE(felt.follow(101, Eigen::Vector3d(3e5, 3e5, 3e5)));
+  expected.step(3e5, 0.5);
+  EXPECT_NEAR(felt.felt()[0], expected.felt(), kRounding);
+  EXPECT_NEAR(felt.felt()[1], expected.felt(), kRounding);
+}
+
+TEST(ArmResponse, ATimeThatGoesBackRestarts) {
+  ArmResponse felt(armWith(kTwoPlays));
+  felt.follow(10, Eigen::Vector3d(0, 0, 0));
+  felt.follow(11, Eigen::Vector3d(3e5, 3e5, 3e5));
+  EXPECT_TRUE(felt.known());
+  EXPECT_TRUE(felt.follow(3, Eigen::Vector3d(2e5, 2e5, 2e5)));
+  EXPECT_FALSE(felt.known());
+  EXPECT_EQ(felt.felt(), Eigen::Vector3d(2e5, 2e5, 2e5));
+  EXPECT_EQ(felt.uncertainty(), Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
+}
+
+TEST(ArmResponse, WithoutResponsesReadingsPassBitForBit) {
+  ArmResponse felt(armWith({}));
+  felt.follow(0, Eigen::Vector3d(1e5, 2e5, kNaN));
+  felt.follow(1, Eigen::Vector3d(1.1e5, kNaN, 3e5));
+  EXPECT_EQ(felt.felt()[0], 1.1e5);
+  EXPECT_TRUE(std::isnan(felt.felt()[1]));
+  EXPECT_EQ(felt.felt()[2], 3e5);
+}
+
+TEST(ArmResponse, InputsGiveTheFeltOnesWithinWhatIsInReach) {
+  const Arm arm = armWith(kTwoPlays);
+  ArmResponse felt(arm);
+  const double top = arm.actuator(0).limits.upper;
+  felt.step(Eigen::Vector3d(0, 0, 0), kRest);
+  felt.step(Eigen::Vector3d::Constant(top), kRest);
+  felt.step(Eigen::Vector3d::Constant(0.5 * top), kRest);
+  Eigen::VectorXd lower(3), upper(3), input(3);
+  felt.feltLimits(arm, lower, upper);
+  EXPECT_NEAR(lower[0], kTwoPlays.halfWidth(), kRounding);
+  EXPECT_NEAR(upper[0], top - kTwoPlays.halfWidth(), 0.3 * 2 * 2e4 + 0.4 * 2 * 6e4);
+  felt.inputsFor(arm, 0.5 * (lower + upper), input);
+  ArmResponse moved = felt;
+  moved.step(input, kRest);
+  EXPECT_LT((moved.felt() - 0.5 * (lower + upper)).cwiseAbs().maxCoeff(), kRounding);
+  EXPECT_THROW(felt.step(Eigen::Vector2d(0, 0), 1), std::invalid_argument);
+}
+
+TEST(ArmResponse, DoesNotAllocate) {
+  Response response = kTwoPlays;
+  response.rise_time = 0.1;
+  const Arm arm = armWith(response);
+  ArmResponse felt(arm);
+  Eigen::VectorXd reading = Eigen::Vector3d(1e5, 2e5, kNaN), lower(3), upper(3);
+  const test::AllocationCounter counter;
+  for (int i = 0; i < 100; ++i) {
+    reading[0] = 1e3 * i;
+    felt.follow(0.01 * (i % 50), reading);  // goes back once
+    felt.feltLimits(arm, lower, upper);
+    felt.inputsFor(arm, lower, reading.head<3>());
+    felt.adopt(arm);
+  }
+  EXPECT_EQ(counter.count(), 0U);
+}
+
+}  // namespace
+}  // namespace helix_arm::model
