@@ -8,8 +8,7 @@
 /// Captures whose tags agree with no shape of the arm, although no single tag is at fault.
 namespace helix_arm::estimation {
 
-/// Residuals of a capture beyond this multiple of the usual ones are no noise: of 1000 sound data
-/// sets none has such a capture (capture_check_test).
+/// Residuals of a capture beyond this multiple of the usual ones are no noise.
 constexpr double kApart = 3.0;
 
 /// How a shape that was fitted to a capture agrees with its tags.
