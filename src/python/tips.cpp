@@ -15,6 +15,7 @@ namespace {
 constexpr std::size_t kChunk = 2 * model::kBatchBlock;
 constexpr std::size_t kPiece = 32 * kChunk;
 constexpr std::size_t kLoadedPiece = 16;
+constexpr py::ssize_t kManyRows = 100'000;  // whose tips do not stay in a core's caches
 
 // One column, one number after the other.
 void readColumn(const Rows& rows, py::ssize_t column, std::size_t first, std::size_t count,
@@ -34,6 +35,7 @@ void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::
   const auto n = static_cast<std::size_t>(arm.actuatorCount());
   const bool in_one_piece = inputs.columnStride() == sizeof(double) &&
                             inputs.rowStride() == static_cast<py::ssize_t>(n * sizeof(double));
+  const bool past_caches = inputs.rows() >= kManyRows;
   std::vector<double> memory((n + 3) * kChunk);
   std::vector<double*> columns(n);
   for (std::size_t i = 0; i < n; ++i) columns[i] = memory.data() + i * kChunk;
@@ -56,8 +58,9 @@ void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::
       }
     }
     model::batchTips(arm, columns.data(), count, x, y, z);
-    joinRows(x, y, z, count, out + 3 * begin);
+    joinRows(x, y, z, count, past_caches, out + 3 * begin);
   }
+  if (past_caches) finishRows();
 }
 
 void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
