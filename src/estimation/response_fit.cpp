@@ -49,7 +49,24 @@ std::vector<model::Response> startingPlays(const ResponseReadings& readings,
   for (const double part : kThresholds) reaches.push_back(part * readings.range());
   if (readings.perActuator()) {
     const model::Response linear = readings.withWeights(lags, reaches);
-    if (linear.play_count > 1) out.push_back(linear);
+    if (linear.play_count > 1) {
+      out.push_back(linear);
+      // Two thresholds may stand for one play between them.
+      double weight = 0.0;
+      for (int j = 0; j < linear.play_count; ++j) {
+        weight += linear.plays[static_cast<std::size_t>(j)].weight;
+      }
+      model::Response between = lags;
+      between.play_count = 1;
+      between.plays[0] = {linear.halfWidth() / weight, weight};
+      out.push_back(between);
+    }
+    // Noise of the readings may have hidden some of them from it.
+    model::Response all = lags;
+    for (const double reach : reaches) {
+      all.plays[static_cast<std::size_t>(all.play_count++)] = {reach, kStartWeight / 2};
+    }
+    out.push_back(all);
   }
   model::Response best;
   double least = std::numeric_limits<double>::infinity();
@@ -134,6 +151,16 @@ ResponseFit fit(const ResponseReadings& readings) {
     }
   }
   const auto better = [](const Candidate& a, const Candidate& b) { return a.rss < b.rss; };
+  // A lag found without plays makes up for some of them: again from the lags found with them.
+  if (reverses) {
+    model::Response from = std::min_element(candidates.begin(), candidates.end(), better)->response;
+    from.play_count = 0;
+    const bool lagged = from.rise_time > 0 || from.fall_time > 0;
+    for (const model::Response& plays : startingPlays(readings, from)) {
+      candidates.push_back(descent.prune(
+          descent.polish(plays, withPlays(lagged ? lags : std::vector<Number>{}, plays))));
+    }
+  }
   const Candidate& closest = *std::min_element(candidates.begin(), candidates.end(), better);
   const double effective =
       static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);

@@ -29,21 +29,22 @@ struct Series {
   Eigen::MatrixXd shortening;
 };
 
-// Pressures that go to random levels, each held for 4 s, through a regulator of 0.2 s.
+// Pressures that go to the top and then to random levels, each held for 4 s, through a regulator of
+// 0.2 s.
 Series levels(const Response& truth, unsigned seed, int rows = 600) {
   Random random(seed);
   Series out{{Eigen::MatrixXd(rows, 1), {}, {}}, Eigen::MatrixXd(rows, 1)};
   model::ResponseState state(truth);
   double pressure = 0, level = 0;
   for (int row = 0; row < rows; ++row) {
-    if (row > 0 && row % 40 == 0) level = random.uniform(0, kMost);
+    if (row > 0 && row % 40 == 0) level = row == 40 ? kMost : random.uniform(0, kMost);
     pressure += -std::expm1(-kStep / 0.2) * (level - pressure);
     state.step(pressure, row == 0 ? 0 : kStep);
     out.history.input(row, 0) = pressure;
     out.history.time.push_back(kStep * row);
     out.history.starts_anew.push_back(row == 0);
     const double w = state.felt() / kMost;
-    out.shortening(row, 0) = 0.1 * -std::expm1(-std::pow(w / 0.6, 1.5)) + kNoise * random.normal();
+    out.shortening(row, 0) = 0.1 * w * (0.6 + 1.2 * w - 0.8 * w * w) + kNoise * random.normal();
   }
   return out;
 }
