@@ -12,9 +12,9 @@
 namespace helix_arm::model {
 namespace {
 
-constexpr char kCulprit[] = "response";
+constexpr char kResponseCulprit[] = "response";
 
-double follow(double y, double x, double reach) {
+double followPlay(double y, double x, double reach) {
   return std::min(std::max(y, x - reach), x + reach);
 }
 
@@ -29,22 +29,22 @@ double Response::halfWidth() const {
 double Response::stroke() const { return play_count == 0 ? 0.0 : 2 * plays[play_count - 1].reach; }
 
 void Response::validate() const {
-  basics::requireNotNegative(kCulprit, "the rise time constant [s]", rise_time);
-  basics::requireNotNegative(kCulprit, "the fall time constant [s]", fall_time);
-  basics::requireValue(play_count >= 0 && play_count <= kMaxPlays, kCulprit, "the number of plays",
-                       play_count, "0 to " + std::to_string(kMaxPlays));
+  basics::requireNotNegative(kResponseCulprit, "the rise time constant [s]", rise_time);
+  basics::requireNotNegative(kResponseCulprit, "the fall time constant [s]", fall_time);
+  basics::requireValue(play_count >= 0 && play_count <= kMaxPlays, kResponseCulprit,
+                       "the number of plays", play_count, "0 to " + std::to_string(kMaxPlays));
   double sum = 0.0, before = 0.0;
   for (int j = 0; j < play_count; ++j) {
     const Play& play = plays[j];
-    basics::requirePositive(kCulprit, "a play [Pa]", play.reach);
+    basics::requirePositive(kResponseCulprit, "a play [Pa]", play.reach);
     basics::require(play.reach > before, "response: the plays [Pa] fall from ", before, " to ",
                     play.reach, "; expected ascending values");
-    basics::requireNotNegative(kCulprit, "the weight of a play", play.weight);
+    basics::requireNotNegative(kResponseCulprit, "the weight of a play", play.weight);
     before = play.reach;
     sum += play.weight;
   }
   // The rounding of decimals such as 0.3 + 0.65 is none of the user's.
-  basics::requireValue(sum <= kMostWeight + 1e-12, kCulprit, "the sum of the weights", sum,
+  basics::requireValue(sum <= kMostWeight + 1e-12, kResponseCulprit, "the sum of the weights", sum,
                        "at most 0.95");
 }
 
@@ -60,7 +60,7 @@ void ResponseState::adopt(const Response& response) {
   for (int j = 0; j < response_.play_count; ++j) {
     if (j >= before.play_count) memory_[j].y = x_;
     const double reach = response_.plays[j].reach;
-    memory_[j].y = follow(memory_[j].y, x_, reach);
+    memory_[j].y = followPlay(memory_[j].y, x_, reach);
     if (j >= before.play_count || reach != before.plays[j].reach) forget(j);
   }
 }
@@ -88,9 +88,9 @@ void ResponseState::step(double input, double dt) noexcept {
   for (int j = 0; j < response_.play_count; ++j) {
     const double reach = response_.plays[j].reach;
     Memory& memory = memory_[j];
-    memory.y = follow(memory.y, x_, reach);
-    memory.lower = follow(memory.lower, x_, reach);
-    memory.upper = follow(memory.upper, x_, reach);
+    memory.y = followPlay(memory.y, x_, reach);
+    memory.lower = followPlay(memory.lower, x_, reach);
+    memory.upper = followPlay(memory.upper, x_, reach);
   }
 }
 
@@ -123,7 +123,7 @@ double ResponseState::feltAt(double x) const noexcept {
   double felt = x;
   for (int j = 0; j < response_.play_count; ++j) {
     const Response::Play& play = response_.plays[j];
-    felt += play.weight * (follow(memory_[j].y, x, play.reach) - x);
+    felt += play.weight * (followPlay(memory_[j].y, x, play.reach) - x);
   }
   return felt;
 }
