@@ -103,15 +103,15 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
 }
 
 // What the search found, and the pressures that it takes.
-struct Answer {
+struct InverseAnswer {
   InverseResult result;         // its inputs are those that the actuators feel
   Eigen::VectorXd pressure;     // (n) to command
   model::ArmResponse response;  // before
   Eigen::Index history_rows = 0;
 };
 
-void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
-                     const statics::Solution& reached) {
+void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
@@ -132,8 +132,8 @@ void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier, c
   printJson(document);
 }
 
-void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
-                    const statics::Solution& reached) {
+void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
+                    const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
@@ -155,8 +155,8 @@ void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier, co
   table.print(std::cout);
 }
 
-void printTextResult(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
-                     const statics::Solution& reached) {
+void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
   if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
@@ -206,7 +206,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   } else {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
-  Answer answer{result, result.input, response, rows};
+  InverseAnswer answer{result, result.input, response, rows};
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure);
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
