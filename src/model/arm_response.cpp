@@ -44,7 +44,7 @@ void ArmResponse::restart() {
 
 void ArmResponse::stepOne(Eigen::Index i, double input, double dt) noexcept {
   ResponseState& state = states_[static_cast<std::size_t>(i)];
-  state.step(input, dt);
+  state.step(input, dt, rise_, fall_);
   felt_[i] = state.response().instant() ? input : state.felt();
 }
 

@@ -79,18 +79,37 @@ void ResponseState::start(double input) noexcept {
   }
 }
 
+double LagShare::of(double dt, double time_constant) noexcept {
+  if (time_constant == 0) return 1.0;
+  if (dt != dt_ || time_constant != time_constant_) {
+    dt_ = dt;
+    time_constant_ = time_constant;
+    share_ = -std::expm1(-dt / time_constant);
+  }
+  return share_;
+}
+
 void ResponseState::step(double input, double dt) noexcept {
+  LagShare rise, fall;
+  step(input, dt, rise, fall);
+}
+
+void ResponseState::step(double input, double dt, LagShare& rise, LagShare& fall) noexcept {
   if (!std::isfinite(input) || !(dt >= 0)) return;
   if (!started_) return start(input);
-  const double tau = input > x_ ? response_.rise_time : response_.fall_time;
-  const double covered = tau > 0 ? -std::expm1(-dt / tau) : 1.0;
+  const double covered =
+      input > x_ ? rise.of(dt, response_.rise_time) : fall.of(dt, response_.fall_time);
   x_ = covered == 1 ? input : x_ + covered * (input - x_);
   for (int j = 0; j < response_.play_count; ++j) {
     const double reach = response_.plays[j].reach;
     Memory& memory = memory_[j];
     memory.y = followPlay(memory.y, x_, reach);
-    memory.lower = followPlay(memory.lower, x_, reach);
-    memory.upper = followPlay(memory.upper, x_, reach);
+    if (memory.lower == memory.upper) {
+      memory.lower = memory.upper = memory.y;
+    } else {
+      memory.lower = followPlay(memory.lower, x_, reach);
+      memory.upper = followPlay(memory.upper, x_, reach);
+    }
   }
 }
 
@@ -99,7 +118,12 @@ double ResponseState::lagged() const {
 }
 
 double ResponseState::felt() const {
-  return started_ ? feltAt(x_) : std::numeric_limits<double>::quiet_NaN();
+  if (!started_) return std::numeric_limits<double>::quiet_NaN();
+  double felt = x_;
+  for (int j = 0; j < response_.play_count; ++j) {
+    felt += response_.plays[j].weight * (memory_[j].y - x_);
+  }
+  return felt;
 }
 
 bool ResponseState::known() const {
