@@ -109,14 +109,14 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
 }
 
 // What the search found, and the pressures that it takes.
-struct Answer {
+struct InverseAnswer {
   InverseResult result;         // its inputs are those that the actuators feel
   Eigen::VectorXd pressure;     // (n) to command
   model::ArmResponse response;  // before
   Eigen::Index history_rows = 0;
 };
 
-json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
+json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
                 const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   const std::string reason = reasonFor(result);
@@ -138,7 +138,7 @@ json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const 
   return document;
 }
 
-CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
+CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
                      const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   CsvTable::Row row{{"status", statusName(result.status)},
@@ -159,8 +159,8 @@ CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier, c
   return row;
 }
 
-void printTextResult(const io::Scene& scene, const statics::TierSetting& tier, const Answer& answer,
-                     const statics::Solution& reached) {
+void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   std::cout << scene.name << ", tier " << tier.name() << ": " << statusName(result.status) << "\n";
   if (result.status != InverseStatus::kReached) std::cout << "  " << reasonFor(result) << "\n";
@@ -202,7 +202,7 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
         data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
     const InverseResult result =
         poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
-    const Answer answer{result, result.input, model::ArmResponse(scene.arm)};
+    const InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
@@ -251,7 +251,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   } else {
     result = solver.toTwists(twistArgument(arguments.twist, scene.arm.sectionCount()), start);
   }
-  Answer answer{result, result.input, response, rows};
+  InverseAnswer answer{result, result.input, response, rows};
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure);
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;

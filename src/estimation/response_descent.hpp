@@ -12,54 +12,56 @@
 
 namespace helix_arm::estimation {
 
-inline constexpr double kSignificant = 2.0;  // standard errors
-inline constexpr double kLongestLag = 60.0;  // [s]
-inline constexpr int kMostSteps = 60;
-inline constexpr double kAtRest = 1e-8;  // of the sum of squares: a smaller gain ends a descent
+inline constexpr double kSignificantResponse = 2.0;  // standard errors
+inline constexpr double kLongestLag = 60.0;          // [s]
+inline constexpr int kMostResponseSteps = 60;
+inline constexpr double kResponseAtRest =
+    1e-8;  // of the sum of squares: a smaller gain ends a descent
 
 // A number of a response that is fitted.
-struct Number {
+struct ResponseNumber {
   enum Kind { kLag, kRise, kFall, kReach, kWeight } kind;  // kLag: both alike
   int play = 0;
 };
 
-inline double valueOf(const model::Response& response, const Number& number) {
+inline double responseValueOf(const model::Response& response, const ResponseNumber& number) {
   const auto play = static_cast<std::size_t>(number.play);
   switch (number.kind) {
-    case Number::kLag:
-    case Number::kRise:
+    case ResponseNumber::kLag:
+    case ResponseNumber::kRise:
       return response.rise_time;
-    case Number::kFall:
+    case ResponseNumber::kFall:
       return response.fall_time;
-    case Number::kReach:
+    case ResponseNumber::kReach:
       return response.plays[play].reach;
-    case Number::kWeight:
+    case ResponseNumber::kWeight:
       break;
   }
   return response.plays[play].weight;
 }
 
-struct Candidate {
+struct ResponseCandidate {
   model::Response response;
-  std::vector<Number> numbers;
+  std::vector<ResponseNumber> numbers;
   double rss = std::numeric_limits<double>::infinity();
   Eigen::VectorXd residual, error;  // error: (numbers) standard errors
 
   double ratio(std::size_t k) const {
-    return valueOf(response, numbers[k]) / error[static_cast<Eigen::Index>(k)];
+    return responseValueOf(response, numbers[k]) / error[static_cast<Eigen::Index>(k)];
   }
 };
 
-class Descent {
+class ResponseDescent {
  public:
-  explicit Descent(const ResponseReadings& readings) : readings_(readings) {}
+  explicit ResponseDescent(const ResponseReadings& readings) : readings_(readings) {}
 
   // Least squares from a start (Levenberg and Marquardt, within bounds); with standard errors.
-  Candidate polish(const model::Response& start, std::vector<Number> numbers) const {
-    Candidate now{start, std::move(numbers), 0.0, readings_.residual(start), {}};
+  ResponseCandidate polish(const model::Response& start,
+                           std::vector<ResponseNumber> numbers) const {
+    ResponseCandidate now{start, std::move(numbers), 0.0, readings_.residual(start), {}};
     now.rss = now.residual.squaredNorm();
     double damping = 1e-3;
-    for (int step = 0; step < kMostSteps && !now.numbers.empty(); ++step) {
+    for (int step = 0; step < kMostResponseSteps && !now.numbers.empty(); ++step) {
       const Eigen::MatrixXd J = jacobian(now);
       const Eigen::VectorXd gradient = J.transpose() * now.residual;
       Eigen::MatrixXd normal = J.transpose() * J;
@@ -67,7 +69,7 @@ class Descent {
         const double diagonal = normal(k, k);
         // At a bound that it would leave, or without effect.
         if (diagonal == 0 ||
-            (valueOf(now.response, at(now, k)) <= least(at(now, k)) && gradient[k] > 0)) {
+            (responseValueOf(now.response, at(now, k)) <= least(at(now, k)) && gradient[k] > 0)) {
           normal.row(k).setZero();
           normal.col(k).setZero();
         }
@@ -85,7 +87,7 @@ class Descent {
         const Eigen::VectorXd move = -damped.ldlt().solve(wanted);
         model::Response next = now.response;
         for (Eigen::Index k = 0; k < move.size(); ++k) {
-          set(next, at(now, k), valueOf(next, at(now, k)) + move[k]);
+          set(next, at(now, k), responseValueOf(next, at(now, k)) + move[k]);
         }
         Eigen::VectorXd residual = readings_.residual(next);
         if (!(residual.squaredNorm() < now.rss)) continue;
@@ -95,25 +97,26 @@ class Descent {
         damping = std::max(damping / 100, 1e-9);
         break;
       }
-      if (before - now.rss <= kAtRest * before) break;
+      if (before - now.rss <= kResponseAtRest * before) break;
     }
     now.error = errors(now);
     return now;
   }
 
   // The weakest number that is within two standard errors of 0 is left out until none is.
-  Candidate prune(Candidate fit) const {
+  ResponseCandidate prune(ResponseCandidate fit) const {
     for (;;) {
       std::size_t weakest = fit.numbers.size();
       for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
-        if (fit.numbers[k].kind == Number::kReach || fit.ratio(k) > kSignificant) continue;
+        if (fit.numbers[k].kind == ResponseNumber::kReach || fit.ratio(k) > kSignificantResponse)
+          continue;
         if (weakest == fit.numbers.size() || fit.ratio(k) < fit.ratio(weakest)) weakest = k;
       }
       if (weakest == fit.numbers.size()) return fit;
-      const Number out = fit.numbers[weakest];
+      const ResponseNumber out = fit.numbers[weakest];
       model::Response response = fit.response;
-      std::vector<Number> left;
-      if (out.kind == Number::kWeight) {
+      std::vector<ResponseNumber> left;
+      if (out.kind == ResponseNumber::kWeight) {
         for (int j = out.play; j + 1 < response.play_count; ++j) {
           response.plays[static_cast<std::size_t>(j)] =
               response.plays[static_cast<std::size_t>(j + 1)];
@@ -122,9 +125,10 @@ class Descent {
       } else {
         set(response, out, 0.0);
       }
-      for (const Number& one : fit.numbers) {
-        const bool of_play = one.kind == Number::kReach || one.kind == Number::kWeight;
-        if (out.kind == Number::kWeight && of_play) {
+      for (const ResponseNumber& one : fit.numbers) {
+        const bool of_play =
+            one.kind == ResponseNumber::kReach || one.kind == ResponseNumber::kWeight;
+        if (out.kind == ResponseNumber::kWeight && of_play) {
           if (one.play == out.play) continue;
           left.push_back({one.kind, one.play - (one.play > out.play ? 1 : 0)});
         } else if (of_play || one.kind != out.kind) {
@@ -136,28 +140,28 @@ class Descent {
   }
 
   // Of a fit with this many readings that count; the lower, the better.
-  double criterion(const Candidate& fit, double effective) const {
+  double criterion(const ResponseCandidate& fit, double effective) const {
     const auto k = static_cast<double>(fit.numbers.size());
     return effective * std::log(std::max(fit.rss, 1e-300)) + k * std::log(std::max(effective, 2.0));
   }
 
-  void set(model::Response& response, const Number& number, double value) const {
+  void set(model::Response& response, const ResponseNumber& number, double value) const {
     const auto play = static_cast<std::size_t>(number.play);
     value = std::max(value, least(number));
     switch (number.kind) {
-      case Number::kLag:
+      case ResponseNumber::kLag:
         response.rise_time = response.fall_time = std::min(value, kLongestLag);
         return;
-      case Number::kRise:
+      case ResponseNumber::kRise:
         response.rise_time = std::min(value, kLongestLag);
         return;
-      case Number::kFall:
+      case ResponseNumber::kFall:
         response.fall_time = std::min(value, kLongestLag);
         return;
-      case Number::kReach:
+      case ResponseNumber::kReach:
         response.plays[play].reach = std::min(value, 0.5 * readings_.range());
         return;
-      case Number::kWeight:
+      case ResponseNumber::kWeight:
         break;
     }
     double others = 0.0;
@@ -169,34 +173,34 @@ class Descent {
   }
 
  private:
-  static const Number& at(const Candidate& fit, Eigen::Index k) {
+  static const ResponseNumber& at(const ResponseCandidate& fit, Eigen::Index k) {
     return fit.numbers[static_cast<std::size_t>(k)];
   }
-  double least(const Number& number) const {
-    return number.kind == Number::kReach ? readings_.range() / 200 : 0.0;
+  double least(const ResponseNumber& number) const {
+    return number.kind == ResponseNumber::kReach ? readings_.range() / 200 : 0.0;
   }
 
-  Eigen::MatrixXd jacobian(const Candidate& fit) const {
+  Eigen::MatrixXd jacobian(const ResponseCandidate& fit) const {
     Eigen::MatrixXd J(fit.residual.size(), static_cast<Eigen::Index>(fit.numbers.size()));
     for (Eigen::Index k = 0; k < J.cols(); ++k) {
-      const Number& number = at(fit, k);
-      const double value = valueOf(fit.response, number);
-      const double step = number.kind == Number::kReach    ? 1e-4 * readings_.range()
-                          : number.kind == Number::kWeight ? 1e-4
-                                                           : std::max(1e-3 * value, 1e-5);
+      const ResponseNumber& number = at(fit, k);
+      const double value = responseValueOf(fit.response, number);
+      const double step = number.kind == ResponseNumber::kReach    ? 1e-4 * readings_.range()
+                          : number.kind == ResponseNumber::kWeight ? 1e-4
+                                                                   : std::max(1e-3 * value, 1e-5);
       model::Response next = fit.response;
       // Weights at their largest sum only go down.
-      const bool full = number.kind == Number::kWeight;
+      const bool full = number.kind == ResponseNumber::kWeight;
       set(next, number, full ? value - step : value + step);
       if (full && value < step) set(next, number, value + step);
-      const double moved = valueOf(next, number) - value;
+      const double moved = responseValueOf(next, number) - value;
       J.col(k) = moved == 0 ? Eigen::VectorXd::Zero(J.rows()).eval()
                             : ((readings_.residual(next) - fit.residual) / moved).eval();
     }
     return J;
   }
 
-  Eigen::VectorXd errors(const Candidate& fit) const {
+  Eigen::VectorXd errors(const ResponseCandidate& fit) const {
     const auto n = static_cast<Eigen::Index>(fit.numbers.size());
     Eigen::VectorXd out = Eigen::VectorXd::Constant(n, std::numeric_limits<double>::infinity());
     if (n == 0) return out;

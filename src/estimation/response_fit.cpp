@@ -13,16 +13,17 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr std::array<double, 4> kThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10, 1.0 / 5};  // of the range
+constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10,
+                                                1.0 / 5};  // of the range
 constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
 constexpr int kLeastInMotion = 10;       // rows
 constexpr int kLeastTrials = 3;          // for the scatter between them
 constexpr double kStartWeight = 0.3;     // of a play, where nothing linear tells it
 
-std::vector<Number> lagNumbers(const ResponseReadings::Motion& motion) {
+std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion) {
   if (motion.rising + motion.falling < kLeastInMotion) return {};
-  if (std::min(motion.rising, motion.falling) < kLeastInMotion / 2) return {{Number::kLag}};
-  return {{Number::kRise}, {Number::kFall}};
+  if (std::min(motion.rising, motion.falling) < kLeastInMotion / 2) return {{ResponseNumber::kLag}};
+  return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
 }
 
 // Common lags to start from: none, and the best of a series.
@@ -46,7 +47,7 @@ std::vector<model::Response> startingPlays(const ResponseReadings& readings,
                                            const model::Response& lags) {
   std::vector<model::Response> out;
   std::vector<double> reaches;
-  for (const double part : kThresholds) reaches.push_back(part * readings.range());
+  for (const double part : kPlayThresholds) reaches.push_back(part * readings.range());
   if (readings.perActuator()) {
     const model::Response linear = readings.withWeights(lags, reaches);
     if (linear.play_count > 1) {
@@ -87,22 +88,27 @@ std::vector<model::Response> startingPlays(const ResponseReadings& readings,
   return out;
 }
 
-std::vector<Number> withPlays(std::vector<Number> numbers, const model::Response& response) {
-  for (int j = 0; j < response.play_count; ++j) numbers.push_back({Number::kWeight, j});
-  if (response.play_count == 1) numbers.push_back({Number::kReach, 0});
+std::vector<ResponseNumber> withPlayNumbers(std::vector<ResponseNumber> numbers,
+                                            const model::Response& response) {
+  for (int j = 0; j < response.play_count; ++j) numbers.push_back({ResponseNumber::kWeight, j});
+  if (response.play_count == 1) numbers.push_back({ResponseNumber::kReach, 0});
   return numbers;
 }
 
-void report(const ResponseReadings& readings, const Candidate& fit, ResponseFit& out) {
+void reportResponse(const ResponseReadings& readings, const ResponseCandidate& fit,
+                    ResponseFit& out) {
   out.response = fit.response;
   for (std::size_t k = 0; k < fit.numbers.size(); ++k) {
-    const Number& number = fit.numbers[k];
-    const Estimate estimate{valueOf(fit.response, number), fit.error[static_cast<Eigen::Index>(k)]};
+    const ResponseNumber& number = fit.numbers[k];
+    const Estimate estimate{responseValueOf(fit.response, number),
+                            fit.error[static_cast<Eigen::Index>(k)]};
     const auto play = static_cast<std::size_t>(number.play);
-    if (number.kind == Number::kLag || number.kind == Number::kRise) out.rise_time = estimate;
-    if (number.kind == Number::kLag || number.kind == Number::kFall) out.fall_time = estimate;
-    if (number.kind == Number::kReach) out.reach[play] = estimate;
-    if (number.kind == Number::kWeight) out.weight[play] = estimate;
+    if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kRise)
+      out.rise_time = estimate;
+    if (number.kind == ResponseNumber::kLag || number.kind == ResponseNumber::kFall)
+      out.fall_time = estimate;
+    if (number.kind == ResponseNumber::kReach) out.reach[play] = estimate;
+    if (number.kind == ResponseNumber::kWeight) out.weight[play] = estimate;
   }
   for (int j = 0; j < fit.response.play_count; ++j) {
     const auto play = static_cast<std::size_t>(j);
@@ -114,18 +120,18 @@ void report(const ResponseReadings& readings, const Candidate& fit, ResponseFit&
 
 // Whether one fit predicts trials that were left out better than another, by two standard errors of
 // the differences between trials. With fewer than three trials nothing contradicts it.
-bool predictsBetter(const ResponseReadings& readings, const Candidate& one,
-                    const Candidate& other) {
+bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
+                    const ResponseCandidate& other) {
   const Eigen::VectorXd gain =
       readings.heldOutErrors(other.response) - readings.heldOutErrors(one.response);
   const auto trials = static_cast<double>(gain.size());
   if (trials < kLeastTrials) return true;
   const double mean = gain.mean();
   const double variance = (gain.array() - mean).square().sum() / (trials - 1);
-  return mean > kSignificant * std::sqrt(variance / trials);
+  return mean > kSignificantResponse * std::sqrt(variance / trials);
 }
 
-ResponseFit fit(const ResponseReadings& readings) {
+ResponseFit fitReadings(const ResponseReadings& readings) {
   ResponseFit out;
   if (readings.range() == 0 || readings.count() < 3 * readings.coefficients()) {
     std::ostringstream text;
@@ -134,10 +140,10 @@ ResponseFit fit(const ResponseReadings& readings) {
     out.failure = text.str();
     return out;
   }
-  const std::vector<Number> lags = lagNumbers(readings.motion());
+  const std::vector<ResponseNumber> lags = responseLags(readings.motion());
   const bool reverses = readings.largestReversal() >= kLeastReversal;
-  const Descent descent(readings);
-  std::vector<Candidate> candidates{descent.polish({}, {})};
+  const ResponseDescent descent(readings);
+  std::vector<ResponseCandidate> candidates{descent.polish({}, {})};
   out.static_rms = std::sqrt(candidates.front().rss / static_cast<double>(readings.rows()));
   for (const double lag : startingLags(readings, !lags.empty())) {
     model::Response start;
@@ -146,41 +152,45 @@ ResponseFit fit(const ResponseReadings& readings) {
     if (!reverses) continue;
     const model::Response from = candidates.back().response;
     for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(
-          descent.polish(plays, withPlays(lag > 0 ? lags : std::vector<Number>{}, plays)));
+      candidates.push_back(descent.polish(
+          plays, withPlayNumbers(lag > 0 ? lags : std::vector<ResponseNumber>{}, plays)));
     }
   }
-  const auto better = [](const Candidate& a, const Candidate& b) { return a.rss < b.rss; };
+  const auto better = [](const ResponseCandidate& a, const ResponseCandidate& b) {
+    return a.rss < b.rss;
+  };
   // A lag found without plays makes up for some of them: again from the lags found with them.
   if (reverses) {
     model::Response from = std::min_element(candidates.begin(), candidates.end(), better)->response;
     from.play_count = 0;
     const bool lagged = from.rise_time > 0 || from.fall_time > 0;
     for (const model::Response& plays : startingPlays(readings, from)) {
-      candidates.push_back(descent.prune(
-          descent.polish(plays, withPlays(lagged ? lags : std::vector<Number>{}, plays))));
+      candidates.push_back(descent.prune(descent.polish(
+          plays, withPlayNumbers(lagged ? lags : std::vector<ResponseNumber>{}, plays))));
     }
   }
-  const Candidate& closest = *std::min_element(candidates.begin(), candidates.end(), better);
+  const ResponseCandidate& closest =
+      *std::min_element(candidates.begin(), candidates.end(), better);
   const double effective =
       static_cast<double>(readings.count()) / readings.correlationFactor(closest.residual);
-  Candidate best = *std::min_element(
-      candidates.begin(), candidates.end(), [&](const Candidate& a, const Candidate& b) {
-        return descent.criterion(a, effective) < descent.criterion(b, effective);
-      });
+  ResponseCandidate best =
+      *std::min_element(candidates.begin(), candidates.end(),
+                        [&](const ResponseCandidate& a, const ResponseCandidate& b) {
+                          return descent.criterion(a, effective) < descent.criterion(b, effective);
+                        });
   best = descent.prune(std::move(best));
   bool play_is_scatter = false;
   if (best.response.play_count > 0) {
     candidates.erase(
         std::remove_if(candidates.begin(), candidates.end(),
-                       [](const Candidate& one) { return one.response.play_count > 0; }),
+                       [](const ResponseCandidate& one) { return one.response.play_count > 0; }),
         candidates.end());
-    Candidate plain =
+    ResponseCandidate plain =
         descent.prune(*std::min_element(candidates.begin(), candidates.end(), better));
     play_is_scatter = !predictsBetter(readings, best, plain);
     if (play_is_scatter) best = std::move(plain);
   }
-  report(readings, best, out);
+  reportResponse(readings, best, out);
   const bool lagged = best.response.rise_time > 0 || best.response.fall_time > 0;
   out.lag = lags.empty() ? ResponseVerdict::kNotDetermined
             : lagged     ? ResponseVerdict::kFound
@@ -211,12 +221,12 @@ ResponseFit fit(const ResponseReadings& readings) {
 }  // namespace
 
 ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening) {
-  return fit({history, shortening, ResponseReadings::Kind::kPerActuator});
+  return fitReadings({history, shortening, ResponseReadings::Kind::kPerActuator});
 }
 
 ResponseFit fitResponseToPositions(const model::InputHistory& history,
                                    const Eigen::MatrixXd& position) {
-  return fit({history, position, ResponseReadings::Kind::kOfTheArm});
+  return fitReadings({history, position, ResponseReadings::Kind::kOfTheArm});
 }
 
 }  // namespace helix_arm::estimation

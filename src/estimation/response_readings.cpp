@@ -9,13 +9,13 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr int kDegree = 5;              // of a contraction curve and of its inverse
-constexpr double kMoves = 0.1;          // of the largest range: an actuator that takes part
-constexpr double kSamePressure = 0.02;  // of the range: counts as the same
-constexpr double kRestLag = 0.5;        // [s]
-constexpr double kInMotion = 0.02;      // of the range, behind a lag of kRestLag
+constexpr int kCurveDegree = 5;             // of a contraction curve and of its inverse
+constexpr double kTakesPart = 0.1;          // of the largest range: an actuator that takes part
+constexpr double kSameFeltPressure = 0.02;  // of the range: counts as the same
+constexpr double kRestLag = 0.5;            // [s]
+constexpr double kInMotion = 0.02;          // of the range, behind a lag of kRestLag
 constexpr double kMostCorrelation = 0.9999;
-constexpr double kSignificant = 2.0;  // standard errors
+constexpr double kSignificantWeight = 2.0;  // standard errors
 
 // The value of x in [-1, 1] to powers 0 .. degree.
 template <class Row>
@@ -34,7 +34,7 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
   const double widest = (high - low).maxCoeff();
   double least = std::numeric_limits<double>::infinity(), most = -least;
   for (Eigen::Index i = 0; i < low.size(); ++i) {
-    if (high[i] - low[i] < kMoves * widest || widest == 0) continue;
+    if (high[i] - low[i] < kTakesPart * widest || widest == 0) continue;
     moving_.push_back(i);
     least = std::min(least, low[i]);
     most = std::max(most, high[i]);
@@ -51,7 +51,7 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
     for (const Eigen::Index i : moving_) {
       if (!std::isfinite(reading(row, i))) continue;
       usable_.push_back({row, i, trials_ - 1});
-      distinct.insert(std::lround(history.input(row, i) / (kSamePressure * range_)));
+      distinct.insert(std::lround(history.input(row, i) / (kSameFeltPressure * range_)));
     }
   }
   outputs_ = perActuator() ? 1 : reading.cols();
@@ -65,7 +65,7 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
     }
   }
   const int n = static_cast<int>(moving_.size());
-  degree_ = std::min(kDegree, static_cast<int>(distinct.size()) - 1);
+  degree_ = std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
   coefficients_ = perActuator() ? degree_ + 1 : 1 + n + n * (n + 1) / 2;
 }
 
@@ -262,7 +262,8 @@ model::Response ResponseReadings::withWeights(const model::Response& lags,
       if (next.rss < best.rss) best = std::move(next);
     }
     Eigen::Index weakest = 0;
-    if (best.plays.empty() || (best.weight - kSignificant * best.error).minCoeff(&weakest) > 0)
+    if (best.plays.empty() ||
+        (best.weight - kSignificantWeight * best.error).minCoeff(&weakest) > 0)
       break;
     allowed = 0;
     for (std::size_t j = 0; j < best.plays.size(); ++j) {

@@ -58,19 +58,19 @@ const std::vector<CurveKind>& curveKinds() {
   return kinds;
 }
 
-constexpr char kResponse[] = "response";
+constexpr char kResponseKey[] = "response";
 
 // None without the key.
 model::Response responseOf(const MapReader& contraction, const Value& value, model::Drive drive,
                            FaultList& faults) {
-  const Value* given = value.find(kResponse);
+  const Value* given = value.find(kResponseKey);
   if (given == nullptr) return {};
   if (!model::isPressure(drive)) {
-    contraction.complain(kResponse,
+    contraction.complain(kResponseKey,
                          "is given for a tendon, which follows its spool; expected it "
                          "only where the input is a pressure");
   }
-  return readResponse(*given, contraction.path(kResponse), faults);
+  return readResponse(*given, contraction.path(kResponseKey), faults);
 }
 
 std::optional<NamedContraction> readContraction(const Value& value, const std::string& path,
@@ -78,7 +78,7 @@ std::optional<NamedContraction> readContraction(const Value& value, const std::s
   std::vector<std::string> keys;
   for (const CurveKind& kind : curveKinds()) keys.push_back(kind.key);
   std::vector<std::string> known = keys;
-  known.emplace_back(kResponse);
+  known.emplace_back(kResponseKey);
   const MapReader contraction(value, path, known, faults);
   const std::optional<std::string> given = contraction.exactlyOne(keys);
   if (!given) return std::nullopt;

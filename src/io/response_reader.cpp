@@ -9,13 +9,13 @@
 namespace helix_arm::io {
 namespace {
 
-const NumberRule kTimeConstant = within(kNotNegative, 0, 60, " s");
-const NumberRule kPlay = within(kPositive, 1e-3, 1e4, " kPa");
-const NumberRule kWeight = within(kNotNegative, 0, model::Response::kMostWeight);
+const NumberRule kResponseTime = within(kNotNegative, 0, 60, " s");
+const NumberRule kPlayReach = within(kPositive, 1e-3, 1e4, " kPa");
+const NumberRule kPlayWeight = within(kNotNegative, 0, model::Response::kMostWeight);
 
 // Adds the plays of two lists; none if one of them has faults.
 void readPlays(const MapReader& keys, model::Response& response) {
-  const auto reach = keys.numbers("play_kpa", 0, kPlay);
+  const auto reach = keys.numbers("play_kpa", 0, kPlayReach);
   if (!reach) return;
   if (reach->empty()) {
     keys.complain("play_kpa",
@@ -34,7 +34,7 @@ void readPlays(const MapReader& keys, model::Response& response) {
                                   formatNumber((*reach)[j - 1]) + "; expected ascending values");
     return;
   }
-  const auto weight = keys.numbers("play_weight", reach->size(), kWeight);
+  const auto weight = keys.numbers("play_weight", reach->size(), kPlayWeight);
   if (!weight) return;
   double sum = 0.0;
   for (std::size_t j = 0; j < reach->size(); ++j) {
@@ -59,8 +59,8 @@ model::Response readResponse(const Value& value, const std::string& path, FaultL
                        {"rise_time_constant_s", "fall_time_constant_s", "play_kpa", "play_weight"},
                        faults);
   model::Response response;
-  response.rise_time = keys.number("rise_time_constant_s", kTimeConstant, 0.0);
-  response.fall_time = keys.number("fall_time_constant_s", kTimeConstant, response.rise_time);
+  response.rise_time = keys.number("rise_time_constant_s", kResponseTime, 0.0);
+  response.fall_time = keys.number("fall_time_constant_s", kResponseTime, response.rise_time);
   if (keys.has("play_kpa")) {
     readPlays(keys, response);
   } else if (keys.has("play_weight")) {

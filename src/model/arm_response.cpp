@@ -9,14 +9,14 @@
 namespace helix_arm::model {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNotRead = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
 ArmResponse::ArmResponse(const Arm& arm, const std::optional<Response>& response)
     : common_(response),
-      times_(static_cast<std::size_t>(arm.actuatorCount()), kNaN),
-      felt_(Eigen::VectorXd::Constant(arm.actuatorCount(), kNaN)) {
+      times_(static_cast<std::size_t>(arm.actuatorCount()), kNotRead),
+      felt_(Eigen::VectorXd::Constant(arm.actuatorCount(), kNotRead)) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     states_.emplace_back(common_.value_or(arm.actuator(i).response));
   }
@@ -38,13 +38,13 @@ void ArmResponse::adopt(const Arm& arm) {
 
 void ArmResponse::restart() {
   for (ResponseState& state : states_) state.restart();
-  std::fill(times_.begin(), times_.end(), kNaN);
-  felt_.setConstant(kNaN);
+  std::fill(times_.begin(), times_.end(), kNotRead);
+  felt_.setConstant(kNotRead);
 }
 
 void ArmResponse::stepOne(Eigen::Index i, double input, double dt) noexcept {
   ResponseState& state = states_[static_cast<std::size_t>(i)];
-  state.step(input, dt);
+  state.step(input, dt, rise_, fall_);
   felt_[i] = state.response().instant() ? input : state.felt();
 }
 

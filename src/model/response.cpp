@@ -12,9 +12,9 @@
 namespace helix_arm::model {
 namespace {
 
-constexpr char kCulprit[] = "response";
+constexpr char kResponseCulprit[] = "response";
 
-double follow(double y, double x, double reach) {
+double followPlay(double y, double x, double reach) {
   return std::min(std::max(y, x - reach), x + reach);
 }
 
@@ -29,22 +29,22 @@ double Response::halfWidth() const {
 double Response::stroke() const { return play_count == 0 ? 0.0 : 2 * plays[play_count - 1].reach; }
 
 void Response::validate() const {
-  basics::requireNotNegative(kCulprit, "the rise time constant [s]", rise_time);
-  basics::requireNotNegative(kCulprit, "the fall time constant [s]", fall_time);
-  basics::requireValue(play_count >= 0 && play_count <= kMaxPlays, kCulprit, "the number of plays",
-                       play_count, "0 to " + std::to_string(kMaxPlays));
+  basics::requireNotNegative(kResponseCulprit, "the rise time constant [s]", rise_time);
+  basics::requireNotNegative(kResponseCulprit, "the fall time constant [s]", fall_time);
+  basics::requireValue(play_count >= 0 && play_count <= kMaxPlays, kResponseCulprit,
+                       "the number of plays", play_count, "0 to " + std::to_string(kMaxPlays));
   double sum = 0.0, before = 0.0;
   for (int j = 0; j < play_count; ++j) {
     const Play& play = plays[j];
-    basics::requirePositive(kCulprit, "a play [Pa]", play.reach);
+    basics::requirePositive(kResponseCulprit, "a play [Pa]", play.reach);
     basics::require(play.reach > before, "response: the plays [Pa] fall from ", before, " to ",
                     play.reach, "; expected ascending values");
-    basics::requireNotNegative(kCulprit, "the weight of a play", play.weight);
+    basics::requireNotNegative(kResponseCulprit, "the weight of a play", play.weight);
     before = play.reach;
     sum += play.weight;
   }
   // The rounding of decimals such as 0.3 + 0.65 is none of the user's.
-  basics::requireValue(sum <= kMostWeight + 1e-12, kCulprit, "the sum of the weights", sum,
+  basics::requireValue(sum <= kMostWeight + 1e-12, kResponseCulprit, "the sum of the weights", sum,
                        "at most 0.95");
 }
 
@@ -60,7 +60,7 @@ void ResponseState::adopt(const Response& response) {
   for (int j = 0; j < response_.play_count; ++j) {
     if (j >= before.play_count) memory_[j].y = x_;
     const double reach = response_.plays[j].reach;
-    memory_[j].y = follow(memory_[j].y, x_, reach);
+    memory_[j].y = followPlay(memory_[j].y, x_, reach);
     if (j >= before.play_count || reach != before.plays[j].reach) forget(j);
   }
 }
@@ -79,18 +79,37 @@ void ResponseState::start(double input) noexcept {
   }
 }
 
+double LagShare::of(double dt, double time_constant) noexcept {
+  if (time_constant == 0) return 1.0;
+  if (dt != dt_ || time_constant != time_constant_) {
+    dt_ = dt;
+    time_constant_ = time_constant;
+    share_ = -std::expm1(-dt / time_constant);
+  }
+  return share_;
+}
+
 void ResponseState::step(double input, double dt) noexcept {
+  LagShare rise, fall;
+  step(input, dt, rise, fall);
+}
+
+void ResponseState::step(double input, double dt, LagShare& rise, LagShare& fall) noexcept {
   if (!std::isfinite(input) || !(dt >= 0)) return;
   if (!started_) return start(input);
-  const double tau = input > x_ ? response_.rise_time : response_.fall_time;
-  const double covered = tau > 0 ? -std::expm1(-dt / tau) : 1.0;
+  const double covered =
+      input > x_ ? rise.of(dt, response_.rise_time) : fall.of(dt, response_.fall_time);
   x_ = covered == 1 ? input : x_ + covered * (input - x_);
   for (int j = 0; j < response_.play_count; ++j) {
     const double reach = response_.plays[j].reach;
     Memory& memory = memory_[j];
-    memory.y = follow(memory.y, x_, reach);
-    memory.lower = follow(memory.lower, x_, reach);
-    memory.upper = follow(memory.upper, x_, reach);
+    memory.y = followPlay(memory.y, x_, reach);
+    if (memory.lower == memory.upper) {
+      memory.lower = memory.upper = memory.y;
+    } else {
+      memory.lower = followPlay(memory.lower, x_, reach);
+      memory.upper = followPlay(memory.upper, x_, reach);
+    }
   }
 }
 
@@ -99,7 +118,12 @@ double ResponseState::lagged() const {
 }
 
 double ResponseState::felt() const {
-  return started_ ? feltAt(x_) : std::numeric_limits<double>::quiet_NaN();
+  if (!started_) return std::numeric_limits<double>::quiet_NaN();
+  double felt = x_;
+  for (int j = 0; j < response_.play_count; ++j) {
+    felt += response_.plays[j].weight * (memory_[j].y - x_);
+  }
+  return felt;
 }
 
 bool ResponseState::known() const {
@@ -123,7 +147,7 @@ double ResponseState::feltAt(double x) const noexcept {
   double felt = x;
   for (int j = 0; j < response_.play_count; ++j) {
     const Response::Play& play = response_.plays[j];
-    felt += play.weight * (follow(memory_[j].y, x, play.reach) - x);
+    felt += play.weight * (followPlay(memory_[j].y, x, play.reach) - x);
   }
   return felt;
 }

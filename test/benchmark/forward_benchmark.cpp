@@ -1,4 +1,5 @@
 // One call, inputs to tip pose, beside the peer's forward kinematics of six joints.
+#include <utility>
 #include <vector>
 
 #include <benchmark/benchmark.h>
@@ -6,6 +7,7 @@
 
 #include "benchmark/six_joint_robot.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::benchmark {
@@ -21,6 +23,41 @@ void forward(::benchmark::State& state, const test::Ring& ring) {
   std::size_t i = 0;
   for (auto _ : state) {
     lie::SE3 tip = arm.tip(inputs[i++ % kInputs]);
+    ::benchmark::DoNotOptimize(tip);
+  }
+}
+
+// The same with lag and two plays on each muscle: pressures that ramp between random ones, at times
+// that are not evenly spaced.
+void forwardWithResponse(::benchmark::State& state) {
+  const model::Arm plain = test::ringArm(test::helicalRing());
+  std::vector<model::Section> sections(1);
+  for (int k = 0; k < plain.actuatorCount(); ++k) {
+    sections[0].actuators.push_back(plain.actuator(k));
+    sections[0].actuators.back().response = {0.5, 1.0, 2, {{{2e4, 0.3}, {6e4, 0.4}}}};
+  }
+  const model::Arm arm(std::move(sections));
+  model::ArmResponse response(arm);
+  test::Random random(1);
+  std::vector<Eigen::VectorXd> inputs;
+  std::vector<double> steps;
+  constexpr std::size_t kRamp = 64;
+  Eigen::VectorXd from = test::randomInput(arm, random), to = from;
+  for (std::size_t i = 0; i < kInputs; ++i) {
+    if (i % kRamp == 0) {
+      from = to;
+      to = test::randomInput(arm, random);
+    }
+    const double part = static_cast<double>(i % kRamp) / kRamp;
+    inputs.emplace_back(from + part * (to - from));
+    steps.push_back(random.uniform(0.005, 0.015));
+  }
+  std::size_t i = 0;
+  double time = 0;
+  for (auto _ : state) {
+    time += steps[i % kInputs];
+    response.follow(time, inputs[i++ % kInputs]);
+    lie::SE3 tip = arm.tip(response.felt());
     ::benchmark::DoNotOptimize(tip);
   }
 }
@@ -67,6 +104,7 @@ void forwardOfPeer(::benchmark::State& state) {
 
 BENCHMARK_CAPTURE(forward, straight, test::straightRing());
 BENCHMARK_CAPTURE(forward, helical, test::helicalRing());
+BENCHMARK(forwardWithResponse);
 BENCHMARK(forwardPlanar);
 BENCHMARK(forwardOfPeer);
 

@@ -66,6 +66,7 @@ class ArmResponse {
 
   std::optional<Response> common_;
   std::vector<ResponseState> states_;
+  LagShare rise_, fall_;
   std::vector<double> times_;  // of the last input of each actuator; NaN before one
   Eigen::VectorXd felt_;
 };

@@ -40,6 +40,16 @@ struct Response {
   void validate() const;
 };
 
+/// The share of its way that a lag covers in a time, computed once for all actuators alike.
+class LagShare {
+ public:
+  /// 1 - exp(-dt / time_constant); 1 without a lag.
+  double of(double dt, double time_constant) noexcept;
+
+ private:
+  double dt_ = -1.0, time_constant_ = -1.0, share_ = 0.0;
+};
+
 /// Lag and plays of one actuator at present. Fixed size; no call allocates.
 ///
 /// Starts at the first input with y_j = x, which is known to +- r_j; each play is known once no
@@ -59,6 +69,8 @@ class ResponseState {
   /// rest. An input that is not finite, or a dt that is negative or NaN, changes nothing. The first
   /// input is a start: the actuator is taken to rest there.
   void step(double input, double dt) noexcept;
+  /// The same, with shares kept from the actuators before.
+  void step(double input, double dt, LagShare& rise, LagShare& fall) noexcept;
 
   const Response& response() const { return response_; }
   /// Whether an input has come.

@@ -28,6 +28,7 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
       own_regulator_(options.regulator == "scene"),
       markers_(scene, frames_.base, std::max(1.0, 3.0 / options.draw_rate)),
       measured_(scene.arm.inputAt(0)),
+      response_(scene.arm),
       solution_(scene.model.solve(measured_)),
       model_publisher_(node.advertise<ArmShape>(names::kModel, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2)) {
@@ -41,6 +42,7 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
 
 void ShapePublisher::adopt() {
   sendBaseFrame();
+  response_.adopt(scene_.arm);
   solve();
 }
 
@@ -49,7 +51,8 @@ void ShapePublisher::sendBaseFrame() {
 }
 
 void ShapePublisher::solve() {
-  const Eigen::VectorXd pressure = scene_.arm.clamped(measured_);
+  const bool rests = last_reading_.isZero();  // before the first reading
+  const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.felt());
   solution_ = scene_.model.solve(pressure);
   if (solution_.converged() || !unsolved_.add()) return;
   std::ostringstream at;
@@ -65,8 +68,16 @@ void ShapePublisher::solve() {
 
 void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
   measured_ = measured;
-  solve();
+  const ros::Time at = stamp.isZero() ? ros::Time::now() : stamp;
+  if (response_.follow(at.toSec(), measured) && !response_.instant() && restarts_.add()) {
+    logWarning(
+        "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
+        "actuators' responses start anew, and their memory is unknown until the pressures have "
+        "moved by twice the largest play_kpa",
+        static_cast<unsigned long>(restarts_.total()));
+  }
   last_reading_ = ros::SteadyTime::now();
+  solve();
   ++readings_;
   if (!solution_.converged()) return;
   std_msgs::Header header;
@@ -141,6 +152,9 @@ DiagnosticStatus ShapePublisher::status(const std::string& node) const {
   addValue(out, names::kTierReasonKey, choice.reason);
   addValue(out, names::kSolveStatusKey, statics::nameOf(solution_.status));
   addValue(out, names::kUnsolvedKey, std::to_string(unsolved_.total()));
+  if (response_.instant()) return out;
+  addValue(out, names::kMemoryKnownKey, response_.known() ? "true" : "false");
+  addValue(out, names::kFeltUncertaintyKey, fixed(1e-3 * response_.uncertainty().maxCoeff()));
   return out;
 }
 

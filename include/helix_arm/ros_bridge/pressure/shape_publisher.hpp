@@ -12,6 +12,7 @@
 #include <tf2_ros/transform_broadcaster.h>
 
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/ros_bridge/common/arm_frames.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/pressure/arm_markers.hpp"
@@ -20,8 +21,10 @@
 
 namespace helix_arm::ros_bridge {
 
-/// From measured pressures to the arm's shape: solves the model and publishes model, markers, tf
-/// and the tip handle.
+/// From measured pressures to the arm's shape: lets the responses of its actuators follow them,
+/// solves the model and publishes model, markers, tf and the tip handle. What the responses
+/// remember outlasts vents, stops and changes of the scene; time that goes back, as when a
+/// recording starts over, ends it.
 ///
 /// Nothing is published where the model finds no shape, and the markers are removed when readings
 /// stop; the statuses say so. All of it belongs to the thread of the node's callback queue.
@@ -58,7 +61,7 @@ class ShapePublisher {
   void reportSilence(diagnostic_msgs::DiagnosticStatus& status) const;
 
  private:
-  void solve();           ///< the shape at the measured pressures
+  void solve();           ///< the shape at the pressures that the arm feels
   bool measures() const;  ///< the last reading is fresh
   std::string unmeasuredText() const;
   void sendBaseFrame();
@@ -70,14 +73,16 @@ class ShapePublisher {
   const bool own_regulator_;
   ArmMarkers markers_;
 
-  Eigen::VectorXd measured_;    ///< last reading [Pa]
-  statics::Solution solution_;  ///< at the measured pressures, clamped
+  Eigen::VectorXd measured_;  ///< last reading [Pa]
+  model::ArmResponse response_;
+  statics::Solution solution_;  ///< at the felt pressures, clamped
   ros::Time last_tf_stamp_;
   ros::SteadyTime last_reading_;  ///< zero: none yet
   std::uint64_t readings_ = 0;
   FaultCount far_stamps_;
   FaultCount unsolved_;  ///< readings at which the model finds no shape
   FaultCount losses_;    ///< of pressure_measured
+  FaultCount restarts_;  ///< of the responses
   bool drawn_ = false;   ///< the arm is on the screen
 
   ros::Publisher model_publisher_, marker_publisher_;
