@@ -64,7 +64,7 @@ Preference preferenceOf(const std::string& word) {
   return Preference::kCocontraction;
 }
 
-const char* wordOf(statics::InverseStatus status) {
+const char* statusWord(statics::InverseStatus status) {
   if (status == statics::InverseStatus::kReached) return "reached";
   return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
 }
@@ -158,7 +158,7 @@ bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& respon
     for (std::size_t row = 0; row < rows; ++row) {
       goOn();
       const InverseResult& found = solver.toPosition(rowOf(request.position, row, 3), start);
-      response.status.emplace_back(wordOf(found.status));
+      response.status.emplace_back(statusWord(found.status));
       appendNumbers(found.input, true, response.pressure);
       response.position_error.push_back(found.position_error);
     }
