@@ -45,7 +45,7 @@ Eigen::VectorXd rowOf(const std::vector<double>& table, std::size_t row, std::si
 }
 
 template <class Numbers>
-void append(const Numbers& numbers, bool found, std::vector<double>& to) {
+void appendNumbers(const Numbers& numbers, bool found, std::vector<double>& to) {
   for (Eigen::Index i = 0; i < numbers.size(); ++i) {
     to.push_back(found ? numbers.data()[i] : kNoNumber);
   }
@@ -64,14 +64,14 @@ Preference preferenceOf(const std::string& word) {
   return Preference::kCocontraction;
 }
 
-const char* nameOf(statics::InverseStatus status) {
+const char* statusWord(statics::InverseStatus status) {
   if (status == statics::InverseStatus::kReached) return "reached";
   return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
 }
 
 // Runs the body, whose exceptions are the answer.
 template <class Response, class Body>
-bool answered(Response& response, const Body& body) {
+bool answer(Response& response, const Body& body) {
   try {
     body();
     response.success = true;
@@ -121,7 +121,7 @@ void ModelServer::goOn() const {
 }
 
 bool ModelServer::onForward(Forward::Request& request, Forward::Response& response) {
-  return answered(response, [&] {
+  return answer(response, [&] {
     const auto model = this->model();
     const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
     const std::size_t rows = rowsOf(request.pressure, "pressure", n, kMostForwardRows);
@@ -133,15 +133,15 @@ bool ModelServer::onForward(Forward::Request& request, Forward::Response& respon
       const statics::Solution found = model->solve(rowOf(request.pressure, row, n));
       const bool converged = found.converged();
       response.converged.push_back(converged);
-      append(found.tip.translation, converged, response.position);
-      append(quaternionXyzw(found.tip.rotation), converged, response.orientation);
-      append(found.shape.twists(), converged, response.twist);
+      appendNumbers(found.tip.translation, converged, response.position);
+      appendNumbers(quaternionXyzw(found.tip.rotation), converged, response.orientation);
+      appendNumbers(found.shape.twists(), converged, response.twist);
     }
   });
 }
 
 bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& response) {
-  return answered(response, [&] {
+  return answer(response, [&] {
     const auto model = this->model();
     const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
     const std::size_t rows = rowsOf(request.position, "position", 3, kMostInverseRows);
@@ -158,8 +158,8 @@ bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& respon
     for (std::size_t row = 0; row < rows; ++row) {
       goOn();
       const InverseResult& found = solver.toPosition(rowOf(request.position, row, 3), start);
-      response.status.emplace_back(nameOf(found.status));
-      append(found.input, true, response.pressure);
+      response.status.emplace_back(statusWord(found.status));
+      appendNumbers(found.input, true, response.pressure);
       response.position_error.push_back(found.position_error);
     }
   });
