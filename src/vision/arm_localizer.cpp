@@ -189,6 +189,11 @@ void ArmLocalizer::reset() {
   work_->copied_ids.clear();
 }
 
+void ArmLocalizer::forget() {
+  reset();
+  if (work_->memory) work_->memory->reset();
+}
+
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
 
 void LocalizerConfig::validate() const {

@@ -66,6 +66,8 @@ class ArmLocalizer {
 
   /// Forgets the last picture. What was learnt of base and bleed stays.
   void reset();
+  /// Forgets the last picture, and what was learnt.
+  void forget();
 
   const estimation::ArmView& view() const;
 

@@ -101,8 +101,9 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
 
 void PictureMeasurer::follow(const ros::Time& stamp) {
   const double elapsed = secondsBetween(last_stamp_, stamp);
-  if (elapsed < 0 || elapsed > stale_after_) current_.localizer->reset();
+  if (elapsed > stale_after_) current_.localizer->reset();
   if (elapsed < 0) {
+    current_.localizer->forget();  // a recording that is played again gives the same again
     if (jumps_.add()) {
       logInfo(
           "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",
