@@ -12,9 +12,10 @@ namespace {
 
 // Rows that are computed at once: whole blocks, whose columns stay in the innermost caches. Pieces
 // of threads are multiples of it, so that results do not depend on the number of threads.
-constexpr std::size_t kChunk = 2 * model::kBatchBlock;
-constexpr std::size_t kPiece = 32 * kChunk;
+constexpr std::size_t kChunk = model::kBatchBlock;
+constexpr std::size_t kPiece = 64 * kChunk;
 constexpr std::size_t kLoadedPiece = 16;
+constexpr py::ssize_t kManyRows = 100'000;  // whose tips do not stay in a core's caches
 
 // One column, one number after the other.
 void readColumn(const Rows& rows, py::ssize_t column, std::size_t first, std::size_t count,
@@ -27,28 +28,43 @@ void readColumn(const Rows& rows, py::ssize_t column, std::size_t first, std::si
   }
 }
 
+// Memory comes while the chunk before is computed.
+void prefetch(const double* numbers, std::size_t count) {
+  constexpr std::size_t kLine = 64 / sizeof(double);
+  for (std::size_t i = 0; i < count; i += kLine) __builtin_prefetch(numbers + i, 0, 2);
+}
+
 // Without load: the columns of a chunk, and the batch.
 void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
                 double* out) {
   const model::Arm& arm = scene.arm();
   const auto n = static_cast<std::size_t>(arm.actuatorCount());
-  const bool in_one_piece = inputs.columnStride() == sizeof(double) &&
-                            inputs.rowStride() == static_cast<py::ssize_t>(n * sizeof(double));
+  constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(double));
+  const bool in_columns = inputs.rowStride() == kNumber;
+  const bool in_rows = !in_columns && inputs.columnStride() == kNumber &&
+                       inputs.rowStride() == static_cast<py::ssize_t>(n) * kNumber;
+  const bool past_caches = inputs.rows() >= kManyRows;
   std::vector<double> memory((n + 3) * kChunk);
-  std::vector<double*> columns(n);
-  for (std::size_t i = 0; i < n; ++i) columns[i] = memory.data() + i * kChunk;
+  std::vector<double*> copies(n);
+  for (std::size_t i = 0; i < n; ++i) copies[i] = memory.data() + i * kChunk;
+  std::vector<const double*> columns(copies.begin(), copies.end());
   double* const x = memory.data() + n * kChunk;
   double* const y = x + kChunk;
   double* const z = y + kChunk;
   for (std::size_t begin = first; begin < end; begin += kChunk) {
     const std::size_t count = std::min(kChunk, end - begin);
-    if (in_one_piece) {
-      splitRows(reinterpret_cast<const double*>(inputs.data()) + n * begin, n, count,
-                columns.data());
+    if (in_rows) {
+      const double* const rows = reinterpret_cast<const double*>(inputs.data()) + n * begin;
+      splitRows(rows, n, count, copies.data());
+      prefetch(rows + n * kChunk, end - begin > 2 * kChunk ? n * kChunk : 0);
     }
     for (std::size_t i = 0; i < n; ++i) {
-      if (!in_one_piece) {
-        readColumn(inputs, static_cast<py::ssize_t>(i), begin, count, columns[i]);
+      if (in_columns) {
+        columns[i] = reinterpret_cast<const double*>(inputs.data() + static_cast<py::ssize_t>(i) *
+                                                                         inputs.columnStride()) +
+                     begin;
+      } else if (!in_rows) {
+        readColumn(inputs, static_cast<py::ssize_t>(i), begin, count, copies[i]);
       }
       const model::Range& limits = arm.actuator(static_cast<int>(i)).limits;
       if (countOutside(columns[i], count, limits.lower, limits.upper) > 0) {
@@ -56,8 +72,9 @@ void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::
       }
     }
     model::batchTips(arm, columns.data(), count, x, y, z);
-    joinRows(x, y, z, count, out + 3 * begin);
+    joinRows(x, y, z, count, past_caches, out + 3 * begin);
   }
+  if (past_caches) finishRows();
 }
 
 void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,

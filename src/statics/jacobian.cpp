@@ -18,7 +18,7 @@ using lie::Vector6;
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 constexpr int kStiffnessEntries = 3;
 // A motion that costs less than this fraction of another one is free of cost.
-constexpr double kRounding = 1e-9;
+constexpr double kFreeOfCost = 1e-9;
 
 ShapeDerivative emptyDerivative(int sections, int columns, double value) {
   return {Eigen::MatrixXd::Constant(6, columns, value),
@@ -72,7 +72,7 @@ Vector6 entriesOf(int component) {
 }
 
 bool costsNothing(const Eigen::MatrixXd& motions, double scale) {
-  return motions.cols() == 0 || motions.cwiseAbs().maxCoeff() <= kRounding * scale;
+  return motions.cols() == 0 || motions.cwiseAbs().maxCoeff() <= kFreeOfCost * scale;
 }
 
 // From A g = D l: A dg = sum Ad_i^-T dK_i (l_i e1 - Ad_i^-1 g), where A keeps its rank.

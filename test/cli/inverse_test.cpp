@@ -171,7 +171,7 @@ TEST(Inverse, AQuaternionMustBeOfUnitNorm) {
 
 TEST(Inverse, WrongTargetsAndOptionsAreRefused) {
   const std::string scene = "spatial_50";
-  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose or --twist");
+  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose, --twist or --targets");
   expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--twist", "1,0,0,0,0,0"}),
                     "give exactly one target");
   expectCallerError(inverse(scene, {"--tip", "0.3,0"}), "--tip has 2 values; expected 3");
@@ -226,7 +226,7 @@ TEST(Inverse, RowsOfATableAreAsSingleCalls) {
   EXPECT_EQ(rows[1], inverse("helical_50", {"--tip", commaList(b)}).json());
   EXPECT_EQ(rows[2]["status"], "unreachable");
   expectCallerError(inverse("helical_50", {"--targets", table.path(), "--tip", "1,2,3"}),
-                    "give exactly one of --tip");
+                    "give exactly one target");
   const TemporaryFile without("x_m,y_m\n1,2\n", ".csv");
   expectCallerError(inverse("helical_50", {"--targets", without.path()}), "has no column z_m");
 }

@@ -17,7 +17,7 @@ using lie::Vector6;
 
 // The required agreement with differences, relative to the largest entry of the same unit.
 constexpr double kAnalytic = 1e-8;
-constexpr double kUnderLoad = 1e-5;
+constexpr double kUnderLoad = 1e-6;
 constexpr double kAngle = 3e-2;  // of the outermost differences: sixth power 1e-9 / 140 [rad]
 
 struct There {
