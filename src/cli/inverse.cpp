@@ -201,7 +201,8 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
 int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty() +
                       !arguments.targets.empty();
-  if (targets != 1) throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
+  if (targets != 1)
+    throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
