@@ -116,8 +116,8 @@ struct InverseAnswer {
   Eigen::Index history_rows = 0;
 };
 
-json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
-                const statics::Solution& reached) {
+json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
+                const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
@@ -138,8 +138,8 @@ json reportJson(const io::Scene& scene, const statics::TierSetting& tier, const 
   return document;
 }
 
-CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
-                     const statics::Solution& reached) {
+CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseAnswer& answer, const statics::Solution& reached) {
   const InverseResult& result = answer.result;
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
@@ -221,7 +221,8 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
 int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty() +
                       !arguments.targets.empty();
-  if (targets != 1) throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
+  if (targets != 1)
+    throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
