@@ -171,7 +171,8 @@ TEST(Inverse, AQuaternionMustBeOfUnitNorm) {
 
 TEST(Inverse, WrongTargetsAndOptionsAreRefused) {
   const std::string scene = "spatial_50";
-  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose, --twist or --targets");
+  expectCallerError(inverse(scene, {}),
+                    "give exactly one target: --tip, --pose, --twist or --targets");
   expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--twist", "1,0,0,0,0,0"}),
                     "give exactly one target");
   expectCallerError(inverse(scene, {"--tip", "0.3,0"}), "--tip has 2 values; expected 3");
