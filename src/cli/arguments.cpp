@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
 
 namespace helix_arm::cli {
@@ -82,6 +83,20 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
     overrides.push_back({text.substr(0, equals), text.substr(equals + 1)});
   }
   return overrides;
+}
+
+CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
+                      const std::string& what) {
+  CLI::Option* const out = command.add_option(option, scene, what + ", or name of a shipped scene");
+  const auto resolve = [](std::string& given) -> std::string {
+    try {
+      given = io::scenePath(given);
+      return {};
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  return out->transform(CLI::Validator(resolve, ""));
 }
 
 io::Scene loadScene(const std::string& path, const GlobalOptions& global) {

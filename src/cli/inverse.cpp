@@ -191,7 +191,7 @@ Subcommand addInverse(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
   const auto arguments = std::make_shared<InverseArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_option("--tip", arguments->tip, "wanted tip position [m]: x,y,z");
   command->add_option("--pose", arguments->pose,
                       "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");

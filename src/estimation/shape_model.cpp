@@ -104,7 +104,7 @@ ShapeThere ShapeModel::unloaded(int a, const Eigen::VectorXd& lengths, int scale
           maps_[a][k].col(j) * l[j];
     }
   }
-  out.shape = twists;
+  out.shape = model::shapeOf(arm, twists);
   return out;
 }
 

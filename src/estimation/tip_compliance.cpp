@@ -150,6 +150,10 @@ Eigen::MatrixXd TipCompliance::Workspace::compute(const ForcePlace& place) {
   with.points.push_back({});
   with.points.back().section = place.section;
   with.points.back().s = place.s;
+  const int last = corrected.arm().sectionCount() - 1;
+  if (place.section == last && place.s == 1.0) {
+    with.points.back().offset = corrected.arm().link(last).translation;
+  }
   for (int axis = 0; axis < 3; ++axis) {
     std::optional<Eigen::VectorXd> ends[2];
     for (const int side : {0, 1}) {

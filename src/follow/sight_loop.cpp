@@ -32,12 +32,12 @@ constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 constexpr int kMostErrors = 512;  // of pictures
 
-lie::SE3 tipOf(const Target& target) {
+lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
   if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
     return {Eigen::Matrix3d::Identity(), *position};
   }
   if (const auto* pose = std::get_if<lie::SE3>(&target)) return *pose;
-  return model::tipPose(std::get<model::Twists>(target));
+  return arm.tipOf(std::get<model::Twists>(target));
 }
 
 estimation::ArmFilterOptions watchOptions(const SightLoopConfig& config) {
@@ -171,7 +171,7 @@ lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
       observer.started() ? tipAt(observer.newest().pressure) : std::optional<lie::SE3>();
   lie::SE3 out = predicted.value_or(unknown);
   if (!target || (predicted && !reaches)) return out;
-  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target);
+  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
   out.translation = std::get<Eigen::Vector3d>(*target);
   return out;
 }
@@ -240,7 +240,7 @@ void SightLoop::Workspace::compare(double stamp, double now, const model::Twists
   error.reset();
   const auto place = wanted.before(stamp);
   if (!place) return;
-  error = (model::tipPose(twists).translation - *place).norm();
+  error = (arm.tipOf(twists).translation - *place).norm();
   if (stamp <= aimed_at) return;  // says nothing of the present target
   errors.add(now, *error);
   const auto earlier = errors.before(now - kDivergingTime);
@@ -349,7 +349,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.commands) {
     w.moveWanted(dt);
     w.command();
-    w.turn.wanted = tipOf(*w.target);
+    w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
     w.aim.startAt(w.observer.newest().pressure);
@@ -375,8 +375,8 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   w.estimated.set(w.tracker.correction());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
-  const Eigen::Matrix3d tip_covariance =
-      estimation::tipCovariance(twists, w.tracker.twistCovariance(now - stamp));
+  const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
+      model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.tip_deviation = std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
   if (w.tracks(now)) w.learn();

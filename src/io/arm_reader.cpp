@@ -1,5 +1,6 @@
 #include "arm_reader.hpp"
 
+#include <cmath>
 #include <stdexcept>
 
 #include "pose_reader.hpp"
@@ -14,15 +15,35 @@ lie::SE3 readBase(const MapReader& arm, const Value& value, FaultList& faults) {
   return readPose(MapReader(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults), kFinite);
 }
 
-model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
+// Pose of the tip, seen from the end of the last section's plate.
+lie::SE3 readTool(const MapReader& arm, const Value& value, bool planar, FaultList& faults) {
+  const Value* given = value.find("tool");
+  if (given == nullptr) return {};
+  const MapReader keys(*given, arm.path("tool"), {"position_m", "rpy_deg"}, faults);
+  const lie::SE3 X = readPose(keys, kCoordinate);
+  if (planar && X.translation.z() != 0) {
+    keys.complain("position_m", "leaves the plane; expected z = 0 in a planar arm");
+  }
+  if (planar && std::abs(X.rotation(2, 2) - 1.0) > 0) {
+    keys.complain("rpy_deg", "leaves the plane; expected roll and pitch 0 in a planar arm");
+  }
+  return X;
+}
+
+lie::SE2 inPlane(const lie::SE3& X) {
+  return {X.rotation.topLeftCorner<2, 2>(), X.translation.head<2>()};
+}
+
+model::PlanarArm planarArm(const std::vector<model::Section>& sections, const lie::SE3& tool) {
   std::vector<model::PlanarSection> planar(sections.size());
   for (std::size_t k = 0; k < sections.size(); ++k) {
     for (const model::Actuator& a : sections[k].actuators) {
-      const lie::SE2 X_O{a.X_O.rotation.topLeftCorner<2, 2>(), a.X_O.translation.head<2>()};
-      planar[k].actuators.push_back({a.name, X_O, a.stiffness, a.contraction, a.limits, a.drive});
+      planar[k].actuators.push_back(
+          {a.name, inPlane(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
     }
+    planar[k].plate = sections[k].plate;
   }
-  return model::PlanarArm(std::move(planar));
+  return model::PlanarArm(std::move(planar), inPlane(tool));
 }
 
 // Of each section [N]; missing values are faults under load.
@@ -54,14 +75,15 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
                                 FaultList& faults) {
   const Value* value = scene.required("arm", "a map");
   if (value == nullptr) return std::nullopt;
-  const MapReader arm(*value, scene.path("arm"), {"geometry", "base", "stiffness", "sections"},
-                      faults);
+  const MapReader arm(*value, scene.path("arm"),
+                      {"geometry", "base", "stiffness", "sections", "tool"}, faults);
   const std::size_t faults_before = faults.count();
   const auto geometry = arm.choice("geometry", {"planar", "spatial"});
   const lie::SE3 X_WB = readBase(arm, *value, faults);
   ArmContext context{
       geometry == "planar", readStiffness(arm, *value, {}, faults), contractions, faults, {}, {}};
 
+  const lie::SE3 tool = readTool(arm, *value, context.planar, faults);
   std::vector<SectionParts> parts;
   const std::vector<Value::Entry>* entries = arm.list("sections");
   if (entries == nullptr) return std::nullopt;
@@ -84,8 +106,8 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   }
   try {
     std::optional<model::PlanarArm> planar;
-    if (context.planar) planar = planarArm(sections);
-    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections));
+    if (context.planar) planar = planarArm(sections, tool);
+    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections), tool);
     return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
                     std::move(K_eps)};
   } catch (const std::invalid_argument& error) {

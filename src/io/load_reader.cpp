@@ -106,7 +106,11 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
         readPull(MapReader(*tip, keys.path("tip"),
                            {"mass_kg", "position_m", "force_n", "moment_nm"}, faults),
                  R_BW));
-    load.points.back().section = arm == nullptr ? 0 : arm->arm.sectionCount() - 1;
+    if (arm != nullptr) {
+      statics::PointLoad& point = load.points.back();
+      point.section = arm->arm.sectionCount() - 1;
+      point.offset = arm->arm.link(point.section) * point.offset;
+    }
   }
   const std::vector<Value::Entry>* points = keys.has("points") ? keys.list("points") : nullptr;
   for (std::size_t i = 0; points != nullptr && i < points->size(); ++i) {

@@ -26,6 +26,9 @@ const NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 const NumberRule kTilt{"an angle above -90 and below 90",
                        [](double x) { return std::abs(x) < 90; }};
 
+const NumberRule kPhase = within(kFinite, -360, 360, " degrees");
+const NumberRule kPlate = within(kNotNegative, 0, 10, " m");
+
 // Keys of an actuator except its pose.
 struct Fitting {
   const NamedContraction* contraction = nullptr;
@@ -111,13 +114,17 @@ void claimName(const MapReader& keys, const std::optional<std::string>& name, Ar
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
               ArmContext& arm, model::Section& section) {
   const MapReader ring(value, path,
-                       {"count", "radius_m", "tilt_deg", "contraction", "length_scale",
+                       {"count", "radius_m", "phase_deg", "tilt_deg", "contraction", "length_scale",
                         "min_pressure_kpa", "max_pressure_kpa"},
                        arm.faults);
   const auto count = ring.integer("count", 1, model::kMaxActuators);
   const auto radius = ring.number("radius_m", kLength);
   const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
+  const double phase_deg = ring.number("phase_deg", kPhase, 0.0);
   const Fitting fitting = readFitting(ring, arm);
+  if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
+    ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
+  }
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
@@ -126,7 +133,7 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   const std::vector<double> scales =
       readLengthScales(ring, value, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
-    const double th = 2 * basics::kPi * i / static_cast<double>(*count);
+    const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
     lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
                  *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
     // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
@@ -213,7 +220,7 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
 SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {
   SectionParts parts;
   const MapReader keys(value, path,
-                       {"name", "stiffness", "ring", "actuators", "separators",
+                       {"name", "stiffness", "ring", "actuators", "plate_m", "separators",
                         "separator_radius_m", "muscle_radius_m"},
                        arm.faults);
   const auto name = keys.word("name");
@@ -226,6 +233,7 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
   look.separator_radius = keys.number("separator_radius_m", kLength, look.separator_radius);
   look.muscle_radius = keys.number("muscle_radius_m", kLength, look.muscle_radius);
 
+  parts.section.plate = keys.number("plate_m", kPlate, 0.0);
   const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
   parts.K_eps_given = stiffness.K_eps_given;
   parts.K_eps = stiffness.K_eps;

@@ -1,6 +1,7 @@
 #include "helix_arm/model/arm.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -21,6 +22,32 @@ void requireStiffness(const Stiffness& stiffness, const std::string& who) {
   }
 }
 
+// Null if nothing is rigid.
+template <class Group>
+std::shared_ptr<const LinksOf<Group>> linksOf(const std::vector<SectionOf<Group>>& sections,
+                                              const Group& tool) {
+  LinksOf<Group> links;
+  bool any = false;
+  for (const SectionOf<Group>& section : sections) {
+    if (!(std::isfinite(section.plate) && section.plate >= 0)) {
+      std::ostringstream message;
+      message << "section " << links.size() + 1 << ": its plate is " << section.plate
+              << " m long; expected a finite value >= 0";
+      throw std::invalid_argument(message.str());
+    }
+    any = any || section.plate > 0;
+    links.emplace_back();
+    links.back().translation.x() = section.plate;
+  }
+  if (!tool.rotation.allFinite() || !tool.translation.allFinite()) {
+    throw std::invalid_argument("the pose of the tool is not finite");
+  }
+  any = any || !tool.rotation.isIdentity(0) || !tool.translation.isZero(0);
+  if (!any) return nullptr;
+  links.back() = links.back() * tool;
+  return std::make_shared<const LinksOf<Group>>(std::move(links));
+}
+
 }  // namespace
 
 template <>
@@ -36,11 +63,13 @@ lie::SE2::Tangent Stiffness::diagonal<lie::SE2>() const {
 }
 
 template <class Group>
-ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
+ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool) : tool_(tool) {
   if (sections.empty() || sections.size() > kMaxSections) {
     throw std::invalid_argument("the arm has " + std::to_string(sections.size()) +
                                 " sections; expected 1 to " + std::to_string(kMaxSections));
   }
+  links_ = linksOf(sections, tool);
+  for (const SectionOf<Group>& section : sections) plates_.push_back(section.plate);
   for (std::size_t k = 0; k < sections.size(); ++k) {
     const std::string where = "section " + std::to_string(k + 1) + ": ";
     std::vector<Strand<Group>> strands;
@@ -82,8 +111,9 @@ ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
       sections[k].actuators.push_back(actuators_[i]);
       sections[k].actuators.back().stiffness = stiffnessOf(actuators_[i].stiffness);
     }
+    sections[k].plate = plates_[k];
   }
-  return ArmOf(std::move(sections));
+  return ArmOf(std::move(sections), tool_);
 }
 
 template <class Group>
@@ -210,7 +240,21 @@ template <class Group>
 Group ArmOf<Group>::tip(const InputRef& q) const {
   check(q);
   Group X = Group::exp(sectionTwist(q, 0));
-  for (int k = 1; k < sectionCount(); ++k) X = X * Group::exp(sectionTwist(q, k));
+  if (links_) X = X * (*links_)[0];
+  for (int k = 1; k < sectionCount(); ++k) {
+    X = X * Group::exp(sectionTwist(q, k));
+    if (links_) X = X * (*links_)[k];
+  }
+  return X;
+}
+
+template <class Group>
+Group ArmOf<Group>::tipOf(const Twists& twists) const {
+  Group X;
+  for (int k = 0; k < sectionCount(); ++k) {
+    X = X * Group::exp(twists.col(k));
+    if (links_) X = X * (*links_)[k];
+  }
   return X;
 }
 
@@ -225,8 +269,9 @@ Arm embed(const PlanarArm& arm) {
       sections[k].actuators.push_back(
           {a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
     }
+    sections[k].plate = arm.plate(k);
   }
-  return Arm(std::move(sections));
+  return Arm(std::move(sections), lie::embed(arm.tool()));
 }
 
 Twists embed(const PlanarTwists& twists) {

@@ -74,7 +74,7 @@ void checkMounting(const io::Scene& scene, const UnrolledTag& tag, std::vector<F
 }
 
 void checkOverlaps(const io::Scene& scene, std::vector<Finding>& findings) {
-  const model::Shape rest = scene.arm.twists(scene.arm.inputAt(0));
+  const model::Shape rest = model::shapeOf(scene.arm, scene.arm.twists(scene.arm.inputAt(0)));
   const std::vector<lie::SE3> poses = estimation::tagPoses(*scene.tags, rest);
   const double pitch = kLeastPitch * scene.tags->size;
   for (std::size_t i = 0; i < poses.size(); ++i) {

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "helix_arm/basics/number_requirement.hpp"
-#include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::simulation {
 namespace {
@@ -80,7 +79,7 @@ void Lockstep::deliver() {
     const auto sighting = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                               next.shape.covariance, next.shape.tags);
     ++(sighting.accepted() ? accepted_ : refused_);
-    measured_ = MeasuredTip{next.stamp, model::tipPose(next.shape.twists)};
+    measured_ = MeasuredTip{next.stamp, parts_.model.arm().tipOf(next.shape.twists)};
     waiting_.pop_front();
   }
 }

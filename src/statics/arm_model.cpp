@@ -84,7 +84,7 @@ TipResponse ArmModel::tipResponse(const Eigen::VectorXd& lengths) const {
 
 model::Shape startingShape(const ArmModel& model, const Solution& solution,
                            const model::InputRef& q) {
-  return solution.converged() ? solution.shape : model::Shape(model.arm().twists(q));
+  return solution.converged() ? solution.shape : model::shapeOf(model.arm(), model.arm().twists(q));
 }
 
 }  // namespace helix_arm::statics

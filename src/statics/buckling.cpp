@@ -21,6 +21,8 @@ double bucklingBound(const model::ArmOf<Group>& arm, const Load& load) {
     size += l;
     bend[k + 1] = bend[k] + own[k];
     sway[k + 1] = sway[k] + l * (bend[k] + 0.5 * own[k]);
+    // A link turns with the end of its section.
+    if (arm.links()) sway[k + 1] += arm.link(k).translation.norm() * bend[k + 1];
   }
   const auto byForce = [&](int k, double s) {
     return sway[k] + arm.freeLength(k) * s * (bend[k] + 0.5 * s * own[k]) + shear / size;

@@ -85,7 +85,7 @@ const Eigen::VectorXd& CorrectedModel::scaled(const Eigen::VectorXd& lengths) co
 
 std::optional<model::Shape> CorrectedModel::shape(const Eigen::VectorXd& lengths) const {
   if (!loaded_) {
-    return model::Shape(model::Twists(arm_.twistsOfLengths(scaled(lengths)) + correction_.offset));
+    return model::shapeOf(arm_, arm_.twistsOfLengths(scaled(lengths)) + correction_.offset);
   }
   const Solution solution = loaded_->solveLengths(scaled(lengths));
   if (!solution.converged()) return std::nullopt;
@@ -97,7 +97,7 @@ bool CorrectedModel::tipByLengths(const Eigen::VectorXd& lengths, lie::SE3& tip,
   by_lengths.resize(6, lengths.size());
   if (!loaded_) {
     const model::Twists twists = arm_.twistsOfLengths(scaled(lengths)) + correction_.offset;
-    tip = model::tipPose(twists);
+    tip = arm_.tipOf(twists);
     forTipMotions(arm_, twists, [&](int i, const lie::Vector6& motion) {
       by_lengths.col(i) = correction_.length_scale[i] * motion;
     });

@@ -117,6 +117,9 @@ ExactArm::Statics::Trace ExactArm::Statics::trace(const Reached& reached,
       visit(lie::SE3{Flow<0>::rotation(y), y.segment<3>(7)}, Vector3d(y.tail<3>()));
       ++next;
     }
+    if (const lie::SE3* link = rod_.linkAfter(static_cast<int>(j))) {
+      y.segment<3>(7) += Flow<0>::rotation(y) * link->translation;
+    }
   }
   return out;
 }
@@ -126,7 +129,7 @@ model::Shape ExactArm::Statics::unloadedShape(const model::Twists& unloaded) con
   model::Shape::Pieces pieces(6, unloaded.cols() * per_section);
   for (int j = 0; j < pieces.cols(); ++j)
     pieces.col(j) = unloaded.col(j / per_section) / per_section;
-  return model::Shape(pieces, per_section);
+  return model::Shape(pieces, per_section, rod_.links());
 }
 
 void ExactArm::Statics::check(const model::Twists& unloaded) const {
@@ -141,6 +144,7 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
   solution.shape = unloadedShape(unloaded);
   for (int k = 0; k < unloaded.cols(); ++k) {
     solution.tip = solution.tip * lie::SE3::exp(unloaded.col(k));
+    if (rod_.links()) solution.tip = solution.tip * (*rod_.links())[k];
   }
   if (empty_) return solution;
 
@@ -170,6 +174,9 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
         pieces.col(piece++) = twistNear(X_start.inverse() * X, turned - turned_start);
         X_start = X;
         turned_start = turned;
+        if (rod_.links() && piece % per_section == 0) {
+          X_start = X * (*rod_.links())[piece / per_section - 1];
+        }
       });
   if (!found.finite || !pieces.allFinite()) {
     solution.status = SolveStatus::kNotConverged;
@@ -177,7 +184,7 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
     return solution;
   }
   if (!found.supported) solution.status = SolveStatus::kUnsupported;
-  solution.shape = model::Shape(pieces, per_section);
+  solution.shape = model::Shape(pieces, per_section, rod_.links());
   solution.tip = X_start;
   return solution;
 }
@@ -194,7 +201,11 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::T
   std::vector<model::CurvePoint<lie::SE3>> out;
   out.reserve(count);
   const Trace found = trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&) {
-    out.push_back({stops[out.size()], X});
+    const double s = stops[out.size()];
+    const int k = static_cast<int>(s);
+    // Where two sections meet, the curve continues beyond the link.
+    const bool joint = rod_.links() && k > 0 && k < sections && s == k;
+    out.push_back({s, joint ? X * (*rod_.links())[k - 1] : X});
   });
   return found.finite ? out : model::sampleCurve(solve(unloaded).shape, count);
 }

@@ -25,6 +25,18 @@ int Load::innerPlaces() const {
   return static_cast<int>(places.size());
 }
 
+Load Load::atEnds(const model::Links* links) const {
+  Load out = *this;
+  if (links == nullptr) return out;
+  for (PointLoad& point : out.points) {
+    if (point.s > 0 || point.section == 0) continue;
+    --point.section;
+    point.s = 1.0;
+    point.offset = (*links)[point.section] * point.offset;
+  }
+  return out;
+}
+
 void Load::validate(int sections) const {
   const auto check = [](bool holds, const char* what, double value, const char* rule) {
     basics::requireValue(holds, "load", what, value, rule);

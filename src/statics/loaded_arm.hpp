@@ -39,15 +39,26 @@ inline auto withNodes(int order, const F& f) {
   }
 }
 
+inline std::shared_ptr<const model::Links> linksInSpace(const model::Arm& arm) {
+  return arm.links();
+}
+inline std::shared_ptr<const model::Links> linksInSpace(const model::PlanarArm& arm) {
+  return model::embed(arm).links();
+}
+
 template <class Group>
 LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load, int order)
-    : order_(order), load_(load), size_(arm.restLength()) {
+    : order_(order),
+      load_(load.atEnds(linksInSpace(arm).get())),
+      links_(arm.links()),
+      links_in_space_(linksInSpace(arm)),
+      size_(arm.restLength()) {
   basics::requireValue(order >= kLeastOrder && order <= kMostOrder, "loaded tier", "the order",
                        order, "2 to 8");
   const int sections = arm.sectionCount();
   load.validate(sections);
   std::set<double> cuts;  // s over the whole arm
-  for (const PointLoad& point : load.points) {
+  for (const PointLoad& point : load_.points) {
     if (point.s > 0 && point.s < 1) cuts.insert(point.section + point.s);
   }
   basics::requireValue(load.innerPlaces() <= kMaxInnerPoints, "load.points",
@@ -58,11 +69,12 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
   for (auto begin = cuts.begin(), end = std::next(begin); end != cuts.end(); ++begin, ++end) {
     const int section = std::min(static_cast<int>(*begin), sections - 1);
     Element element{section, *begin - section, *end - *begin, {}};
-    for (std::size_t p = 0; p < load.points.size(); ++p) {
-      if (load.points[p].section + load.points[p].s == *end) {
+    for (std::size_t p = 0; p < load_.points.size(); ++p) {
+      if (load_.points[p].section + load_.points[p].s == *end) {
         element.points.push_back(static_cast<int>(p));
       }
     }
+    element.linked = links_ != nullptr && *end == section + 1;
     elements_.push_back(std::move(element));
   }
   for (int k = 0; k < sections; ++k) {

@@ -157,8 +157,11 @@ class LoadedArmOf<Group>::Relaxation {
           lie::inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
       pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
       before = X;
+      if (arm_.links_in_space_ && (piece + 1) % kLoadedPieces == 0) {
+        before = before * (*arm_.links_in_space_)[piece / kLoadedPieces];
+      }
     }
-    return {pieces, kLoadedPieces};
+    return {pieces, kLoadedPieces, arm_.links_in_space_};
   }
 
   // The curve at evenly spaced s, including base and tip.
@@ -212,13 +215,15 @@ class LoadedArmOf<Group>::Relaxation {
         farthest_ = std::max(farthest_, z.col(j).template tail<Group::kRotations>().norm());
       }
       X = X * Group::exp(u * rule_.weights()) * Group::exp(twist_[e]);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
 
     Tangent W = Tangent::Zero();  // of all loads beyond, about the base's origin
     for (int e = count_ - 1; e >= 0; --e) {
       const Element& element = arm_.elements_[e];
-      const Group& end = e + 1 < count_ ? start_[e + 1] : tip_;
+      const Group& next = e + 1 < count_ ? start_[e + 1] : tip_;
+      const Group end = element.linked ? next * linkAfter(e).inverse() : next;
       for (const int p : element.points) {
         const PointLoad& point = load_.points[p];
         const Point force = within<Group>(load_.forceOf(point));
@@ -245,6 +250,8 @@ class LoadedArmOf<Group>::Relaxation {
     pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
             W.template tail<Group::kRotations>().norm();
   }
+
+  const Group& linkAfter(int e) const { return (*arm_.links_)[arm_.elements_[e].section]; }
 
   static void add(const Point& force, const Moment<Group>& moment, Tangent& W) {
     W.template head<Group::kSpace>() += force;
@@ -311,6 +318,7 @@ class LoadedArmOf<Group>::Relaxation {
       start_[e] = X;
       X = X * Group::exp(rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights()) *
           Group::exp(twist_[e]);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
   }

@@ -19,7 +19,9 @@ constexpr double kLeastMoment = 1e-300;  // unit of moments on an arm without lo
 
 }  // namespace
 
-Rod::Rod(const model::Arm& arm, const Load& load, double tolerance) : tolerance_(tolerance) {
+Rod::Rod(const model::Arm& arm, const Load& given, double tolerance)
+    : tolerance_(tolerance), links_(arm.links()) {
+  const Load load = given.atEnds(links_.get());
   const int sections = arm.sectionCount();
   double bend = 0.0;
   for (int k = 0; k < sections; ++k) {

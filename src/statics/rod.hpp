@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
@@ -16,6 +17,13 @@ class Rod {
   Rod(const model::Arm& arm, const Load& load, double tolerance);
 
   int sections() const { return static_cast<int>(laws_.size()); }
+  /// Null without links.
+  const std::shared_ptr<const model::Links>& links() const { return links_; }
+  /// The link after segment j; null if the next segment begins where this one ends.
+  const lie::SE3* linkAfter(int j) const {
+    const Segment& segment = segments_[j];
+    return links_ && segment.end == 1.0 ? &(*links_)[segment.section] : nullptr;
+  }
   /// From the base to the tip.
   const std::vector<Segment>& segments() const { return segments_; }
   int segmentCount() const { return static_cast<int>(segments_.size()); }
@@ -38,6 +46,7 @@ class Rod {
   double tolerance_;
   std::vector<SectionLaw> laws_;
   std::vector<Segment> segments_;
+  std::shared_ptr<const model::Links> links_;
   double size_ = 0.0;  // length of the arm [m]
   double force_scale_ = 0.0;
   double moment_scale_ = 0.0;

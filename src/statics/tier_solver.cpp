@@ -69,7 +69,8 @@ Solution TierSolver::solveFrom(const Unloaded& unloaded) const {
   if (loaded_) return loaded_->solve(unloaded(arm_));
   if (exact_) return exact_->solve(unloaded(arm_));
   Solution solution;
-  solution.shape = plane_ != nullptr ? model::embed(unloaded(*plane_)) : unloaded(arm_);
+  solution.shape =
+      model::shapeOf(arm_, plane_ != nullptr ? model::embed(unloaded(*plane_)) : unloaded(arm_));
   solution.tip = model::tipPose(solution.shape);
   return solution;
 }
@@ -86,8 +87,8 @@ Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
     return {found.tip, found.status, found.residual, found.iterations};
   }
   Tip found;
-  found.tip = plane_ != nullptr ? lie::embed(model::tipPose(unloaded(*plane_)))
-                                : model::tipPose(unloaded(arm_));
+  found.tip =
+      plane_ != nullptr ? lie::embed(plane_->tipOf(unloaded(*plane_))) : arm_.tipOf(unloaded(arm_));
   return found;
 }
 

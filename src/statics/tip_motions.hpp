@@ -10,9 +10,11 @@ namespace helix_arm::statics {
 template <class Group, class Take>
 void forTipMotions(const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists,
                    const Take& take) {
-  // A change of section k's twist moves the tip by Ad(X_{k+1} .. X_n)^-1 Jr(g_k).
+  // A change of section k's twist moves the tip by Ad(X_link,k X_{k+1} .. X_n)^-1 Jr(g_k).
   Group after;
+  const auto& links = arm.links();
   for (int k = arm.sectionCount() - 1; k >= 0; --k) {
+    if (links) after = (*links)[k] * after;
     const typename Group::Matrix body =
         after.inverse().adjoint() * Group::rightJacobian(twists.col(k));
     const auto& map = arm.equilibrium(k).map;

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "support/emulated_regulator.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -63,6 +64,35 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
   ASSERT_FALSE(finding.is_null()) << outcome.out;
   EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
   EXPECT_TRUE(outcome.json()["probed"]);
+}
+
+// What a probe says of an emulated device with this fault.
+json probed(EmulatedRegulator::Line line, simulation::DeviceFault fault) {
+  EmulatedRegulator device(line);
+  device.setFault(fault);
+  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json"});
+  const bool sound = fault == simulation::DeviceFault::kNone;
+  EXPECT_EQ(outcome.exit_code, sound ? 0 : 1) << outcome.out << outcome.err;
+  return outcome.json();
+}
+
+TEST(Check, AReplyThatMakesNoSenseIsNamed) {
+  const auto serial = EmulatedRegulator::Line::kSerial;
+  EXPECT_TRUE(findingOf(probed(serial, simulation::DeviceFault::kNone), "bad_reply").is_null());
+  const json finding = findingOf(probed(serial, simulation::DeviceFault::kWrongUnit), "bad_reply");
+  ASSERT_FALSE(finding.is_null());
+  EXPECT_EQ(finding["severity"], "fault");
+  EXPECT_NE(finding["culprit"].get<std::string>().find("ascii_serial"), std::string::npos);
+  EXPECT_EQ(finding["remedy"], "check the profile of the regulator");
+}
+
+TEST(Check, AChannelWithoutReadingIsNamed) {
+  const auto modbus = EmulatedRegulator::Line::kModbus;
+  EXPECT_TRUE(findingOf(probed(modbus, simulation::DeviceFault::kNone), "no_reading").is_null());
+  const json finding = findingOf(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
+  ASSERT_FALSE(finding.is_null());
+  EXPECT_EQ(finding["severity"], "fault");
+  EXPECT_EQ(finding["culprit"], "muscle_1");
 }
 
 TEST(Check, WithoutARegulatorThereIsNothingToProbe) {

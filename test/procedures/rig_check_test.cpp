@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/temporary_file.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
@@ -105,6 +107,36 @@ TEST(RigCheck, TheRegulatorIsHeldAgainstTheLimits) {
   EXPECT_EQ(watchdog[0].value, "it vents by itself 0.5 s after the last line");
 }
 
+TEST(RigCheck, ASupplyThatMayBeTooLowForTheLimitsIsNamed) {
+  expectFinding("demo_modbus", {{"safety.min_supply_kpa", "299"}}, "min_supply", Severity::kWarning,
+                "safety.min_supply_kpa", "it is 299 kPa, below the limit of muscle_1, 300 kPa");
+  EXPECT_TRUE(
+      found(sceneOf("demo_modbus", {{"safety.min_supply_kpa", "300"}}), "min_supply").empty());
+}
+
+TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
+  const auto upTo = [](const std::string& counts) {
+    return test::TemporaryFile("modbus_tcp: {count_pa: 100, highest_count: " + counts +
+                               ", outputs: {first: 10, stride: 1, pressure: 0}, inputs: {first: "
+                               "100, stride: 1, pressure: 0, registers: holding}}\n");
+  };
+  const auto weak = upTo("2999"), strong = upTo("3000");
+  expectFinding("demo_modbus", {{"regulator.modbus_tcp.profile", weak.path()}}, "device_range",
+                Severity::kFault, "modbus_tcp 127.0.0.1:1502",
+                "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
+  EXPECT_TRUE(found(sceneOf("demo_modbus", {{"regulator.modbus_tcp.profile", strong.path()}}),
+                    "device_range")
+                  .empty());
+}
+
+TEST(RigCheck, ALoadThatBucklesTheArmIsNamed) {
+  expectFinding("loaded",
+                {{"load.mass_kg", "1"},
+                 {"arm.stiffness.K_eps_n", "200"},
+                 {"arm.base.rpy_deg", "[0, -90, 0]"}},
+                "load_unbalanced", Severity::kWarning, "load", "no shape balances it in ");
+}
+
 TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   const RigCheck check = checkRig(sceneOf("demo_serial"), 10);
   EXPECT_FALSE(check.sight);
@@ -112,6 +144,13 @@ TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   for (const char* const name : {"no_tags", "no_camera"}) {
     EXPECT_EQ(found(sceneOf("demo_serial"), name).size(), 1u) << name;
   }
+  const std::string text = io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo_serial.yaml");
+  const io::Scene still = io::sceneOfText(text.substr(0, text.find("\nregulator:") + 1), "still");
+  const auto findings = found(still, "no_regulator");
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings[0].severity, Severity::kNote);
+  EXPECT_EQ(findings[0].value, "scene demo_serial has none, so that nothing moves");
+  EXPECT_TRUE(found(sceneOf("demo_serial"), "no_regulator").empty());
 }
 
 TEST(RigCheck, FaultsComeFirst) {

@@ -62,7 +62,7 @@ model::Shape unevenShape() {
 }
 
 void expectRefusal(const ArmShape& msg, control::Fault fault, const std::string& part) {
-  const auto checked = fromMsg(msg, 2, "arm_base");
+  const auto checked = fromMsg(msg, arm, "arm_base");
   const auto* refusal = std::get_if<control::Refusal>(&checked);
   ASSERT_NE(refusal, nullptr) << part;
   EXPECT_EQ(refusal->fault, fault) << refusal->message;
@@ -94,7 +94,7 @@ TEST(Conversions, ALoadedShapeSurvivesTheRoundTrip) {
   for (int j = 0; j < 6; ++j) X = X * lie::SE3::exp(shape.pieces().col(j));
   EXPECT_LT((fromMsg(msg.tip).translation - X.translation).norm(), 1e-15);
 
-  const auto checked = fromMsg(msg, 2, "arm_base");
+  const auto checked = fromMsg(msg, arm, "arm_base");
   ASSERT_TRUE(std::holds_alternative<model::Shape>(checked));
   EXPECT_EQ(std::get<model::Shape>(checked).pieces(), shape.pieces());
   EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 3);
@@ -108,7 +108,7 @@ TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
   EXPECT_TRUE(msg.tier_reason.empty());
   for (const std::uint32_t pieces : {1U, 0U}) {
     msg.pieces = pieces;
-    const auto checked = fromMsg(msg, 2, "arm_base");
+    const auto checked = fromMsg(msg, arm, "arm_base");
     ASSERT_TRUE(std::holds_alternative<model::Shape>(checked)) << pieces;
     EXPECT_EQ(std::get<model::Shape>(checked).pieces(), twists);
     EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 1);

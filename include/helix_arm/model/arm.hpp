@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "helix_arm/model/actuator.hpp"
@@ -27,9 +28,17 @@ using PlanarTwists = TwistsOf<lie::SE2>;
 template <class Group>
 struct SectionOf {
   std::vector<ActuatorOf<Group>> actuators;
+  double plate = 0.0;  ///< rigid length beyond the section, along x of its end, >= 0 [m]
 };
 
-/// Sections in series, without load: X_tip = prod_k exp(g_k), each g_k = (A+ D)_k l_k (eq. 17).
+/// Rigid links of an arm, (sections): pose of what follows section k, seen from the end of its base
+/// curve. This is the start of the next section or, for the last section, the tip.
+template <class Group>
+using LinksOf = std::vector<Group>;
+using Links = LinksOf<lie::SE3>;
+
+/// Sections in series, without load: X_tip = prod_k exp(g_k) X_link,k, each g_k = (A+ D)_k l_k (eq.
+/// 17). A link is the section's plate; that of the last section is followed by the tool.
 ///
 /// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
 /// base, with x along the tangent there.
@@ -38,10 +47,11 @@ class ArmOf {
  public:
   using Twists = TwistsOf<Group>;
 
+  /// @param tool  pose of the tip, seen from the end of the last section's plate.
   /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 ..
   ///     kMaxSections sections, 1 .. kMaxActuators actuators each, limits inside the contraction's
-  ///     range, stiffness finite and >= 0.
-  explicit ArmOf(std::vector<SectionOf<Group>> sections);
+  ///     range, stiffness finite and >= 0, plates finite and >= 0, a finite tool.
+  explicit ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool = {});
 
   /// The same arm with this stiffness for every actuator.
   ArmOf withStiffness(const Stiffness& stiffness) const;
@@ -52,6 +62,14 @@ class ArmOf {
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
+  /// Null if the arm has neither plates nor a tool.
+  const std::shared_ptr<const LinksOf<Group>>& links() const { return links_; }
+  /// Length of the plate beyond section k [m].
+  double plate(int k) const { return plates_[k]; }
+  /// Pose of the tip, seen from the end of the last plate.
+  const Group& tool() const { return tool_; }
+  /// Link of section k.
+  Group link(int k) const { return links_ ? (*links_)[k] : Group(); }
 
   /// Twist of section k when every actuator has its rest length.
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
@@ -59,7 +77,7 @@ class ArmOf {
   /// Length of the base curve of section k when every actuator has its rest length [m].
   double restLength(int k) const { return rest_twists_[k].template head<Group::kSpace>().norm(); }
 
-  /// Length of the base curve of the whole arm in that state [m].
+  /// Length of the base curve of the whole arm in that state, without links [m].
   double restLength() const;
 
   /// Mean rest length of the actuators of section k [m]: the length l that converts strain, as a
@@ -92,6 +110,8 @@ class ArmOf {
 
   /// Pose of the tip at inputs q (n). Does not allocate. Throws as lengths() does.
   Group tip(const InputRef& q) const;
+  /// Pose of the tip with given twists (dof x sections).
+  Group tipOf(const Twists& twists) const;
 
  private:
   template <class StiffnessOf>
@@ -104,6 +124,9 @@ class ArmOf {
   std::vector<int> first_;
   std::vector<Equilibrium<Group>> equilibria_;
   std::vector<typename Group::Tangent> rest_twists_;
+  std::vector<double> plates_;
+  Group tool_;
+  std::shared_ptr<const LinksOf<Group>> links_;  // shared with shapes, which are copied often
 };
 
 using Arm = ArmOf<lie::SE3>;

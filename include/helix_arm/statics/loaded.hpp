@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
@@ -100,6 +101,7 @@ class LoadedArmOf {
     int section;
     double begin, length;     // in s of the section
     std::vector<int> points;  // indices of the point loads at its end
+    bool linked = false;      // whether a link follows
   };
   template <int kNodes>
   class Relaxation;
@@ -116,6 +118,8 @@ class LoadedArmOf {
   std::vector<typename Group::Matrix> compliance_;  // of each section
   std::vector<typename model::Equilibrium<Group>::Basis> null_space_;
   std::vector<Element> elements_;
+  std::shared_ptr<const model::LinksOf<Group>> links_;  // null without any
+  std::shared_ptr<const model::Links> links_in_space_;
   double size_ = 0.0;  // length scale of the arm [m]
   bool may_buckle_ = false;
 };
