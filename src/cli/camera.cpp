@@ -1,6 +1,7 @@
 #include <iostream>
 #include <memory>
 
+#include "arguments.hpp"
 #include "camera_actions.hpp"
 #include "helix_arm/vision/board_views.hpp"
 

@@ -76,13 +76,21 @@ json probed(EmulatedRegulator::Line line, simulation::DeviceFault fault) {
   return outcome.json();
 }
 
+// A profile that takes gauge readings for pressures above a vacuum of 200 kPa.
 TEST(Check, AReplyThatMakesNoSenseIsNamed) {
-  const auto serial = EmulatedRegulator::Line::kSerial;
-  EXPECT_TRUE(findingOf(probed(serial, simulation::DeviceFault::kNone), "bad_reply").is_null());
-  const json finding = findingOf(probed(serial, simulation::DeviceFault::kWrongUnit), "bad_reply");
-  ASSERT_FALSE(finding.is_null());
+  std::string text = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/festo_vtem.yaml");
+  const std::string key = "modbus_tcp:\n";
+  text.insert(text.find(key) + key.size(), "  atmosphere_kpa: 200\n");
+  const TemporaryFile profile(text);
+  const EmulatedRegulator device(EmulatedRegulator::Line::kModbus);
+  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json",
+                                      "--set", "regulator.modbus_tcp.profile=" + profile.path()});
+  EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+  const json finding = findingOf(outcome.json(), "bad_reply");
+  ASSERT_FALSE(finding.is_null()) << outcome.out;
   EXPECT_EQ(finding["severity"], "fault");
-  EXPECT_NE(finding["culprit"].get<std::string>().find("ascii_serial"), std::string::npos);
+  EXPECT_NE(finding["culprit"].get<std::string>().find(" at 127.0.0.1:"), std::string::npos);
+  EXPECT_NE(finding["value"].get<std::string>().find("atmosphere_kpa"), std::string::npos);
   EXPECT_EQ(finding["remedy"], "check the profile of the regulator");
 }
 
