@@ -26,6 +26,9 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+from source_commands import source_commands  # noqa: E402
+
 # Where the standard library's and pthread's mutexes are wrapped.
 WRAPPERS = ("include/helix_arm/basics/mutex.hpp", "include/helix_arm/regulator/priority_mutex.hpp")
 VOCABULARY = ("include/helix_arm/basics/thread_annotations.hpp",) + WRAPPERS
@@ -197,7 +200,7 @@ def main():
     arguments = parser.parse_args()
     root = arguments.root.resolve()
     try:
-        commands = json.loads(arguments.commands.read_text(encoding="utf-8"))
+        commands = source_commands(json.loads(arguments.commands.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
         print("thread_safety_test: %s is not the list of compiler calls: %s" % (arguments.commands, error), file=sys.stderr)
         return 2

@@ -18,7 +18,7 @@ using nlohmann::json;
 using procedures::CameraPlacing;
 
 constexpr int kWebcamPictures = 20;
-constexpr double kPerDegree = 180 / basics::kPi;
+constexpr double kDegrees = 180 / basics::kPi;
 
 struct Placed {
   const io::Scene& scene;
@@ -88,9 +88,9 @@ void printText(const Placed& result) {
             << "position_m: " << bracketed(place.position) << " +- " << std::fixed
             << std::setprecision(1) << 1e3 * errors.head(3).maxCoeff() << " mm\n"
             << "rpy_deg: " << bracketed(place.rpy_deg) << " +- " << std::setprecision(2)
-            << kPerDegree * errors.tail(3).maxCoeff() << " deg\n"
+            << kDegrees * errors.tail(3).maxCoeff() << " deg\n"
             << "from the scene's pose: " << std::setprecision(1) << 1e3 * placing.moved << " mm, "
-            << std::setprecision(2) << kPerDegree * placing.turned << " deg\n";
+            << std::setprecision(2) << kDegrees * placing.turned << " deg\n";
   for (const std::string& warning : placing.warnings) std::cout << "warning: " << warning << "\n";
   if (!result.out.empty()) std::cout << "written: " << result.out << "\n";
 }

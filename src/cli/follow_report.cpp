@@ -35,12 +35,6 @@ json settleJson(const procedures::FollowFigures& figures) {
   return times;
 }
 
-json rowsJson(const Eigen::Matrix3d& matrix) {
-  json rows = json::array();
-  for (int i = 0; i < 3; ++i) rows.push_back(toJson(Eigen::VectorXd(matrix.row(i).transpose())));
-  return rows;
-}
-
 // If K_eps of the arm is unknown, forces are only known relative to it.
 json alarmsJson(const FollowResult& result) {
   json alarms = json::array();

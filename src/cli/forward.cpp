@@ -112,13 +112,13 @@ std::string helixText(const lie::Vector6& twist) {
   return text.str();
 }
 
-json toJson(const io::Scene& scene, const ForwardResult& result) {
+json reportJson(const io::Scene& scene, const ForwardResult& result) {
   json sections = json::array();
   for (std::size_t k = 0; k < result.sections.size(); ++k) {
     const lie::Vector6 twist = result.twists.col(static_cast<int>(k));
     json null_space = json::array();
     for (int j = 0; j < result.sections[k].null_space.cols(); ++j) {
-      null_space.push_back(cli::toJson(Eigen::VectorXd(result.sections[k].null_space.col(j))));
+      null_space.push_back(toJson(Eigen::VectorXd(result.sections[k].null_space.col(j))));
     }
     sections.push_back({{"name", scene.looks[k].name},
                         {"rank", result.sections[k].rank},
@@ -133,14 +133,14 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
                 {"tier", statics::nameOf(setting.tier)},
                 {"order", setting.order > 0 ? json(setting.order) : json()},
                 {"tier_reason", result.choice.reason},
-                {"tip_error_percent", cli::toJson(result.tipErrorPercent())},
+                {"tip_error_percent", toJson(result.tipErrorPercent())},
                 {"status", statics::nameOf(result.solution.status)},
                 {"failure", failure.empty() ? json() : json(failure)},
                 {"relative_residual", result.solution.residual},
                 {"iterations", result.solution.iterations},
-                {"twist", cli::toJson(result.twists)},
-                {"tip", cli::toJson(result.solution.tip)},
-                {"lengths_m", cli::toJson(result.lengths)},
+                {"twist", toJson(result.twists)},
+                {"tip", toJson(result.solution.tip)},
+                {"lengths_m", toJson(result.lengths)},
                 {"rank", result.rank()},
                 {"full_rank", result.full_rank},
                 {"condition", result.condition()},
@@ -153,7 +153,7 @@ json toJson(const io::Scene& scene, const ForwardResult& result) {
   if (!result.curve.empty()) {
     json& curve = document["curve"] = json::array();
     for (const auto& point : result.curve) {
-      json entry = cli::toJson(point.X);
+      json entry = toJson(point.X);
       entry["s"] = point.s;
       curve.push_back(std::move(entry));
     }
@@ -224,7 +224,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   const Eigen::VectorXd inputs =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
   const ForwardResult result = forward(modelOf(scene, options.tier), inputs, options.samples);
-  if (global.format == Format::kJson) printJson(toJson(scene, result));
+  if (global.format == Format::kJson) printJson(reportJson(scene, result));
   if (global.format == Format::kCsv) toCsv(scene, result).print(std::cout);
   if (global.format == Format::kText) printText(scene, result);
   return result.solution.converged() ? kDone : kNotPossible;

@@ -25,7 +25,7 @@ using control::Valve;
 using regulator::steadyNow;
 using simulation::DeviceFault;
 
-constexpr double kBetweenLines = 1;    // [s]
+constexpr double kBetweenReports = 1;  // [s]
 constexpr double kSupplyAbove = 1.25;  // relative to the largest pressure limit
 constexpr double kNoise = 500;         // [Pa]
 
@@ -168,7 +168,7 @@ int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& globa
   while (!interrupted() && steadyNow() < end) {
     if (steadyNow() >= next) {
       tell(emulated, scene);
-      next += kBetweenLines;
+      next += kBetweenReports;
     }
     for (const std::string& line : lines.await(std::min(next, end) - steadyNow())) {
       obey(line, emulated);

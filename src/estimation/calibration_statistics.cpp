@@ -21,7 +21,7 @@ constexpr double kGross = 2.0;
 constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
 
-bool everyCapture(int) { return true; }
+bool eachCapture(int) { return true; }
 
 // Median of the squared norm of this many standard normal residuals (Wilson and Hilferty).
 double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
@@ -65,7 +65,7 @@ double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_para
 
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   const Eigen::VectorXd prior = problem.priorInformation();
-  Eigen::MatrixXd all = problem.information(noise_scale, everyCapture);
+  Eigen::MatrixXd all = problem.information(noise_scale, eachCapture);
   all.diagonal() += prior;
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
   Statistics out;
@@ -111,7 +111,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   estimate.noise_scale = std::max(1.0, basics::medianOf(std::move(errors)));
   for (int round = 0; round < kMostRounds; ++round) {
     const double before = estimate.noise_scale;
-    const Solved solved = problem.solve(before, everyCapture);
+    const Solved solved = problem.solve(before, eachCapture);
     estimate.converged = solved.converged;
     estimate.cost = solved.cost;
     estimate.solved_scale = before;

@@ -10,7 +10,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr int kMaxNewtonSteps = 30;
-constexpr double kConverged = 1e-13;  // of a direction; far below a millionth of a pixel
+constexpr double kSettledDirection = 1e-13;  // of a direction; far below a millionth of a pixel
 
 struct Distorted {
   Eigen::Vector2d direction;
@@ -92,7 +92,7 @@ std::optional<Eigen::Vector2d> Camera::directionOf(const Eigen::Vector2d& pixel)
     const Distorted distorted = distort(distortion, direction.x(), direction.y());
     if (!unfolded(distorted.jacobian)) return std::nullopt;
     const Eigen::Vector2d error = distorted.direction - wanted;
-    if (error.cwiseAbs().maxCoeff() < kConverged) return direction;
+    if (error.cwiseAbs().maxCoeff() < kSettledDirection) return direction;
     direction -= distorted.jacobian.inverse() * error;
   }
   return std::nullopt;

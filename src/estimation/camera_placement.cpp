@@ -18,9 +18,9 @@ constexpr char kCulprit[] = "camera placement";
 constexpr int kRows = 8;
 constexpr std::size_t kLeastTags = 2;
 // Half the step of differences: large against rounding, small against everything that bends.
-constexpr double kStep = 1e-6;  // [m, rad]
+constexpr double kPlacementStep = 1e-6;  // [m, rad]
 // Of the cost, where the search ends.
-constexpr double kConverged = 1e-8;
+constexpr double kPlacedDecrease = 1e-8;
 constexpr double kMostDamping = 1e10;
 // Decrease of the cost that a step promises: a fifth of a standard deviation. Below it an estimate
 // that converges slowly, along a valley, is good enough.
@@ -191,7 +191,7 @@ class Problem {
       return corners(i, one.X_CB, one.bleed, shape_.about(one.twists), one.moved[i]);
     };
     const auto from = at(low), to = at(high);
-    return from && to ? Vector8((*to - *from) / (2 * kStep)) : Vector8(Vector8::Zero());
+    return from && to ? Vector8((*to - *from) / (2 * kPlacementStep)) : Vector8(Vector8::Zero());
   }
 
   // By pose, bleed and twists.
@@ -199,7 +199,7 @@ class Problem {
     Eigen::MatrixXd J(kRows, kTwists + 6 * at.twists.cols());
     for (Eigen::Index j = 0; j < J.cols(); ++j) {
       Eigen::VectorXd step = Eigen::VectorXd::Zero(size());
-      step[j] = kStep;
+      step[j] = kPlacementStep;
       J.col(j) = difference(i, moved(at, -step), moved(at, step));
     }
     return J;
@@ -211,10 +211,10 @@ class Problem {
     Eigen::Matrix<double, kRows, 6> J = Eigen::Matrix<double, kRows, 6>::Zero();
     if (seen_[i].tag == base_tag_) return J;
     for (int j = 0; j < 6; ++j) {
-      const lie::Vector6 step = kStep * lie::Vector6::Unit(j);
+      const lie::Vector6 step = kPlacementStep * lie::Vector6::Unit(j);
       const auto from = corners(i, at.X_CB, at.bleed, shape, at.moved[i] - step);
       const auto to = corners(i, at.X_CB, at.bleed, shape, at.moved[i] + step);
-      if (from && to) J.col(j) = (*to - *from) / (2 * kStep);
+      if (from && to) J.col(j) = (*to - *from) / (2 * kPlacementStep);
     }
     return J;
   }
@@ -322,7 +322,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
       const Estimate next = problem.moved(at, -damped.ldlt().solve(normal.gradient));
       const double lower = problem.cost(next);
       if (!(lower <= cost)) continue;
-      if (cost - lower <= kConverged * (1 + cost)) out.status = PlacementStatus::kPlaced;
+      if (cost - lower <= kPlacedDecrease * (1 + cost)) out.status = PlacementStatus::kPlaced;
       at = next;
       cost = lower;
       damping = std::max(1e-9, damping / 10);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kCulprit[] = "placed sight";
 // Half the step of the differences of a tag's pose; large compared with rounding.
-constexpr double kStep = 1e-5;  // [m, rad]
+constexpr double kMountStep = 1e-5;  // [m, rad]
 
 lie::Vector6 bothParts(double translation, double rotation) {
   lie::Vector6 out;
@@ -39,11 +39,11 @@ lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::S
   for (int entry = 0; entry < 6; ++entry) {
     lie::SE3 ends[2];
     for (const int side : {0, 1}) {
-      const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kStep : kStep);
+      const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kMountStep : kMountStep);
       const TagPlacement placed = movedBy(tag, moved, rest_length);
       ends[side] = model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
     }
-    out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kStep);
+    out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kMountStep);
   }
   return out;
 }

@@ -1,7 +1,3 @@
-#include "helix_arm/ros_bridge/calibration/calibration_node.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
+#include "node_mains.hpp"
 
-int main(int argc, char** argv) {
-  using namespace helix_arm::ros_bridge;
-  return runNode<CalibrationNode>(argc, argv, names::kCalibrationNode);
-}
+int main(int argc, char** argv) { return helix_arm::ros_bridge::runCalibration(argc, argv); }

@@ -1,7 +1,3 @@
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/tools/follow_path_node.hpp"
+#include "node_mains.hpp"
 
-int main(int argc, char** argv) {
-  using namespace helix_arm::ros_bridge;
-  return runNode<FollowPathNode>(argc, argv, names::kFollowPathNode);
-}
+int main(int argc, char** argv) { return helix_arm::ros_bridge::runFollowPath(argc, argv); }

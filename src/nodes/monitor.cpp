@@ -1,7 +1,3 @@
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/tools/monitor_node.hpp"
+#include "node_mains.hpp"
 
-int main(int argc, char** argv) {
-  using namespace helix_arm::ros_bridge;
-  return runNode<MonitorNode>(argc, argv, names::kMonitorNode);
-}
+int main(int argc, char** argv) { return helix_arm::ros_bridge::runMonitor(argc, argv); }

@@ -1,7 +1,3 @@
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
+#include "node_mains.hpp"
 
-int main(int argc, char** argv) {
-  using namespace helix_arm::ros_bridge;
-  return runNode<SimulatedRigNode>(argc, argv, names::kSimulatedRigNode);
-}
+int main(int argc, char** argv) { return helix_arm::ros_bridge::runSimulatedRig(argc, argv); }

@@ -32,13 +32,13 @@ void requireWithin(const char* what, double value, double least, double most, co
                        what, value, rule);
 }
 
-double rounded(double value, double step) { return step * std::round(value / step); }
+double roundedTo(double value, double step) { return step * std::round(value / step); }
 
 // Of a muscle at its highest pressure [m].
 double shortest(const NewScene& scene) { return scene.length * (1 - scene.contraction); }
 
 // Rounded to the digits that a builder can measure.
-std::string number(double value) { return formatNumber(rounded(value * 1e6, 1) / 1e6); }
+std::string number(double value) { return formatNumber(roundedTo(value * 1e6, 1) / 1e6); }
 
 // s from the first tag of a section to its last. Half a tag stays free where another section
 // follows.
@@ -56,7 +56,7 @@ std::vector<std::string> tagPositions(const NewScene& scene, int section, int co
   std::vector<std::string> out;
   for (int k = 0; k < count; ++k) {
     const double s = span.first + (span.last - span.first) * k / (count - 1);
-    out.push_back(number(rounded(s, 1e-3)));
+    out.push_back(number(roundedTo(s, 1e-3)));
   }
   return out;
 }
@@ -82,11 +82,11 @@ void writeArm(const NewScene& scene, std::ostream& out) {
   const double shares[] = {0, 0.25, 0.7, 1};
   std::vector<std::string> pressures, lengths;
   for (int k = 0; k < 4; ++k) {
-    pressures.push_back(number(rounded(scene.max_pressure_kpa * k / 3, 0.1)));
+    pressures.push_back(number(roundedTo(scene.max_pressure_kpa * k / 3, 0.1)));
     lengths.push_back(number(scene.length * (1 - scene.contraction * shares[k])));
   }
   pressures.back() = formatNumber(scene.max_pressure_kpa);
-  const double height = rounded(scene.sections * scene.length + 0.3, 0.05);
+  const double height = roundedTo(scene.sections * scene.length + 0.3, 0.05);
   out << "\ncontractions:\n"
          "  # Free length of one muscle, without load, at several pressures. These values are a "
          "guess: measure\n"
@@ -149,9 +149,9 @@ void writeSight(const NewScene& scene, std::ostream& out) {
   const double length = scene.sections * scene.length;
   const double distance = scene.camera_distance > 0
                               ? scene.camera_distance
-                              : std::max(0.35, rounded(kCameraDistance * length, 0.05));
+                              : std::max(0.35, roundedTo(kCameraDistance * length, 0.05));
   const double azimuth = kCameraAzimuth * basics::kPi / 180;
-  const double height = rounded(length + 0.3, 0.05) - length / 2;
+  const double height = roundedTo(length + 0.3, 0.05) - length / 2;
   out << "\n# A webcam, " << number(distance)
       << " m beside the arm at half its height. The lens is a guess, to be replaced by\n"
          "#   helix_arm camera calibrate --source webcam --scene THIS --out THIS\n"

@@ -3,11 +3,13 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "helix_arm/basics/pi.hpp"
+
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kTurn = 6.283185307179586;  // 2 pi
-constexpr int kStops = 12;                   // on the way around
+constexpr double kFullAngle = 2 * basics::kPi;
+constexpr int kStops = 12;  // on the way around
 
 }  // namespace
 
@@ -23,7 +25,7 @@ Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
     for (int i = 0; i < count; ++i) {
       const double place = static_cast<double>(i) / count + 0.5 * (k % 2);
       for (int stop = 0; stop <= kStops; ++stop) {
-        const double angle = kTurn * (static_cast<double>(stop) / kStops - place);
+        const double angle = kFullAngle * (static_cast<double>(stop) / kStops - place);
         share(1 + stop, first + i) = 0.5 * (1.0 + std::cos(angle));
       }
       share(kStops + 2, first + i) = 0.5;

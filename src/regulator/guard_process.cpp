@@ -19,7 +19,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr int kBetweenLooks = 5;  // [ms]
+constexpr int kBetweenPolls = 5;  // [ms]
 
 [[noreturn]] void fail(const std::string& what, int error) {
   throw std::runtime_error(
@@ -107,7 +107,7 @@ void GuardProcess::dismiss() {
   send(line_, &kDismissal, 1, MSG_NOSIGNAL | MSG_DONTWAIT);
   shutdown(line_, SHUT_WR);
   const auto deadline = Clock::now() + std::chrono::duration<double>(kDismissTime);
-  while (!hasEnded() && Clock::now() < deadline) poll(nullptr, 0, kBetweenLooks);
+  while (!hasEnded() && Clock::now() < deadline) poll(nullptr, 0, kBetweenPolls);
   pid_ = -1;
 }
 

@@ -26,7 +26,7 @@
 namespace helix_arm::rviz_panel {
 namespace {
 
-constexpr int kPeriod = 100;  // of what is shown [ms]
+constexpr int kUpdatePeriod = 100;  // of what is shown [ms]
 constexpr char kNamespaceKey[] = "Namespace";
 
 }  // namespace
@@ -115,7 +115,7 @@ void CockpitPanel::connectTo(const QString& ns) {
     safety_->display({"Namespace", false, fault.what()});
   }
   refresh();
-  timer_->start(kPeriod);
+  timer_->start(kUpdatePeriod);
 }
 
 void CockpitPanel::refresh() {

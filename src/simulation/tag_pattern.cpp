@@ -6,7 +6,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kFarOff = 1e4;  // beyond all points in use [cells]
+constexpr double kOutside = 1e4;  // beyond all points in use [cells]
 
 // The cells that a strip between two lines overlaps.
 struct Strip {
@@ -34,7 +34,7 @@ TagPattern::TagPattern(const cv::Mat& cells, double bleed) {
   // cell is. The outermost strips are the surroundings of the card.
   const int size = cells.rows;
   std::vector<Strip> strips{{-1, -1}};
-  lines_ = {-kFarOff, 0.0};
+  lines_ = {-kOutside, 0.0};
   for (int i = 0; i < size; ++i) {
     strips.push_back({i, i});
     if (i + 1 == size) break;
@@ -46,7 +46,7 @@ TagPattern::TagPattern(const cv::Mat& cells, double bleed) {
   }
   strips.push_back({-1, -1});
   lines_.push_back(size);
-  lines_.push_back(kFarOff);
+  lines_.push_back(kOutside);
 
   count_ = static_cast<int>(strips.size());
   rectangles_.reserve(static_cast<std::size_t>(count_) * count_);

@@ -14,9 +14,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using estimation::Corners;
 
-constexpr double kFarthest = 1e6;      // of a tag's corners from the picture's [px]
-constexpr double kLeastSine = 0.2;     // of the angle between two sides
-constexpr double kLeastContrast = 10;  // between black and white [gray levels]
+constexpr double kFarthest = 1e6;   // of a tag's corners from the picture's [px]
+constexpr double kLeastSine = 0.2;  // of the angle between two sides
+constexpr double kLeastEdge = 10;   // between black and white [gray levels]
 
 constexpr double kReach = 0.4;      // of the tag's extent across the edge: its other side is beyond
 constexpr int kRays = 12;           // across an edge
@@ -54,7 +54,7 @@ std::optional<Shift> searchEdge(const GrayPicture& picture, const Vector2d& from
     }
   }
   std::optional<Shift> best;
-  int most = static_cast<int>(kLeastContrast * kRays);
+  int most = static_cast<int>(kLeastEdge * kRays);
   const int max_tilt = std::min(kMaxTilt, reach / 2);
   for (int tilt = -max_tilt; tilt <= max_tilt; tilt += kTiltStep) {
     std::array<int, kPlaces> sum{};

@@ -263,8 +263,11 @@ class AnyMessage : public ::testing::Test {
       }
       sent.clear();
       if (!isAnswer(topic)) continue;
-      ASSERT_TRUE(revivePathClient()) << topic;
-      ASSERT_TRUE(waitFor([&] { return publisher.getNumSubscribers() >= subscribers; })) << topic;
+      // The client may be about to end when it is looked at.
+      const auto listens = [&] {
+        return revivePathClient() && publisher.getNumSubscribers() >= subscribers;
+      };
+      ASSERT_TRUE(waitFor(listens, 60.0)) << topic;
       const std::size_t count = extremes.size();
       extremes = extremesOf(soundMessage(topic, type));  // of the new goal
       ASSERT_EQ(extremes.size(), count);
@@ -324,8 +327,7 @@ TEST_F(AnyMessage, EveryFieldOfEveryTopicMayBeExtreme) {
   EXPECT_GE(sendToAll([](const std::string& topic) { return !isAnswer(topic); }), 24);
 }
 
-// follow_path ends with a segmentation fault after damaged feedback of its action.
-TEST_F(AnyMessage, DISABLED_EveryFieldOfEveryAnswerMayBeExtreme) {
+TEST_F(AnyMessage, EveryFieldOfEveryAnswerMayBeExtreme) {
   EXPECT_EQ(sendToAll(isAnswer), 3);
 }
 

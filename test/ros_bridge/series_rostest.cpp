@@ -155,10 +155,9 @@ class Answers : public ::testing::Test {
     return code == 1;
   }
   /// Accepts the targets that came, except for the last ones; exit code of the series that is asked
-  /// to end once it commands.
-  int endWithAnswers(std::size_t without) {
+  /// to end once it commands, if not before.
+  int endWithAnswers(std::size_t without, bool asked = false) {
     std::size_t answered = 0;
-    bool asked = false;
     int code = -1;
     waitFor([&] {
       for (; answered + without < targets_.all().size(); ++answered) {
@@ -243,6 +242,15 @@ TEST_F(Answers, WhoIsAskedForRestGetsNoTargetAfterwards) {
   EXPECT_EQ(calls, 1);
   EXPECT_EQ(targets_.all().size(), targets_before);
   EXPECT_NE(series_.output().find("comes to rest"), std::string::npos) << series_.output();
+}
+
+// Before the answer it cannot know whether the arm follows it.
+TEST_F(Answers, WhoIsEndedBeforeTheFirstAnswerWaitsForIt) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  series_.signal(SIGINT);
+  EXPECT_EQ(endWithAnswers(0, true), 0) << series_.output();
+  EXPECT_NE(series_.output().find("/told/pressure_command/rest does not exist"), std::string::npos)
+      << series_.output();
 }
 
 // Its last target may still be on its way, and would cancel the request.

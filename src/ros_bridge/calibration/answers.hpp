@@ -11,8 +11,6 @@
 /// What the services of calibration and its action answer.
 namespace helix_arm::ros_bridge {
 
-inline constexpr std::size_t kLongestMessage = 1000;  ///< of another node, as it is quoted
-
 /// Runs what answers a service; what it throws is the answer.
 /// @return true: the answer is sent.
 template <class Response, class Body>

@@ -206,8 +206,11 @@ void RunAction::rest() {
     if (EndRequest::isUrgent() || !ros::ok()) return;
     {
       const basics::MutexLock lock(mutex_);
-      if (!trace_.commands() || server_->isNewGoalAvailable()) return;
-      if (trace_.isAnswered()) break;
+      if (server_->isNewGoalAvailable()) return;
+      if (!trace_.awaitsAnswer()) {
+        if (!trace_.commands()) return;
+        break;
+      }
     }
     std::this_thread::sleep_for(kBetweenLooks);
   }

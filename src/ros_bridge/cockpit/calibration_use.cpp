@@ -13,15 +13,12 @@
 #include "helix_arm/Save.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
-
-constexpr std::size_t kLongestMessage = 500;  // of another node
-
-std::string textOf(const std::string& text) { return basics::quoted(text, kLongestMessage); }
 
 // Of a file: digits and T, Z alone.
 std::string timeStamp() {
@@ -44,7 +41,7 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
     char numbers[120];
     std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g ", result.initial[i],
                   result.values[i], result.standard_errors[i]);
-    out.push_back(textOf(result.names[i]) + numbers + textOf(result.units[i]));
+    out.push_back(shownText(result.names[i]) + numbers + shownText(result.units[i]));
   }
   return out;
 }
@@ -64,7 +61,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
     return out;
   }
   if (!save.response.success) {
-    out.message = "not written: " + textOf(save.response.message);
+    out.message = "not written: " + shownText(save.response.message);
     return out;
   }
   std::string users;
@@ -78,7 +75,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
     if (!called || !reload.response.success) {
       out.message = save.request.path + (users.empty() ? "" : " is used by " + users + ", but") +
                     " is not loaded by " + user + ": " +
-                    (called ? textOf(reload.response.message) : "no answer");
+                    (called ? shownText(reload.response.message) : "no answer");
       return out;
     }
     users += (users.empty() ? "" : ", ") + std::string(user);

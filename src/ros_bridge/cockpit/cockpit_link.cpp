@@ -14,6 +14,7 @@
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+#include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
@@ -22,17 +23,14 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kFresh = 1.0;                // older values are unknown [s]
-constexpr double kLoopFresh = 2.0;            // [s]
-constexpr double kPeriod = 0.1;               // of the targets [s]
-constexpr double kCallLimit = 3.0;            // [s]
-constexpr double kUseLimit = 60.0;            // loading scenes of loaded arms takes long [s]
-constexpr std::size_t kLongestMessage = 500;  // of another node
+constexpr double kFresh = 1.0;      // older values are unknown [s]
+constexpr double kLoopFresh = 2.0;  // [s]
+constexpr double kPeriod = 0.1;     // of the targets [s]
+constexpr double kCallLimit = 3.0;  // [s]
+constexpr double kUseLimit = 60.0;  // loading scenes of loaded arms takes long [s]
 constexpr std::size_t kMostActuators = 64;
 
 double steadyNow() { return ros::SteadyTime::now().toSec(); }
-
-std::string textOf(const std::string& text) { return basics::quoted(text, kLongestMessage); }
 
 bool isSound(const PressureArray& array) {
   return !array.name.empty() && array.name.size() == array.pressure.size() &&
@@ -132,7 +130,7 @@ std::vector<CockpitChannel> CockpitLink::channels() const {
   std::vector<CockpitChannel> out;
   for (const std::string& name : command_.value.name) {
     CockpitChannel channel;
-    channel.name = textOf(name);
+    channel.name = shownText(name);
     if (commanded) channel.command = pressureOf(command_.value, name);
     if (measured) channel.measured = pressureOf(pressures_.value, name);
     const auto limits = limits_.find(name);
@@ -151,7 +149,7 @@ void CockpitLink::trigger(const std::string& what, const std::string& service) {
     if (!ros::service::call(name, call)) {
       return CallAnswer{what, false, name + " is not there or does not answer"};
     }
-    return CallAnswer{what, call.response.success != 0, textOf(call.response.message)};
+    return CallAnswer{what, call.response.success != 0, shownText(call.response.message)};
   });
 }
 
@@ -174,7 +172,7 @@ void CockpitLink::emergencyStop(bool engage) {
                         name + " is not there or does not answer" +
                             (engage ? ": shut the supply and open the relief valve by hand" : "")};
     }
-    return CallAnswer{what, call.response.success != 0, textOf(call.response.message)};
+    return CallAnswer{what, call.response.success != 0, shownText(call.response.message)};
   });
   const basics::MutexLock lock(mutex_);
   if (held_.goal() != CockpitGoal::kNone) held_.end("the emergency stop was engaged");
@@ -261,7 +259,7 @@ void CockpitLink::onFeedback(const RunCalibrationFeedback& feedback) {
   calibration_.step = feedback.step;
   calibration_.steps = feedback.steps;
   calibration_.samples = feedback.samples;
-  calibration_.state = textOf(feedback.state);
+  calibration_.state = shownText(feedback.state);
 }
 
 void CockpitLink::onResult(const RunCalibrationResult* result, const std::string& ending) {
@@ -273,7 +271,7 @@ void CockpitLink::onResult(const RunCalibrationResult* result, const std::string
     return;
   }
   calibration_.success = result->success != 0;
-  calibration_.message = textOf(result->message);
+  calibration_.message = shownText(result->message);
   calibration_.tip_error_before = result->tip_error_before;
   calibration_.tip_error_after = result->tip_error_after;
   calibration_.parameters = parameterLines(*result);
@@ -296,9 +294,9 @@ void CockpitLink::onPressures(const PressureArrayConstPtr& message) {
 
 void CockpitLink::onSafety(const SafetyStateConstPtr& message) {
   CockpitSafety safety;
-  safety.state = textOf(message->state);
-  safety.cause = textOf(message->cause);
-  safety.reason = textOf(message->reason);
+  safety.state = shownText(message->state);
+  safety.cause = shownText(message->cause);
+  safety.reason = shownText(message->reason);
   safety.stopped = message->stopped != 0;
   safety.vent_overdue = message->vent_overdue != 0;
   const basics::MutexLock lock(mutex_);
@@ -314,7 +312,7 @@ void CockpitLink::onStatus(const TargetStatusConstPtr& message) {
   if (message->topic != topic) return;
   const bool reached = message->outcome == TargetStatus::REACHED;
   held_.noteAnswer(steadyNow(), message->outcome == TargetStatus::DROPPED, message->fault,
-                   reached ? "reached" : textOf(message->message));
+                   reached ? "reached" : shownText(message->message));
 }
 
 void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
@@ -325,7 +323,7 @@ void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
 void CockpitLink::onModel(const ArmShapeConstPtr& message) {
   const basics::MutexLock lock(mutex_);
   model_tip_.set(positionOf(*message));
-  base_frame_ = textOf(message->header.frame_id);
+  base_frame_ = shownText(message->header.frame_id);
 }
 
 void CockpitLink::onError(const ModelErrorConstPtr& message) {
@@ -335,8 +333,8 @@ void CockpitLink::onError(const ModelErrorConstPtr& message) {
 
 void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   CockpitLoop loop;
-  loop.state = textOf(message->state);
-  loop.message = textOf(message->message);
+  loop.state = shownText(message->state);
+  loop.message = shownText(message->message);
   if (message->has_wanted) loop.error = message->error;
   if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
   const basics::MutexLock lock(mutex_);

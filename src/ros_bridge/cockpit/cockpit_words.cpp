@@ -1,8 +1,11 @@
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <cstring>
+
+#include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -11,6 +14,7 @@ constexpr char kDisabled[] = "disabled";
 constexpr char kEnabled[] = "enabled";
 constexpr char kFault[] = "fault";
 constexpr char kVented[] = "vented";
+constexpr std::size_t kLongestText = 500;  // of another node
 
 // The parts of `<state>: <cause>; <remedy>`.
 struct Parts {
@@ -224,6 +228,8 @@ Words goalWords(const CockpitView& view) {
   }
   return out;
 }
+
+std::string shownText(const std::string& text) { return basics::quoted(text, kLongestText); }
 
 std::string kilopascals(double pascals) {
   if (!std::isfinite(pascals)) return "-";

@@ -83,6 +83,12 @@ geometry_msgs::Pose toPoseMsg(const lie::SE3& X) {
   return msg;
 }
 
+boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
+  boost::array<double, 9> out;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.data()) = covariance;
+  return out;
+}
+
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X) {
   geometry_msgs::Transform msg;
   msg.translation.x = X.translation.x();

@@ -12,12 +12,6 @@
 #include "helix_arm/ros_bridge/common/names.hpp"
 
 namespace helix_arm::ros_bridge {
-namespace {
-
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
-
-}  // namespace
-
 void CommandTrace::sent(const ros::Time& stamp) {
   last_stamp_ = stamp;
   last_sent_ = ros::SteadyTime::now();
@@ -34,9 +28,10 @@ void CommandTrace::answered(const TargetStatus& status) {
   if (status.target_stamp == last_stamp_) waits_ = false;
 }
 
-bool CommandTrace::commands() const {
-  const bool overdue = waits_ && ros::SteadyTime::now() - last_sent_ > ros::WallDuration(kPatience);
-  return accepted_ && !overdue;
+bool CommandTrace::commands() const { return accepted_ && (!waits_ || awaitsAnswer()); }
+
+bool CommandTrace::awaitsAnswer() const {
+  return waits_ && ros::SteadyTime::now() - last_sent_ <= ros::WallDuration(kPatience);
 }
 
 void requestRest() {

@@ -21,7 +21,6 @@ using control::Fault;
 constexpr double kFresh = 1.0;         // an older pressure_command is of a node that has ended [s]
 constexpr double kPatience = 1.0;      // beyond the lease of another commander [s]
 constexpr double kLongestLease = 5.0;  // that is waited for [s]
-constexpr std::size_t kLongestMessage = 1000;  // of another node
 constexpr char kSilent[] = "no pressure_command is received; is its node running?";
 
 }  // namespace
@@ -64,16 +63,15 @@ void CommandLink::fallSilent() {
 }
 
 void CommandLink::rest() {
-  rests_ = rests_ || follows();
+  rests_ = rests_ || follows() || trace_.awaitsAnswer();
   fallSilent();
 }
 
 void CommandLink::restIfDue() {
   if (!rests_) return;
-  const bool commands = trace_.commands();
-  if (commands && !trace_.isAnswered()) return;
+  if (trace_.awaitsAnswer()) return;
   rests_ = false;
-  if (commands) requestRest();
+  if (trace_.commands()) requestRest();
 }
 
 std::optional<control::Refusal> CommandLink::refusal() const {

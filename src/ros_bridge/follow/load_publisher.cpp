@@ -14,10 +14,6 @@ namespace {
 
 constexpr double kBudgetPeriod = 0.2;  // [s]
 
-void copyTo(const Eigen::Matrix3d& covariance, boost::array<double, 9>& out) {
-  std::copy(covariance.data(), covariance.data() + 9, out.begin());
-}
-
 geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector) {
   geometry_msgs::Vector3 out;
   out.x = vector.x();
@@ -57,9 +53,9 @@ void LoadPublisher::publishBudget(const ros::Time& picture,
                           spread.covariance.data() + 9);
     out.sd.push_back(spread.deviation());
   }
-  copyTo(budget.predicted.covariance, out.predicted);
+  out.predicted = toCovarianceMsg(budget.predicted.covariance);
   out.predicted_sd = budget.predicted.deviation();
-  copyTo(budget.open_loop.covariance, out.open_loop);
+  out.open_loop = toCovarianceMsg(budget.open_loop.covariance);
   out.open_loop_sd = budget.open_loop.deviation();
   out.error = toVectorMsg(budget.error);
   out.distance2 = budget.distance2;
@@ -95,7 +91,7 @@ void LoadPublisher::publishLoad(const ros::Time& picture, const follow::SightLoo
       out.s = load.place->s;
     }
     out.force = toVectorMsg(load.force);
-    copyTo(load.covariance, out.covariance);
+    out.covariance = toCovarianceMsg(load.covariance);
     out.determined.assign(load.determined.data(), load.determined.data() + load.determined.size());
     out.message = "contact with the arm; clear it, or accept the load (on_contact: report)";
   } else if (outside) {

@@ -46,10 +46,6 @@ double largestDeviation(const Eigen::Matrix3d& covariance) {
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
-void copyTo(const Eigen::Matrix3d& covariance, boost::array<double, 9>& out) {
-  std::copy(covariance.data(), covariance.data() + 9, out.begin());
-}
-
 }  // namespace
 
 LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
@@ -149,7 +145,7 @@ LoopStatus LoopPublisher::statusOf(const View& view, const Eigen::Matrix3d& tip_
   out.has_predicted = turn.predicted.has_value();
   if (turn.predicted) {
     out.predicted = toPoseMsg(*turn.predicted);
-    copyTo(tip_covariance, out.predicted_covariance);
+    out.predicted_covariance = toCovarianceMsg(tip_covariance);
     out.predicted_sd = largestDeviation(tip_covariance);
   }
   out.error = view.loop.error().value_or(std::numeric_limits<double>::quiet_NaN());

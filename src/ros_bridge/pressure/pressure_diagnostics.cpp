@@ -24,7 +24,7 @@ const char* textOf(control::Valve valve) {
   return "";
 }
 
-unsigned char levelOf(const control::SafetyReport& report) {
+unsigned char diagnosticLevel(const control::SafetyReport& report) {
   if (report.vent_overdue) return DiagnosticStatus::ERROR;
   if (report.cause == SafetyCause::kNone) return DiagnosticStatus::OK;
   if (report.cause == SafetyCause::kVentRequested) return DiagnosticStatus::WARN;
@@ -34,7 +34,7 @@ unsigned char levelOf(const control::SafetyReport& report) {
 DiagnosticStatus safetyStatus(const std::string& node, const PressureLoop::Snapshot& path) {
   DiagnosticStatus out;
   out.name = statusName(node, names::kSafetyStatus);
-  out.level = levelOf(path.report);
+  out.level = diagnosticLevel(path.report);
   out.message = path.reason;
   addValue(out, "state", nameOf(path.report.state));
   addValue(out, "cause", nameOf(path.report.cause));
@@ -66,7 +66,7 @@ DiagnosticStatus channelStatus(const std::string& node, const io::Scene& scene,
   const bool culprit = path.report.channel == channel;
   DiagnosticStatus out;
   out.name = statusName(node, names::kChannelStatus + actuator.name);
-  if (culprit) out.level = levelOf(path.report);
+  if (culprit) out.level = diagnosticLevel(path.report);
   const control::Valve valve = path.orders.valve[static_cast<std::size_t>(channel)];
   out.message = culprit ? path.reason : textOf(valve);
   const auto kpa = [](double pascals) { return fixed(1e-3 * pascals); };

@@ -15,10 +15,9 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kTick = 0.1;                  // [s]
-constexpr double kLastWords = 1.0;             // of the topics that are recorded, after the end [s]
-constexpr double kWordPeriod = 1.0;            // between two lines of the log [s]
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
+constexpr double kTick = 0.1;        // [s]
+constexpr double kLastWords = 1.0;   // of the topics that are recorded, after the end [s]
+constexpr double kWordPeriod = 1.0;  // between two lines of the log [s]
 
 FollowTipPathGoal goalOf(const FollowPathOptions& options) {
   FollowTipPathGoal out;
@@ -62,7 +61,7 @@ FollowPathNode::FollowPathNode()
       client_(node_, options_.action, false),
       timer_(repeat(node_, "the watch of the goal", kTick, &FollowPathNode::onTick, this)) {
   if (!options_.files.any()) return;
-  recorder_.emplace(node_, options_.action, options_.files, options_.path,
+  recorder_.emplace(node_, options_.files, options_.path,
                     goal_.path.points.back().time_from_start.toSec());
 }
 
@@ -104,6 +103,7 @@ void FollowPathNode::send() {
 }
 
 void FollowPathNode::onFeedback(const FollowTipPathFeedback& feedback) {
+  if (recorder_) recorder_->add(feedback);
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_word_ < ros::WallDuration(kWordPeriod)) return;
   last_word_ = now;

@@ -23,9 +23,8 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr std::size_t kMostErrors = 100000;    // an hour's at 30 Hz
-constexpr std::size_t kLongestMessage = 1000;  // of another node
-constexpr std::size_t kMostPressures = 100;    // printed per line
+constexpr std::size_t kMostErrors = 100000;  // an hour's at 30 Hz
+constexpr std::size_t kMostPressures = 100;  // printed per line
 constexpr double kSilence = 2.0;  // a topic silent for this long at the end has stopped [s]
 
 bool allFinite(const std::vector<double>& values) {

@@ -20,7 +20,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr std::size_t kLongestMessage = 1000;  // of another node, in the log
 // Refusals, and commands of another arm, end the series only after this number of consecutive
 // messages over this time.
 constexpr int kLeastTrouble = 10;
@@ -183,9 +182,8 @@ void PressureSeriesNode::publishTarget() {
 
 void PressureSeriesNode::endSeries() {
   if (EndRequest::isUrgent()) return;  // without a master, the call would block
-  const bool commands = trace_.commands();
-  if (commands && !trace_.isAnswered()) return;
-  if (commands) requestRest();
+  if (trace_.awaitsAnswer()) return;
+  if (trace_.commands()) requestRest();
   EndRequest::make();
 }
 

@@ -10,15 +10,12 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/this_node.h>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
-#include "helix_arm/ros_bridge/common/goal_serializers.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -102,24 +99,17 @@ std::vector<const TipRow*> drawnRows(const std::vector<TipRow>& rows) {
 
 }  // namespace
 
-RunRecorder::RunRecorder(ros::NodeHandle& node, const std::string& action, Files files,
-                         std::string path, double end)
+RunRecorder::RunRecorder(ros::NodeHandle& node, Files files, std::string path, double end)
     : files_(std::move(files)),
       path_(std::move(path)),
       end_(end),
-      feedback_subscriber_(
-          listen(node, action + "/feedback", 1000, &RunRecorder::onFeedback, this)),
       model_subscriber_(listen(node, names::kModel, 1000, &RunRecorder::onModel, this)),
       command_subscriber_(
           listen(node, names::kPressureCommand, 1000, &RunRecorder::onCommand, this)),
       measured_subscriber_(
           listen(node, names::kPressureMeasured, 1000, &RunRecorder::onMeasured, this)) {}
 
-void RunRecorder::onFeedback(const FollowTipPathActionFeedbackConstPtr& message) {
-  // Ids of goals begin with the names of their clients.
-  const std::string client = ros::this_node::getName() + "-";
-  if (message->status.goal_id.id.compare(0, client.size(), client) != 0) return;
-  const FollowTipPathFeedback& feedback = message->feedback;
+void RunRecorder::add(const FollowTipPathFeedback& feedback) {
   // Without a prediction its pose is as empty as a new message's.
   const auto& q = feedback.predicted.orientation;
   const bool predicted = q.x != 0 || q.y != 0 || q.z != 0 || q.w != 0;

@@ -47,6 +47,8 @@ Words calibrationWords(const CockpitView& view);
 /// Answer to the cockpit's own targets, and what it holds.
 Words goalWords(const CockpitView& view);
 
+/// Text of another node, without control characters and shortened.
+std::string shownText(const std::string& text);
 /// "123.4 kPa"; "-" if unknown.
 std::string kilopascals(double pascals);
 /// "12.34 mm"; "-" if unknown.

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include <boost/array.hpp>
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/Transform.h>
 #include <geometry_msgs/WrenchStamped.h>
@@ -23,6 +24,8 @@ geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X);
+/// Row by row.
+boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance);
 
 /// Pose of a message from our own nodes: neither checked nor normalised.
 lie::SE3 fromMsg(const geometry_msgs::Pose& pose);

@@ -18,6 +18,9 @@
 /// writes. All of them are thread-safe and format as printf.
 namespace helix_arm::ros_bridge {
 
+/// Longest message of another node that is repeated in the log [characters].
+inline constexpr std::size_t kLongestMessage = 1000;
+
 using LogLevel = ros::console::Level;
 
 void logLine(LogLevel level, const char* format, ...) __attribute__((format(printf, 2, 3)));

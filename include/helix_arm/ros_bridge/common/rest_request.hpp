@@ -21,8 +21,8 @@ class CommandTrace {
   /// Whether the arm follows this node: its newest answer accepted a target, no target of another
   /// was accepted since, and the last target has not waited for longer than kPatience.
   bool commands() const;
-  /// Whether the last target was answered: none is on its way.
-  bool isAnswered() const { return !waits_; }
+  /// Whether the last target may still be answered: it has waited for less than kPatience.
+  bool awaitsAnswer() const;
 
  private:
   ros::Time last_stamp_;

@@ -47,8 +47,8 @@ class CommandLink {
   void rest();
   /// Asks for the rest that is due. To be called regularly; waits for the answer.
   void restIfDue();
-  /// Commands the arm, or is to bring it to rest.
-  bool isBusy() const { return follows() || rests_; }
+  /// Commands the arm, may do so once it answers, or is to bring it to rest.
+  bool isBusy() const { return follows() || rests_ || (speaks_ && trace_.awaitsAnswer()); }
 
   /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
   std::optional<control::Refusal> refusal() const;

@@ -58,8 +58,8 @@ class PressureSeriesNode {
   PressureSeriesNode();
 
   int finish() const { return verdict_; }
-  /// The arm follows the series: it is to be brought to rest first.
-  bool commands() const { return trace_.commands(); }
+  /// The arm follows the series, or is about to: it is to be brought to rest first.
+  bool mayCommand() const { return trace_.commands() || trace_.awaitsAnswer(); }
 
  private:
   /// Consecutive messages that indicate that the series is not for this arm.
@@ -102,6 +102,6 @@ class PressureSeriesNode {
   ros::SteadyTimer timer_;
 };
 
-inline bool mayEnd(const PressureSeriesNode& node) { return !node.commands(); }
+inline bool mayEnd(const PressureSeriesNode& node) { return !node.mayCommand(); }
 
 }  // namespace helix_arm::ros_bridge

@@ -6,7 +6,7 @@
 #include <ros/node_handle.h>
 
 #include "helix_arm/ArmShape.h"
-#include "helix_arm/FollowTipPathActionFeedback.h"
+#include "helix_arm/FollowTipPathFeedback.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/procedures/tip_record.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -16,8 +16,9 @@ namespace helix_arm::ros_bridge {
 /// Records a goal of follow_tip_path: a row for each picture that the loop used, with wanted,
 /// model, predicted and measured tip, pressures and state at the time of the picture.
 ///
-/// Subscribes to the feedback of the action, model, pressure_command and pressure_measured. For the
-/// thread of the node's callback queue.
+/// Subscribes to model, pressure_command and pressure_measured; the client of the action hands on
+/// its feedback: roscpp reads an empty message out of bounds where a node subscribes to a topic
+/// twice. For the thread of the node's callback queue.
 class RunRecorder {
  public:
   /// Where a record goes; empty: nowhere.
@@ -27,12 +28,12 @@ class RunRecorder {
     bool any() const { return !table.empty() || !figure.empty(); }
   };
 
-  /// @param action  of this node's goal.
-  /// @param path    its file, named in the record.
+  /// @param path    file of the path, named in the record.
   /// @param end     time of the path's last point [s].
-  RunRecorder(ros::NodeHandle& node, const std::string& action, Files files, std::string path,
-              double end);
+  RunRecorder(ros::NodeHandle& node, Files files, std::string path, double end);
 
+  /// Adds a row, unless a number in it is not finite.
+  void add(const FollowTipPathFeedback& feedback);
   /// Whether all rows have got what other topics say of their times.
   bool isComplete() const { return record_.isComplete(); }
   /// Writes the files. @param outcome  how the goal ended, in a line.
@@ -40,7 +41,6 @@ class RunRecorder {
   std::string write(const std::string& outcome);
 
  private:
-  void onFeedback(const FollowTipPathActionFeedbackConstPtr& feedback);
   void onModel(const ArmShapeConstPtr& model);
   void onCommand(const PressureArrayConstPtr& command);
   void onMeasured(const PressureArrayConstPtr& measured);
@@ -56,8 +56,7 @@ class RunRecorder {
   std::vector<std::string> names_;  ///< of the actuators, by the first pressures
   procedures::TipRecord record_;
   FaultCount foreign_;
-  ros::Subscriber feedback_subscriber_, model_subscriber_;
-  ros::Subscriber command_subscriber_, measured_subscriber_;
+  ros::Subscriber model_subscriber_, command_subscriber_, measured_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge
