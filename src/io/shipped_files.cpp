@@ -34,16 +34,25 @@ std::vector<std::string> shippedNames(const std::string& folder, const std::stri
   return names;
 }
 
-std::string scenePath(const std::string& given) {
+std::optional<std::string> findScene(const std::string& given) {
   std::error_code error;
   const bool path = given.empty() || given.find_first_of("/.") != std::string::npos;
   if (path || fs::is_regular_file(given, error)) return given;
   const std::vector<std::string> shipped = shippedNames(kShippedScenes);
-  const bool known = std::find(shipped.begin(), shipped.end(), given) != shipped.end();
-  basics::require(known, "the scene ", basics::quoted(given),
-                  " is neither a file nor a shipped scene; expected the path of a scene file, or ",
-                  alternatives(shipped));
+  if (std::find(shipped.begin(), shipped.end(), given) == shipped.end()) return std::nullopt;
   return fs::path(shippedFolder(kShippedScenes)) / (given + ".yaml");
+}
+
+std::string unknownScene(const std::string& given) {
+  return "the scene " + basics::quoted(given) +
+         " is neither a file nor a shipped scene; expected the path of a scene file, or " +
+         alternatives(shippedNames(kShippedScenes));
+}
+
+std::string scenePath(const std::string& given) {
+  const std::optional<std::string> path = findScene(given);
+  basics::require(path.has_value(), unknownScene(given));
+  return *path;
 }
 
 }  // namespace helix_arm::io

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,9 +17,12 @@ std::string shippedFolder(const std::string& folder);
 std::vector<std::string> shippedNames(const std::string& folder,
                                       const std::string& extension = ".yaml");
 
-/// The path of a scene that is given by its path or by the name of a shipped scene. A file that
-/// exists comes first. A text with a `/` or a `.` is a path.
-/// @throws std::invalid_argument on a name that is neither, with the names of the shipped scenes.
+/// The path of a scene that is given by its path or by the name of a shipped scene; nothing on a
+/// name that is neither. A file that exists comes first. A text with a `/` or a `.` is a path.
+std::optional<std::string> findScene(const std::string& given);
+/// What is wrong with such a name, with those of the shipped scenes.
+std::string unknownScene(const std::string& given);
+/// As findScene(). @throws std::invalid_argument with unknownScene().
 std::string scenePath(const std::string& given);
 
 }  // namespace helix_arm::io
