@@ -110,9 +110,11 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
   if (path && (given.front() == '/' || std::filesystem::exists(*path))) return *path;
   if (path) {
     std::string names;
-    for (const std::string& one : io::shippedNames(folder, extension)) names += ", " + one;
+    for (const std::string& one : io::shippedNames(folder, extension)) {
+      names += (names.empty() ? "" : ", ") + one;
+    }
     fault(name, XmlRpc::XmlRpcValue(given),
-          join("an absolute path, or one of ", folder, " of the package", names));
+          join("an absolute path, or the name of a file in ", folder, " of the package: ", names));
     return "";
   }
   // roslaunch starts nodes in ROS_HOME, so a relative path would not refer to the user's directory.
