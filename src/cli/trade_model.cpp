@@ -61,7 +61,10 @@ void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie:
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       lines[i].clear();
       for (int j = k * points; j <= (k + 1) * points; ++j) {
-        lines[i].push_back(curve[j].X * arm.actuator(i).X_O.translation);
+        lines[i].push_back(
+            curve[j].X *
+            model::poseAlong(arm.actuator(i), static_cast<double>(j - k * points) / points)
+                .translation);
       }
     }
   }
@@ -75,7 +78,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
   std::vector<Eigen::VectorXd> inputs;
   std::vector<Eigen::Vector3d> tips;
   for (const Eigen::VectorXd& q : statics::sampleInputs(scene.arm, kCorners, kInner)) {
-    const statics::Solution solution = exact.solve(scene.arm.twists(q));
+    const statics::Solution solution = exact.solve(scene.arm.unloaded(q));
     if (!solution.converged()) continue;
     inputs.push_back(q);
     tips.push_back(solution.tip.translation);

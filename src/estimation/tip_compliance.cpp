@@ -133,7 +133,7 @@ std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::
   const model::Arm& arm = corrected.arm();
   const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
   const statics::Solution solution =
-      statics::LoadedArm(arm, with, statics::kLeastOrder).solve(arm.twistsOfLengths(lengths));
+      statics::LoadedArm(arm, with, statics::kLeastOrder).solve(arm.unloadedOfLengths(lengths));
   if (!solution.converged()) return std::nullopt;
   return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
 }

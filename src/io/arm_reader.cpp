@@ -39,7 +39,10 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections, const li
   for (std::size_t k = 0; k < sections.size(); ++k) {
     for (const model::Actuator& a : sections[k].actuators) {
       planar[k].actuators.push_back(
-          {a.name, inPlane(a.X_O), a.stiffness, a.contraction, a.limits, a.drive});
+          {a.name, inPlane(a.X_O), a.stiffness, a.contraction, a.limits, a.drive, {}});
+      for (const lie::SE3& X_O : a.taper) {
+        planar[k].actuators.back().taper.push_back(inPlane(X_O));
+      }
     }
     planar[k].plate = sections[k].plate;
   }

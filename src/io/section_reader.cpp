@@ -1,6 +1,7 @@
 #include "section_reader.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "helix_arm/basics/pi.hpp"
@@ -92,14 +93,20 @@ std::vector<double> readLengthScales(const MapReader& ring, const Value& value, 
   return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
 }
 
-// Appends an actuator. Incomplete ones count, so that default names keep their numbers.
-void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
+// Appends an actuator, with one pose or, along a tapered section, several. Incomplete ones count,
+// so that default names keep their numbers.
+void addActuator(const std::optional<std::string>& name, const std::vector<lie::SE3>& along,
                  const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
                  model::Section& section) {
   if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
-  section.actuators.push_back({*name, X_O, *stiffness.value,
-                               fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
-                               fitting.contraction->drive});
+  section.actuators.push_back({*name,
+                               along.front(),
+                               *stiffness.value,
+                               fitting.contraction->curve.scaledBy(length_scale),
+                               *fitting.limits,
+                               fitting.contraction->drive,
+                               {}});
+  if (along.size() > 1) section.actuators.back().taper = along;
 }
 
 // Default name: actuators are numbered from the base on.
@@ -111,6 +118,30 @@ void claimName(const MapReader& keys, const std::optional<std::string>& name, Ar
                 "makes a second actuator named " + *name + "; expected distinct names");
 }
 
+// A number, or a list of 2 or more from the section's beginning to its end.
+std::optional<std::vector<double>> readAlong(const MapReader& ring, const Value& value,
+                                             const std::string& key, const NumberRule& rule,
+                                             const std::optional<double>& fallback) {
+  const Value* given = value.find(key);
+  if (given != nullptr && given->kind == Value::Kind::kList) {
+    auto numbers = ring.numbers(key, 0, rule);
+    if (numbers && (numbers->size() < 2 || numbers->size() > model::kMostCells + 1)) {
+      ring.complain(key, "has " + std::to_string(numbers->size()) +
+                             " entries; expected one number, or a list of 2 to " +
+                             std::to_string(model::kMostCells + 1));
+      return std::nullopt;
+    }
+    return numbers;
+  }
+  if (given == nullptr && fallback) return std::vector<double>{*fallback};
+  const std::optional<double> number = ring.number(key, rule);
+  return number ? std::optional(std::vector<double>{*number}) : std::nullopt;
+}
+
+bool isZero(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double value) { return value == 0; });
+}
+
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
               ArmContext& arm, model::Section& section) {
   const MapReader ring(value, path,
@@ -118,8 +149,8 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
                         "min_pressure_kpa", "max_pressure_kpa"},
                        arm.faults);
   const auto count = ring.integer("count", 1, model::kMaxActuators);
-  const auto radius = ring.number("radius_m", kLength);
-  const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
+  const auto radius = readAlong(ring, value, "radius_m", kLength, std::nullopt);
+  const auto tilt_deg = readAlong(ring, value, "tilt_deg", kTilt, 0.0);
   const double phase_deg = ring.number("phase_deg", kPhase, 0.0);
   const Fitting fitting = readFitting(ring, arm);
   if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
@@ -128,20 +159,35 @@ void readRing(const Value& value, const std::string& path, const InheritedStiffn
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
-  if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
-  if (!count || !radius) return;
+  if (arm.planar && tilt_deg && !isZero(*tilt_deg)) {
+    ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  }
+  if (!count || !radius || !tilt_deg) return;
+  const std::size_t places = std::max(radius->size(), tilt_deg->size());
+  if (std::min(radius->size(), tilt_deg->size()) > 1 && radius->size() != tilt_deg->size()) {
+    ring.complain("tilt_deg", "has " + std::to_string(tilt_deg->size()) + " values; expected " +
+                                  std::to_string(radius->size()) +
+                                  ", as many as radius_m, or one number");
+    return;
+  }
   const std::vector<double> scales =
       readLengthScales(ring, value, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
     const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
-    lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
-                 *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
-    // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
-    // rounding error of sin(pi).
-    if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
+    std::vector<lie::SE3> along;
+    for (std::size_t place = 0; place < places; ++place) {
+      const double r = (*radius)[radius->size() > 1 ? place : 0];
+      const double tilt = (*tilt_deg)[tilt_deg->size() > 1 ? place : 0];
+      lie::SE3 X_O{muscleRotation(th, radians(tilt)),
+                   r * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
+      // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
+      // rounding error of sin(pi).
+      if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
+      along.push_back(X_O);
+    }
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(name, X_O, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
+    addActuator(name, along, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
   }
 }
 
@@ -194,7 +240,7 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
   const double length_scale = keys.number("length_scale", kLengthScale, 1.0);
-  if (X_O) addActuator(name, *X_O, stiffness, fitting, length_scale, section);
+  if (X_O) addActuator(name, {*X_O}, stiffness, fitting, length_scale, section);
 }
 
 }  // namespace

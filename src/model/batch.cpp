@@ -208,10 +208,24 @@ FlatActuator flatten(const Contraction& contraction, const double* column) {
   return flat;
 }
 
+// Products of exponentials are not vectorised.
+void batchTapered(const Arm& arm, const double* const* inputs, std::size_t count, double* x,
+                  double* y, double* z) {
+  Eigen::VectorXd q(arm.actuatorCount());
+  for (std::size_t j = 0; j < count; ++j) {
+    for (int i = 0; i < q.size(); ++i) q[i] = inputs[i][j];
+    const Eigen::Vector3d tip = arm.tipInside(q).translation;
+    x[j] = tip.x();
+    y[j] = tip.y();
+    z[j] = tip.z();
+  }
+}
+
 }  // namespace
 
 void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
                double* z) {
+  if (arm.tapered()) return batchTapered(arm, inputs, count, x, y, z);
   std::array<FlatActuator, kMaxSections * kMaxActuators> flat;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "box_levenberg_marquardt.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "inverse_preference.hpp"
 #include "inverse_starts.hpp"
 #include "inverse_task.hpp"
@@ -247,10 +248,12 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
 }
 
 InverseSolver::InverseSolver(const model::Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(arm, nullptr, options)) {}
+    : workspace_(std::make_unique<Workspace>(arm, nullptr, options)) {
+  basics::require(!arm.tapered(), "inverse: the arm is tapered; expected its ArmModel");
+}
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(
-          model.arm(), takesLoad(model.choice().setting.tier) ? &model : nullptr, options)) {}
+    : workspace_(
+          std::make_unique<Workspace>(model.arm(), model.isLinear() ? nullptr : &model, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;

@@ -67,12 +67,12 @@ std::vector<Node> MultipleShooting::unloadedNodes() const {
   for (std::size_t j = 0; j < rod_.segments().size(); ++j) {
     const Segment& segment = rod_.segments()[j];
     if (j > 0 && segment.section != rod_.segments()[j - 1].section) {
-      R_section = R_section * SO3::exp(unloaded_.col(segment.section - 1).tail<3>());
+      R_section = R_section * rod_.unloadedRotation(segment.section - 1, 1.0, unloaded_);
       if (const SE3* link = rod_.linkAfter(static_cast<int>(j) - 1)) {
         R_section = R_section * SO3{Eigen::Quaterniond(link->rotation)};
       }
     }
-    nodes.push_back({R_section * SO3::exp(segment.begin * unloaded_.col(segment.section).tail<3>()),
+    nodes.push_back({R_section * rod_.unloadedRotation(segment.section, segment.begin, unloaded_),
                      Vector3d::Zero()});
   }
   return nodes;

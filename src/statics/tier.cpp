@@ -62,7 +62,7 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
   for (const Eigen::VectorXd& q : samplesOf(arm)) {
     if (out.empty() && unbalanced == kHopeless) break;
     Eigen::VectorXd lengths = arm.lengths(q);
-    const Solution solution = exact.solve(arm.twistsOfLengths(lengths));
+    const Solution solution = exact.solve(arm.unloadedOfLengths(lengths));
     if (solution.converged()) {
       out.push_back({std::move(lengths), solution.tip.translation});
     } else {

@@ -33,8 +33,10 @@ class TierSolver {
   // Solve from a function that returns the unloaded twists of either arm.
   template <class Unloaded>
   Solution solveFrom(const Unloaded& unloaded) const;
-  template <class Unloaded>
-  Tip tipFrom(const Unloaded& unloaded) const;
+  // `direct` gives the tip of either arm without load.
+  template <class Unloaded, class Direct>
+  Tip tipFrom(const Unloaded& unloaded, const Direct& direct) const;
+  model::Shape embeddedShape(const model::UnloadedOf<lie::SE2>& unloaded) const;
 
   const model::Arm& arm_;
   const model::PlanarArm* plane_;  // set if the arm is solved in its plane

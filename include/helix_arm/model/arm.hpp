@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/equilibrium.hpp"
+#include "helix_arm/model/taper.hpp"
 
 namespace helix_arm::model {
 
@@ -37,8 +39,33 @@ template <class Group>
 using LinksOf = std::vector<Group>;
 using Links = LinksOf<lie::SE3>;
 
+/// Maximum number of pieces of a shape.
+inline constexpr int kMaxPieces = 128;
+/// Twists of constant pieces in series, (dof x pieces), each over its own length; v [m], w [rad].
+template <class Group>
+using PiecesOf =
+    Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof, kMaxPieces>;
+
+/// An arm without load at given inputs.
+template <class Group>
+struct UnloadedOf {
+  /// Constant twists (dof x sections): all that an arm without taper needs.
+  template <class Derived>
+  UnloadedOf(const Eigen::MatrixBase<Derived>& constant) : twists(constant) {}
+  UnloadedOf(const TwistsOf<Group>& mean, Eigen::VectorXd all_lengths)
+      : twists(mean), lengths(std::move(all_lengths)) {}
+
+  TwistsOf<Group> twists;   ///< (dof x sections) means over each section
+  Eigen::VectorXd lengths;  ///< (n) free lengths [m] of a tapered arm; otherwise empty
+};
+using Unloaded = UnloadedOf<lie::SE3>;
+
 /// Sections in series, without load: X_tip = prod_k exp(g_k) X_link,k, each g_k = (A+ D)_k l_k (eq.
 /// 17). A link is the section's plate; that of the last section is followed by the tool.
+///
+/// In a tapered section the actuators' poses vary, and so does its twist: g(s) = A(s)+ D(s) l. Its
+/// motion is a product of Magnus steps of order 4, as many as move the tip by less than 1e-5 of the
+/// arm's length when doubled (at sampled inputs). Its twist is the sum of those of the steps.
 ///
 /// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
 /// base, with x along the tangent there.
@@ -61,7 +88,14 @@ class ArmOf {
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
+  /// Of a tapered section, the mean over s.
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
+  /// Null if section k is not tapered.
+  const std::shared_ptr<const TaperOf<Group>>& taper(int k) const { return tapers_[k]; }
+  /// Whether any section is tapered.
+  bool tapered() const { return steps_ > 0; }
+  /// Number of pieces per section of the shape without load: 1, or the steps of a tapered arm.
+  int piecesPerSection() const { return steps_ > 0 ? steps_ : 1; }
   /// Null if the arm has neither plates nor a tool.
   const std::shared_ptr<const LinksOf<Group>>& links() const { return links_; }
   /// Length of the plate beyond section k [m].
@@ -108,12 +142,34 @@ class ArmOf {
   /// Twists (dof x sections) of given lengths (n) [m]. Does not allocate and does not check.
   Twists twistsOfLengths(const InputRef& lengths) const noexcept;
 
+  /// The arm at inputs q (n) or at given lengths (n) [m], which are not checked. The latter
+  /// allocates if the arm is tapered. @throws as lengths() does.
+  UnloadedOf<Group> unloaded(const InputRef& q) const;
+  UnloadedOf<Group> unloadedOfLengths(const InputRef& lengths) const;
+  /// Its pieces (dof x sections * piecesPerSection()).
+  PiecesOf<Group> pieces(const UnloadedOf<Group>& unloaded) const;
+  /// Derivative (dof x n) of piece j of section k by the lengths of the section's actuators.
+  typename Equilibrium<Group>::Map pieceByLengths(int k, int j,
+                                                  const UnloadedOf<Group>& unloaded) const;
+
   /// Pose of the tip at inputs q (n). Does not allocate. Throws as lengths() does.
   Group tip(const InputRef& q) const;
-  /// Pose of the tip with given twists (dof x sections).
+  /// The same without check.
+  Group tipInside(const InputRef& q) const noexcept;
+  /// The same at given lengths (n) [m].
+  Group tipOfLengths(const InputRef& lengths) const noexcept;
+  /// Pose of the tip with given twists (dof x sections), each constant along its section.
   Group tipOf(const Twists& twists) const;
 
  private:
+  using Steps = std::vector<typename TaperOf<Group>::Step>;
+
+  ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps);
+  void chooseSteps();
+  void setSteps(int steps);
+  typename TaperOf<Group>::Lengths lengthsOf(const InputRef& q, int k) const noexcept;
+  typename Group::Tangent taperedTwist(const typename TaperOf<Group>::Lengths& lengths,
+                                       int k) const noexcept;
   template <class StiffnessOf>
   ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
@@ -124,6 +180,9 @@ class ArmOf {
   std::vector<int> first_;
   std::vector<Equilibrium<Group>> equilibria_;
   std::vector<typename Group::Tangent> rest_twists_;
+  std::vector<std::shared_ptr<const TaperOf<Group>>> tapers_;
+  std::vector<Steps> section_steps_;  // empty where a section is not tapered
+  int steps_ = 0;                     // per section; 0 without taper
   std::vector<double> plates_;
   Group tool_;
   std::shared_ptr<const LinksOf<Group>> links_;  // shared with shapes, which are copied often

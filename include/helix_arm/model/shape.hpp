@@ -8,9 +8,6 @@
 
 namespace helix_arm::model {
 
-/// Maximum number of pieces of a shape.
-inline constexpr int kMaxPieces = 128;
-
 /// Shape of an arm's base curve, seen from the arm's base: constant twists in series, with the same
 /// number of pieces in every section.
 ///
@@ -25,7 +22,7 @@ inline constexpr int kMaxPieces = 128;
 class Shape {
  public:
   /// Twist of each piece over its own length, (6 x pieces): v [m], w [rad].
-  using Pieces = Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::ColMajor, 6, kMaxPieces>;
+  using Pieces = PiecesOf<lie::SE3>;
 
   /// A shape without sections.
   Shape() = default;
@@ -70,5 +67,10 @@ class Shape {
 
 /// The shape of an unloaded arm with given twists (6 x sections).
 inline Shape shapeOf(const Arm& arm, const Twists& twists) { return {twists, arm.links()}; }
+/// The shape of an unloaded arm; a tapered section has several pieces.
+inline Shape shapeOf(const Arm& arm, const Unloaded& unloaded) {
+  if (!arm.tapered()) return {unloaded.twists, arm.links()};
+  return {arm.pieces(unloaded), arm.piecesPerSection(), arm.links()};
+}
 
 }  // namespace helix_arm::model

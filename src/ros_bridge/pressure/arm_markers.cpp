@@ -53,13 +53,15 @@ Eigen::Vector3d onCircle(double radius, int side) {
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
 }
 
-// Triangles of the tube of a muscle, offset from the curve by X_O, between two points of the curve.
+// Triangles of the tube of a muscle along the curve, between two points of the curve.
 // The second one is at X_last, since the curve continues there beyond a plate.
-void addTube(const Curve& curve, int first, int last, const lie::SE3& X_last, const lie::SE3& X_O,
-             double radius, std::vector<geometry_msgs::Point>& triangles) {
+void addTube(const Curve& curve, int first, int last, const lie::SE3& X_last,
+             const model::Actuator& actuator, double radius,
+             std::vector<geometry_msgs::Point>& triangles) {
   std::array<geometry_msgs::Point, kSides> here, next;
   for (int j = first; j <= last; ++j) {
-    const lie::SE3 X = (j < last ? curve[j].X : X_last) * X_O;
+    const double s = static_cast<double>(j - first) / (last - first);
+    const lie::SE3 X = (j < last ? curve[j].X : X_last) * model::poseAlong(actuator, s);
     for (int side = 0; side < kSides; ++side) next[side] = toPointMsg(X * onCircle(radius, side));
     for (int side = 0; j > first && side < kSides; ++side) {
       const int other = (side + 1) % kSides;
@@ -218,7 +220,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       Marker tube = marker(names::kMusclesNs, i, Marker::TRIANGLE_LIST);
       tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
       tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
-      addTube(curve, k * kRings, (k + 1) * kRings, X_end, actuator.X_O, look.muscle_radius,
+      addTube(curve, k * kRings, (k + 1) * kRings, X_end, actuator, look.muscle_radius,
               tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
