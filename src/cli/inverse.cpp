@@ -51,6 +51,7 @@ statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
   if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
   if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
+  if (arguments.prefer == "stiff") options.preference = Preference::kStiff;
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
     throw CallerError("--cocontraction needs --prefer cocontract");
   }
@@ -165,6 +166,10 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
+  if (options.preference == Preference::kStiff && !model.load()) {
+    throw CallerError("--prefer stiff needs arm.stiffness.K_eps_n in every section; scene " +
+                      scene.name + " has none");
+  }
   statics::InverseSolver solver(model, options);
   const Eigen::VectorXd start = startOf(arguments, scene);
 
@@ -201,9 +206,9 @@ Subcommand addInverse(CLI::App& app) {
   command
       ->add_option(
           "--prefer", arguments->prefer,
-          "which of the inputs that reach the target: min-pressure, min-change (from the start) or "
-          "cocontract")
-      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract"}))
+          "which of the inputs that reach the target: min-pressure, min-change (from the start), "
+          "cocontract or stiff (least tip compliance)")
+      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract", "stiff"}))
       ->capture_default_str();
   command->add_option(
       "--start-kpa", arguments->start_kpa,

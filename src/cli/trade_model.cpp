@@ -7,6 +7,7 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "trade.hpp"
 
 namespace helix_arm::cli {
@@ -78,7 +79,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
   std::vector<Eigen::VectorXd> inputs;
   std::vector<Eigen::Vector3d> tips;
   for (const Eigen::VectorXd& q : statics::sampleInputs(scene.arm, kCorners, kInner)) {
-    const statics::Solution solution = exact.solve(scene.arm.unloaded(q));
+    const statics::Solution solution = exact.solve(statics::unloadedUnder(scene.arm, load, q));
     if (!solution.converged()) continue;
     inputs.push_back(q);
     tips.push_back(solution.tip.translation);

@@ -7,6 +7,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -184,9 +185,9 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
   }
   statics::Load load = data.load.value_or(statics::Load());
   for (double& K_eps : load.K_eps) K_eps *= factors.K_eps;
-  const auto statics = [&arm](auto solver) -> Statics {
-    return [arm, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
-      return solver.solve(arm.unloadedOfLengths(lengths));
+  const auto statics = [&arm, &load](auto solver) -> Statics {
+    return [arm, load, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
+      return solver.solve(statics::unloadedUnderOfLengths(arm, load, lengths));
     };
   };
   switch (data.tier.tier) {

@@ -8,6 +8,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
@@ -133,7 +134,8 @@ std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::
   const model::Arm& arm = corrected.arm();
   const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
   const statics::Solution solution =
-      statics::LoadedArm(arm, with, statics::kLeastOrder).solve(arm.unloadedOfLengths(lengths));
+      statics::LoadedArm(arm, with, statics::kLeastOrder)
+          .solve(statics::unloadedUnderOfLengths(arm, with, lengths));
   if (!solution.converged()) return std::nullopt;
   return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
 }

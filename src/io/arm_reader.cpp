@@ -1,5 +1,6 @@
 #include "arm_reader.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -97,6 +98,11 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     arm.complain("sections", "has " + std::to_string(parts.size()) + " entries; expected at most " +
                                  std::to_string(model::kMaxSections));
   }
+  std::vector<statics::StiffnessTable> tables;
+  for (const SectionParts& one : parts) tables.push_back(one.table);
+  if (std::all_of(tables.begin(), tables.end(), [](const auto& one) { return one.empty(); })) {
+    tables.clear();
+  }
   std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
   // An unknown contraction omits its actuators, which is not a fault of their own.
   if (faults.count() != faults_before) return std::nullopt;
@@ -111,8 +117,12 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     std::optional<model::PlanarArm> planar;
     if (context.planar) planar = planarArm(sections, tool);
     model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections), tool);
-    return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
-                    std::move(K_eps)};
+    return ArmParts{X_WB,
+                    std::move(spatial),
+                    std::move(planar),
+                    std::move(looks),
+                    std::move(K_eps),
+                    std::move(tables)};
   } catch (const std::invalid_argument& error) {
     arm.complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;

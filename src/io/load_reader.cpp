@@ -75,6 +75,7 @@ std::optional<statics::Load> onlyStiffness(const ArmParts* arm) {
   statics::Load load;
   load.mass.assign(arm->K_eps.size(), 0.0);
   load.K_eps = arm->K_eps;
+  load.tables = arm->tables;
   return load;
 }
 
@@ -127,6 +128,7 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
     return std::nullopt;
   }
   load.K_eps = arm->K_eps;
+  load.tables = arm->tables;
   return load;
 }
 

@@ -243,6 +243,56 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   if (X_O) addActuator(name, {*X_O}, stiffness, fitting, length_scale, section);
 }
 
+// K_eps against pressure. Invalid ones are reported and leave none.
+void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
+  stiffness.K_eps.reset();
+  const auto pressure = keys.numbers("pressure_kpa", 0, kPressure);
+  const auto force = keys.numbers("force_n", 0, kExtensionalStiffness);
+  if (!pressure || !force) return;
+  if (pressure->size() < 2 || pressure->size() != force->size()) {
+    keys.complain("force_n", "has " + std::to_string(force->size()) + " entries for " +
+                                 std::to_string(pressure->size()) +
+                                 " of pressure_kpa; expected 2 or more of each");
+    return;
+  }
+  for (std::size_t i = 1; i < pressure->size(); ++i) {
+    if ((*pressure)[i] > (*pressure)[i - 1]) continue;
+    keys.complain("pressure_kpa", "has " + formatNumber((*pressure)[i]) + " after " +
+                                      formatNumber((*pressure)[i - 1]) +
+                                      "; expected ascending pressures");
+    return;
+  }
+  const double least = *std::min_element(force->begin(), force->end());
+  stiffness.K_eps = least;
+  // A constant table is a number.
+  if (*std::max_element(force->begin(), force->end()) == least) return;
+  for (std::size_t i = 0; i < force->size(); ++i) {
+    stiffness.table.input.push_back(pascals((*pressure)[i]));
+    stiffness.table.factor.push_back((*force)[i] / least);
+  }
+}
+
+// The table must cover what its actuators can be asked for.
+void checkTable(const MapReader& keys, const SectionParts& parts) {
+  for (const model::Actuator& actuator : parts.section.actuators) {
+    if (parts.table.empty()) return;
+    const std::string who = "gives " + actuator.name + " a K_eps_n that depends on pressure";
+    if (!model::isPressure(actuator.drive)) {
+      keys.complain("", who + ", but it is a tendon; expected one number");
+    } else if (actuator.limits.lower < parts.table.input.front() ||
+               actuator.limits.upper > parts.table.input.back()) {
+      keys.complain("", who + ", from " + formatNumber(parts.table.input.front() / 1e3) + " to " +
+                            formatNumber(parts.table.input.back() / 1e3) +
+                            " kPa; expected to cover its limits of " +
+                            formatNumber(actuator.limits.lower / 1e3) + " to " +
+                            formatNumber(actuator.limits.upper / 1e3) + " kPa");
+    } else {
+      continue;
+    }
+    return;
+  }
+}
+
 }  // namespace
 
 InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
@@ -254,11 +304,19 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
   const auto gamma = keys.number("K_gamma", kStiffness);
   const auto tau = keys.number("K_tau_m2", kStiffness);
   const auto kappa = keys.number("K_kappa_m2", kStiffness);
-  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps};
+  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps,
+                               inherited.table};
   if (gamma && tau && kappa) stiffness.value = model::Stiffness{*gamma, *tau, *kappa};
   if (keys.has("K_eps_n")) {
     stiffness.K_eps_given = true;
-    stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
+    stiffness.table = {};
+    const Value& K_eps = *own->find("K_eps_n");
+    if (K_eps.kind == Value::Kind::kMap) {
+      readStiffnessTable(
+          MapReader(K_eps, keys.path("K_eps_n"), {"pressure_kpa", "force_n"}, faults), stiffness);
+    } else {
+      stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
+    }
   }
   return stiffness;
 }
@@ -283,6 +341,7 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
   const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
   parts.K_eps_given = stiffness.K_eps_given;
   parts.K_eps = stiffness.K_eps;
+  parts.table = stiffness.table;
   const auto layout = keys.exactlyOne({"ring", "actuators"});
   if (layout == "ring") {
     if (!stiffness.given) keys.fault("stiffness", "it here or in arm");
@@ -300,6 +359,7 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
                    parts.section);
     }
   }
+  checkTable(keys, parts);
   return parts;
 }
 

@@ -90,7 +90,8 @@ const Eigen::VectorXd& CorrectedModel::scaled(const Eigen::VectorXd& lengths) co
 
 std::optional<model::Shape> CorrectedModel::shape(const Eigen::VectorXd& lengths) const {
   if (!loaded_) {
-    return model::shapeOf(arm_, arm_.twistsOfLengths(scaled(lengths)) + correction_.offset);
+    return model::shapeOf(
+        arm_, model::Twists(arm_.twistsOfLengths(scaled(lengths)) + correction_.offset));
   }
   const Solution solution = loaded_->solveLengths(scaled(lengths));
   if (!solution.converged()) return std::nullopt;

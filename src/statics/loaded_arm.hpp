@@ -10,6 +10,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "relaxation.hpp"
 
 /// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
@@ -95,6 +96,8 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
     compliance_.push_back(complianceOf(arm, load, k));
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
+  requireTables(arm, load_);
+  has_tables_ = !load_.tables.empty();
   may_buckle_ = bucklingBound(arm, load) >= 1.0;
 }
 
@@ -104,6 +107,9 @@ Solver LoadedArmOf<Group>::solved(const Load& load, const Unloaded& unloaded,
                                   const Solver* near) const {
   basics::require(!tapered_ || unloaded.lengths.size() == first_.back(),
                   "loaded tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
+  basics::require(!has_tables_ || unloaded.compliance.size() > 0,
+                  "loaded tier: K_eps depends on pressure; expected unloadedUnder(), not twists "
+                  "alone");
   Solver solver(*this, load, unloaded);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "compliance.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -73,6 +74,8 @@ Rod::Rod(const model::Arm& arm, const Load& given, double tolerance)
     force_scale_ += load.mass[k] * load.gravity.norm();
   }
   first_.push_back(arm.actuatorCount());
+  requireTables(arm, load);
+  has_tables_ = !load.tables.empty();
   std::vector<PointLoad> points = load.points;
   std::stable_sort(points.begin(), points.end(), [](const PointLoad& a, const PointLoad& b) {
     return a.section + a.s < b.section + b.s;

@@ -40,6 +40,7 @@ class Rod {
   lie::SE3 unloadedMotion(int section, double from, double to,
                           const model::Unloaded& unloaded) const;
   bool tapered() const { return tapered_; }
+  bool hasTables() const { return has_tables_; }
 
   /// Magnitude of the whole load [N], [N m].
   double forceScale() const { return force_scale_; }
@@ -57,6 +58,7 @@ class Rod {
   std::shared_ptr<const model::Links> links_;
   std::vector<int> first_;  // actuator of each section
   bool tapered_ = false;
+  bool has_tables_ = false;
 
   std::optional<model::TaperTwist<lie::SE3>> profileOf(int section,
                                                        const model::Unloaded& unloaded) const;
@@ -75,6 +77,8 @@ Flow<kColumns> Rod::flow(int j, const model::Unloaded& unloaded, double share) c
           segment,
           unloaded.twists.col(segment.section),
           profileOf(segment.section, unloaded),
+          has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * segment.section))
+                      : laws_[segment.section].C,
           share,
           size_,
           moment_unit_,

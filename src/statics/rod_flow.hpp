@@ -53,6 +53,7 @@ struct Flow {
   const Segment& segment;
   lie::Vector6 unloaded;                               // of a tapered section, the mean
   std::optional<model::TaperTwist<lie::SE3>> profile;  // of a tapered section
+  lie::Matrix6 compliance;                             // twist per body wrench, without taper
   double share;                                        // fraction of the load
   double size;                                         // of the arm [m]
   double moment_unit;                                  // [N m]
@@ -81,7 +82,7 @@ struct Flow {
                           m = y.template segment<3>(4);
     lie::Matrix6 C_here;
     if (profile) C_here = law.per_K * law.taper->complianceAt(s);
-    const lie::Matrix6& C = profile ? C_here : law.C;
+    const lie::Matrix6& C = profile ? C_here : compliance;
     const lie::Vector6 g =
         (profile ? profile->at(s) : unloaded) + C.leftCols<3>() * n + C.rightCols<3>() * m;
     const Eigen::Vector3d v = g.head<3>(), w = g.tail<3>();

@@ -1,13 +1,14 @@
 #include "tier_solver.hpp"
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "tip_motions.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier and of tapered arms
-                                      // under load, relative to the arm's length
+constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of tapered arms under
+                                      // load and of stiffness tables, relative to the arm's length
 
 // The maps of all sections (dof * sections x n): derivatives of the twists by each free length.
 template <class Group>
@@ -47,7 +48,10 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
 
 TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
-    : arm_(arm), plane_(nullptr) {
+    : arm_(arm),
+      plane_(nullptr),
+      load_(takesLoad(setting.tier) ? &*load : nullptr),
+      differs_(arm.tapered() || (load_ != nullptr && !load_->tables.empty())) {
   switch (setting.tier) {
     case Tier::kPlanar:
       plane_ = &*planar;
@@ -76,6 +80,18 @@ model::Shape TierSolver::embeddedShape(const model::UnloadedOf<lie::SE2>& unload
     pieces.col(j) = lie::embed(lie::SE2::Tangent(flat.col(j)));
   }
   return {pieces, plane_->piecesPerSection(), arm_.links()};
+}
+
+template <class Group>
+model::UnloadedOf<Group> TierSolver::unloadedAt(const model::ArmOf<Group>& arm,
+                                                const model::InputRef& q) const {
+  return load_ != nullptr ? unloadedUnder(arm, *load_, q) : arm.unloaded(q);
+}
+template <class Group>
+model::UnloadedOf<Group> TierSolver::unloadedOfLengths(const model::ArmOf<Group>& arm,
+                                                       const Eigen::VectorXd& lengths) const {
+  return load_ != nullptr ? unloadedUnderOfLengths(arm, *load_, lengths)
+                          : arm.unloadedOfLengths(lengths);
 }
 
 template <class Unloaded>
@@ -107,34 +123,34 @@ Tip TierSolver::tipFrom(const Unloaded& unloaded, const Direct& direct) const {
 }
 
 Solution TierSolver::solve(const Eigen::VectorXd& lengths) const {
-  return solveFrom([&](const auto& arm) { return arm.unloadedOfLengths(lengths); });
+  return solveFrom([&](const auto& arm) { return unloadedOfLengths(arm, lengths); });
 }
 Solution TierSolver::solveInputs(const model::InputRef& q) const {
-  return solveFrom([&](const auto& arm) { return arm.unloaded(q); });
+  return solveFrom([&](const auto& arm) { return unloadedAt(arm, q); });
 }
 Tip TierSolver::tip(const Eigen::VectorXd& lengths) const {
-  return tipFrom([&](const auto& arm) { return arm.unloadedOfLengths(lengths); },
+  return tipFrom([&](const auto& arm) { return unloadedOfLengths(arm, lengths); },
                  [&](const auto& arm) { return arm.tipOfLengths(lengths); });
 }
 Tip TierSolver::tipOfInputs(const model::InputRef& q) const {
-  return tipFrom([&](const auto& arm) { return arm.unloaded(q); },
+  return tipFrom([&](const auto& arm) { return unloadedAt(arm, q); },
                  [&](const auto& arm) { return arm.tip(q); });
 }
 
 std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef& q,
                                                            int count) const {
-  if (planar_loaded_) return planar_loaded_->curve(plane_->unloaded(q), count);
-  if (loaded_) return loaded_->curve(arm_.unloaded(q), count);
-  if (exact_) return exact_->curve(arm_.unloaded(q), count);
+  if (planar_loaded_) return planar_loaded_->curve(unloadedAt(*plane_, q), count);
+  if (loaded_) return loaded_->curve(unloadedAt(arm_, q), count);
+  if (exact_) return exact_->curve(unloadedAt(arm_, q), count);
   return model::sampleCurve(solveInputs(q).shape, count);
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
-  if (loaded_ && !arm_.tapered()) {
+  if (loaded_ && !differs_) {
     const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
     return {found.at.tip, found.at.status, found.by};
   }
-  if (planar_loaded_ && !arm_.tapered()) {
+  if (planar_loaded_ && !differs_) {
     const auto found =
         planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
     return {lie::embed(found.at.tip), found.at.status, inSpace(found.by)};

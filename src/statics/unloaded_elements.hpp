@@ -22,7 +22,7 @@ class LoadedArmOf<Group>::UnloadedElements {
       : arm_(arm), unloaded_(unloaded) {
     const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     const int count = static_cast<int>(arm.elements_.size());
-    if (arm.tapered_) compliance_.resize(kNodes * count);
+    if (arm.tapered_ || arm.has_tables_) compliance_.resize(kNodes * count);
     for (int e = 0; e < count; ++e) {
       const Element& element = arm.elements_[e];
       if (arm.tapers_[element.section]) {
@@ -34,6 +34,11 @@ class LoadedArmOf<Group>::UnloadedElements {
         const Group X = Group::exp(rule.nodes()[j] * twist_[e]);
         rotation_[e * kNodes + j] = X.rotation;
         translation_[e * kNodes + j] = X.translation;
+        if (compliance_.empty()) continue;
+        compliance_[e * kNodes + j] =
+            arm.has_tables_ ? Matrix(unloaded.compliance.template middleCols<Group::kDof>(
+                                  Group::kDof * element.section))
+                            : arm.compliance_[element.section];
       }
     }
   }
@@ -59,7 +64,8 @@ class LoadedArmOf<Group>::UnloadedElements {
   }
   /// Twist per wrench, both seen from the node's frame.
   const Matrix& compliance(int e, int j) const {
-    return isTapered(e) ? compliance_[e * kNodes + j] : arm_.compliance_[arm_.elements_[e].section];
+    if (!compliance_.empty()) return compliance_[e * kNodes + j];
+    return arm_.compliance_[arm_.elements_[e].section];
   }
 
  private:
@@ -101,7 +107,7 @@ class LoadedArmOf<Group>::UnloadedElements {
   decltype(Group::rotation) rotation_[kNodes * kMaxElements];
   typename Group::Point translation_[kNodes * kMaxElements];
   Group end_[kMaxElements];         // of tapered elements
-  std::vector<Matrix> compliance_;  // at the nodes of tapered elements; empty without taper
+  std::vector<Matrix> compliance_;  // at the nodes, if it is not one constant per section
 };
 
 }  // namespace helix_arm::statics

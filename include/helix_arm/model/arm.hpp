@@ -57,6 +57,11 @@ struct UnloadedOf {
 
   TwistsOf<Group> twists;   ///< (dof x sections) means over each section
   Eigen::VectorXd lengths;  ///< (n) free lengths [m] of a tapered arm; otherwise empty
+  /// (dof x dof * sections) twist per wrench of each section, where that depends on the inputs;
+  /// otherwise empty.
+  Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof,
+                Group::kDof * kMaxSections>
+      compliance;
 };
 using Unloaded = UnloadedOf<lie::SE3>;
 

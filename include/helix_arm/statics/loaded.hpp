@@ -75,9 +75,10 @@ class LoadedArmOf {
 
   int order() const { return order_; }
 
-  /// Tip for the twists (dof x sections) of the arm without load, or for ArmOf::unloaded() of a
-  /// tapered arm. Does not allocate without taper.
-  /// @throws std::invalid_argument if a tapered arm gets twists alone.
+  /// Tip for the twists (dof x sections) of the arm without load, for ArmOf::unloaded() of a
+  /// tapered arm, or for unloadedUnder() of a load with StiffnessTables. Does not allocate with
+  /// twists alone.
+  /// @throws std::invalid_argument if the other two get twists alone.
   TipOf<Group> tip(const Unloaded& unloaded) const;
 
   /// The same with the shape, kLoadedPieces per section.
@@ -91,7 +92,7 @@ class LoadedArmOf {
   /// Tip and its derivative when the unloaded twists change along each of m directions (dof *
   /// sections x m). With an actuator's map and the slope of its contraction as direction, this is
   /// the derivative with respect to its input. Central differences of solutions, accurate to 1e-6
-  /// of the largest column. For arms without taper.
+  /// of the largest column. For arms without taper and loads without StiffnessTables.
   Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
 
   /// Tip and its derivative with respect to the load: one column for the mass of each section
@@ -127,6 +128,7 @@ class LoadedArmOf {
   std::vector<double> per_K_;
   std::vector<int> first_;  // actuator of each section
   bool tapered_ = false;
+  bool has_tables_ = false;
   std::vector<Element> elements_;
   std::shared_ptr<const model::LinksOf<Group>> links_;  // null without any
   std::shared_ptr<const model::Links> links_in_space_;
