@@ -24,6 +24,7 @@ set(below_ros_bridge/cockpit "${below_ros_bridge/common}|ros_bridge/common")
 set(below_rviz_panel "ros_bridge/cockpit|ros_bridge/common")  # and what a box shows: values and words, no message
 set(below_nodes "ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/calibration|ros_bridge/tools|ros_bridge/common")
 set(below_cli "${below_procedures}|procedures|ros_bridge/calibration")  # its reader of recordings
+set(below_python "${below_cli}")
 
 foreach(layer basics lie model statics control follow procedures)
   set(others_${layer} "Eigen")
@@ -34,10 +35,11 @@ set(others_vision "Eigen|opencv2|apriltag")
 set(others_simulation "Eigen|modbus|opencv2")
 set(others_io "Eigen|openssl|yaml-cpp")
 set(others_cli "Eigen|CLI|cairo|nlohmann")
+set(others_python "Eigen|opencv2|pybind11")
 set(others_nodes "")
 set(others_rviz_panel "rviz|pluginlib|ros")  # and Qt, whose headers have no folder
 
-set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli rviz_panel)
+set(layers basics lie model statics control estimation follow vision regulator simulation io procedures nodes cli python rviz_panel)
 foreach(package common pressure vision calibration cockpit follow tools)
   list(APPEND layers ros_bridge/${package})
   set(others_ros_bridge/${package} ".*")

@@ -11,6 +11,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
+#include "table_rows.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -20,7 +21,7 @@ using nlohmann::json;
 constexpr int kMostSamples = 1000000;
 
 struct ForwardOptions {
-  std::string scene, pressure_kpa, input;
+  std::string scene, pressure_kpa, input, inputs;
   TierArguments tier;
   int samples = 0;
 };
@@ -161,15 +162,7 @@ json reportJson(const io::Scene& scene, const ForwardResult& result) {
   return document;
 }
 
-// The curve if it was requested; otherwise one row with all numbers.
-CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
-  CsvTable table;
-  for (const auto& point : result.curve) {
-    CsvTable::Row row{{"s", exact(point.s)}};
-    appendPose("", point.X, row);
-    table.add(row);
-  }
-  if (!result.curve.empty()) return table;
+CsvTable::Row csvRow(const io::Scene& scene, const ForwardResult& result) {
   CsvTable::Row row{{"tier", statics::nameOf(result.choice.setting.tier)},
                     {"order", orderCell(result.choice.setting)},
                     {"status", statics::nameOf(result.solution.status)}};
@@ -184,7 +177,18 @@ CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
   row.emplace_back("relative_residual", exact(result.solution.residual));
   row.emplace_back("iterations", std::to_string(result.solution.iterations));
   row.emplace_back("tip_error_percent", exact(result.tipErrorPercent()));
-  table.add(row);
+  return row;
+}
+
+// The curve if it was requested; otherwise one row with all numbers.
+CsvTable toCsv(const io::Scene& scene, const ForwardResult& result) {
+  CsvTable table;
+  for (const auto& point : result.curve) {
+    CsvTable::Row row{{"s", exact(point.s)}};
+    appendPose("", point.X, row);
+    table.add(row);
+  }
+  if (result.curve.empty()) table.add(csvRow(scene, result));
   return table;
 }
 
@@ -219,8 +223,36 @@ void printText(const io::Scene& scene, const ForwardResult& result) {
     std::cout << "s " << point.s << ": " << poseText(point.X) << "\n";
 }
 
+// One result per row of a table.
+int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
+  if (!options.pressure_kpa.empty() || !options.input.empty() || options.samples > 0) {
+    throw CallerError("--inputs excludes --pressure-kpa, --input and --samples");
+  }
+  const io::DataSet data = tableOf(options.inputs);
+  const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
+  const statics::ArmModel model = modelOf(scene, options.tier);
+  json rows = json::array();
+  CsvTable table;
+  bool all_converged = true;
+  for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
+    const ForwardResult result = forward(model, inputs.row(row), 0);
+    all_converged = all_converged && result.solution.converged();
+    if (global.format == Format::kJson) rows.push_back(reportJson(scene, result));
+    if (global.format == Format::kCsv) table.add(csvRow(scene, result));
+    if (global.format == Format::kText) {
+      std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
+                << statics::nameOf(result.solution.status) << ", tip "
+                << poseText(result.solution.tip) << "\n";
+    }
+  }
+  if (global.format == Format::kJson) printJson({{"scene", scene.name}, {"rows", rows}});
+  if (global.format == Format::kCsv) table.print(std::cout);
+  return all_converged ? kDone : kNotPossible;
+}
+
 int run(const ForwardOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
+  if (!options.inputs.empty()) return runRows(options, global, scene);
   const Eigen::VectorXd inputs =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input);
   const ForwardResult result = forward(modelOf(scene, options.tier), inputs, options.samples);
@@ -241,6 +273,9 @@ Subcommand addForward(CLI::App& app) {
   command->add_option(
       "--input", options->input,
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
+  command->add_option("--inputs", options->inputs,
+                      "one result per row of this table, or of stdin where it is -: columns "
+                      "pressure_1_kpa .. or input_1 .. in SI units");
   addTierOptions(*command, options->tier);
   command
       ->add_option(
@@ -259,7 +294,9 @@ Subcommand addForward(CLI::App& app) {
       "pressure_pa, actuators; under load pieces (per section) and piece_twist (all pieces x 6;\n"
       "their ends lie on the curve, and between them they are helices, off the curve by 2e-5 of\n"
       "the length and more); with --samples curve [{s, position_m, quaternion_xyzw}]. csv: one\n"
-      "row, or the rows of the curve.\n"
+      "row, or the rows of the curve. With --inputs json is {scene, rows [as above]}, csv has a "
+      "row\n"
+      "for each input.\n"
       "--tier, --order, --accuracy and --budget replace everything that the scene says about\n"
       "the tier.\n"
       "Exit code 1 if no shape balances the load.");

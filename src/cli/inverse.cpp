@@ -11,6 +11,7 @@
 #include "command.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "output.hpp"
+#include "table_rows.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -22,23 +23,28 @@ using statics::Limit;
 using statics::Preference;
 
 struct InverseArguments {
-  std::string scene, tip, pose, twist, prefer = "min-pressure", start_kpa, start;
+  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", start_kpa, start;
   TierArguments tier;
   double cocontraction = 0.5;
   bool cocontraction_given = false;
 };
 
-lie::SE3 poseArgument(const std::string& text) {
+// @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
+lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
-  const std::vector<double> p = numberList("--pose", text, 7);
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
     std::ostringstream message;
-    message << "--pose has a quaternion of norm " << q.norm()
+    message << culprit << " has a quaternion of norm " << q.norm()
             << "; expected 1, in the order qx,qy,qz,qw";
     throw CallerError(message.str());
   }
   return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
+}
+
+lie::SE3 poseArgument(const std::string& text) {
+  const std::vector<double> p = numberList("--pose", text, 7);
+  return poseOf("--pose", Eigen::Map<const Eigen::VectorXd>(p.data(), 7));
 }
 
 model::Twists twistArgument(const std::string& text, int sections) {
@@ -102,8 +108,8 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier,
-                     const InverseResult& result, const statics::Solution& reached) {
+json reportJson(const io::Scene& scene, const statics::TierSetting& tier,
+                const InverseResult& result, const statics::Solution& reached) {
   const std::string reason = reasonFor(result);
   json document{{"scene", scene.name},
                 {"tier", nameOf(tier.tier)},
@@ -118,11 +124,11 @@ void printJsonResult(const io::Scene& scene, const statics::TierSetting& tier,
                 {"tip", reached.converged() ? toJson(reached.tip) : json()},
                 {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}};
   addInputs(scene.arm, result.input, document);
-  printJson(document);
+  return document;
 }
 
-void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
-                    const InverseResult& result, const statics::Solution& reached) {
+CsvTable::Row csvRow(const io::Scene& scene, const statics::TierSetting& tier,
+                     const InverseResult& result, const statics::Solution& reached) {
   CsvTable::Row row{{"status", statusName(result.status)},
                     {"converged", result.converged() ? "1" : "0"}};
   appendInputs(scene.arm, result.input, row);
@@ -138,9 +144,7 @@ void printCsvResult(const io::Scene& scene, const statics::TierSetting& tier,
   appendPose("tip_", reached.tip, row);
   row.emplace_back("tier", nameOf(tier.tier));
   row.emplace_back("order", orderCell(tier));
-  CsvTable table;
-  table.add(row);
-  table.print(std::cout);
+  return row;
 }
 
 void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
@@ -160,9 +164,46 @@ void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
             << "tip " << poseText(reached.tip) << "\n";
 }
 
+// Positions, or poses where the table has a quaternion. Each search begins at the start; with
+// min-change, at the inputs of the row before.
+int runRows(const InverseArguments& arguments, const GlobalOptions& global, const io::Scene& scene,
+            const statics::ArmModel& model, statics::InverseSolver& solver) {
+  const io::DataSet data = tableOf(arguments.targets);
+  const bool poses = data.find("qx") >= 0;
+  std::vector<std::string> names = {"x_m", "y_m", "z_m"};
+  if (poses) names.insert(names.end(), {"qx", "qy", "qz", "qw"});
+  const Eigen::MatrixXd targets = columnsOf(data, names);
+  const statics::TierSetting& tier = model.choice().setting;
+  Eigen::VectorXd start = startOf(arguments, scene);
+  json rows = json::array();
+  CsvTable table;
+  bool all_reached = true;
+  for (Eigen::Index row = 0; row < targets.rows(); ++row) {
+    const Eigen::VectorXd target = targets.row(row);
+    const std::string line =
+        data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
+    const InverseResult result =
+        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
+    const statics::Solution reached = model.solve(result.input);
+    all_reached = all_reached && result.status == InverseStatus::kReached;
+    if (arguments.prefer == "min-change") start = result.input;
+    if (global.format == Format::kJson) rows.push_back(reportJson(scene, tier, result, reached));
+    if (global.format == Format::kCsv) table.add(csvRow(scene, tier, result, reached));
+    if (global.format == Format::kText) {
+      std::cout << line << " ";
+      printTextResult(scene, tier, result, reached);
+    }
+  }
+  if (global.format == Format::kJson) printJson({{"scene", scene.name}, {"rows", rows}});
+  if (global.format == Format::kCsv) table.print(std::cout);
+  return all_reached ? kDone : kNotPossible;
+}
+
 int run(const InverseArguments& arguments, const GlobalOptions& global) {
-  const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty();
-  if (targets != 1) throw CallerError("give exactly one target: --tip, --pose or --twist");
+  const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty() +
+                      !arguments.targets.empty();
+  if (targets != 1)
+    throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
@@ -172,6 +213,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   }
   statics::InverseSolver solver(model, options);
   const Eigen::VectorXd start = startOf(arguments, scene);
+  if (!arguments.targets.empty()) return runRows(arguments, global, scene, model, solver);
 
   InverseResult result;
   if (!arguments.tip.empty()) {
@@ -184,8 +226,12 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   }
   const statics::Solution reached = model.solve(result.input);
   const statics::TierSetting& tier = model.choice().setting;
-  if (global.format == Format::kJson) printJsonResult(scene, tier, result, reached);
-  if (global.format == Format::kCsv) printCsvResult(scene, tier, result, reached);
+  if (global.format == Format::kJson) printJson(reportJson(scene, tier, result, reached));
+  if (global.format == Format::kCsv) {
+    CsvTable table;
+    table.add(csvRow(scene, tier, result, reached));
+    table.print(std::cout);
+  }
   if (global.format == Format::kText) printTextResult(scene, tier, result, reached);
   return result.status == InverseStatus::kReached ? kDone : kNotPossible;
 }
@@ -203,6 +249,9 @@ Subcommand addInverse(CLI::App& app) {
   command->add_option(
       "--twist", arguments->twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
+  command->add_option("--targets", arguments->targets,
+                      "one result per row of this table, or of stdin where it is -: columns "
+                      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw");
   command
       ->add_option(
           "--prefer", arguments->prefer,
@@ -230,6 +279,7 @@ Subcommand addInverse(CLI::App& app) {
       "(position error and, for poses and twists, 0.1 m per rad of rotation [m]),\n"
       "position_error_m, active_limits [{actuator, limit}], iterations, and the tip and twist\n"
       "(mean of each section) reached.\n"
+      "With --targets json is {scene, rows [as above]}, csv has a row for each target.\n"
       "An unreachable target gives the closest inputs found and exit code 1.");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

@@ -2,22 +2,27 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/target_check.hpp"
 
 namespace helix_arm::control {
 namespace {
 
 constexpr char kCulprit[] = "pressure observer";
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 constexpr int kMostMoments = 1024;  // kMemory of readings at 1000 Hz
 constexpr double kRestlessness =
     50.0;  // standard deviation, per turn, of what the lag does not model [Pa]
+// How far ahead of the readings it looks: at least so much, and so many of their periods.
+constexpr double kPatience = 0.05;  // [s]
+constexpr double kPatientPeriods = 1.5;
 constexpr double kLagUncertainty = 0.2;  // of a change that the lag predicts
-constexpr double kLargest = 1e9;         // no regulator reads or is told more [Pa]
 
 // Not so if it is NaN.
-bool isPressure(double value) { return std::abs(value) <= kLargest; }
+bool isPressure(double value) { return kPossibleReading.contains(value); }
 
 }  // namespace
 
@@ -27,6 +32,7 @@ PressureObserver::PressureObserver(int channels, double time_constant, double no
   basics::requirePositive(kCulprit, "the time constant [s]", time_constant);
   basics::requirePositive(kCulprit, "the noise of readings [Pa]", noise);
   now_ = {Eigen::VectorXd::Zero(channels), Eigen::VectorXd::Zero(channels)};
+  set_point_ = Eigen::VectorXd::Constant(channels, kUnknown);
   history_.assign(kMostMoments, {0.0, now_});
 }
 
@@ -47,10 +53,35 @@ void PressureObserver::remember(double time) {
   while (count_ > 2 && moment(count_ - 2).time <= time - kMemory) --count_;
 }
 
+void PressureObserver::predict(double dt, Estimate& estimate) const {
+  const double share = -std::expm1(-dt / time_constant_);
+  for (Eigen::Index i = 0; i < set_point_.size(); ++i) {
+    double& p = estimate.pressure[i];
+    double& V = estimate.variance[i];
+    const double move = isPressure(set_point_[i]) ? share * (set_point_[i] - p) : 0.0;
+    p += move;
+    const double unsure = kLagUncertainty * move;
+    V = (1 - share) * (1 - share) * V + unsure * unsure + kRestlessness * kRestlessness;
+  }
+}
+
+bool PressureObserver::ahead(double time, Estimate& out) const {
+  if (count_ == 0) return false;
+  const double period = count_ > 1 ? moment(0).time - moment(1).time : 0.0;
+  const double dt = time - moment(0).time;
+  if (!(dt >= 0 && dt <= std::min(std::max(kPatience, kPatientPeriods * period), kMemory))) {
+    return false;
+  }
+  out = now_;
+  predict(dt, out);
+  return true;
+}
+
 void PressureObserver::update(double time, const Eigen::VectorXd& set_point,
                               const Eigen::VectorXd& reading) {
   if (count_ > 0 && time < moment(0).time) restart();
   if (count_ == 0) {
+    set_point_.setConstant(kUnknown);
     if (!std::all_of(reading.begin(), reading.end(), isPressure)) return;
     now_.pressure = reading;
     now_.variance.setConstant(noise_ * noise_);
@@ -58,15 +89,12 @@ void PressureObserver::update(double time, const Eigen::VectorXd& set_point,
   }
   const double dt = time - moment(0).time;
   if (dt == 0) return;
-  const double share = -std::expm1(-dt / time_constant_);
+  set_point_ = set_point;
+  predict(dt, now_);
   for (Eigen::Index i = 0; i < reading.size(); ++i) {
+    if (!isPressure(reading[i])) continue;
     double& p = now_.pressure[i];
     double& V = now_.variance[i];
-    const double move = isPressure(set_point[i]) ? share * (set_point[i] - p) : 0.0;
-    p += move;
-    const double unsure = kLagUncertainty * move;
-    V = (1 - share) * (1 - share) * V + unsure * unsure + kRestlessness * kRestlessness;
-    if (!isPressure(reading[i])) continue;
     const double gain = V / (V + noise_ * noise_);
     p += gain * (reading[i] - p);
     V *= 1 - gain;

@@ -71,6 +71,34 @@ bool determined(const TwistEquations& equations, const Matrix& covariance) {
   return true;
 }
 
+/// Fills in what is known of base and bleed after a fit with this covariance of its parameters.
+template <class Matrix>
+void reportRig(const TwistEquations& equations, const FitPoint& at, const Matrix& covariance,
+               TwistFit& result) {
+  const int twists = 6 * equations.sections();
+  const bool base = equations.options().free_base, bleed = covariance.cols() > twists + 6 * base;
+  // Rows of the parameters in the order of the estimate; a step multiplies X_B0B from the right.
+  RigEstimate::Matrix by_step = RigEstimate::Matrix::Identity();
+  by_step.topLeftCorner<6, 6>() = lie::SE3::rightJacobianInverse(at.base_offset);
+  result.rig = equations.rig();
+  RigEstimate::Matrix fitted = RigEstimate::Matrix::Zero();
+  const int first = base ? 0 : 6, count = (base ? 6 : 0) + (bleed ? 1 : 0);
+  if (count == 0) return;
+  for (int i = 0; i < count; ++i) {
+    for (int k = 0; k < count; ++k) {
+      fitted(first + i, first + k) = covariance(twists + i, twists + k);
+    }
+  }
+  const RigEstimate::Matrix moved = by_step * fitted * by_step.transpose();
+  if (base) result.rig.mean.head<6>() = at.base_offset;
+  if (bleed) result.rig.mean[6] = at.bleed;
+  for (int i = first; i < first + count; ++i) {
+    result.rig.covariance.row(i).setZero();
+    result.rig.covariance.col(i).setZero();
+  }
+  result.rig.covariance.block(first, first, count, count) = moved.block(first, first, count, count);
+}
+
 /// Fills in the results that follow from the equations at the end of a search: outliers, RMS,
 /// covariances, and the status if the tags do not explain or determine the twists.
 ///
@@ -96,6 +124,8 @@ void reportStatistics(const Model& model, const TwistEquations& equations, const
   const ResidualNoise noise = noiseOf(result, at.squares, model.residuals(), data_parameters);
   const Matrix by_tags = noise.variance * (inverse - by_priors);
   const Matrix all = by_tags + by_priors;
+
+  reportRig(equations, at, inverse, result);
 
   // For the twists alone.
   using Part = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,

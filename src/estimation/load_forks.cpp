@@ -73,7 +73,7 @@ struct LoadForks::Workspace {
               TipCompliance& compliance);
   bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force);
   std::size_t likeliest() const;
-  void report(const TipCompliance& compliance);
+  void report(TipCompliance& compliance);
 
   LoadForksOptions options;
   std::vector<Fork> forks;             // oldest first
@@ -169,7 +169,7 @@ std::size_t LoadForks::Workspace::likeliest() const {
   return best;
 }
 
-void LoadForks::Workspace::report(const TipCompliance& compliance) {
+void LoadForks::Workspace::report(TipCompliance& compliance) {
   const double score = load.score, onset = load.onset;
   const bool contact = load.contact;
   load = {};
@@ -190,6 +190,8 @@ void LoadForks::Workspace::report(const TipCompliance& compliance) {
   load.force = force.force() / unit;
   load.covariance = force.forceCovariance() / (unit * unit);
   load.determined = determinedDirections(load.force, load.covariance);
+  const Eigen::Vector3d known = load.determined * (load.determined.transpose() * force.force());
+  load.tip_beyond_fit = compliance.tipBeyondFit(named ? place : hypotheses.size() - 1) * known;
 }
 
 LoadForks::LoadForks(const LoadForksOptions& options) : work_(std::make_unique<Workspace>()) {

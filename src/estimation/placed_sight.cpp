@@ -13,6 +13,8 @@ namespace {
 constexpr char kCulprit[] = "placed sight";
 // Half the step of the differences of a tag's pose; large compared with rounding.
 constexpr double kMountStep = 1e-5;  // [m, rad]
+// Factor on priors that are to say hardly anything.
+constexpr double kWide = 30.0;
 
 lie::Vector6 bothParts(double translation, double rotation) {
   lie::Vector6 out;
@@ -48,6 +50,55 @@ lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::S
   return out;
 }
 
+// Errors of all parameters of a fit by one standard deviation of each entry of the placements: six
+// columns for each tag of the layout, six for the base. A tag that is not fitted has none.
+std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedSight& sight, const model::Arm& arm,
+                                           const model::Shape& shape,
+                                           const std::vector<int>& tags) {
+  basics::requireValue(
+      shape.sectionCount() == sight.view.sections && shape.sectionCount() == arm.sectionCount(),
+      kCulprit, "the number of sections of the shape", shape.sectionCount(),
+      "that of the view and of the arm");
+  for (const int tag : tags) {
+    basics::requireValue(tag >= 0 && tag < static_cast<int>(sight.view.layout.tags.size()),
+                         kCulprit, "the index of a tag", tag, "one of the layout");
+  }
+  TwistEquations equations(sight.view.layout, sight.view.sections, sight.fit);
+  const CornerModel corners{sight.view.X_CB, sight.view.camera.focal() / sight.fit.corner_noise,
+                            equations.options()};
+  equations.expect(shape);
+  FitPoint point;
+  equations.start(shape.twists(), point);
+  std::vector<CornerObservation> seen;
+  seen.reserve(tags.size());
+  for (const int tag : tags) seen.push_back(observe(sight.view, point.shape, tag));
+  NormalEquations<Eigen::Dynamic> system;
+  equations.evaluate(corners, seen, -1, point, system);
+  if (!std::isfinite(point.cost)) return std::nullopt;
+
+  const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
+  const Eigen::Index size = system.gradient.size();
+  const auto count = static_cast<Eigen::Index>(sight.view.layout.tags.size());
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, 6 * (count + 1));
+  const auto set = [&](Eigen::Index placement, const Eigen::MatrixXd& gradient,
+                       const lie::Vector6& deviations) {
+    out.middleCols<6>(6 * placement) = factors.solve(gradient) * deviations.asDiagonal();
+  };
+  Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(size, 6);
+  for (const CornerObservation& one : seen) {
+    const auto index = static_cast<std::size_t>(one.tag);
+    const TagPlacement& tag = sight.view.layout.tags[index];
+    const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
+    set(one.tag, by_motion * motions(tag, arm.restLength(tag.section), point.shape),
+        sight.deviations.tags[index]);
+    by_base += by_motion;
+  }
+  set(count, by_base, sight.deviations.base);
+  return out;
+}
+
+Eigen::MatrixXd covarianceOf(const Eigen::MatrixXd& errors) { return errors * errors.transpose(); }
+
 }  // namespace
 
 PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior& tag,
@@ -77,44 +128,35 @@ void PlacedSight::validate() const {
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags) {
-  basics::requireValue(
-      shape.sectionCount() == sight.view.sections && shape.sectionCount() == arm.sectionCount(),
-      kCulprit, "the number of sections of the shape", shape.sectionCount(),
-      "that of the view and of the arm");
-  for (const int tag : tags) {
-    basics::requireValue(tag >= 0 && tag < static_cast<int>(sight.view.layout.tags.size()),
-                         kCulprit, "the index of a tag", tag, "one of the layout");
-  }
-  TwistEquations equations(sight.view.layout, sight.view.sections, sight.fit);
-  const CornerModel corners{sight.view.X_CB, sight.view.camera.focal() / sight.fit.corner_noise,
-                            equations.options()};
-  equations.expect(shape);
-  FitPoint point;
-  equations.start(shape.twists(), point);
-  std::vector<CornerObservation> seen;
-  seen.reserve(tags.size());
-  for (const int tag : tags) seen.push_back(observe(sight.view, point.shape, tag));
-  NormalEquations<Eigen::Dynamic> system;
-  equations.evaluate(corners, seen, -1, point, system);
-  if (!std::isfinite(point.cost)) return std::nullopt;
+  const auto errors = errorsOfFit(sight, arm, shape, tags);
+  if (!errors) return std::nullopt;
+  return covarianceOf(errors->topRows(6 * sight.view.sections));
+}
 
-  const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
-  const int size = 6 * sight.view.sections;
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(size, size);
-  const auto add = [&](const Eigen::MatrixXd& gradient, const lie::Vector6& deviations) {
-    const Eigen::MatrixXd by_placement = factors.solve(gradient).topRows(size);
-    out += by_placement * deviations.cwiseAbs2().asDiagonal() * by_placement.transpose();
-  };
-  Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(system.gradient.size(), 6);
-  for (const CornerObservation& one : seen) {
-    const auto index = static_cast<std::size_t>(one.tag);
-    const TagPlacement& tag = sight.view.layout.tags[index];
-    const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
-    add(by_motion * motions(tag, arm.restLength(tag.section), point.shape),
-        sight.deviations.tags[index]);
-    by_base += by_motion;
-  }
-  add(by_base, sight.deviations.base);
+std::optional<Eigen::MatrixXd> placementDifference(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags,
+                                                   const std::vector<int>& others) {
+  const auto errors = errorsOfFit(sight, arm, shape, tags);
+  const auto of_others = errorsOfFit(sight, arm, shape, others);
+  if (!errors || !of_others) return std::nullopt;
+  return covarianceOf((*of_others - *errors).topRows(6 * sight.view.sections));
+}
+
+std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags) {
+  PlacedSight free = sight;
+  free.deviations.base.setZero();
+  free.fit.base_prior.translation *= kWide;
+  free.fit.base_prior.rotation *= kWide;
+  free.fit.bleed_prior *= kWide;
+  const auto errors = errorsOfFit(free, arm, shape, tags);
+  if (!errors) return std::nullopt;
+  RigEstimate::Matrix out = RigEstimate::Matrix::Zero();
+  const int first = sight.fit.free_base ? 0 : 6;
+  const int count = (sight.fit.free_base ? 6 : 0) + (sight.fit.free_bleed ? 1 : 0);
+  out.block(first, first, count, count) = covarianceOf(errors->bottomRows(count));
   return out;
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "twist_equations.hpp"
@@ -114,8 +115,14 @@ struct TipCompliance::Workspace {
         corrected(given),
         computed(places.size()) {}
 
+  struct Compliance {
+    Eigen::MatrixXd of_fit;  // (6 sections x 3) of the fitted twists
+    Eigen::Matrix3d beyond;  // of the tip, less that of the tip of the fitted twists
+  };
+
   std::optional<model::Shape> shapeUnder(const statics::Load& with) const;
-  Eigen::MatrixXd compute(const ForcePlace& place);
+  Compliance compute(const ForcePlace& place);
+  const Compliance& at(std::size_t place);
 
   const statics::Load load;  // with nominal K_eps
   const bool normalised;
@@ -127,7 +134,7 @@ struct TipCompliance::Workspace {
   std::optional<std::vector<int>> tags;
   std::optional<model::Shape> unforced;
   bool fits = false;
-  std::vector<std::optional<Eigen::MatrixXd>> computed;  // per position
+  std::vector<std::optional<Compliance>> computed;  // per position
 };
 
 std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::Load& with) const {
@@ -140,8 +147,9 @@ std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::
   return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
 }
 
-Eigen::MatrixXd TipCompliance::Workspace::compute(const ForcePlace& place) {
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * corrected.arm().sectionCount(), 3);
+TipCompliance::Workspace::Compliance TipCompliance::Workspace::compute(const ForcePlace& place) {
+  Compliance out{Eigen::MatrixXd::Zero(6 * corrected.arm().sectionCount(), 3),
+                 Eigen::Matrix3d::Zero()};
   statics::Load with = load;
   for (double& K_eps : with.K_eps) K_eps *= corrected.correction().K_eps_factor;
   if (!unforced) {
@@ -156,8 +164,15 @@ Eigen::MatrixXd TipCompliance::Workspace::compute(const ForcePlace& place) {
   if (place.section == last && place.s == 1.0) {
     with.points.back().offset = corrected.arm().link(last).translation;
   }
+  // Of the shape whose mean twists are these.
+  const auto tipOf = [this](const Eigen::VectorXd& change) {
+    model::Twists twists = unforced->twists();
+    twists.reshaped() += change;
+    return model::tipPose(unforced->about(twists)).translation;
+  };
   for (int axis = 0; axis < 3; ++axis) {
     std::optional<Eigen::VectorXd> ends[2];
+    Eigen::Vector3d beyond[2];
     for (const int side : {0, 1}) {
       with.points.back().force =
           (side == 0 ? -kForceStep : kForceStep) * Eigen::Vector3d::Unit(axis);
@@ -165,10 +180,21 @@ Eigen::MatrixXd TipCompliance::Workspace::compute(const ForcePlace& place) {
       if (!shape) continue;
       ends[side] = fit ? fit->change(*shape)
                        : Eigen::VectorXd((shape->twists() - unforced->twists()).reshaped());
+      beyond[side] = fit && ends[side]
+                         ? Eigen::Vector3d(model::tipPose(*shape).translation - tipOf(*ends[side]))
+                         : Eigen::Vector3d::Zero();
     }
-    if (ends[0] && ends[1]) out.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);
+    if (!ends[0] || !ends[1]) continue;
+    out.of_fit.col(axis) = (*ends[1] - *ends[0]) / (2 * kForceStep);
+    out.beyond.col(axis) = (beyond[1] - beyond[0]) / (2 * kForceStep);
   }
   return out;
+}
+
+const TipCompliance::Workspace::Compliance& TipCompliance::Workspace::at(std::size_t place) {
+  auto& one = computed.at(place);
+  if (!one) one = compute(places[place]);
+  return *one;
 }
 
 TipCompliance::TipCompliance(const statics::ArmModel& model)
@@ -208,10 +234,10 @@ void TipCompliance::moveTo(const Eigen::VectorXd& pressure, const statics::Corre
   for (auto& computed : w.computed) computed.reset();
 }
 
-const Eigen::MatrixXd& TipCompliance::at(std::size_t place) {
-  auto& computed = work_->computed.at(place);
-  if (!computed) computed = work_->compute(work_->places[place]);
-  return *computed;
+const Eigen::MatrixXd& TipCompliance::at(std::size_t place) { return work_->at(place).of_fit; }
+
+const Eigen::Matrix3d& TipCompliance::tipBeyondFit(std::size_t place) {
+  return work_->at(place).beyond;
 }
 
 }  // namespace helix_arm::estimation

@@ -45,7 +45,8 @@ class TwistEquations {
  public:
   /// Requires a valid layout, number of sections and options.
   TwistEquations(TagLayout layout, int sections, const TwistFitOptions& options)
-      : layout_(std::move(layout)), sections_(sections), options_(options) {
+      : layout_(std::move(layout)), sections_(sections), options_(options), rig_(options) {
+    know(rig_);
     starts_.resize(model::kMaxPieces);
     partial_movers_.resize(model::kMaxPieces, Mover::none());
     movers_.reserve(sections_);
@@ -61,6 +62,16 @@ class TwistEquations {
     prior_ = model.twists();
     noise_scale_ = 1;
   }
+  /// Sets what is known of base and bleed, as far as they are free. Requires a covariance that is
+  /// positive definite.
+  void know(const RigEstimate& rig) {
+    rig_ = rig;
+    both_information_ = rig.covariance.inverse();
+    base_information_.setZero();
+    base_information_.topLeftCorner<kBaseParameters, kBaseParameters>() =
+        rig.covariance.topLeftCorner<kBaseParameters, kBaseParameters>().inverse();
+  }
+  const RigEstimate& rig() const { return rig_; }
   const model::Twists& prior() const { return prior_; }
   /// Sets the factor on the tags' expected errors.
   void setNoiseScale(double scale) { noise_scale_ = scale; }
@@ -86,7 +97,7 @@ class TwistEquations {
                                         entry % 6) != std::end(kOutOfPlane);
   }
 
-  /// Sets a point to these twists, with held entries at 0, and to the expected base and bleed.
+  /// Sets a point to these twists, with held entries at 0, and to the known base and bleed.
   void start(const model::Twists& twists, FitPoint& point) const {
     point.squares.clear();
     point.twists = twists;
@@ -94,9 +105,10 @@ class TwistEquations {
       if (held(entry)) point.twists.data()[entry] = 0;
     }
     point.shape = expected_.about(point.twists);
-    point.X_B0B = {};
     point.base_offset.setZero();
-    point.bleed = 0;
+    if (options_.free_base) point.base_offset = rig_.mean.head<kBaseParameters>();
+    point.X_B0B = lie::SE3::exp(point.base_offset);
+    point.bleed = options_.free_bleed ? rig_.mean[kBaseParameters] : 0.0;
   }
 
   /// Sets `to` to the point one step away from `from`.
@@ -191,23 +203,31 @@ class TwistEquations {
       system.gradient[entry] += precision * residual;
     }
     if (options_.free_base) {
-      // The prior applies to log X_B0B; a step multiplies X_B0B from the right.
-      lie::Vector6 precision;
-      precision << Eigen::Vector3d::Constant(1 / options_.base_prior.translation),
-          Eigen::Vector3d::Constant(1 / options_.base_prior.rotation);
-      const lie::Vector6 residual = precision.cwiseProduct(point.base_offset);
-      const lie::Matrix6 rows =
-          precision.asDiagonal() * lie::SE3::rightJacobianInverse(point.base_offset);
-      cost += residual.squaredNorm();
-      system.hessian.template block<6, 6>(baseColumn(), baseColumn()) += rows.transpose() * rows;
-      system.gradient.template segment<6>(baseColumn()) += rows.transpose() * residual;
-    }
-    if (bleeds<Model>()) {
+      // What is known is of log X_B0B; a step multiplies X_B0B from the right.
+      const bool both = bleeds<Model>();
+      const RigEstimate::Matrix& information = both ? both_information_ : base_information_;
+      RigEstimate::Vector residual = -rig_.mean;
+      residual.head<kBaseParameters>() += point.base_offset;
+      residual[kBaseParameters] = both ? residual[kBaseParameters] + point.bleed : 0.0;
+      RigEstimate::Matrix rows = RigEstimate::Matrix::Identity();
+      rows.topLeftCorner<kBaseParameters, kBaseParameters>() =
+          lie::SE3::rightJacobianInverse(point.base_offset);
+      const RigEstimate::Vector weighted = information * residual;
+      cost += residual.dot(weighted);
+      const RigEstimate::Matrix hessian = rows.transpose() * information * rows;
+      const RigEstimate::Vector gradient = rows.transpose() * weighted;
+      const int count = kBaseParameters + (both ? 1 : 0), first = baseColumn();
+      for (int i = 0; i < count; ++i) {
+        system.gradient[first + i] += gradient[i];
+        for (int k = 0; k < count; ++k) system.hessian(first + i, first + k) += hessian(i, k);
+      }
+    } else if (bleeds<Model>()) {
       const int b = bleedColumn();
-      const double precision = 1 / options_.bleed_prior, residual = precision * point.bleed;
-      cost += residual * residual;
-      system.hessian(b, b) += precision * precision;
-      system.gradient[b] += precision * residual;
+      const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
+      const double residual = point.bleed - rig_.mean[kBaseParameters];
+      cost += information * residual * residual;
+      system.hessian(b, b) += information;
+      system.gradient[b] += information * residual;
     }
     return cost;
   }
@@ -272,8 +292,10 @@ class TwistEquations {
   TagLayout layout_;
   int sections_;
   TwistFitOptions options_;
-  model::Shape expected_;  // the model's
-  model::Twists prior_;    // of the twists
+  RigEstimate rig_;                                          // known of base and bleed
+  RigEstimate::Matrix both_information_, base_information_;  // of rig_, and of its base alone
+  model::Shape expected_;                                    // the model's
+  model::Twists prior_;                                      // of the twists
   double noise_scale_ = 1;
   std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
   // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <stdexcept>
 #include <utility>
 
 #include "fit_covariance.hpp"
@@ -249,6 +250,16 @@ TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
 const TagLayout& TwistFitter::layout() const { return work_->layout(); }
 const TwistFitOptions& TwistFitter::options() const { return work_->options(); }
 
+void TwistFitter::know(const RigEstimate& rig) {
+  const bool finite = rig.mean.allFinite() && rig.covariance.allFinite();
+  if (!finite || Eigen::LLT<RigEstimate::Matrix>(rig.covariance).info() != Eigen::Success) {
+    throw std::invalid_argument(
+        "twist fit: what is known of base and bleed is no estimate; expected finite numbers and a "
+        "covariance that is positive definite");
+  }
+  work_->equations.know(rig);
+}
+
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
                                  const model::Shape& model) {
@@ -290,6 +301,13 @@ void TwistFitOptions::validate() const {
   positive("the prior of the base's rotation [rad]", base_prior.rotation);
   positive("the prior of the bleed [m]", bleed_prior);
   require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
+}
+
+RigEstimate::RigEstimate(const TwistFitOptions& options) {
+  Vector deviation;
+  deviation << Eigen::Vector3d::Constant(options.base_prior.translation),
+      Eigen::Vector3d::Constant(options.base_prior.rotation), options.bleed_prior;
+  covariance = deviation.cwiseAbs2().asDiagonal();
 }
 
 const char* nameOf(FitStatus status) {

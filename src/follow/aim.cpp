@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <type_traits>
 
+#include "helix_arm/model/curve.hpp"
+
 namespace helix_arm::follow {
 namespace {
 
@@ -26,6 +28,14 @@ const statics::InverseResult& solveWith(statics::InverseSolver& solver, const Ta
 }
 
 }  // namespace
+
+lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
+  if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
+    return {Eigen::Matrix3d::Identity(), *position};
+  }
+  if (const auto* pose = std::get_if<lie::SE3>(&target)) return *pose;
+  return arm.tipOf(std::get<model::Twists>(target));
+}
 
 Aim::Aim(const statics::ArmModel& model)
     : arm_(model.arm()),

@@ -8,8 +8,8 @@
 namespace helix_arm::follow {
 namespace {
 
-// Both the old and the new set of tags have placement errors.
-constexpr double kTagChange = 2.0;
+// Pictures with other tags until these are the usual ones.
+constexpr int kUsual = 15;
 
 estimation::TipCompliance complianceOf(const statics::ArmModel& model,
                                        const SightLoopConfig& config) {
@@ -30,11 +30,11 @@ ContactWatch::ContactWatch(const statics::ArmModel& model, const SightLoopConfig
       compliance_(complianceOf(model, config)),
       forks_(config.contact) {}
 
-void ContactWatch::see(const estimation::ArmFilter::Input& picture,
+void ContactWatch::see(estimation::ArmFilter::Input picture,
                        const std::optional<std::vector<int>>& tags, estimation::ArmFilter& watch) {
   // A picture that is not used, such as a repeated one, says nothing of the tags either.
   if (watch.check(picture) != estimation::SightingFault::kNone) return;
-  if (tags) takeTags(picture, *tags, watch);
+  if (tags) takeTags(*tags, picture, watch);
   const estimation::Sighting sighting = watch.see(picture);
   if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;
   compliance_.moveTo(picture.pressure, watch.correction(), tags);
@@ -43,22 +43,32 @@ void ContactWatch::see(const estimation::ArmFilter::Input& picture,
   forks_.see(picture.time, largestDeviation(tip), watch, compliance_);
 }
 
-// Another set of tags has other placement errors; otherwise, occlusion would look like contact.
-void ContactWatch::takeTags(const estimation::ArmFilter::Input& picture,
-                            const std::vector<int>& tags, estimation::ArmFilter& watch) {
-  const bool changed = tags_ && *tags_ != tags;
-  tags_ = tags;
-  if (!changed || !sight_) return;
+// Other tags have other placement errors; otherwise, occlusion would look like contact. Tags at the
+// edge of sight come and go: until others stay, what they err differently is an error of single
+// pictures, which persists until then. It must not add to the bias at each change.
+void ContactWatch::takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,
+                            estimation::ArmFilter& watch) {
+  if (!usual_tags_) usual_tags_ = tags;
+  unusual_ = tags == *usual_tags_ ? 0 : unusual_ + 1;
+  if (unusual_ == 0 || !sight_) return;
   const auto shape = watch.shape(picture.pressure);
   if (!shape) return;
-  const auto placement = estimation::placementCovariance(*sight_, arm_, *shape, tags);
-  if (!placement) return;
-  forks_.growBias(kTagChange * (*placement)(watch.rows(), watch.rows()), watch);
+  const auto difference =
+      estimation::placementDifference(*sight_, arm_, *shape, *usual_tags_, tags);
+  if (!difference) return;
+  if (unusual_ < kUsual) {
+    picture.covariance += kUsual * *difference;
+    return;
+  }
+  forks_.growBias((*difference)(watch.rows(), watch.rows()), watch);
+  usual_tags_ = tags;
+  unusual_ = 0;
 }
 
 void ContactWatch::reset() {
   forks_.reset();
-  tags_.reset();
+  usual_tags_.reset();
+  unusual_ = 0;
 }
 
 }  // namespace helix_arm::follow

@@ -17,7 +17,7 @@ class ContactWatch {
   ContactWatch(const statics::ArmModel& model, const SightLoopConfig& config);
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  void see(const estimation::ArmFilter::Input& picture, const std::optional<std::vector<int>>& tags,
+  void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
            estimation::ArmFilter& watch);
   /// Forgets the pictures.
   void reset();
@@ -25,14 +25,16 @@ class ContactWatch {
   const estimation::ExternalLoad& load() const { return forks_.load(); }
 
  private:
-  void takeTags(const estimation::ArmFilter::Input& picture, const std::vector<int>& tags,
+  void takeTags(const std::vector<int>& tags, estimation::ArmFilter::Input& picture,
                 estimation::ArmFilter& watch);
 
   const model::Arm arm_;
   const std::optional<estimation::PlacedSight> sight_;
   estimation::TipCompliance compliance_;
   estimation::LoadForks forks_;
-  std::optional<std::vector<int>> tags_;  // of the last picture
+  // The tags whose error by placements is part of the watch's bias.
+  std::optional<std::vector<int>> usual_tags_;
+  int unusual_ = 0;  // pictures in a row with others
 };
 
 }  // namespace helix_arm::follow

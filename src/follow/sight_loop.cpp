@@ -9,6 +9,7 @@
 
 #include "aim.hpp"
 #include "contact_watch.hpp"
+#include "divergence_watch.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "time_ring.hpp"
@@ -16,29 +17,15 @@
 namespace helix_arm::follow {
 namespace {
 
-constexpr int kClosingPictures = 3;        // accepted within kClosingTime close the loop
-constexpr double kClosingTime = 0.5;       // [s]
-constexpr double kSureTip = 0.01;          // largest uncertainty at which the loop closes [m]
-constexpr double kFadeTime = 1.0 / 3.0;    // time constant of values that fade within a second [s]
-constexpr double kLongestTurn = 1.0;       // a longer pause counts as this [s]
-constexpr double kReadingPatience = 0.05;  // how far a picture may be newer than the readings [s]
-constexpr double kShortApproach = 0.04;    // of 2 mm; a path then begins immediately [s]
-constexpr double kDiverged = 0.02;         // [m]
-constexpr double kDivergingTime = 1.0;     // within which the error doubles [s]
-// An error that a load causes at once shrinks to this part while the loop corrects it.
-constexpr double kCorrectedPart = 0.75;
+constexpr int kClosingPictures = 3;      // accepted within kClosingTime close the loop
+constexpr double kClosingTime = 0.5;     // [s]
+constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
+constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
+constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
 constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
-constexpr int kMostErrors = 512;  // of pictures
-
-lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
-  if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
-    return {Eigen::Matrix3d::Identity(), *position};
-  }
-  if (const auto* pose = std::get_if<lie::SE3>(&target)) return *pose;
-  return arm.tipOf(std::get<model::Twists>(target));
-}
 
 estimation::ArmFilterOptions watchOptions(const SightLoopConfig& config) {
   estimation::ArmFilterOptions out = config.filter;
@@ -53,12 +40,6 @@ const SightLoopConfig& checked(const SightLoopConfig& config) {
 
 }  // namespace
 
-const char* nameOf(LoopState state) {
-  static constexpr std::array<const char*, kLoopStateCount> kNames = {
-      "idle", "open", "closed", "coasting", "yielding", "diverging"};
-  return kNames[static_cast<std::size_t>(state)];
-}
-
 struct SightLoop::Workspace {
   Workspace(const statics::ArmModel& given, const SightLoopConfig& given_config)
       : config(checked(given_config)),
@@ -71,6 +52,7 @@ struct SightLoop::Workspace {
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
         aim(given),
+        divergence(config.smoothing + config.time_constant + kCorrectingTime),
         lengths(arm.actuatorCount()) {
     accepted_at.fill(-std::numeric_limits<double>::infinity());
     turn.pressure = arm.inputAt(0.0);
@@ -87,11 +69,11 @@ struct SightLoop::Workspace {
   std::optional<lie::SE3> tipAt(const Eigen::VectorXd& pressure);
   lie::SE3 presentTip(const lie::SE3& unknown);
   void begin(const Target& next);
-  void forgetErrors() { errors.clear(), suspicion.reset(); }
-  void learn() { aim.learn(tracker.correction()), fades = false; }
+  void learn();
+  const statics::InverseResult& solve(const Target& wanted_tip, bool fresh);
   void fade();
   bool findPressures(double stamp, double now, estimation::SightingFault& fault);
-  void compare(double stamp, double now, const model::Twists& twists);
+  void compare(double stamp, double now, const estimation::ArmFilter::Input& picture);
 
   const SightLoopConfig config;
   const model::Arm arm;
@@ -104,7 +86,9 @@ struct SightLoop::Workspace {
   Aim aim;
 
   bool enabled = false, closed = true, diverged = false;
-  bool fades = false;                                            // the correction decays to 0
+  bool fades = false;  // the correction decays to 0
+  // How far a load moves the tip beyond the model's: used, and where that goes, base frame [m].
+  Eigen::Vector3d beyond = Eigen::Vector3d::Zero(), beyond_goal = Eigen::Vector3d::Zero();
   double slow_until = -std::numeric_limits<double>::infinity();  // of the correction [s]
 
   std::optional<Target> target;
@@ -116,15 +100,10 @@ struct SightLoop::Workspace {
   std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
   double tip_deviation = std::numeric_limits<double>::infinity();
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
-  TimeRing<double, kMostErrors> errors;
+  DivergenceWatch divergence;
   double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
   bool reaches = false;       // the corrected model reaches the target
   bool within_reach = false;  // it did when the target was set
-  // A divergence, unless the error shrinks.
-  struct Suspicion {
-    double since, error;  // [s], [m]
-  };
-  std::optional<Suspicion> suspicion;
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
   Eigen::VectorXd lengths;
@@ -162,7 +141,28 @@ std::optional<lie::SE3> SightLoop::Workspace::tipAt(const Eigen::VectorXd& press
   }
   const auto shape = estimated.shape(lengths);
   if (!shape) return std::nullopt;
-  return model::tipPose(*shape);
+  lie::SE3 tip = model::tipPose(*shape);
+  tip.translation += contact.load().tip_beyond_fit;
+  return tip;
+}
+
+void SightLoop::Workspace::learn() {
+  aim.learn(tracker.correction());
+  beyond_goal = contact.load().tip_beyond_fit;
+  fades = false;
+}
+
+// The corrected model is brought where a load takes its tip to the wanted place.
+const statics::InverseResult& SightLoop::Workspace::solve(const Target& wanted_tip, bool fresh) {
+  if (!beyond.isZero(0)) {
+    if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
+      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+    }
+    if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
+      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+    }
+  }
+  return aim.solve(wanted_tip, fresh);
 }
 
 // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
@@ -178,9 +178,9 @@ lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
 
 void SightLoop::Workspace::begin(const Target& next) {
   if (!target && observer.started()) aim.startAt(observer.newest().pressure);
-  reaches = within_reach = aim.solve(next, true).status == statics::InverseStatus::kReached;
+  reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
   target = next;
-  forgetErrors();
+  divergence.clear();
   if (observer.started()) aimed_at = observer.time();
   error.reset();
 }
@@ -203,7 +203,7 @@ void SightLoop::Workspace::moveWanted(double dt) {
 }
 
 void SightLoop::Workspace::command() {
-  const statics::InverseResult& result = aim.solve(*target, false);
+  const statics::InverseResult& result = solve(*target, false);
   turn.status = result.status;
   reaches = result.status == statics::InverseStatus::kReached;
   turn.residual = result.residual;
@@ -214,6 +214,7 @@ void SightLoop::Workspace::command() {
 
 void SightLoop::Workspace::fade() {
   aim.learn(statics::Correction(arm));
+  beyond_goal.setZero();
   fades = true;
 }
 
@@ -224,37 +225,23 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
           : stamp > now                                 ? SightingFault::kFuture
                                                         : SightingFault::kNone;
   if (fault != SightingFault::kNone) return false;
-  if (observer.at(stamp, at_picture)) return true;
-  const double ahead = observer.started() ? stamp - observer.time() : -1.0;
-  if (ahead < 0 || ahead > kReadingPatience) {
-    fault = SightingFault::kTooOld;
-    return false;
-  }
-  at_picture = observer.newest();
-  return true;
+  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) return true;
+  fault = SightingFault::kTooOld;
+  return false;
 }
 
-// Detects an arm that moves away from a constant target within the model's reach, and goes on while
-// the loop corrects it: the model bends in the wrong direction.
-void SightLoop::Workspace::compare(double stamp, double now, const model::Twists& twists) {
+// The measured tip with the wanted one at the time of the picture.
+void SightLoop::Workspace::compare(double stamp, double now,
+                                   const estimation::ArmFilter::Input& picture) {
   error.reset();
   const auto place = wanted.before(stamp);
-  if (!place) return;
-  error = (arm.tipOf(twists).translation - *place).norm();
+  const auto shape = tracker.shape(picture.pressure);
+  if (!place || !shape) return;
+  const lie::SE3 tip = model::tipPose(shape->about(picture.twists));
+  error = (tip.translation + contact.load().tip_beyond_fit - *place).norm();
   if (stamp <= aimed_at) return;  // says nothing of the present target
-  errors.add(now, *error);
-  const auto earlier = errors.before(now - kDivergingTime);
-  const bool grows = earlier && *error > kDiverged && *error > 2 * *earlier;
-  if (turn.state != LoopState::kClosed || path || !within_reach) {
-    suspicion.reset();
-  } else if (!suspicion) {
-    if (grows) suspicion = Suspicion{now, *error};
-  } else if (*error < kCorrectedPart * suspicion->error) {
-    suspicion.reset();
-  } else {
-    const double patience = config.smoothing + config.time_constant + kCorrectingTime;
-    diverged = now - suspicion->since >= patience;
-  }
+  const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
+  diverged |= divergence.add(now, *error, corrected);
 }
 
 SightLoop::SightLoop(const statics::ArmModel& model, const SightLoopConfig& config)
@@ -278,7 +265,7 @@ void SightLoop::follow(control::TipPath path) {
   const bool there = w.approach->duration() <= kShortApproach;
   w.path_time = there ? 0.0 : -w.approach->duration();
   if (!w.target) w.begin(from.translation);
-  w.forgetErrors();
+  w.divergence.clear();
   w.within_reach = true;  // of the path's last point, which then stays the target
   w.path = std::move(path);
 }
@@ -293,8 +280,17 @@ void SightLoop::hold() { work_->path.reset(); }
 bool SightLoop::hasTarget() const { return work_->target.has_value(); }
 
 void SightLoop::enable(bool enabled) {
-  if (work_->enabled && !enabled) release();
-  work_->enabled = enabled;
+  Workspace& w = *work_;
+  if (w.enabled && !enabled) {
+    release();
+    // What held the arm then says nothing of the arm that is vented. The watch, which knew the arm
+    // under that load, begins anew.
+    if (w.contact.load().contact) {
+      w.contact.reset();
+      w.watch.reset();
+    }
+  }
+  w.enabled = enabled;
 }
 
 void SightLoop::close(bool closed) {
@@ -313,7 +309,7 @@ void SightLoop::reset() {
   w.accepted_at.fill(-std::numeric_limits<double>::infinity());
   w.tip_deviation = std::numeric_limits<double>::infinity();
   w.diverged = false;
-  w.forgetErrors();
+  w.divergence.clear();
   if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
   w.fade();
 }
@@ -330,7 +326,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();
-    w.forgetErrors();
+    w.divergence.clear();
     w.aimed_at = -std::numeric_limits<double>::infinity();
     w.accepted_at.fill(-std::numeric_limits<double>::infinity());
     w.slow_until = -std::numeric_limits<double>::infinity();
@@ -343,7 +339,9 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
   if (w.tracks(time) || w.fades) {
     const bool slow = !w.closed || time < w.slow_until;
-    w.aim.approach(-std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing)));
+    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.config.smoothing));
+    w.aim.approach(share);
+    w.beyond += share * (w.beyond_goal - w.beyond);
   }
   w.turn.commands = w.turn.state != LoopState::kIdle;
   if (w.turn.commands) {
@@ -380,7 +378,7 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   w.tip_deviation = std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
   if (w.tracks(now)) w.learn();
-  w.compare(stamp, now, twists);
+  w.compare(stamp, now, input);
   return out;
 }
 

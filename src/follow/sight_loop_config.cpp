@@ -1,10 +1,12 @@
 #include "helix_arm/follow/sight_loop_config.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/follow/sight_loop.hpp"
 
 namespace helix_arm::follow {
 namespace {
@@ -12,6 +14,12 @@ namespace {
 constexpr char kCulprit[] = "sight loop";
 
 }  // namespace
+
+const char* nameOf(LoopState state) {
+  static constexpr std::array<const char*, kLoopStateCount> kNames = {
+      "idle", "open", "closed", "coasting", "yielding", "diverging"};
+  return kNames[static_cast<std::size_t>(state)];
+}
 
 void SightLoopConfig::validate() const {
   filter.validate();

@@ -159,6 +159,22 @@ class TableReader {
   bool full_ = false;  // the rest is not read
 };
 
+DataSet parsed(const std::string& name, const std::string& content, FaultList& faults) {
+  std::string_view text = content;
+  const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
+  if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
+    text.remove_prefix(byte_order_mark.size());
+  }
+  DataSet data;
+  data.path = name;
+  data.sha256 = sha256Of(content);
+  TableReader reader(data, faults);
+  reader.read(text);
+  faults.throwIfAny();
+  reader.takeValues();
+  return data;
+}
+
 }  // namespace
 
 int DataSet::find(const std::string& column) const {
@@ -170,19 +186,14 @@ DataSet loadDataSet(const std::string& path) {
   FaultList faults(path);
   const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
   faults.throwIfAny();
-  std::string_view text = *content;
-  const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
-  if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
-    text.remove_prefix(byte_order_mark.size());
-  }
-  DataSet data;
-  data.path = path;
-  data.sha256 = sha256Of(*content);
-  TableReader reader(data, faults);
-  reader.read(text);
+  return parsed(path, *content, faults);
+}
+
+DataSet readDataSet(std::istream& in, const std::string& name) {
+  FaultList faults(name);
+  const std::optional<std::string> content = readTextStream(in, kMostTableBytes, faults);
   faults.throwIfAny();
-  reader.takeValues();
-  return data;
+  return parsed(name, *content, faults);
 }
 
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <istream>
 #include <optional>
 #include <string>
 
@@ -15,5 +16,7 @@ constexpr std::size_t kMostTableBytes = 64U << 20U;  ///< of a data set
 /// is not text or has more than `most` bytes.
 std::optional<std::string> readTextFile(const std::string& path, std::size_t most,
                                         FaultList& faults);
+/// The same of a stream, to its end.
+std::optional<std::string> readTextStream(std::istream& in, std::size_t most, FaultList& faults);
 
 }  // namespace helix_arm::io

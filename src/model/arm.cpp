@@ -134,7 +134,7 @@ ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
   for (int k = 0; k < sectionCount(); ++k) {
     for (int i = first_[k]; i < first_[k + 1]; ++i) {
       sections[k].actuators.push_back(actuators_[i]);
-      sections[k].actuators.back().stiffness = stiffnessOf(actuators_[i].stiffness);
+      sections[k].actuators.back().stiffness = stiffnessOf(i);
     }
     sections[k].plate = plates_[k];
   }
@@ -143,12 +143,18 @@ ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
 
 template <class Group>
 ArmOf<Group> ArmOf<Group>::withStiffness(const Stiffness& stiffness) const {
-  return stiffened([&](const Stiffness&) { return stiffness; });
+  return stiffened([&](int) { return stiffness; });
+}
+
+template <class Group>
+ArmOf<Group> ArmOf<Group>::withStiffness(int actuator, const Stiffness& stiffness) const {
+  return stiffened([&](int i) { return i == actuator ? stiffness : actuators_[i].stiffness; });
 }
 
 template <class Group>
 ArmOf<Group> ArmOf<Group>::scaledStiffness(const Stiffness& factors) const {
-  return stiffened([&](const Stiffness& own) {
+  return stiffened([&](int i) {
+    const Stiffness& own = actuators_[i].stiffness;
     return Stiffness{own.gamma * factors.gamma, own.tau * factors.tau, own.kappa * factors.kappa};
   });
 }

@@ -69,7 +69,7 @@ simulation::Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig,
   return simulation::Lockstep(
       {scene.model,
        simulation::SimulatedRig(rig.model, simulatedConfigOf(rig, plan.seed), rig.simulation.arm),
-       simulation::SimulatedSight(*camera, scene.view(), scene.vision, sight),
+       simulation::SimulatedSight(*camera, scene.view(), localizerConfigOf(scene), sight),
        control::SafetyCore(scene.safety.channels, scene.safety.rules),
        follow::SightLoop(scene.model, loopConfigOf(scene))},
       config);

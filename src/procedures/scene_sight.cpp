@@ -3,11 +3,16 @@
 #include <string>
 
 #include "helix_arm/estimation/calibration_parameters.hpp"
+#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
 using estimation::FitParameter;
+using estimation::RigEstimate;
+
+constexpr double kTypicalInput = 0.3;  // part of the limits
 
 // Replaces deviations by standard errors of parameters "<name><suffix>".
 void takeErrors(const io::Provenance& calibration, FitParameter parameter, const std::string& name,
@@ -21,10 +26,8 @@ void takeErrors(const io::Provenance& calibration, FitParameter parameter, const
   }
 }
 
-}  // namespace
-
-std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene) {
-  if (!scene.camera || !scene.tags) return std::nullopt;
+// The scene's view, as the placements of its tags are known.
+estimation::PlacedSight nominalSightOf(const io::Scene& scene) {
   estimation::PlacedSight out{
       scene.view(), scene.vision.fit, {*scene.tags, scene.tag_prior, scene.vision.fit.base_prior}};
   if (!scene.calibration) return out;
@@ -37,6 +40,42 @@ std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene) {
     const std::string name =
         wordOf(FitParameter::kTags) + "_" + std::to_string(scene.tags->tags[i].id);
     takeErrors(*scene.calibration, FitParameter::kTags, name, out.deviations.tags[i]);
+  }
+  return out;
+}
+
+// Of a typical shape, with the tags that face the camera.
+RigEstimate::Matrix rigByPlacementsOf(const io::Scene& scene,
+                                      const estimation::PlacedSight& sight) {
+  const Eigen::VectorXd pressure = scene.arm.inputAt(kTypicalInput);
+  const model::Shape shape =
+      statics::startingShape(scene.model, scene.model.solve(pressure), pressure);
+  std::vector<int> tags;
+  for (const estimation::TagSight& one : estimation::visibleTags(sight.view, shape)) {
+    tags.push_back(one.tag);
+  }
+  return estimation::rigByPlacements(sight, scene.arm, shape, tags)
+      .value_or(RigEstimate::Matrix::Zero());
+}
+
+}  // namespace
+
+std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene) {
+  if (!scene.camera || !scene.tags) return std::nullopt;
+  estimation::PlacedSight out = nominalSightOf(scene);
+  if (out.fit.free_base) {
+    const auto errors =
+        estimation::RigMemory::heldErrors(out.fit, rigByPlacementsOf(scene, out)).diagonal();
+    out.deviations.base = errors.head<6>().cwiseSqrt();
+  }
+  out.fit = estimation::RigMemory::heldOptions(out.fit);
+  return out;
+}
+
+vision::LocalizerConfig localizerConfigOf(const io::Scene& scene) {
+  vision::LocalizerConfig out = scene.vision;
+  if (scene.camera && scene.tags) {
+    out.rig_by_placements = rigByPlacementsOf(scene, nominalSightOf(scene));
   }
   return out;
 }

@@ -8,7 +8,8 @@
 namespace helix_arm::procedures {
 
 /// The scene's view of its arm, with the standard errors of its calibration where that fitted
-/// placements, and its priors of them otherwise. Nothing without a camera or tags.
+/// placements, and its priors of them otherwise; a base that is fitted counts as learnt from the
+/// pictures. Nothing without a camera or tags.
 std::optional<estimation::PlacedSight> placedSightOf(const io::Scene& scene);
 
 }  // namespace helix_arm::procedures

@@ -79,7 +79,7 @@ void Lockstep::deliver() {
     const auto sighting = parts_.loop.picture(next.stamp, now, next.shape.twists,
                                               next.shape.covariance, next.shape.tags);
     ++(sighting.accepted() ? accepted_ : refused_);
-    measured_ = MeasuredTip{next.stamp, parts_.model.arm().tipOf(next.shape.twists)};
+    measured_ = MeasuredTip{next.stamp, next.shape.tip};
     waiting_.pop_front();
   }
 }

@@ -8,6 +8,8 @@
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/rig_memory.hpp"
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
@@ -16,7 +18,7 @@ namespace {
 constexpr double kLeastCosine = 0.2;  // as in estimation::visibleTags()
 
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
-  MeasuredShape out{fit.twists, fit.covariance, {}};
+  MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
   for (const estimation::TagResidual& tag : fit.tags) out.tags.push_back(tag.tag);
   std::sort(out.tags.begin(), out.tags.end());
   return out;
@@ -32,6 +34,9 @@ struct SimulatedSight::Workspace {
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
+      if (const auto& by_placements = localizer_config.rig_by_placements) {
+        memory.emplace(localizer_config.fit, *by_placements);
+      }
     } else {
       simulated.emplace(camera.view, camera.family, camera.body, camera.config);
       encoder.emplace(camera.config.jpeg_quality);
@@ -48,6 +53,7 @@ struct SimulatedSight::Workspace {
   std::mt19937_64 generator;
   std::normal_distribution<double> normal;
   std::optional<estimation::TwistFitter> fitter;
+  std::optional<estimation::RigMemory> memory;
   std::optional<model::Shape> last;
   std::vector<estimation::TagSight> visible;
   std::vector<estimation::CornerObservation> seen;
@@ -72,8 +78,10 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
     }
   }
   if (static_cast<int>(seen.size()) < min_tags) return std::nullopt;
+  if (memory) fitter->know(memory->estimate());
   const estimation::TwistFit& fit =
       fitter->fit(seen, nominal.X_CB, nominal.camera.focal(), last.value_or(model), model);
+  if (memory) memory->learn(fit);
   last.reset();
   if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
   last = fit.shape;

@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "helix_arm/estimation/rig_memory.hpp"
+
 namespace helix_arm::vision {
 namespace {
 
@@ -22,6 +24,7 @@ struct ArmLocalizer::Workspace {
   LocalizerConfig config;
   TagTracker tracker;
   estimation::TwistFitter fitter;
+  std::optional<estimation::RigMemory> memory;
   Sight sight;
 
   bool warm = false;                      // the last picture was measured
@@ -40,7 +43,9 @@ struct ArmLocalizer::Workspace {
         config(localizer_config),
         tracker(config.detector, config.tracking),
         fitter(view.layout, view.sections, config.fit),
-        expected_view(view) {}
+        expected_view(view) {
+    if (config.rig_by_placements) memory.emplace(config.fit, *config.rig_by_placements);
+  }
 
   // Image positions of the tags of the last shape, moved as the model moved.
   model::Shape expectTags(const model::Shape& model) {
@@ -99,6 +104,7 @@ struct ArmLocalizer::Workspace {
     sight.state = seen.empty() ? SightState::kNoTags : SightState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
     const double focal = view.camera.focal();
+    if (memory) fitter.know(memory->estimate());
     const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
       fit = &fitter.fitCold(seen, view.X_CB, focal, model);
@@ -129,6 +135,7 @@ struct ArmLocalizer::Workspace {
 
   void remember(const model::Shape& model) {
     warm = sight.state == SightState::kMeasured;
+    if (memory && static_cast<int>(seen.size()) >= config.min_tags) memory->learn(sight.fit);
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
@@ -180,6 +187,11 @@ void ArmLocalizer::reset() {
   work_->last_ids.clear();
   work_->last_outliers.clear();
   work_->copied_ids.clear();
+}
+
+void ArmLocalizer::forget() {
+  reset();
+  if (work_->memory) work_->memory->reset();
 }
 
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }

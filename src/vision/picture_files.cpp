@@ -5,11 +5,10 @@
 #include <utility>
 #include <variant>
 
-#include <opencv2/imgcodecs.hpp>
-
 #include "helix_arm/basics/regular_file.hpp"
 #include "helix_arm/estimation/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
+#include "media.hpp"
 #include "picture_header.hpp"
 
 namespace helix_arm::vision {
@@ -25,15 +24,7 @@ std::string sizeText(const cv::Size& size) {
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
   const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
   if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
-  try {
-    // In the orientation of the sensor: the calibration does not know the orientation stored in the
-    // file.
-    gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception& error) {
-    return "it does not decode: " + error.err;
-  }
-  if (gray.empty()) return "it is damaged, truncated or not a picture";
-  return std::nullopt;
+  return media().decode(bytes, gray);
 }
 
 class PictureFiles : public FrameSource {

@@ -23,7 +23,7 @@ using procedures::FollowRow;
 constexpr double kMm = 1e3;
 constexpr double kForce = 0.3;        // [N]
 constexpr double kTouched = 14.5;     // time of the force [s]
-constexpr double kLeastScore = 20.0;  // of what nearly is an alarm
+constexpr double kLeastScore = 16.0;  // of what nearly is an alarm
 
 io::Scene arm() {
   return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml",
@@ -132,23 +132,13 @@ Found found(double force) {
 }
 
 TEST(Contact, AForceAcrossTheArmIsFoundWithinHalfASecond) {
-  const Found strong = found(2 * kForce);
-  EXPECT_GE(strong.soon, 16);
-  EXPECT_LE(strong.lateral, 0.2);
-  EXPECT_GT(strong.mean_square, 0.5);
-  EXPECT_LT(strong.mean_square, 4.0);
-  const Found weak = found(kForce);
-  EXPECT_GE(weak.soon, 8);
-  EXPECT_LE(weak.lateral, 0.2);
-  EXPECT_GT(weak.mean_square, 0.5);
-  EXPECT_LT(weak.mean_square, 4.0);
-}
-
-// What is wanted, and not reached.
-TEST(Contact, DISABLED_ThreeTenthsOfANewtonAreFoundNineTimesInTen) {
-  const Found weak = found(kForce);
-  EXPECT_GE(weak.soon, 18);
-  EXPECT_LE(weak.lateral, 0.15);
+  for (const double force : {2 * kForce, kForce}) {
+    const Found figures = found(force);
+    EXPECT_GE(figures.soon, 18);
+    EXPECT_LE(figures.lateral, 0.15);
+    EXPECT_GT(figures.mean_square, 0.5);
+    EXPECT_LT(figures.mean_square, 4.0);
+  }
 }
 
 // The scores of forks while nothing touches the arm.
@@ -173,7 +163,7 @@ void watch(const io::Scene& scene, const FollowPlan& plan, Quiet& quiet) {
 }
 
 void print(const char* what, const Quiet& quiet) {
-  std::printf("[  FIGURE  ] %.2f h %s: %d false alarms, highest score %.1f of 32, %d above 20\n",
+  std::printf("[  FIGURE  ] %.2f h %s: %d false alarms, highest score %.1f of 32, %d above 16\n",
               quiet.hours, what, quiet.alarms, quiet.highest, quiet.crossings);
 }
 
@@ -235,7 +225,6 @@ TEST(Contact, DISABLED_TwoHundredDraws) {
 struct Carried {
   const char* name;
   Eigen::Vector3d force;  // base frame [N]; 0: as drawn
-  double most;            // [m]
 };
 
 class CarriedLoad : public testing::TestWithParam<Carried> {
@@ -268,14 +257,11 @@ double CarriedLoad::worstOf(const Carried& load) {
 }
 
 // The loop goes on: the arm carries what pulls it.
-TEST_P(CarriedLoad, StaysNearWhereItIsWanted) { EXPECT_LE(worstOf(GetParam()), GetParam().most); }
-
-// What is wanted, and not reached by each draw.
-TEST_P(CarriedLoad, DISABLED_StaysWithinAMillimetre) { EXPECT_LE(worstOf(GetParam()), 0.001); }
+TEST_P(CarriedLoad, StaysWithinAMillimetre) { EXPECT_LE(worstOf(GetParam()), 0.001); }
 
 INSTANTIATE_TEST_SUITE_P(Loads, CarriedLoad,
-                         testing::Values(Carried{"0.3 N across the arm", {0, 0, 0}, 0.002},
-                                         Carried{"50 g hung on", {0.05 * 9.81, 0, 0}, 0.001}),
+                         testing::Values(Carried{"0.3 N across the arm", {0, 0, 0}},
+                                         Carried{"50 g hung on", {0.05 * 9.81, 0, 0}}),
                          [](const auto& load) {
                            return load.index == 0 ? "LateralForce" : "Weight";
                          });

@@ -264,5 +264,36 @@ TEST(Command, HelpAndVersionGoToStdout) {
   }
 }
 
+TEST(Forward, RowsOfATableAreAsSingleCalls) {
+  const TemporaryFile table(
+      "# made up\npressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n"
+      "200,0,50\n0,310.5,0\n",
+      ".csv");
+  const Outcome outcome = runCommand(
+      {"forward", scenePath("helical_50"), "--inputs", table.path(), "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const nlohmann::json rows = outcome.json()["rows"];
+  ASSERT_EQ(rows.size(), 2U);
+  const char* const inputs[] = {"200,0,50", "0,310.5,0"};
+  for (std::size_t k = 0; k < 2; ++k) {
+    const nlohmann::json single = runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
+                                              inputs[k], "--format", "json"})
+                                      .json();
+    EXPECT_EQ(rows[k], single) << inputs[k];
+  }
+  const Outcome csv =
+      runCommand({"forward", scenePath("helical_50"), "--inputs", table.path(), "--format", "csv"});
+  EXPECT_EQ(csvRows(csv.out).size(), 3U) << csv.out;
+}
+
+TEST(Forward, ARowBeyondALimitIsNamedByItsLine) {
+  const TemporaryFile table("pressure_1_kpa\n100\n9000\n", ".csv");
+  expectCallerError(runCommand({"forward", scenePath("helical_50"), "--inputs", table.path()}),
+                    table.path() + ":3 asks muscle_1 for 9000");
+  expectCallerError(runCommand({"forward", scenePath("helical_50"), "--inputs", table.path(),
+                                "--pressure-kpa", "1,2,3"}),
+                    "--inputs excludes --pressure-kpa");
+}
+
 }  // namespace
 }  // namespace helix_arm::test

@@ -171,7 +171,7 @@ TEST(Inverse, AQuaternionMustBeOfUnitNorm) {
 
 TEST(Inverse, WrongTargetsAndOptionsAreRefused) {
   const std::string scene = "spatial_50";
-  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose or --twist");
+  expectCallerError(inverse(scene, {}), "give exactly one target: --tip, --pose, --twist or --targets");
   expectCallerError(inverse(scene, {"--tip", "0.3,0,0", "--twist", "1,0,0,0,0,0"}),
                     "give exactly one target");
   expectCallerError(inverse(scene, {"--tip", "0.3,0"}), "--tip has 2 values; expected 3");
@@ -211,6 +211,24 @@ arm:
   EXPECT_NEAR(outcome.json()["input"][0].get<double>(), 3, 1e-3);
   expectCallerError(runCommand({"inverse", scene.path(), "--tip", tip, "--start-kpa", "1,1,1"}),
                     "give --start in SI units");
+}
+
+TEST(Inverse, RowsOfATableAreAsSingleCalls) {
+  const std::vector<double> a = numbersOf(forward("helical_50", "200,0,50")["tip"]["position_m"]);
+  const std::vector<double> b = numbersOf(forward("helical_50", "0,250,20")["tip"]["position_m"]);
+  const TemporaryFile table("x_m,y_m,z_m\n" + commaList(a) + "\n" + commaList(b) + "\n9,9,9\n",
+                            ".csv");
+  const Outcome outcome = inverse("helical_50", {"--targets", table.path()});
+  EXPECT_EQ(outcome.exit_code, 1) << "the last is out of reach";
+  const nlohmann::json rows = outcome.json()["rows"];
+  ASSERT_EQ(rows.size(), 3U);
+  EXPECT_EQ(rows[0], inverse("helical_50", {"--tip", commaList(a)}).json());
+  EXPECT_EQ(rows[1], inverse("helical_50", {"--tip", commaList(b)}).json());
+  EXPECT_EQ(rows[2]["status"], "unreachable");
+  expectCallerError(inverse("helical_50", {"--targets", table.path(), "--tip", "1,2,3"}),
+                    "give exactly one target");
+  const TemporaryFile without("x_m,y_m\n1,2\n", ".csv");
+  expectCallerError(inverse("helical_50", {"--targets", without.path()}), "has no column z_m");
 }
 
 }  // namespace

@@ -61,10 +61,36 @@ TEST(PressureObserver, FollowsTheLagWhileAChannelHasNoReading) {
   EXPECT_NE(observer.newest().variance[0], variance);
 }
 
+// What is said of a time to come is what the observer says then, if no reading comes.
+TEST(PressureObserver, LooksAheadAlongTheLag) {
+  constexpr double kAhead = 0.12;  // [s]
+  const Eigen::VectorXd none = one(std::numeric_limits<double>::quiet_NaN());
+  PressureObserver observer(1, kLag, kNoise);
+  PressureObserver::Estimate ahead;
+  EXPECT_FALSE(observer.ahead(0.0, ahead));
+  observer.update(0.0, one(0), one(1e4));
+  ASSERT_TRUE(observer.ahead(0.049, ahead));
+  EXPECT_EQ(ahead.pressure[0], 1e4) << "no set point is known yet";
+  EXPECT_FALSE(observer.ahead(0.051, ahead));
+  observer.update(0.2, one(2e5), one(1.5e5));
+  EXPECT_FALSE(observer.ahead(0.199, ahead));
+  EXPECT_TRUE(observer.ahead(0.499, ahead));
+  EXPECT_FALSE(observer.ahead(0.501, ahead)) << "one and a half periods";
+  ASSERT_TRUE(observer.ahead(0.2 + kAhead, ahead));
+  observer.update(0.2 + kAhead, one(2e5), none);
+  EXPECT_EQ(ahead.pressure, observer.newest().pressure);
+  EXPECT_EQ(ahead.variance, observer.newest().variance);
+  EXPECT_GT(ahead.pressure[0], 1.6e5);
+  observer.update(5.0, one(2e5), one(2e5));
+  EXPECT_TRUE(observer.ahead(5.999, ahead));
+  EXPECT_FALSE(observer.ahead(6.001, ahead)) << "no longer than it remembers";
+}
+
 // Such numbers come of damaged messages; their squares are infinite.
 TEST(PressureObserver, IgnoresWhatIsNoPressure) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  for (const double wrong : {1e300, -1e300, kInfinity, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double wrong :
+       {1e300, -1e300, 1.01e8, -2.01e5, kInfinity, std::numeric_limits<double>::quiet_NaN()}) {
     PressureObserver observer(1, kLag, kNoise);
     observer.update(0.0, one(0), one(wrong));
     EXPECT_FALSE(observer.started());

@@ -181,8 +181,9 @@ TEST(LoadForks, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
 }
 
 // The errors of f are what its covariance says: the mean of e' P^-1 e over 100 arms, each of its
-// own stiffness and lengths. The truth neither creeps nor has hysteresis, which the filter allows
-// for, so that the mean may be below 3; it may not be above by more than chance in a thousand.
+// own stiffness and lengths, which creep as the filter assumes. They have no hysteresis, which the
+// filter allows for, so that the mean may be below 3; it may not be above by more than chance in a
+// thousand.
 TEST(LoadForks, TheForcesCovarianceIsConsistent) {
   constexpr int kRuns = 100;
   constexpr double kMost = 3.83;  // 99.9 % point of chi-square of 300 degrees, over 100
@@ -195,6 +196,7 @@ TEST(LoadForks, TheForcesCovarianceIsConsistent) {
                                std::exp(0.1 * bench.random.normal())};
     for (double& scale : truth.length_scale) scale = std::exp(0.005 * bench.random.normal());
     bench.differ(truth);
+    bench.creeps = true;
     bench.moveUntilArmed();
     EXPECT_FALSE(loadOf(bench).contact) << seed;
     const Eigen::Vector2d across = bench.random.direction<2>();

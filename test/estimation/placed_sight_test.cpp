@@ -110,6 +110,68 @@ INSTANTIATE_TEST_SUITE_P(All, PlacementCovariance,
                                            Case{"UnderALoad", 1, true, true}),
                          nameOfCase);
 
+// Of the same misplaced rig, with all tags and with some.
+TEST(PlacementDifference, IsThatOfRepeatedFits) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  TwistFitOptions fit;
+  fit.robust_scale = 100;
+  const PlacedSight sight = sightOf(view, fit, {0.0002, 0.2 * kDegree}, {0.001, 0.3 * kDegree});
+  const model::Shape shape = arm.twists(arm.inputAt(0.4));
+  std::vector<int> all;
+  for (const TagSight& one : visibleTags(view, shape, 0.3)) all.push_back(one.tag);
+  const std::vector<int> some(all.begin(), all.end() - 1);
+  const auto difference = placementDifference(sight, arm, shape, all, some);
+  ASSERT_TRUE(difference);
+  EXPECT_LT(difference->trace(), placementCovariance(sight, arm, shape, all)->trace());
+  EXPECT_TRUE(placementDifference(sight, arm, shape, all, all)->isZero(0));
+  TwistFitter fitter(view.layout, 1, fit);
+  Random random(5);
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(sight, arm, random);
+    const auto tipOf = [&](const std::vector<int>& tags) {
+      const TwistFit& result =
+          fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+      return Eigen::Vector3d(model::tipPose(result.shape).translation);
+    };
+    return Eigen::Vector3d(tipOf(some) - tipOf(all));
+  });
+  test::expectSpread(sampled, tipCovariance(shape, *difference), 0.2);
+}
+
+// Of a base that is fitted with hardly any prior, on rigs whose base is where it is thought.
+TEST(RigByPlacements, IsThatOfRepeatedFits) {
+  const model::Arm arm = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView();
+  TwistFitOptions fit;
+  fit.free_base = fit.free_bleed = true;
+  fit.robust_scale = 100;
+  PlacedSight sight = sightOf(view, fit, {0.0003, 0.3 * kDegree}, fit.base_prior);
+  const model::Shape shape = arm.twists(arm.inputAt(0.4));
+  std::vector<int> tags;
+  for (const TagSight& one : visibleTags(view, shape, 0.3)) tags.push_back(one.tag);
+  const auto covariance = rigByPlacements(sight, arm, shape, tags);
+  ASSERT_TRUE(covariance);
+  sight.deviations.base.setZero();
+  TwistFitOptions wide = fit;
+  wide.base_prior.translation *= 30;
+  wide.base_prior.rotation *= 30;
+  wide.bleed_prior *= 30;
+  TwistFitter fitter(view.layout, 1, wide);
+  Random random(6);
+  const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
+    const ArmView truth = misplaced(sight, arm, random);
+    const TwistFit& result =
+        fitter.fit(lookAgain(truth, shape, tags), view.X_CB, view.camera.focal(), shape);
+    return Eigen::Vector3d(result.rig.mean.head<3>());
+  });
+  test::expectSpread(sampled, covariance->topLeftCorner<3, 3>(), 0.2);
+  fit.free_base = false;
+  const auto bleed = rigByPlacements({view, fit, sight.deviations}, arm, shape, tags);
+  EXPECT_TRUE(bleed->topRows<6>().isZero(0));
+  EXPECT_GT((*bleed)(6, 6), 0);
+}
+
 TEST(PlacementCovariance, GrowsWithTheSquareOfTheDeviations) {
   const model::Arm arm = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView();

@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "support/refusal.hpp"
 #include "support/sample_view.hpp"
@@ -91,6 +92,10 @@ class Eye {
 
   Eigen::VectorXd fit(const model::Shape& shape, const std::vector<int>& tags,
                       const model::Shape& expected) {
+    return fitted(shape, tags, expected).twists().reshaped();
+  }
+  model::Shape fitted(const model::Shape& shape, const std::vector<int>& tags,
+                      const model::Shape& expected) {
     std::vector<CornerObservation> seen;
     for (const int tag : tags) {
       const lie::SE3 X_CT =
@@ -105,7 +110,7 @@ class Eye {
     }
     const TwistFit& fit = fitter_.fit(seen, view_.X_CB, view_.camera.focal(), expected, expected);
     EXPECT_EQ(fit.status, FitStatus::kConverged);
-    return fit.twists.reshaped();
+    return fit.shape;
   }
 
  private:
@@ -146,6 +151,35 @@ TEST(TipCompliance, WithACameraItIsTheChangeOfWhatIsFitted) {
     }
   }
   EXPECT_GT(other, 0.1) << "the mean of the strain is something else";
+}
+
+// The exact tip under a force against that of what is fitted.
+TEST(TipCompliance, TheTipMovesFartherThanTheFitSays) {
+  const model::Arm arm = helicalArm();
+  const ArmView view = test::sampleView();
+  const TwistFitOptions fixed;
+  TipCompliance compliance(modelOf(), view, fixed), blind(modelOf());
+  for (TipCompliance* one : {&compliance, &blind}) one->moveTo(pressureOf(arm), Correction(arm));
+  const model::Shape unforced = arm.twists(pressureOf(arm));
+  Eye eye(view, fixed);
+  const std::vector<int> tags = seenTags(view, unforced);
+  const auto beyond = [&](const model::Shape& shape) -> Eigen::VectorXd {
+    return model::tipPose(shape).translation -
+           model::tipPose(eye.fitted(shape, tags, unforced)).translation;
+  };
+  const auto tip = [](const model::Shape& shape) -> Eigen::VectorXd {
+    return model::tipPose(shape).translation;
+  };
+  for (std::size_t i = 1; i < compliance.places().size(); ++i) {
+    for (const int axis : {1, 2}) {
+      const Eigen::VectorXd whole = slope(arm, compliance.places()[i], axis, tip);
+      const Eigen::VectorXd expected = slope(arm, compliance.places()[i], axis, beyond);
+      EXPECT_LT((compliance.tipBeyondFit(i).col(axis) - expected).norm(), 0.01 * whole.norm())
+          << "place " << i << ", axis " << axis;
+      EXPECT_GT(expected.norm(), 0.02 * whole.norm()) << "there is something to know";
+    }
+  }
+  EXPECT_TRUE(blind.tipBeyondFit(3).isZero(0)) << "what is measured without a view is not known";
 }
 
 TEST(TipCompliance, TheTagsThatAreFittedCount) {

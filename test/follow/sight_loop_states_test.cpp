@@ -184,6 +184,34 @@ TEST_F(LoopStates, YieldsOnWhereTheArmIsNotSeen) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
+// Whatever held the arm then: what is told of the vented arm begins anew.
+TEST_F(LoopStates, AVentEndsTheContactThatWasTold) {
+  reach(LoopState::kYielding);
+  ASSERT_TRUE(bench_.loop.load().contact);
+  bench_.loop.enable(false);
+  EXPECT_FALSE(bench_.loop.load().contact);
+  EXPECT_EQ(bench_.loop.load().score, 0);
+  EXPECT_TRUE(bench_.loop.load().tip_beyond_fit.isZero(0));
+  bench_.run(12);
+  EXPECT_FALSE(bench_.loop.load().contact) << "the load that stays is no new one";
+  letGo();
+  bench_.loop.reset();
+  bench_.loop.enable(true);
+  close();
+  bench_.run(12);
+  ASSERT_FALSE(bench_.loop.load().contact);
+  touch();
+  bench_.run(1);
+  EXPECT_EQ(state(), LoopState::kYielding) << "the next one is found";
+}
+
+TEST_F(LoopStates, AVentWithoutContactKeepsWhatTheWatchHasLearnt) {
+  reach(LoopState::kClosed);
+  const Eigen::VectorXd before = bench_.loop.watch().state().mean;
+  bench_.loop.enable(false);
+  EXPECT_EQ(bench_.loop.watch().state().mean, before);
+}
+
 TEST_F(LoopStates, AnotherReactionHoldsAtOnce) {
   reach(LoopState::kYielding);
   bench_.loop.setOnContact(OnContact::kReport);

@@ -346,6 +346,20 @@ TEST_F(Loop, RefusesATargetThatIsNone) {
   EXPECT_FALSE(bench_.loop.hasTarget());
 }
 
+// A bus of many regulators may give five readings a second: pictures then are newer than the last.
+TEST_F(Loop, ClosesWithFewReadings) {
+  bench_.options.steps_per_reading = 20;
+  close();
+  bench_.faults.clear();
+  bench_.run(6);
+  EXPECT_EQ(bench_.faults[SightingFault::kNone], 200);
+  EXPECT_LT(bench_.error(), 5e-4);
+  bench_.loop.aimAt(there_);
+  bench_.run(4);
+  EXPECT_EQ(bench_.faults[SightingFault::kTooOld], 0);
+  EXPECT_LT(bench_.error(), 1e-3);
+}
+
 TEST(SightLoopConfig, RefusesWhatMakesNoSense) {
   const statics::ArmModel model(test::ringArm(test::helicalRing()));
   const auto refused = [&](void (*spoil)(SightLoopConfig&)) {

@@ -114,8 +114,12 @@ TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
   EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);
   EXPECT_NEAR(deviations().tags[7][4], 2 * degree, 1e-12);
   EXPECT_TRUE(deviations().tags[0].isZero(0));
-  EXPECT_NEAR(deviations().base[0], 0.002, 1e-12);
-  EXPECT_NEAR(deviations().base[5], 0.5 * degree, 1e-12);
+  // The base is learnt from the pictures: what is left is what placements may feign, less than the
+  // priors of the base itself.
+  const lie::Vector6 with_priors = deviations().base;
+  EXPECT_GT(with_priors[0], 0);
+  EXPECT_LT(with_priors[0], 0.002);
+  EXPECT_LT(with_priors[5], 0.5 * degree);
 
   scene.calibration.emplace();
   scene.calibration->parameters = {{"base_y", 0.001, 0.0004, true, "m"},
@@ -123,9 +127,7 @@ TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
                                    {"tag_7_along", 0.001, 0.0005, true, "m"},
                                    {"tag_7_ry", 0.01, 0.006, true, "rad"},
                                    {"K_kappa", 1e-4, 1e-6, true, "m^2"}};
-  EXPECT_EQ(deviations().base[1], 0.0004);
-  EXPECT_EQ(deviations().base[5], 0.003);
-  EXPECT_NEAR(deviations().base[0], 0.002, 1e-12);
+  EXPECT_LT(deviations().base[0], with_priors[0]) << "a tag that is known better feigns less";
   EXPECT_EQ(deviations().tags[7][0], 0.0005);
   EXPECT_EQ(deviations().tags[7][4], 0.006);
   EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);

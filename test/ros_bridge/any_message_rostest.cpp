@@ -327,9 +327,7 @@ TEST_F(AnyMessage, EveryFieldOfEveryTopicMayBeExtreme) {
   EXPECT_GE(sendToAll([](const std::string& topic) { return !isAnswer(topic); }), 24);
 }
 
-TEST_F(AnyMessage, EveryFieldOfEveryAnswerMayBeExtreme) {
-  EXPECT_EQ(sendToAll(isAnswer), 3);
-}
+TEST_F(AnyMessage, EveryFieldOfEveryAnswerMayBeExtreme) { EXPECT_EQ(sendToAll(isAnswer), 3); }
 
 TEST_F(AnyMessage, EveryRequestToSightLoopMayBeExtreme) {
   std::size_t services = 0;

@@ -5,6 +5,7 @@
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/workspace.hpp"
 #include "support/linked_arm.hpp"
@@ -36,6 +37,23 @@ Load loadOf(const model::Arm& arm, const Eigen::Vector3d& gravity, const Eigen::
 }
 
 Load spatialLoad(const model::Arm& arm) { return loadOf(arm, {5, 0, -8}, {0.05, 0.1, -0.08}); }
+
+// Motion of the tip by inputs against differences: velocity and angular velocity, base frame.
+void expectJacobian(const ArmModel& model, const Eigen::VectorXd& q, double tolerance) {
+  const ShapeJacobian found = jacobianAt(model, q);
+  ASSERT_EQ(found.status, SolveStatus::kConverged);
+  EXPECT_LT(apart(found.tip, model.tip(q).tip), 1e-9);
+  constexpr double kStep = 100;  // [Pa]
+  for (int i = 0; i < q.size(); ++i) {
+    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(q.size(), i);
+    const lie::SE3 below = model.tip(q - step).tip, above = model.tip(q + step).tip;
+    const lie::SE3 turn{above.rotation * below.rotation.transpose(), Eigen::Vector3d::Zero()};
+    lie::Vector6 expected;
+    expected << above.translation - below.translation, turn.log().tail<3>();
+    expected /= 2 * kStep;
+    EXPECT_LT((found.by_inputs.tip.col(i) - expected).norm(), tolerance * expected.norm()) << i;
+  }
+}
 
 TEST(LoadedLinks, EveryOrderMeetsItsStatedErrorAgainstTheExactTier) {
   const model::Arm arm = test::linkedArm();
@@ -198,6 +216,35 @@ TEST(LoadedLinks, TheWorkspaceIsThatOfTheTip) {
   for (int row = 0; row < points.count(); ++row) {
     const Eigen::VectorXd q = points.inputs.row(row);
     EXPECT_LT((points.tips.row(row).transpose() - model.arm().tip(q).translation).norm(), 1e-13);
+  }
+}
+
+TEST(LoadedLinks, DerivativesByInputAndByTipLoad) {
+  const model::Arm arm = test::linkedArm();
+  const Eigen::VectorXd q = arm.inputAt(0.4);
+  Load none;
+  none.mass = {0, 0};
+  none.K_eps = {900, 900};
+  const ArmModel unloaded(arm, std::nullopt, none, TierSetting{Tier::kLinear, 0});
+  const ArmModel loaded(arm, std::nullopt, spatialLoad(arm), TierSetting{Tier::kLoaded, 6});
+  expectJacobian(unloaded, q, 1e-6);
+  expectJacobian(loaded, q, 1e-5);
+  // A small force on the tool's tip.
+  const ShapeJacobian found = jacobianAt(unloaded, q);
+  ASSERT_TRUE(found.by_load);
+  constexpr double kForce = 1e-4;
+  for (int axis = 0; axis < 3; ++axis) {
+    Eigen::Vector3d ends[2];
+    for (const int side : {0, 1}) {
+      Load load = none;
+      load.points.push_back({});
+      load.points.back().section = 1;
+      load.points.back().offset = arm.link(1).translation;
+      load.points.back().force = (side == 0 ? -kForce : kForce) * Eigen::Vector3d::Unit(axis);
+      ends[side] = ExactArm(arm, load).solve(arm.twists(q)).tip.translation;
+    }
+    const Eigen::Vector3d expected = (ends[1] - ends[0]) / (2 * kForce);
+    EXPECT_LT((found.by_load->tip.col(axis).head<3>() - expected).norm(), 1e-5 * expected.norm());
   }
 }
 

@@ -6,6 +6,7 @@
 #include "helix_arm/statics/correction.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/tapered_arm.hpp"
 
@@ -25,6 +26,23 @@ model::Arm twoSections() {
 
 double apart(const lie::SE3& a, const lie::SE3& b) {
   return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
+}
+
+// Motion of the tip by inputs against differences: velocity and angular velocity, base frame.
+void expectJacobian(const ArmModel& model, const Eigen::VectorXd& q, double tolerance) {
+  const ShapeJacobian found = jacobianAt(model, q);
+  ASSERT_EQ(found.status, SolveStatus::kConverged);
+  EXPECT_LT(apart(found.tip, model.tip(q).tip), 1e-9);
+  constexpr double kStep = 100;  // [Pa]
+  for (int i = 0; i < q.size(); ++i) {
+    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(q.size(), i);
+    const lie::SE3 below = model.tip(q - step).tip, above = model.tip(q + step).tip;
+    const lie::SE3 turn{above.rotation * below.rotation.transpose(), Eigen::Vector3d::Zero()};
+    lie::Vector6 expected;
+    expected << above.translation - below.translation, turn.log().tail<3>();
+    expected /= 2 * kStep;
+    EXPECT_LT((found.by_inputs.tip.col(i) - expected).norm(), tolerance * expected.norm()) << i;
+  }
 }
 
 TEST(TaperedTiers, WithoutLoadTheClosedFormIsTheExactTier) {
@@ -170,6 +188,17 @@ TEST(TaperedTiers, ACorrectionMovesTheMeanTwists) {
   ASSERT_TRUE(shape);
   EXPECT_GT(shape->piecesPerSection(), 1);
   EXPECT_NEAR(shape->twists()(4, 0), model.solve(q).shape.twists()(4, 0) + 0.1, 1e-12);
+}
+
+TEST(TaperedTiers, DerivativesByInput) {
+  const ArmModel plain(test::taperedArm(kTilt));
+  expectJacobian(plain, plain.arm().inputAt(0.4), 1e-5);
+  EXPECT_FALSE(jacobianAt(plain, plain.arm().inputAt(0.4)).by_load);
+  const ArmModel loaded(test::taperedArm(), std::nullopt,
+                        test::weight(test::Posture::kHorizontal, 0.1, 900),
+                        TierSetting{Tier::kLoaded, 6});
+  expectJacobian(loaded, loaded.arm().inputAt(0.4), 1e-5);
+  EXPECT_TRUE(jacobianAt(loaded, loaded.arm().inputAt(0.4)).by_load);
 }
 
 }  // namespace

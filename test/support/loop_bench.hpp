@@ -3,6 +3,9 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <deque>
+#include <map>
+#include <optional>
+#include <vector>
 
 #include "helix_arm/follow/sight_loop.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -25,6 +28,10 @@ class LoopBench {
     double twist_noise_v = 1e-4;               // [m]
     double twist_noise_w = 1e-3;               // [rad]
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
+    int steps_per_reading = 1;
+    // Sets of tags that pictures show in turn, and what each measures wrongly; none: unknown.
+    std::vector<std::vector<int>> tags = {};
+    std::vector<lie::Vector6> errors = {};
     unsigned seed = 1;
   };
 
@@ -64,10 +71,12 @@ class LoopBench {
   void step(bool sees = true) {
     ++steps_;
     pressure_ += -std::expm1(-kStep / options.time_constant) * (set_point_ - pressure_);
-    turn();
-    if (sees && steps_ % 3 == 0) waiting_.push_back({time(), measured()});
+    if (steps_ % options.steps_per_reading == 0) turn();
+    if (sees && steps_ % 3 == 0) takePicture();
     while (!waiting_.empty() && waiting_.front().stamp + options.latency <= time() + 1e-9) {
-      last = loop.picture(waiting_.front().stamp, time(), waiting_.front().twists, covariance());
+      const Picture& next = waiting_.front();
+      last = loop.picture(next.stamp, time(), next.twists, covariance(), next.tags);
+      ++faults[last.fault];
       waiting_.pop_front();
     }
   }
@@ -88,12 +97,21 @@ class LoopBench {
   follow::SightLoop loop;
   Options options;
   estimation::Sighting last;
+  std::map<estimation::SightingFault, int> faults;  // of all pictures
 
  private:
   struct Picture {
     double stamp;
     model::Twists twists;
+    std::optional<std::vector<int>> tags;
   };
+  void takePicture() {
+    waiting_.push_back({time(), measured(), std::nullopt});
+    if (options.tags.empty()) return;
+    const std::size_t set = static_cast<std::size_t>(pictures_++) % options.tags.size();
+    waiting_.back().tags = options.tags[set];
+    waiting_.back().twists.col(0) += options.errors.at(set);
+  }
   void turn() {
     Eigen::VectorXd reading = pressure_;
     for (double& value : reading) value += options.reading_noise * random_.normal();
@@ -114,7 +132,7 @@ class LoopBench {
   Random random_;
   Eigen::VectorXd pressure_, set_point_;
   std::deque<Picture> waiting_;
-  int steps_ = 0;
+  int steps_ = 0, pictures_ = 0;
 };
 
 }  // namespace helix_arm::test

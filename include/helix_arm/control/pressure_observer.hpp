@@ -30,7 +30,7 @@ class PressureObserver {
   /// Takes the readings of one time.
   /// @param set_point  (n) in force since the last readings [Pa].
   /// @param reading    (n) [Pa]; NaN where a channel gave none.
-  /// Neither counts where its magnitude is beyond 1e9 Pa.
+  /// Neither counts outside kPossibleReading.
   void update(double time, const Eigen::VectorXd& set_point, const Eigen::VectorXd& reading);
 
   /// Forgets everything; the next reading starts anew.
@@ -44,6 +44,10 @@ class PressureObserver {
   /// Estimates at a time within the history, by linear interpolation. Returns false, and leaves
   /// `out` as it is, for times after the newest or before the oldest estimate.
   bool at(double time, Estimate& out) const;
+  /// Estimates at a time after the newest one, if the set point stays what it was. Looks at least
+  /// 50 ms ahead, 1.5 periods of the readings if that is longer, at most kMemory; returns false,
+  /// and leaves `out` as it is, for other times.
+  bool ahead(double time, Estimate& out) const;
 
  private:
   struct Moment {
@@ -52,10 +56,12 @@ class PressureObserver {
   };
   const Moment& moment(int age) const;  // 0: the newest
   void remember(double time);
+  void predict(double dt, Estimate& estimate) const;
 
   const double time_constant_;
   const double noise_;
   Estimate now_;
+  Eigen::VectorXd set_point_;    // in force until now_; NaN if unknown
   std::vector<Moment> history_;  // a ring
   int newest_ = -1;
   int count_ = 0;

@@ -23,6 +23,9 @@ struct ExternalLoad {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   /// (3 x 0 to 3) unit vectors along which the force exceeds three standard deviations.
   Eigen::Matrix3Xd determined = Eigen::Matrix3Xd(3, 0);
+  /// How much farther the determined part of the force moves the tip than the fitted twists say,
+  /// base frame [m]; see TipCompliance::tipBeyondFit().
+  Eigen::Vector3d tip_beyond_fit = Eigen::Vector3d::Zero();
   /// Where it acts; nothing if the pictures do not tell.
   std::optional<ForcePlace> place;
   bool normalised = false;  ///< K_eps of the arm is unknown

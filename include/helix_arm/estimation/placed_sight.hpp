@@ -46,4 +46,17 @@ std::optional<Eigen::MatrixXd> placementCovariance(const PlacedSight& sight, con
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags);
 
+/// Covariance of how fits of two sets of tags differ by errors of the placements, which are the
+/// same for the tags that both contain. Otherwise as placementCovariance().
+std::optional<Eigen::MatrixXd> placementDifference(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags,
+                                                   const std::vector<int>& others);
+
+/// Covariance of what errors of the placements make of base and bleed, as far as they are fitted,
+/// in a fit without priors of them. Arguments, result and exceptions as above.
+std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedSight& sight, const model::Arm& arm,
+                                                   const model::Shape& shape,
+                                                   const std::vector<int>& tags);
+
 }  // namespace helix_arm::estimation

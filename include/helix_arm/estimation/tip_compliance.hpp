@@ -57,6 +57,10 @@ class TipCompliance {
   /// is [m/N; rad/N]; a column is 0 if no shape balances such a force. After moveTo().
   const Eigen::MatrixXd& at(std::size_t place);
   const Eigen::MatrixXd& atTip() { return at(places().size() - 1); }
+  /// How much farther such a force moves the tip, base frame, than the fitted twists say: they are
+  /// those of an arm of constant twists [m/N]. 0 without a view of the arm: how its tip follows
+  /// from measured twists is then unknown. Otherwise as at().
+  const Eigen::Matrix3d& tipBeyondFit(std::size_t place);
 
  private:
   struct Workspace;

@@ -36,6 +36,20 @@ struct ModelPrior {
   double rotation = 2.0;     ///< of each entry of w [rad]
 };
 
+struct TwistFitOptions;
+
+/// What is known of base and bleed, which stay as they are while the arm moves.
+struct RigEstimate {
+  using Vector = Eigen::Matrix<double, 7, 1>;
+  using Matrix = Eigen::Matrix<double, 7, 7>;
+
+  /// The priors of the options: nominal, with their deviations.
+  explicit RigEstimate(const TwistFitOptions& options);
+
+  Vector mean = Vector::Zero();  ///< [v; w; bleed]: log of the base seen from the nominal base
+  Matrix covariance;             ///< positive definite [m, rad, m]
+};
+
 struct TwistFitOptions {
   double corner_noise = 0.3;      ///< expected standard deviation of a corner's coordinate [px]
   double position_noise = 0.010;  ///< of a tag pose's position, each axis [m]
@@ -99,6 +113,9 @@ struct TwistFit {
   /// Likewise for the tip's position seen from the nominal base [m^2], for an ellipsoid of
   /// chi-square_0.95(3). Includes the uncertainty of a free base.
   Eigen::Matrix3d tip_covariance = Eigen::Matrix3d::Zero();
+  /// Base and bleed with what these tags tell of them, in addition to what was known. Entries that
+  /// the options do not free are as known.
+  RigEstimate rig{TwistFitOptions()};
   lie::SE3 X_B0B;    ///< fitted base seen from the nominal base; identity if fixed
   double bleed = 0;  ///< [m]
   double rms = 0;    ///< over the tags that fit: corners [px] or positions [m]
@@ -128,6 +145,10 @@ class TwistFitter {
 
   const TagLayout& layout() const;
   const TwistFitOptions& options() const;
+
+  /// What is known of base and bleed before the next fits, instead of the priors of the options.
+  /// @throws std::invalid_argument if it is not finite or its covariance not positive definite.
+  void know(const RigEstimate& rig);
 
   /// Fit from a start near the solution: the shape of the last image, or the model's.
   ///

@@ -45,9 +45,10 @@ struct Turn {
   double position_error = 0.0;  ///< distance from its tip to the wanted place [m]
   /// Limits at which the actuators are, (n).
   std::vector<statics::Limit> limits;
-  lie::SE3 wanted;                    ///< tip at this time
-  std::optional<lie::SE3> predicted;  ///< tip of the corrected model at the present pressures
-  std::optional<double> path_time;    ///< since the path's start; negative on the way to it [s]
+  lie::SE3 wanted;  ///< tip at this time
+  /// Tip of the corrected model at the present pressures, where a load that was found takes it.
+  std::optional<lie::SE3> predicted;
+  std::optional<double> path_time;  ///< since the path's start; negative on the way to it [s]
 };
 
 /// Brings the tip where it is wanted, by comparing each measured shape with the model at the
@@ -111,8 +112,8 @@ class SightLoop {
   const std::optional<estimation::TipErrorBudget>& budget() const;
   /// What acts on the arm, as of the last picture.
   const estimation::ExternalLoad& load() const;
-  /// Distance of the measured tip from the wanted one at the time of the last picture [m]; nothing
-  /// if none was wanted then.
+  /// Distance of the measured tip (with ExternalLoad::tip_beyond_fit) from the wanted one at the
+  /// time of the last picture [m]; nothing if none was wanted then.
   std::optional<double> error() const;
   /// Standard deviation of the predicted tip along its worst direction [m]; infinite before the
   /// first picture.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <istream>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,9 @@ struct DataSet {
 /// @throws DocumentError with all faults: `file:line column rule`, without any cell of the file;
 /// also if the file is missing or has no header or no rows.
 DataSet loadDataSet(const std::string& path);
+/// Reads a stream to its end; the same otherwise.
+/// @param name  of the stream, for DataSet::path and faults.
+DataSet readDataSet(std::istream& in, const std::string& name);
 
 /// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a
 /// missing column is 0.

@@ -87,6 +87,8 @@ class ArmOf {
 
   /// The same arm with this stiffness for every actuator.
   ArmOf withStiffness(const Stiffness& stiffness) const;
+  /// The same arm with this stiffness for one actuator.
+  ArmOf withStiffness(int actuator, const Stiffness& stiffness) const;
 
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
   int actuatorCount() const { return static_cast<int>(actuators_.size()); }

@@ -30,6 +30,7 @@ struct SimulatedSightConfig {
 struct MeasuredShape {
   model::Twists twists;        ///< (6 x sections)
   Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections)
+  lie::SE3 tip;                ///< of the fitted shape
   std::vector<int> tags;       ///< indices in the layout, ascending; outliers too
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <opencv2/core.hpp>
@@ -25,6 +26,10 @@ struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;
   estimation::TwistFitOptions fit;
+  /// If set, base and bleed, as far as they are fitted, are learnt over the pictures
+  /// (estimation::RigMemory); else they are fitted anew in each. The covariance of what errors of
+  /// the placements make of them, see estimation::rigByPlacements().
+  std::optional<estimation::RigEstimate::Matrix> rig_by_placements = {};
   int min_tags = 2;  ///< fewest visible tags of the arm for a measurement, >= 2
 
   /// @throws std::invalid_argument naming the value and its rule.
@@ -59,8 +64,10 @@ class ArmLocalizer {
   /// @throws std::invalid_argument on a picture of another size or type.
   const Sight& locate(const cv::Mat& gray, const model::Shape& model);
 
-  /// Forgets the last picture.
+  /// Forgets the last picture. What was learnt of base and bleed stays.
   void reset();
+  /// Forgets the last picture, and what was learnt.
+  void forget();
 
   const estimation::ArmView& view() const;
 

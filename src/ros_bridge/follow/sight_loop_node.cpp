@@ -86,6 +86,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   const LoopState before = loop_.state();
   stamp_ = stamp;
   const double time = stamp.toSec();
+  const bool touched = loop_.load().contact;
   loop_.enable(link_.follows());
   action_.prepare(time, loop_, link_);
   aim();
@@ -93,6 +94,7 @@ void SightLoopNode::turn(const ros::Time& stamp, const Eigen::VectorXd& reading)
   command(turn);
   if (turn.commands) action_.watch(time, turn);
   tellState(before);
+  if (touched && !loop_.load().contact) load_publisher_.publish(stamp, loop_);
   publisher_.publish(view());
 }
 
@@ -143,7 +145,9 @@ void SightLoopNode::onSeen(const SeenArm& seen) {
   last_picture_ = seen.stamp;
   load_publisher_.publish(seen.stamp, loop_);
   if (action_.runs()) {
-    action_.picture(seen.stamp, model::tipPose(seen.shape), LoopPublisher::tipCovariance(view()));
+    lie::SE3 tip = model::tipPose(seen.shape);
+    tip.translation += loop_.load().tip_beyond_fit;
+    action_.picture(seen.stamp, tip, LoopPublisher::tipCovariance(view()));
   }
 }
 

@@ -29,7 +29,8 @@ PressureCommandNode::PressureCommandNode()
               [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
       intake_(node_, scene_, shapes_.baseFrame(),
               {[this] { return loop_->goal(); },
-               [this](const Eigen::VectorXd& pressure) { return loop_->command(pressure); }}) {
+               [this](const Eigen::VectorXd& pressure) { return loop_->command(pressure); }}),
+      model_server_(ros::NodeHandle("~"), scene_.model) {
   reload_ =
       std::make_unique<ReloadServer>(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
                                      [this](io::Scene next) { adopt(std::move(next)); });
@@ -133,6 +134,7 @@ void PressureCommandNode::adopt(io::Scene next) {
   loop_->adopt(next.arm, next.safety.channels, next.safety.rules);
   scene_ = std::move(next);
   intake_.adopt();
+  model_server_.adopt(scene_.model);
   tellTier();
   shapes_.adopt();
 }

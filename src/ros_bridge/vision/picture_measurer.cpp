@@ -3,13 +3,15 @@
 #include <utility>
 #include <variant>
 
+#include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
 namespace helix_arm::ros_bridge {
 
 SceneLocalizer::SceneLocalizer(io::Scene of)
     : scene(std::move(of)),
-      localizer(std::make_unique<vision::ArmLocalizer>(scene.view(), scene.vision)) {}
+      localizer(std::make_unique<vision::ArmLocalizer>(scene.view(),
+                                                       procedures::localizerConfigOf(scene))) {}
 
 PictureMeasurer::PictureMeasurer(SceneLocalizer first, double stale_after,
                                  const PictureSource& source, ModelMatcher& models)
@@ -90,7 +92,8 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
               ? "; more than one node publishes it: stop all but the camera's"
               : "");
     }
-    current_.localizer = std::make_unique<vision::ArmLocalizer>(view, current_.scene.vision);
+    current_.localizer =
+        std::make_unique<vision::ArmLocalizer>(view, procedures::localizerConfigOf(current_.scene));
   }
   calibration_ = whose;
   return std::nullopt;
@@ -98,8 +101,9 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
 
 void PictureMeasurer::follow(const ros::Time& stamp) {
   const double elapsed = secondsBetween(last_stamp_, stamp);
-  if (elapsed < 0 || elapsed > stale_after_) current_.localizer->reset();
+  if (elapsed > stale_after_) current_.localizer->reset();
   if (elapsed < 0) {
+    current_.localizer->forget();  // a recording that is played again gives the same again
     if (jumps_.add()) {
       logInfo(
           "the time of the pictures jumped back by %.1f s (%lu times so far): tracking restarts%s",

@@ -42,6 +42,8 @@ inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots 
 // Services and actions, below the names of their nodes.
 inline constexpr char kReload[] = "reload";
 inline constexpr char kEnable[] = "enable";
+inline constexpr char kForward[] = "forward";
+inline constexpr char kInverse[] = "inverse";
 inline constexpr char kRest[] = "rest";
 inline constexpr char kVent[] = "vent";
 inline constexpr char kEmergencyStop[] = "emergency_stop";

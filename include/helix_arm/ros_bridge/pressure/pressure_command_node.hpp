@@ -12,6 +12,7 @@
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
 #include "helix_arm/ros_bridge/common/reload_server.hpp"
 #include "helix_arm/ros_bridge/common/run_node.hpp"
+#include "helix_arm/ros_bridge/pressure/model_server.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_command_options.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_diagnostics.hpp"
 #include "helix_arm/ros_bridge/pressure/pressure_loop.hpp"
@@ -55,6 +56,7 @@ namespace helix_arm::ros_bridge {
 ///   true): their answers give the result and the reason
 /// - ~reload (Reload): another file of the same rig and regulator. The command stays, and must be
 ///   inside the new limits; with hardware, no rule may be looser than when the node started.
+/// - ~forward (Forward), ~inverse (Inverse): the model, for batches; in a thread of their own
 ///
 /// Parameters: PressureCommandOptions.
 ///
@@ -73,7 +75,8 @@ namespace helix_arm::ros_bridge {
 /// simulated time with hardware.
 ///
 /// Its parts: TargetIntake accepts targets, PressureLoop drives the regulator, ShapePublisher shows
-/// the arm at the readings. All of them but PressureLoop run in the main thread only.
+/// the arm at the readings. All of them but PressureLoop and
+/// ModelServer run in the main thread only.
 class PressureCommandNode {
  public:
   /// @throws io::DocumentError, ParameterError or std::invalid_argument with every fault found.
@@ -107,6 +110,7 @@ class PressureCommandNode {
   ShapePublisher shapes_;
   TargetIntake intake_;
   std::unique_ptr<ReloadServer> reload_;
+  ModelServer model_server_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
   std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
   std::optional<PressureLoop> loop_;  ///< last, since its readings go to all of the above

@@ -1,0 +1,16 @@
+"""The model of a soft arm: pressures to shapes and back.
+
+>>> import helix_arm, numpy as np
+>>> scene = helix_arm.Scene.load("helical_50")
+>>> scene.forward(np.array([200e3, 0.0, 50e3])).tips
+
+Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg, helix_arm.srv and helix_arm.action, and need
+the Python packages of ROS.
+"""
+from helix_arm._core import DocumentError, Forward
+from helix_arm.results import (Alarm, Calibration, Contraction, Curve, Fit, FollowRun, Inverse, Jacobian, Parameter, Sight,
+                               Workspace)
+from helix_arm.scene import Scene, shipped_scenes
+
+__all__ = ["Alarm", "Calibration", "Contraction", "Curve", "DocumentError", "Fit", "FollowRun", "Forward", "Inverse", "Jacobian",
+           "Parameter", "Scene", "Sight", "Workspace", "shipped_scenes"]

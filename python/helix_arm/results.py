@@ -1,0 +1,197 @@
+"""What the methods of Scene return: objects with named fields in SI units. A result of one row lacks the first dimension N."""
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Dict, List, Optional, Union
+
+import numpy as np
+
+Flags = Union[bool, np.ndarray]
+
+
+class Result:
+    """Base of all results."""
+
+    def to_dict(self) -> Dict[str, Any]:
+        """The fields by name; arrays are not copied."""
+
+        def plain(value: Any) -> Any:
+            if isinstance(value, Result):
+                return value.to_dict()
+            return [plain(one) for one in value] if isinstance(value, list) else value
+
+        return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve(Result):
+    """Points along the arm's base curve, `points` per row of pressures."""
+
+    s: np.ndarray  #: (points,) in [0, sections]; section k covers [k, k + 1]
+    positions: np.ndarray  #: (N, points, 3) base frame [m]; NaN where no shape balances the load
+    quaternions_xyzw: np.ndarray  #: (N, points, 4) unit quaternions, base frame
+
+
+@dataclasses.dataclass(frozen=True)
+class Inverse(Result):
+    """Pressures within the limits for wanted tips, poses or twists."""
+
+    pressures_pa: np.ndarray  #: (N, n) [Pa]; of tendons, angles [rad]
+    reached: Flags  #: (N,) whether the residual is within the tolerance
+    status: Union[str, np.ndarray]  #: (N,) "reached", "unreachable" (the closest) or "not_converged"
+    residual_m: Union[float, np.ndarray]  #: (N,) position error and 0.1 m per rad of rotation [m]
+    position_error_m: Union[float, np.ndarray]  #: (N,) distance of the tip from the wanted one [m]
+    limits: np.ndarray  #: (N, n) active limits: -1 lower, 1 upper, 0 none
+    iterations: Union[int, np.ndarray]  #: (N,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Jacobian(Result):
+    """Derivatives of tip and twists.
+
+    Rows of tip_by_*: velocity of the tip [m], then its angular velocity [rad], base frame. Those of twists_by_*: sections, then
+    v [m] and w [rad] of the twist. Columns of *_by_stiffness: K_gamma, K_tau [m^2] and K_kappa [m^2] of each actuator; NaN
+    where an entry of 0 would resist a motion that nothing else resists. Columns of *_by_load: a force [N], then a moment [N m]
+    at the tip, which keep their directions in the base frame; None without K_eps of the arm.
+    """
+
+    tip_by_pressures: np.ndarray  #: (N, 6, n) per Pa; of tendons, per rad
+    twists_by_pressures: np.ndarray  #: (N, sections, 6, n)
+    tip_by_lengths: np.ndarray  #: (N, 6, n) per m of free length
+    twists_by_lengths: np.ndarray  #: (N, sections, 6, n)
+    tip_by_stiffness: np.ndarray  #: (N, 6, n, 3)
+    twists_by_stiffness: np.ndarray  #: (N, sections, 6, n, 3)
+    tip_by_load: Optional[np.ndarray]  #: (N, 6, 6)
+    twists_by_load: Optional[np.ndarray]  #: (N, sections, 6, 6)
+    converged: Flags  #: (N,) whether a shape balances the load; the derivatives are NaN where not
+
+
+@dataclasses.dataclass(frozen=True)
+class Workspace(Result):
+    """Tips at pressures drawn uniformly within the limits."""
+
+    pressures_pa: np.ndarray  #: (points, n) [Pa]
+    tips: np.ndarray  #: (points, 3) base frame [m]
+    unbalanced: int  #: draws left out, as no shape balances the load there
+    moved_per_kpa_m: Optional[np.ndarray]  #: (points,) tip displacement for 1 kPa in every pressure [m]
+    moved_per_mm_m: Optional[np.ndarray]  #: (points,) for 1 mm in every free length [m]
+    moved_per_percent_stiffness_m: Optional[np.ndarray]  #: (points,) for 1 % in every entry of the stiffness [m]
+    extreme_pressures_pa: Optional[np.ndarray]  #: (7, n) of the farthest tips along -x, -y, -z, x, y, z and from the base
+    extreme_tips: Optional[np.ndarray]  #: (7, 3) those tips [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit(Result):
+    """Shapes fitted to the tags of N captures. Rows without a fit hold NaN."""
+
+    captures: np.ndarray  #: (N,) numbers in the data set
+    pressures_pa: np.ndarray  #: (N, n)
+    status: np.ndarray  #: (N,) "converged", "not_converged", "underdetermined" or "unexplained"
+    twists: np.ndarray  #: (N, sections, 6) v [m], w [rad]
+    covariances: np.ndarray  #: (N, 6 sections, 6 sections) of the twists [m, rad]
+    tips: np.ndarray  #: (N, 3) base frame [m]
+    quaternions_xyzw: np.ndarray  #: (N, 4)
+    tip_covariances: np.ndarray  #: (N, 3, 3) [m^2]
+    rms: np.ndarray  #: (N,) over the tags that fit: positions [m], of corners [px]
+    outlier_tags: List[List[int]]  #: ids of the tags that do not fit, per capture
+
+
+@dataclasses.dataclass(frozen=True)
+class Sight(Result):
+    """What one picture shows. Without a measured shape its fields hold NaN."""
+
+    state: str  #: "measured", "no_tags", "too_few_tags" or "no_fit"
+    twists: np.ndarray  #: (sections, 6) v [m], w [rad]
+    covariance: np.ndarray  #: (6 sections, 6 sections) of the twists [m, rad]
+    tip: np.ndarray  #: (3,) base frame [m]
+    quaternion_xyzw: np.ndarray  #: (4,)
+    tip_covariance: np.ndarray  #: (3, 3) [m^2]
+    rms_px: float  #: of the corners that fit [px]
+    tags: np.ndarray  #: (tags,) ids of all detections
+    corners_px: np.ndarray  #: (tags, 4, 2) x, y of their corners [px]
+    outlier_tags: List[int]  #: ids of those that do not fit
+    unknown_tags: List[int]  #: ids that the scene does not have
+    repeated_tags: List[int]  #: ids that are seen more than once
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter(Result):
+    """A calibrated parameter, in SI units."""
+
+    name: str  #: K_kappa, length_scale, base_x, tag_7_s, ...
+    unit: str  #: m^2, m, rad, or empty
+    initial: float
+    value: float
+    standard_error: float
+    identifiable: bool  #: whether the data determine it
+
+
+@dataclasses.dataclass(frozen=True)
+class Contraction(Result):
+    """A fitted contraction curve."""
+
+    name: str
+    coefficients_m: List[float]  #: of a quintic over p / reference_pressure_pa
+    reference_pressure_pa: float
+    rms_m: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration(Result):
+    """What a calibration found."""
+
+    success: bool
+    message: str  #: the result in one line, or cause and remedy
+    parameters: List[Parameter]
+    correlation: Optional[np.ndarray]  #: (parameters, parameters)
+    error_unit: str  #: of rms and held_out_error: rad, px or m
+    rms: Optional[float]
+    held_out_error: Optional[float]  #: of pressures that were left out of the fit
+    next_pressures_pa: Optional[np.ndarray]  #: (k, n) the most informative pressures to measure next
+    contractions: List[Contraction]
+    tip_error_before_m: Optional[float]
+    tip_error_after_m: Optional[float]
+    warnings: List[str]
+    scene_text: str  #: of the calibrated scene; empty without success
+
+    def __getitem__(self, name: str) -> Parameter:
+        """A parameter by its name. Raises KeyError."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(f"{name}; there are {', '.join(one.name for one in self.parameters)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Alarm(Result):
+    """A contact that the loop found."""
+
+    time_s: float
+    onset_s: float
+    force_n: np.ndarray  #: (3,) base frame [N], or per K_eps if normalised
+    covariance: np.ndarray  #: (3, 3)
+    normalised: bool  #: the scene has no K_eps
+
+
+@dataclasses.dataclass(frozen=True)
+class FollowRun(Result):
+    """A simulated run, one row per step of 10 ms. Positions in the base frame [m]; NaN where there is none."""
+
+    times_s: np.ndarray  #: (T,)
+    wanted_tips: np.ndarray  #: (T, 3)
+    true_tips: np.ndarray  #: (T, 3)
+    measured_tips: np.ndarray  #: (T, 3) in the steps in which a measurement arrives
+    measured_times_s: np.ndarray  #: (T,) times of their pictures
+    predicted_tips: np.ndarray  #: (T, 3) by the corrected model
+    pressures_pa: np.ndarray  #: (T, n) true
+    states: np.ndarray  #: (T,) of the loop
+    path_times_s: np.ndarray  #: (T,) since the path's start
+    unreachable: np.ndarray  #: (T,) whether the wanted tip is out of reach
+    load_scores: np.ndarray  #: (T,) of a force on the arm
+    path_rms_m: Optional[float]  #: error of the true tip from the path's start to its end
+    path_max_m: Optional[float]
+    steady_rms_m: List[float]  #: of each tip's last second
+    settle_s: List[Optional[float]]  #: of each tip: time until within 2 mm + 5 % for good
+    alarms: List[Alarm]
+    pictures: int  #: accepted
+    vented: str  #: why the safety core vented the arm; empty if it did not

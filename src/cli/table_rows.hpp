@@ -1,0 +1,25 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::cli {
+
+/// The table of an option: that of a file, or of stdin where the path is "-".
+/// @throws io::DocumentError on a table with faults.
+io::DataSet tableOf(const std::string& path);
+
+/// Inputs (rows x actuators) [Pa or rad] of the columns pressure_1_kpa and so on (a missing one is
+/// 0), or, where the table has one of them, of all of input_1 and so on in SI units.
+/// @throws CallerError naming the line, the actuator, its value and its limits; io::DocumentError
+/// on missing columns.
+Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data);
+
+/// Numbers (rows x names) of the named columns. @throws CallerError naming those that are missing.
+Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string>& names);
+
+}  // namespace helix_arm::cli

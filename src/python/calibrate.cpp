@@ -1,0 +1,117 @@
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "data.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/captures.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+void addData(const io::Scene& scene, const io::DataSet& set, procedures::CalibrationData& data) {
+  int count = 0;
+  if (procedures::kindOf(set) == procedures::DataKind::kLengths) {
+    const auto samples = procedures::loadLengths(set);
+    data.lengths.insert(data.lengths.end(), samples.begin(), samples.end());
+    count = static_cast<int>(samples.size());
+  } else {
+    procedures::LoadedCaptures read = procedures::loadCaptures(scene, set);
+    count = static_cast<int>(read.captures.size());
+    if (!read.unknown_tags.empty()) {
+      data.warnings.push_back(
+          set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
+    }
+    procedures::addCaptures(std::move(read.captures), set.path, data);
+  }
+  data.sources.push_back({set.path, set.sha256, count});
+}
+
+// Arrays per parameter.
+void addParameters(const estimation::Calibration& calibration, py::dict& out) {
+  py::list parameters;
+  for (const estimation::Parameter& one : calibration.parameters) {
+    py::dict entry;
+    entry["name"] = one.name;
+    entry["unit"] = one.unit;
+    entry["initial"] = one.initial;
+    entry["value"] = one.value;
+    entry["standard_error"] = one.standard_error;
+    entry["identifiable"] = one.identifiable;
+    parameters.append(entry);
+  }
+  out["parameters"] = parameters;
+  out["correlation"] = matrixOf(calibration.correlation);
+  out["error_unit"] = calibration.error_unit;
+  out["rms"] = calibration.rms;
+  if (calibration.by_pressure) out["held_out_error"] = calibration.by_pressure->error;
+  Eigen::MatrixXd next(
+      static_cast<Eigen::Index>(calibration.next_pressures.size()),
+      calibration.next_pressures.empty() ? 0 : calibration.next_pressures.front().size());
+  for (std::size_t i = 0; i < calibration.next_pressures.size(); ++i) {
+    next.row(static_cast<Eigen::Index>(i)) = calibration.next_pressures[i];
+  }
+  out["next_pressures_pa"] = matrixOf(next);
+}
+
+py::dict calibrate(const Scene& self, const py::list& data, const std::vector<std::string>& fit,
+                   const std::string& contraction, double curvature_noise_rad,
+                   double corner_noise_px, double position_noise_m, double rotation_noise_rad) {
+  procedures::CalibrationRequest request;
+  request.fit = fit;
+  request.contraction = contraction;
+  request.curvature_noise = curvature_noise_rad;
+  request.corner_noise = corner_noise_px;
+  request.position_noise = position_noise_m;
+  request.rotation_noise = rotation_noise_rad;
+  request.date = procedures::utcNow();
+  basics::require(!data.empty(), "data is empty; expected paths of data sets, or dicts of columns");
+  procedures::CalibrationData measurements;
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    addData(self.scene(), dataSetOf(data[i], "data[" + std::to_string(i) + "]"), measurements);
+  }
+  const auto repeated = procedures::repeatedSource(measurements.sources);
+  basics::require(!repeated, repeated.value_or(""));
+  procedures::CalibrationOutcome outcome;
+  {
+    const py::gil_scoped_release others_run;
+    outcome = procedures::runCalibration(self.path(), self.overrides(), request, measurements);
+  }
+  py::dict out;
+  out["success"] = outcome.success;
+  out["message"] = outcome.message;
+  out["parameters"] = py::list();
+  out["correlation"] = py::none();
+  out["error_unit"] = "";
+  out["rms"] = py::none();
+  out["held_out_error"] = py::none();
+  out["next_pressures_pa"] = py::none();
+  if (outcome.calibration) addParameters(*outcome.calibration, out);
+  py::list contractions;
+  for (const auto& [name, curve] : outcome.contractions) {
+    py::dict one;
+    one["name"] = name;
+    one["coefficients_m"] =
+        std::vector<double>(curve.coefficients.begin(), curve.coefficients.end());
+    one["reference_pressure_pa"] = curve.reference_pressure;
+    one["rms_m"] = curve.rms;
+    contractions.append(one);
+  }
+  out["contractions"] = contractions;
+  out["tip_error_before_m"] = outcome.tip_error_before;
+  out["tip_error_after_m"] = outcome.tip_error_after;
+  out["warnings"] = outcome.warnings;
+  out["scene_text"] = outcome.scene_text;
+  return out;
+}
+
+}  // namespace
+
+void bindCalibrate(py::class_<Scene>& scene) {
+  scene.def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
+            py::arg("curvature_noise_rad"), py::arg("corner_noise_px"), py::arg("position_noise_m"),
+            py::arg("rotation_noise_rad"));
+}
+
+}  // namespace helix_arm::python

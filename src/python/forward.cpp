@@ -1,0 +1,152 @@
+#include "forward.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "bindings.hpp"
+#include "parallel.hpp"
+#include "poses.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+// Work of one thread at a time, about 0.1 ms in closed form.
+constexpr std::size_t kPiece = 1024;
+constexpr std::size_t kLoadedPiece = 16;
+
+// Memory without initial values: every entry is written.
+std::unique_ptr<double[]> numbers(py::ssize_t count) {
+  return std::unique_ptr<double[]>(new double[static_cast<std::size_t>(count)]);
+}
+
+}  // namespace
+
+Forward::Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
+    : single_(inputs.single()),
+      rows_(inputs.rows()),
+      sections_(scene.arm().sectionCount()),
+      tips_(numbers(3 * rows_)),
+      quaternions_(numbers(4 * rows_)),
+      twists_(numbers(6 * sections_ * rows_)),
+      converged_(new bool[static_cast<std::size_t>(rows_)]) {
+  scene.requireWithinLimits(inputs, "pressures_pa");
+  inPieces(static_cast<std::size_t>(rows_), scene.isLoaded() ? kLoadedPiece : kPiece, threads,
+           [&](std::size_t first, std::size_t end) { fill(scene, inputs, first, end); });
+}
+
+void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end) {
+  const bool loaded = scene.isLoaded();
+  Eigen::VectorXd q(inputs.columns());
+  for (std::size_t row = first; row < end; ++row) {
+    for (py::ssize_t i = 0; i < q.size(); ++i) q[i] = inputs(static_cast<py::ssize_t>(row), i);
+    if (loaded) {
+      const statics::Solution solution = scene.model().solve(q);
+      converged_[row] = solution.converged();
+      set(row, solution.tip, solution.shape.twists());
+      continue;
+    }
+    const model::Twists twists = scene.arm().twists(q);
+    converged_[row] = true;
+    set(row, scene.arm().tipOf(twists), twists);
+  }
+}
+
+void Forward::set(std::size_t row, const lie::SE3& tip, const model::Twists& twists) {
+  setPose(tip, converged_[row], &tips_[3 * row], &quaternions_[4 * row]);
+  double* const to = &twists_[6 * sections_ * row];
+  if (converged_[row]) {
+    std::copy_n(twists.data(), 6 * sections_, to);
+  } else {
+    std::fill_n(to, 6 * sections_, kNoNumber);
+  }
+}
+
+py::array Forward::view(const py::object& self, const double* first,
+                        std::initializer_list<py::ssize_t> entry) const {
+  py::array::ShapeContainer shape;
+  if (!single_) shape->push_back(rows_);
+  shape->insert(shape->end(), entry.begin(), entry.end());
+  return py::array_t<double>(std::move(shape), first, self);
+}
+
+py::array Forward::tips(const py::object& self) const { return view(self, tips_.get(), {3}); }
+py::array Forward::quaternions(const py::object& self) const {
+  return view(self, quaternions_.get(), {4});
+}
+py::array Forward::twists(const py::object& self) const {
+  return view(self, twists_.get(), {sections_, 6});
+}
+py::object Forward::converged() const {
+  if (single_) return py::bool_(converged_[0]);
+  return py::array_t<bool>(rows_, converged_.get());
+}
+
+namespace {
+
+Forward forward(const Scene& scene, const py::handle& pressures, int threads) {
+  const Rows inputs = scene.inputs(pressures, "pressures_pa");
+  const std::size_t count = threadCount(threads);
+  // For one row without load, letting others run costs more than the row.
+  if (inputs.rows() <= 1 && !scene.isLoaded()) return Forward(scene, inputs, 1);
+  const py::gil_scoped_release others_run;
+  return Forward(scene, inputs, count);
+}
+
+py::dict asDict(const py::object& self) {
+  const auto& forward = self.cast<const Forward&>();
+  py::dict out;
+  out["tips"] = forward.tips(self);
+  out["quaternions_xyzw"] = forward.quaternions(self);
+  out["twists"] = forward.twists(self);
+  out["converged"] = forward.converged();
+  return out;
+}
+
+template <class Get>
+auto field(Get get) {
+  return [get](const py::object& self) { return (self.cast<const Forward&>().*get)(self); };
+}
+
+}  // namespace
+
+void bindForward(py::module_& module, py::class_<Scene>& scene) {
+  py::class_<Forward>(module, "Forward",
+                      "Shapes at one row or N rows of pressures. Rows in which no shape balances "
+                      "the load hold NaN.")
+      .def_property_readonly("tips", field(&Forward::tips),
+                             "(3,) or (N, 3) positions of the tip, base frame [m].")
+      .def_property_readonly("quaternions_xyzw", field(&Forward::quaternions),
+                             "(4,) or (N, 4) unit quaternions x, y, z, w of the tip's frame, base "
+                             "frame; w >= 0.")
+      .def_property_readonly("twists", field(&Forward::twists),
+                             "(sections, 6) or (N, sections, 6) twist of each section over its "
+                             "length, v [m] and w [rad]; under load the mean.")
+      .def_property_readonly("converged", &Forward::converged,
+                             "bool, or (N,) bools: whether a shape balances the load.")
+      .def("to_dict", asDict, "The fields as a dict of arrays.")
+      .def("__len__", &Forward::rows)
+      .def("__repr__", [](const Forward& forward) {
+        return "<helix_arm.Forward of " + std::to_string(forward.rows()) +
+               (forward.rows() == 1 ? " row>" : " rows>");
+      });
+  scene.def("forward", forward, py::arg("pressures_pa"), py::arg("threads") = 1,
+            "Shapes at gauge pressures.\n\n"
+            "pressures_pa: (n,) or (N, n) float64 within the limits [Pa]; of tendons, angles "
+            "[rad].\nthreads: of a batch; 0 for all cores. The result does not depend on it.\n"
+            "Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.\n"
+            "Raises TypeError or ValueError naming argument and rule.");
+  scene.def(
+      "tips",
+      [](const Scene& self, const py::handle& pressures, const py::object& out, int threads) {
+        return tips(self, self.inputs(pressures, "pressures_pa"), out, threadCount(threads));
+      },
+      py::arg("pressures_pa"), py::arg("out") = py::none(), py::arg("threads") = 1,
+      "Tip positions alone, the fastest way from pressures to tips.\n\n"
+      "pressures_pa, threads: as of forward().\n"
+      "out: float64 array of the result's shape that is written instead of a new one; it must not "
+      "overlap the pressures.\n"
+      "Returns (3,) or (N, 3), base frame [m]; NaN where no shape balances the load.");
+}
+
+}  // namespace helix_arm::python

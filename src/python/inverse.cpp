@@ -1,0 +1,199 @@
+#include "helix_arm/statics/inverse.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+#include <sstream>
+
+#include "bindings.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "parallel.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+using statics::InverseOptions;
+using statics::InverseResult;
+using statics::InverseSolver;
+using statics::Preference;
+
+constexpr std::size_t kPiece = 16;
+constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
+
+enum class Target { kTip, kPose, kTwists };
+
+lie::SE3 poseOf(const Eigen::VectorXd& p, py::ssize_t row) {
+  const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
+  basics::require(std::abs(q.norm() - 1) <= kNormTolerance, "pose has a quaternion of norm ",
+                  q.norm(), " in row ", row, "; expected 1, in the order x, y, z, qx, qy, qz, qw");
+  return {q.normalized().toRotationMatrix(), p.head<3>()};
+}
+
+Preference preferenceOf(const std::string& word) {
+  if (word == "min-pressure") return Preference::kMinPressure;
+  if (word == "min-change") return Preference::kMinChange;
+  basics::require(word == "cocontract", "prefer is \"", word.substr(0, 40),
+                  "\"; expected min-pressure, min-change or cocontract");
+  return Preference::kCocontraction;
+}
+
+const char* nameOf(statics::InverseStatus status) {
+  if (status == statics::InverseStatus::kReached) return "reached";
+  return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
+}
+
+// The results of all rows.
+struct Found {
+  explicit Found(const Scene& scene, std::size_t rows)
+      : inputs(static_cast<Eigen::Index>(rows), scene.arm().actuatorCount()),
+        limits(static_cast<Eigen::Index>(rows), scene.arm().actuatorCount()),
+        residual(rows),
+        position_error(rows),
+        status(rows),
+        iterations(rows) {}
+
+  void set(std::size_t row, const InverseResult& result) {
+    const auto i = static_cast<Eigen::Index>(row);
+    inputs.row(i) = result.input;
+    for (Eigen::Index j = 0; j < limits.cols(); ++j) {
+      const statics::Limit limit = result.limits[static_cast<std::size_t>(j)];
+      limits(i, j) = limit == statics::Limit::kNone ? 0 : limit == statics::Limit::kLower ? -1 : 1;
+    }
+    residual[row] = result.residual;
+    position_error[row] = result.position_error;
+    status[row] = result.status;
+    iterations[row] = result.iterations;
+  }
+
+  template <class Number>
+  using Table = Eigen::Matrix<Number, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Table<double> inputs;
+  Table<std::int8_t> limits;
+  std::vector<double> residual, position_error;
+  std::vector<statics::InverseStatus> status;
+  std::vector<int> iterations;
+};
+
+template <class Number>
+py::array tableOf(const Found::Table<Number>& table, bool single) {
+  py::array_t<Number> out({table.rows(), table.cols()}, table.data());
+  if (single) return out.attr("reshape")(-1).template cast<py::array>();
+  return out;
+}
+
+template <class Value>
+py::object columnOf(const std::vector<Value>& values, bool single) {
+  if (single) return py::cast(values.front());
+  return py::array_t<Value>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+py::dict resultOf(const Found& found, bool single) {
+  py::list status;
+  std::vector<bool> reached;
+  for (const statics::InverseStatus one : found.status) {
+    status.append(nameOf(one));
+    reached.push_back(one == statics::InverseStatus::kReached);
+  }
+  py::array_t<bool> reached_array(static_cast<py::ssize_t>(reached.size()));
+  std::copy(reached.begin(), reached.end(), reached_array.mutable_data());
+  py::dict out;
+  out["pressures_pa"] = tableOf(found.inputs, single);
+  out["reached"] = single ? py::object(py::bool_(reached[0])) : reached_array;
+  out["status"] = single ? py::object(status[0]) : py::array(status);
+  out["residual_m"] = columnOf(found.residual, single);
+  out["position_error_m"] = columnOf(found.position_error, single);
+  out["limits"] = tableOf(found.limits, single);
+  out["iterations"] = columnOf(found.iterations, single);
+  return out;
+}
+
+struct Targets {
+  Target kind;
+  Rows rows;
+};
+
+Targets targetsOf(const Scene& scene, const py::object& tip, const py::object& pose,
+                  const py::object& twists) {
+  const int given = !tip.is_none() + !pose.is_none() + !twists.is_none();
+  basics::require(given == 1, "inverse() got ", given,
+                  " targets; expected exactly one of tip, pose and twists");
+  if (!tip.is_none()) return {Target::kTip, Rows(tip, "tip", 3)};
+  if (!pose.is_none()) return {Target::kPose, Rows(pose, "pose", 7)};
+  const py::ssize_t sections = scene.arm().sectionCount();
+  const py::array array = arrayOf(twists, "twists");
+  const bool fits = (array.ndim() == 2 || array.ndim() == 3) &&
+                    array.shape(array.ndim() - 1) == 6 && array.shape(array.ndim() - 2) == sections;
+  if (!fits) {
+    std::ostringstream message;
+    message << "twists has shape " << shapeText(array) << "; expected (" << sections
+            << ", 6) or (N, " << sections << ", 6)";
+    throw py::value_error(message.str());
+  }
+  py::tuple shape = array.ndim() == 2 ? py::make_tuple(6 * sections)
+                                      : py::make_tuple(array.shape(0), 6 * sections);
+  return {Target::kTwists, Rows(array.attr("reshape")(shape), "twists", 6 * sections)};
+}
+
+py::dict inverse(const Scene& scene, const py::object& tip, const py::object& pose,
+                 const py::object& twists, const py::object& start, const std::string& prefer,
+                 double cocontraction, double position_tolerance, int threads) {
+  const Targets targets = targetsOf(scene, tip, pose, twists);
+  const char* const name = targets.kind == Target::kTip    ? "tip"
+                           : targets.kind == Target::kPose ? "pose"
+                                                           : "twists";
+  const auto count = static_cast<std::size_t>(targets.rows.rows());
+  Found found(scene, count);  // first, as rows may be more than the memory holds
+  InverseOptions options;
+  options.preference = preferenceOf(prefer);
+  options.cocontraction = cocontraction;
+  options.position_tolerance = position_tolerance;
+  const std::size_t thread_count = threadCount(threads);
+
+  const model::Arm& arm = scene.arm();
+  std::optional<Rows> starts;
+  if (!start.is_none()) {
+    starts.emplace(scene.inputs(start, "start"));
+    scene.requireWithinLimits(*starts, "start");
+    basics::require(starts->rows() == 1 || starts->rows() == targets.rows.rows(), "start has ",
+                    starts->rows(), " rows; expected one, or as many as ", name, ": ",
+                    targets.rows.rows());
+  }
+  const Eigen::VectorXd usual =
+      arm.inputAt(options.preference == Preference::kCocontraction ? cocontraction : 0.0);
+
+  requireFinite(targets.rows, name);
+  {
+    const py::gil_scoped_release others_run;
+    InverseSolver(scene.model(), options);  // checks them, also without rows
+    inPieces(count, kPiece, thread_count, [&](std::size_t first, std::size_t end) {
+      InverseSolver solver(scene.model(), options);
+      for (std::size_t i = first; i < end; ++i) {
+        const auto row = static_cast<py::ssize_t>(i);
+        const Eigen::VectorXd target = targets.rows.row(row);
+        const Eigen::VectorXd from = starts ? starts->row(starts->rows() == 1 ? 0 : row) : usual;
+        switch (targets.kind) {
+          case Target::kTip:
+            found.set(i, solver.toPosition(target, from));
+            break;
+          case Target::kPose:
+            found.set(i, solver.toPose(poseOf(target, row), from));
+            break;
+          case Target::kTwists:
+            found.set(i, solver.toTwists(target.reshaped(6, arm.sectionCount()), from));
+            break;
+        }
+      }
+    });
+  }
+  return resultOf(found, targets.rows.single());
+}
+
+}  // namespace
+
+void bindInverse(py::class_<Scene>& scene) {
+  scene.def("_inverse", inverse, py::arg("tip"), py::arg("pose"), py::arg("twists"),
+            py::arg("start"), py::arg("prefer"), py::arg("cocontraction"),
+            py::arg("position_tolerance_m"), py::arg("threads"));
+}
+
+}  // namespace helix_arm::python

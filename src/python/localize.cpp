@@ -1,0 +1,119 @@
+#include <optional>
+#include <sstream>
+
+#include <opencv2/core.hpp>
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "fit.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/vision/arm_localizer.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+// Gray pictures of one size.
+struct Pictures {
+  Pictures(const py::handle& given, const estimation::Camera& camera) {
+    const bool bytes =
+        py::isinstance<py::array>(given) &&
+        py::reinterpret_borrow<py::array>(given).dtype().is(py::dtype::of<std::uint8_t>());
+    if (!bytes) {
+      throw py::type_error(
+          "image is no array of bytes; expected a gray picture of dtype uint8, as "
+          "of image.mean(axis=2).astype(np.uint8)");
+    }
+    array = py::array_t<std::uint8_t, py::array::c_style>::ensure(given);
+    if (!array) throw py::error_already_set();
+    const py::ssize_t n = array.ndim();
+    const bool fits = (n == 2 || n == 3) && array.shape(n - 2) == camera.height &&
+                      array.shape(n - 1) == camera.width;
+    if (!fits) {
+      std::ostringstream message;
+      message << "image has shape " << shapeText(array)
+              << "; expected gray pictures of the scene's "
+              << "camera: (" << camera.height << ", " << camera.width << ") or (N, "
+              << camera.height << ", " << camera.width << ")";
+      throw py::value_error(message.str());
+    }
+    single = n == 2;
+    count = single ? 1 : array.shape(0);
+    height = camera.height;
+    width = camera.width;
+  }
+  cv::Mat at(py::ssize_t i) const {
+    auto* const first = const_cast<std::uint8_t*>(array.data()) + i * height * width;
+    return cv::Mat(height, width, CV_8UC1, first);
+  }
+
+  py::array_t<std::uint8_t, py::array::c_style> array;
+  bool single;
+  py::ssize_t count;
+  int height, width;
+};
+
+py::array cornersOf(const std::vector<vision::TagDetection>& tags) {
+  py::array_t<double> out(std::vector<py::ssize_t>{static_cast<py::ssize_t>(tags.size()), 4, 2});
+  double* to = out.mutable_data();
+  for (const vision::TagDetection& tag : tags) {
+    for (int k = 0; k < 4; ++k) {
+      *to++ = tag.corners(0, k);
+      *to++ = tag.corners(1, k);
+    }
+  }
+  return out;
+}
+
+py::list localize(const Scene& self, const py::object& image, const py::object& pressures) {
+  const io::Scene& scene = self.scene();
+  basics::require(scene.camera && scene.tags, "localize() needs camera and tags, but scene ",
+                  scene.name, " lacks one; expected a scene with sections camera and tags");
+  const Pictures pictures(image, scene.camera->model);
+  const Rows inputs = self.inputs(pressures, "pressures_pa");
+  self.requireWithinLimits(inputs, "pressures_pa");
+  basics::require(inputs.single() || inputs.rows() == pictures.count, "pressures_pa has ",
+                  inputs.rows(), " rows; expected one per picture: ", pictures.count);
+
+  vision::ArmLocalizer localizer(scene.view(), scene.vision);
+  py::list out;
+  for (py::ssize_t i = 0; i < pictures.count; ++i) {
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+    const cv::Mat picture = pictures.at(i);
+    const Eigen::VectorXd q = inputs.row(inputs.single() ? 0 : i);
+    const vision::Sight* sight = nullptr;
+    {
+      const py::gil_scoped_release others_run;
+      sight =
+          &localizer.locate(picture, statics::startingShape(scene.model, scene.model.solve(q), q));
+    }
+    const bool measured = sight->state == vision::SightState::kMeasured;
+    FitArrays arrays(scene.arm.sectionCount(), 1);
+    if (measured) arrays.set(0, sight->fit);
+    std::vector<int> ids;
+    for (const vision::TagDetection& tag : sight->detections) ids.push_back(tag.id);
+    const py::int_ first(0);
+    py::dict one;
+    one["state"] = vision::nameOf(sight->state);
+    one["twists"] = arrays.twists[first];
+    one["covariance"] = arrays.covariances[first];
+    one["tip"] = arrays.tips[first];
+    one["quaternion_xyzw"] = arrays.quaternions[first];
+    one["tip_covariance"] = arrays.tip_covariances[first];
+    one["rms_px"] = arrays.rms.at(0);
+    one["tags"] = py::array_t<int>(static_cast<py::ssize_t>(ids.size()), ids.data());
+    one["corners_px"] = cornersOf(sight->detections);
+    one["outlier_tags"] = measured ? outliersOf(sight->fit, *scene.tags) : py::list();
+    one["unknown_tags"] = sight->unknown_ids;
+    one["repeated_tags"] = sight->repeated_ids;
+    out.append(one);
+  }
+  return out;
+}
+
+}  // namespace
+
+void bindLocalize(py::class_<Scene>& scene) {
+  scene.def("_localize", localize, py::arg("image"), py::arg("pressures_pa"));
+}
+
+}  // namespace helix_arm::python

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <exception>
+#include <thread>
+#include <vector>
+
+namespace helix_arm::python {
+
+/// Calls work(first, end) for pieces that together are [0, count), on this many threads; the caller
+/// is one of them. A piece begins at a multiple of `piece`.
+/// @throws what work threw first in one of the threads; the other threads then end early.
+template <class Work>
+void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const Work& work) {
+  const std::size_t pieces = (count + piece - 1) / piece;
+  threads = std::min(threads, pieces);
+  if (threads <= 1) {
+    if (count > 0) work(std::size_t{0}, count);
+    return;
+  }
+  std::atomic<std::size_t> next{0};
+  std::vector<std::exception_ptr> thrown(threads);
+  const auto run = [&](std::size_t thread) {
+    try {
+      for (std::size_t i = next++; i < pieces; i = next++) {
+        work(i * piece, std::min(count, (i + 1) * piece));
+      }
+    } catch (...) {
+      thrown[thread] = std::current_exception();
+      next = pieces;
+    }
+  };
+  std::vector<std::thread> others;
+  try {
+    for (std::size_t i = 1; i < threads; ++i) others.emplace_back(run, i);
+  } catch (...) {
+    thrown[0] = std::current_exception();  // no more threads can be made
+    next = pieces;
+  }
+  if (!thrown[0]) run(0);
+  for (std::thread& other : others) other.join();
+  for (const std::exception_ptr& exception : thrown) {
+    if (exception) std::rethrow_exception(exception);
+  }
+}
+
+}  // namespace helix_arm::python

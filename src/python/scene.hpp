@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.hpp"
+#include "helix_arm/io/scene.hpp"
+
+namespace helix_arm::python {
+
+/// A loaded scene, as Python holds it. Immutable, so threads may share it.
+class Scene {
+ public:
+  /// @param path       of a scene file.
+  /// @param overrides  keys and values as YAML text, as of --set.
+  Scene(const std::string& path, const std::vector<std::pair<std::string, std::string>>& overrides);
+
+  const std::string& path() const { return path_; }
+  const std::vector<io::Override>& overrides() const { return overrides_; }
+  const io::Scene& scene() const { return scene_; }
+  const statics::ArmModel& model() const { return scene_.model; }
+  const model::Arm& arm() const { return scene_.arm; }
+  /// Whether shapes are solved, under a load or along tapered sections.
+  bool isLoaded() const { return !model().isLinear(); }
+
+  /// The inputs of an argument, one row per actuator's input.
+  /// @throws as Rows does.
+  Rows inputs(const py::handle& given, const char* name) const;
+  /// @throws ValueError naming argument, row, actuator and limits.
+  void requireWithinLimits(const Rows& inputs, const char* name) const;
+
+ private:
+  std::string path_;
+  std::vector<io::Override> overrides_;
+  io::Scene scene_;
+};
+
+/// Number of threads of an argument: 0 stands for all cores.
+std::size_t threadCount(int threads);
+
+/// Folder of the shipped scenes.
+std::string sceneFolder();
+
+}  // namespace helix_arm::python

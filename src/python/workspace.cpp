@@ -1,0 +1,88 @@
+#include "helix_arm/statics/workspace.hpp"
+
+#include <algorithm>
+#include <vector>
+
+#include "bindings.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/statics/workspace_extremes.hpp"
+#include "parallel.hpp"
+
+namespace helix_arm::python {
+namespace {
+
+constexpr std::int64_t kMostPoints = 100'000'000;
+
+py::dict workspace(const Scene& scene, std::int64_t points, std::uint64_t seed, bool sensitivity,
+                   bool extremes, int threads) {
+  basics::require(points >= 0 && points <= kMostPoints, "points is ", points, "; expected 0 to ",
+                  kMostPoints);
+  const std::size_t thread_count = threadCount(threads);
+  const py::ssize_t n = scene.arm().actuatorCount();
+  statics::WorkspacePoints all;
+  std::optional<statics::WorkspaceExtremes> farthest;
+  {
+    const py::gil_scoped_release others_run;
+    const statics::Workspace workspace(scene.model(), {seed, sensitivity});
+    const auto size = static_cast<std::size_t>(workspace.pieceSize());
+    const auto count = static_cast<std::size_t>(points);
+    std::vector<statics::WorkspacePoints> pieces((count + size - 1) / size);
+    inPieces(pieces.size(), 1, thread_count, [&](std::size_t first, std::size_t end) {
+      for (std::size_t i = first; i < end; ++i) {
+        pieces[i] = workspace.sample(i * size, static_cast<int>(std::min(size, count - i * size)));
+      }
+    });
+    Eigen::Index kept = 0;
+    for (const statics::WorkspacePoints& piece : pieces) kept += piece.count();
+    all.inputs.resize(kept, n);
+    all.tips.resize(kept, 3);
+    all.sensitivity.resize(sensitivity ? kept : 0, statics::kSensitivities);
+    Eigen::Index row = 0;
+    for (statics::WorkspacePoints& piece : pieces) {
+      all.inputs.middleRows(row, piece.count()) = piece.inputs;
+      all.tips.middleRows(row, piece.count()) = piece.tips;
+      if (sensitivity) all.sensitivity.middleRows(row, piece.count()) = piece.sensitivity;
+      all.unbalanced += piece.unbalanced;
+      row += piece.count();
+      piece = {};
+    }
+    if (extremes) {
+      farthest.emplace();
+      farthest->add(all);
+      farthest = statics::findExtremes(scene.model(), *farthest);
+    }
+  }
+  py::dict out;
+  out["pressures_pa"] = matrixOf(all.inputs);
+  out["tips"] = matrixOf(all.tips);
+  out["unbalanced"] = all.unbalanced;
+  const auto column = [&](int i) -> py::object {
+    if (!sensitivity) return py::none();
+    return vectorOf(all.sensitivity.col(i));
+  };
+  out["moved_per_kpa_m"] = column(0);
+  out["moved_per_mm_m"] = column(1);
+  out["moved_per_percent_stiffness_m"] = column(2);
+  out["extreme_pressures_pa"] = py::none();
+  out["extreme_tips"] = py::none();
+  if (farthest && !farthest->empty()) {
+    Eigen::MatrixXd inputs(statics::WorkspaceExtremes::kCount, n), tips(inputs.rows(), 3);
+    for (int i = 0; i < statics::WorkspaceExtremes::kCount; ++i) {
+      inputs.row(i) = farthest->of(i).input;
+      tips.row(i) = farthest->of(i).tip;
+    }
+    out["extreme_pressures_pa"] = matrixOf(inputs);
+    out["extreme_tips"] = matrixOf(tips);
+  }
+  return out;
+}
+
+}  // namespace
+
+void bindWorkspace(py::class_<Scene>& scene) {
+  scene.def("_workspace", workspace, py::arg("points"), py::arg("seed"),
+            py::arg("sensitivity").noconvert(), py::arg("extremes").noconvert(),
+            py::arg("threads"));
+}
+
+}  // namespace helix_arm::python

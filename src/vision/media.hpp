@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "helix_arm/vision/frame_source.hpp"
+
+namespace helix_arm::vision {
+
+/// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG. They
+/// bring 200 shared libraries along, so that they are in a library of their own, which is loaded at
+/// the first use.
+struct Media {
+  std::unique_ptr<VideoDevice> (*webcam)(const WebcamConfig& config);
+  /// See FrameSource::files().
+  std::unique_ptr<FrameSource> (*video)(const std::string& path,
+                                        const std::optional<cv::Size>& expected);
+  /// @param gray  (CV_8UC1) set on success. @return the fault; absent on success.
+  std::optional<std::string> (*decode)(const std::vector<std::uint8_t>& bytes, cv::Mat& gray);
+};
+
+/// Loads the library once. @throws std::runtime_error if it cannot be loaded.
+const Media& media();
+
+}  // namespace helix_arm::vision
+
+/// Of the library.
+extern "C" const helix_arm::vision::Media helix_arm_media;

@@ -1,0 +1,217 @@
+#include <cstring>
+#include <memory>
+#include <sstream>
+#include <utility>
+
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <unistd.h>
+
+#include "helix_arm/vision/jpeg.hpp"
+#include "media.hpp"
+#include "picture_files.hpp"
+
+namespace helix_arm::vision {
+namespace {
+
+template <class... Parts>
+std::string text(const Parts&... parts) {
+  std::ostringstream out;
+  (out << ... << parts);
+  return out.str();
+}
+
+int codeOf(const std::string& fourcc) {
+  return cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]);
+}
+
+std::string fourccOf(int code) {
+  std::string name(4, ' ');
+  std::memcpy(name.data(), &code, name.size());
+  return name;
+}
+
+class V4l2Device : public VideoDevice {
+ public:
+  explicit V4l2Device(WebcamConfig config) : config_(std::move(config)) {}
+
+  std::optional<std::string> open() override {
+    // OpenCV only reports that opening failed, on stderr.
+    if (access(config_.device.c_str(), F_OK) != 0) {
+      return "the device does not exist; plug the camera in, or give another device";
+    }
+    if (access(config_.device.c_str(), R_OK | W_OK) != 0) {
+      return "this user may not use the device; add the user to the group video";
+    }
+    if (!capture_.open(config_.device, cv::CAP_V4L2)) {
+      return "it does not open as a camera; close other programs that use it";
+    }
+    capture_.set(cv::CAP_PROP_FOURCC, codeOf(config_.fourcc));
+    capture_.set(cv::CAP_PROP_FRAME_WIDTH, config_.width);
+    capture_.set(cv::CAP_PROP_FRAME_HEIGHT, config_.height);
+    capture_.set(cv::CAP_PROP_FPS, config_.fps);
+    capture_.set(cv::CAP_PROP_CONVERT_RGB, 0);
+    const std::string fourcc = fourccOf(static_cast<int>(capture_.get(cv::CAP_PROP_FOURCC)));
+    const double width = capture_.get(cv::CAP_PROP_FRAME_WIDTH);
+    const double height = capture_.get(cv::CAP_PROP_FRAME_HEIGHT);
+    if (fourcc != config_.fourcc || width != config_.width || height != config_.height) {
+      return text("it gives ", width, " x ", height, " ", fourcc, " instead of ", config_.width,
+                  " x ", config_.height, " ", config_.fourcc,
+                  "; choose one of the formats that it supports");
+    }
+    constexpr double kManualExposure = 1;  // V4L2_EXPOSURE_MANUAL
+    std::optional<std::string> fault =
+        lock("focus", cv::CAP_PROP_AUTOFOCUS, 0, cv::CAP_PROP_FOCUS, config_.focus);
+    if (!fault) {
+      fault = lock("exposure", cv::CAP_PROP_AUTO_EXPOSURE, kManualExposure, cv::CAP_PROP_EXPOSURE,
+                   config_.exposure);
+    }
+    return fault;
+  }
+
+  Read read(cv::Mat& gray, std::string& fault) override {
+    if (!capture_.grab() || !capture_.retrieve(raw_) || raw_.empty()) {
+      fault = "it delivers no more pictures; plug it in again";
+      return Read::kGone;
+    }
+    if (config_.fourcc == "MJPG") {
+      const std::size_t size = raw_.total() * raw_.elemSize();
+      if (const auto wrong = wrongSize(JpegDecoder::claimedSize(raw_.data, size))) {
+        fault = *wrong;
+        return Read::kBroken;
+      }
+      if (const auto broken = decoder_.decode(raw_.data, size, gray)) {
+        fault = *broken + "; if this goes on, try another cable or port";
+        return Read::kBroken;
+      }
+    } else if (config_.fourcc == "GREY") {
+      raw_.copyTo(gray);
+    } else {
+      cv::extractChannel(raw_, gray, config_.fourcc == "YUYV" ? 0 : 1);
+    }
+    const auto wrong = wrongSize(gray.size());
+    fault = wrong.value_or("");
+    return wrong ? Read::kBroken : Read::kPicture;
+  }
+
+  void close() override { capture_.release(); }
+
+ private:
+  // Without a valid header nothing is refused here; decoding reports it better.
+  std::optional<std::string> wrongSize(const cv::Size& size) const {
+    if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
+    return text("a picture of ", size.width, " x ", size.height, " px; expected ", config_.width,
+                " x ", config_.height);
+  }
+
+  // OpenCV reads -1 for a control that the camera does not have, which then cannot drift.
+  std::optional<std::string> lock(const char* name, int mode, double manual, int control,
+                                  int value) {
+    capture_.set(mode, manual);
+    const double accepted = capture_.get(mode);
+    if (accepted >= 0 && accepted != manual) {
+      return text("its automatic ", name, " does not switch off; use a camera where it does");
+    }
+    if (capture_.get(control) >= 0 && !capture_.set(control, value)) {
+      return text("its ", name, " cannot be ", value,
+                  "; choose a value from what v4l2-ctl --list-ctrls says");
+    }
+    return std::nullopt;
+  }
+
+  WebcamConfig config_;
+  cv::VideoCapture capture_;
+  cv::Mat raw_;
+  JpegDecoder decoder_;
+};
+
+class VideoFile : public FrameSource {
+ public:
+  VideoFile(std::string path, std::optional<cv::Size> expected)
+      : path_(std::move(path)), expected_(expected) {}
+
+  FrameStatus next(Frame& frame) override {
+    if (through_) return FrameStatus::kEnd;
+    begin(frame, path_ + "#" + std::to_string(number_));
+    if (!capture_.isOpened() && !open()) {
+      through_ = true;
+      return fail(frame, path_ + ": it is damaged or not a video");
+    }
+    if (const auto fault = sizeFault(size_, expected_)) {
+      through_ = true;
+      if (expected_ && size_ != *expected_) frame.wrong_size = size_;
+      return fail(frame, path_ + ": " + *fault);
+    }
+    if (!capture_.read(raw_) || raw_.empty()) {
+      through_ = true;
+      if (frame.number > 0) return FrameStatus::kEnd;
+      return fail(frame, path_ + ": the video holds no pictures");
+    }
+    if (!packets_) {
+      if (raw_.size() != size_) return failSize(frame, raw_.size());
+      cv::cvtColor(raw_, frame.gray, cv::COLOR_BGR2GRAY);
+      return FrameStatus::kFrame;
+    }
+    const std::size_t bytes = raw_.total() * raw_.elemSize();
+    const cv::Size claimed = JpegDecoder::claimedSize(raw_.data, bytes);
+    if (!claimed.empty() && claimed != size_) return failSize(frame, claimed);
+    if (const auto fault = decoder_.decode(raw_.data, bytes, frame.gray)) {
+      return fail(frame, frame.name + ": " + *fault);
+    }
+    return FrameStatus::kFrame;
+  }
+
+  bool continuous() const override { return true; }
+
+ private:
+  FrameStatus failSize(Frame& frame, const cv::Size& size) const {
+    return fail(frame, text(frame.name, ": a picture of ", size.width, " x ", size.height,
+                            " px in a video of ", size_.width, " x ", size_.height));
+  }
+
+  bool open() {
+    if (!capture_.open(path_, cv::CAP_FFMPEG)) return false;
+    const std::string fourcc = fourccOf(static_cast<int>(capture_.get(cv::CAP_PROP_FOURCC)));
+    size_ = cv::Size(static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
+                     static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT)));
+    packets_ = (fourcc == "MJPG" || fourcc == "mjpe") && capture_.set(cv::CAP_PROP_FORMAT, -1);
+    return true;
+  }
+
+  std::string path_;
+  std::optional<cv::Size> expected_;
+  cv::Size size_;  // as stated by the video
+  cv::VideoCapture capture_;
+  bool packets_ = false;  // what is read are JPEGs
+  bool through_ = false;
+  cv::Mat raw_;
+  JpegDecoder decoder_;
+};
+
+std::unique_ptr<VideoDevice> openWebcam(const WebcamConfig& config) {
+  return std::make_unique<V4l2Device>(config);
+}
+
+std::unique_ptr<FrameSource> openVideo(const std::string& path,
+                                       const std::optional<cv::Size>& expected) {
+  return std::make_unique<VideoFile>(path, expected);
+}
+
+std::optional<std::string> decode(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
+  try {
+    // In the orientation of the sensor: the calibration does not know the orientation stored in the
+    // file.
+    gray = cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception& error) {
+    return "it does not decode: " + error.err;
+  }
+  if (gray.empty()) return "it is damaged, truncated or not a picture";
+  return std::nullopt;
+}
+
+}  // namespace
+}  // namespace helix_arm::vision
+
+const helix_arm::vision::Media helix_arm_media = {
+    helix_arm::vision::openWebcam, helix_arm::vision::openVideo, helix_arm::vision::decode};

@@ -1,0 +1,94 @@
+#!/usr/bin/env python3
+"""The Python package beside the batch in C++ and beside the same model written in NumPy, in the same run; medians of processor
+time, except for several threads.
+
+usage: python_benchmark.py --batch KINEMATICS_BENCHMARK
+"""
+import argparse
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "python"))
+import helix_arm
+import numpy_model
+
+ROWS = 1_000_000
+TURNS = 7
+
+
+def median_s(function, repeats=9, clock=time.thread_time):
+    """Processor time of this thread, which other programs on the machine disturb least."""
+    times = []
+    for _ in range(repeats):
+        begin = clock()
+        function()
+        times.append(clock() - begin)
+    return statistics.median(times)
+
+
+def single_s(function, calls=20_000):
+    def many():
+        for _ in range(calls):
+            function()
+    return median_s(many, 5) / calls
+
+
+def cpp_batch_s(program):
+    """The batch of C++: a million pressures to tips, from columns to columns."""
+    with tempfile.NamedTemporaryFile() as file:
+        subprocess.run([program, "--benchmark_filter=^batch/helical", "--benchmark_min_time=0.05",
+                        "--benchmark_out_format=json", "--benchmark_out=" + file.name], check=True,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        found = json.load(file)["benchmarks"]
+    times = [one["cpu_time"] for one in found if one["name"] == "batch/helical_median"]
+    assert len(times) == 1 and found[0]["time_unit"] == "ms"
+    return 1e-3 * times[0]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--batch", required=True, help="the program kinematics_benchmark")
+    program = parser.parse_args().batch
+
+    scene = helix_arm.Scene.load("helical_50")
+    by_hand = numpy_model.helical()
+    rows = np.random.default_rng(1).uniform(0, scene.limits_pa[0, 1], (ROWS, 3))
+    columns = np.asfortranarray(rows)
+    out = np.empty((ROWS, 3))
+    np.testing.assert_allclose(scene.tips(rows[:100]), by_hand.tips(rows[:100]), atol=1e-10)
+
+    turns = [(cpp_batch_s(program), median_s(lambda: scene.tips(rows, out=out)), median_s(lambda: scene.tips(rows)),
+              median_s(lambda: scene.tips(columns, out=out))) for _ in range(TURNS)]
+    cpp, into, new, by_columns = (statistics.median(column) for column in zip(*turns))
+    ratio = [statistics.median(turn[i] / turn[0] for turn in turns) for i in range(4)]
+    numpy_s = median_s(lambda: by_hand.tips(rows), 3)
+    print(f"{'batch of 1e6 pressures to tips, one thread':<58} ns per row   to C++")
+    for name, seconds, part in [("C++, columns to columns", cpp, 1.0), ("tips(pressures, out=...)", into, ratio[1]),
+                                ("tips(pressures), a new array", new, ratio[2]),
+                                ("tips(columns, out=...), in the order of Fortran", by_columns, ratio[3]),
+                                ("the same model in NumPy", numpy_s, numpy_s / cpp)]:
+        print(f"  {name:<56} {1e9 * seconds / ROWS:10.2f} {part:8.2f}")
+
+    forward = median_s(lambda: scene.forward(rows), 3)
+    print(f"{'forward() of 1e6 rows: tips, quaternions, twists':<58} {1e9 * forward / ROWS:10.2f}")
+    one = np.array([1e5, 2e5, 5e4])
+    for name, function in [("tips(pressures)", lambda: scene.tips(one)), ("forward(pressures)", lambda: scene.forward(one)),
+                           ("forward(pressures).tips", lambda: scene.forward(one).tips),
+                           ("the same model in NumPy", lambda: by_hand.tips(one))]:
+        print(f"one row: {name:<49} {1e6 * single_s(function):10.2f} us")
+    for threads in range(1, (os.cpu_count() or 1) + 1):
+        times = [median_s(function, 9, time.perf_counter) for function in
+                 [lambda: scene.tips(rows, out=out, threads=threads), lambda: scene.forward(rows, threads=threads)]]
+        print(f"threads {threads}: tips {1e9 * times[0] / ROWS:.2f}, forward {1e9 * times[1] / ROWS:.2f} ns per row")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+#include "helix_arm/estimation/rig_memory.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+#include <gtest/gtest.h>
+
+#include "support/refusal.hpp"
+#include "support/sample_view.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+using Matrix = RigEstimate::Matrix;
+using Vector = RigEstimate::Vector;
+
+constexpr double kDegree = test::kPi / 180;
+
+TwistFitOptions freeRig() {
+  TwistFitOptions out;
+  out.free_base = out.free_bleed = true;
+  out.base_prior = {0.002, 0.5 * kDegree};
+  return out;
+}
+
+// A camera whose base is off by what a memory is to learn.
+class Bench {
+ public:
+  explicit Bench(const Matrix& by_placements = Matrix::Zero())
+      : memory(freeRig(), by_placements), fitter_(view_.layout, 1, freeRig()) {
+    rig << 0.002, -0.001, 0.0015, 0.006, -0.004, 0.003, 0.0;
+  }
+
+  const TwistFit& fit(const model::Shape& shape) {
+    ArmView truth = view_;
+    truth.X_CB = view_.X_CB * lie::SE3::exp(rig.head<6>());
+    const auto seen = test::observe(truth, visibleTags(truth, shape, 0.3), 0.3, random);
+    fitter_.know(memory.estimate());
+    return fitter_.fit(seen, view_.X_CB, view_.camera.focal(), shape);
+  }
+  void learn(const model::Shape& shape) {
+    const TwistFit& result = fit(shape);
+    ASSERT_EQ(result.status, FitStatus::kConverged);
+    memory.learn(result);
+  }
+  void learnAll() {
+    for (int k = 0; k < 2000 && !memory.isHeld(); ++k) learn(anyShape());
+    ASSERT_TRUE(memory.isHeld());
+  }
+  model::Shape anyShape() { return arm_.twists(test::randomInput(arm_, random)); }
+  // In deviations of the priors, the largest entry.
+  double error() const {
+    const Vector deviation = RigEstimate(freeRig()).covariance.diagonal().cwiseSqrt();
+    return (memory.estimate().mean - rig).cwiseQuotient(deviation).cwiseAbs().maxCoeff();
+  }
+
+  RigMemory memory;
+  Vector rig;
+  test::Random random{3};
+
+ private:
+  const model::Arm arm_ = test::ringArm(test::helicalRing());
+  const ArmView view_ = test::sampleView();
+  TwistFitter fitter_;
+};
+
+TEST(RigMemory, LearnsBaseAndBleedFromDifferentShapes) {
+  Bench bench;
+  EXPECT_TRUE(bench.memory.estimate().mean.isZero(0));
+  ASSERT_GT(bench.error(), 0.5);
+  bench.learnAll();
+  EXPECT_LT(bench.error(), 4 * RigMemory::kSurest);
+}
+
+TEST(RigMemory, APictureOfTheSameShapeTeachesNothing) {
+  Bench bench;
+  const model::Shape shape = bench.anyShape();
+  bench.learn(shape);
+  const Vector once = bench.memory.estimate().mean;
+  EXPECT_FALSE(once.isZero(0));
+  for (int k = 0; k < 20; ++k) bench.learn(shape);
+  EXPECT_EQ(bench.memory.estimate().mean, once);
+  EXPECT_FALSE(bench.memory.isHeld());
+}
+
+// Where placements may err as much as the priors allow, half of what pictures say is believed.
+TEST(RigMemory, GoesNoFartherThanPlacementsLeaveReasonFor) {
+  const Matrix prior = RigEstimate(freeRig()).covariance;
+  Bench sure, unsure(prior);
+  for (Bench* bench : {&sure, &unsure}) bench->learnAll();
+  const Vector half = 0.5 * sure.memory.estimate().mean;
+  EXPECT_LT((unsure.memory.estimate().mean - half).head<6>().norm(), 0.05 * half.norm());
+  const Matrix errors = RigMemory::heldErrors(freeRig(), prior);
+  EXPECT_LT((errors - 0.5 * prior).norm(), 0.01 * prior.norm());
+}
+
+TEST(RigMemory, FollowsACameraThatWasPushedOnceTheArmMoves) {
+  Bench bench;
+  bench.learnAll();
+  bench.rig.head<3>() += Eigen::Vector3d(0.001, 0.001, -0.001);
+  ASSERT_GT(bench.error(), 0.4);
+  const model::Shape shape = bench.anyShape();
+  for (int k = 0; k < 100; ++k) bench.learn(shape);
+  EXPECT_GT(bench.error(), 0.4) << "at rest nothing changes";
+  for (int k = 0; k < 1000; ++k) bench.learn(bench.anyShape());
+  EXPECT_TRUE(bench.memory.isHeld());
+  EXPECT_LT(bench.error(), 0.1);
+}
+
+TEST(RigMemory, BeginsAnewWherePicturesAreNotExplained) {
+  Bench bench;
+  bench.learnAll();
+  TwistFit failed = bench.fit(bench.anyShape());
+  for (const FitStatus status : {FitStatus::kNotConverged, FitStatus::kUnderdetermined}) {
+    failed.status = status;
+    for (int k = 0; k < 50; ++k) bench.memory.learn(failed);
+    EXPECT_TRUE(bench.memory.isHeld());
+  }
+  failed.status = FitStatus::kUnexplained;
+  for (int k = 0; k < 29; ++k) bench.memory.learn(failed);
+  EXPECT_TRUE(bench.memory.isHeld());
+  bench.memory.learn(failed);
+  EXPECT_FALSE(bench.memory.isHeld());
+  EXPECT_TRUE(bench.memory.estimate().mean.isZero(0));
+}
+
+TEST(RigMemory, HasNothingToLearnWhereNothingIsFitted) {
+  TwistFitOptions options = freeRig();
+  options.free_base = options.free_bleed = false;
+  RigMemory memory(options, Matrix::Zero());
+  EXPECT_TRUE(memory.isHeld());
+  TwistFit fit;
+  fit.status = FitStatus::kConverged;
+  fit.twists = model::Twists::Zero(6, 1);
+  memory.learn(fit);
+  EXPECT_TRUE(memory.estimate().mean.isZero(0));
+}
+
+TEST(TwistFitter, RefusesToKnowWhatIsNoEstimate) {
+  TwistFitter fitter(test::sampleLayout(), 1, freeRig());
+  for (const double variance : {0.0, -1.0, std::nan("")}) {
+    RigEstimate rig(freeRig());
+    rig.covariance(2, 2) = variance;
+    EXPECT_EQ(test::refusal([&] { fitter.know(rig); }),
+              "twist fit: what is known of base and bleed is no estimate; expected finite numbers "
+              "and a covariance that is positive definite");
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation

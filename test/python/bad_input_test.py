@@ -1,0 +1,168 @@
+"""Whatever is passed in, an exception names argument and rule; the interpreter stays."""
+import pathlib
+import unittest
+
+import helix_arm
+import numpy as np
+
+GOOD = np.array([1e5, 2e5, 0.0])
+
+
+def with_entry(value):
+    rows = np.tile(GOOD, (5, 1))
+    rows[3, 1] = value
+    return rows
+
+
+class RuleTest(unittest.TestCase):
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("demo")
+
+    def refuses(self, kind, words, call, *arguments, **named):
+        with self.assertRaises(kind) as caught:
+            call(*arguments, **named)
+        for word in words:
+            self.assertIn(word, str(caught.exception))
+
+    def test_shape_and_type_of_pressures(self):
+        for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian]:
+            for bad in [np.zeros(2), np.zeros((4, 2)), np.zeros((2, 2, 3)), np.zeros(()), np.zeros((3, 0)), np.zeros(0)]:
+                self.refuses(ValueError, ["pressures_pa has shape", "expected (3,) or (N, 3)"], call, bad)
+            for bad in [np.zeros(3, np.float32), np.zeros(3, int), np.zeros(3, ">f8"), np.zeros(3, complex), np.zeros(3, bool),
+                        np.array(["1", "2", "3"]), np.array([None, 1, 2])]:
+                self.refuses(TypeError, ["pressures_pa has dtype", "expected float64"], call, bad)
+            for bad in [None, "1,2,3", 7, {1, 2, 3}, object()]:
+                self.refuses(TypeError, ["pressures_pa is of type", "numpy array"], call, bad)
+            for bad in [[1, "a", 2], [[1, 2, 3], [1, 2]], ["1", "2", "3"], [None] * 3]:
+                self.refuses(TypeError, ["pressures_pa is a list"], call, bad)
+
+    def test_limits_and_finiteness_of_pressures(self):
+        for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian]:
+            for value in [np.nan, np.inf, -np.inf, -1e-9, 413685.7, 1e300]:
+                self.refuses(ValueError, ["pressures_pa asks muscle_2 for", "in row 3", "its limits are 0 to 413685.6 Pa"],
+                             call, with_entry(value))
+
+    def test_targets_and_starts_of_the_inverse(self):
+        inverse = self.scene.inverse
+        self.refuses(ValueError, ["0 targets", "exactly one of tip, pose and twists"], inverse)
+        self.refuses(ValueError, ["2 targets"], inverse, np.zeros(3), twists=np.zeros((1, 6)))
+        self.refuses(ValueError, ["tip has shape (4,)", "(3,) or (N, 3)"], inverse, np.zeros(4))
+        self.refuses(ValueError, ["tip holds nan in row 1, column 2"], inverse, np.array([[0, 0, 0], [0, 0, np.nan]]))
+        self.refuses(ValueError, ["beyond 1000000"], inverse, np.array([2e6, 0, 0]))
+        self.refuses(ValueError, ["quaternion of norm 0"], inverse, pose=np.zeros(7))
+        self.refuses(ValueError, ["twists has shape (6,)", "(1, 6) or (N, 1, 6)"], inverse, twists=np.zeros(6))
+        self.refuses(ValueError, ["start asks muscle_1 for -1 Pa"], inverse, np.zeros(3), start=np.array([-1.0, 0, 0]))
+        self.refuses(ValueError, ["start has 2 rows", "tip: 3"], inverse, np.zeros((3, 3)), start=np.zeros((2, 3)))
+        self.refuses(ValueError, ["prefer is \"low\"", "min-pressure"], inverse, np.zeros(3), prefer="low")
+        self.refuses(ValueError, ["cocontraction"], inverse, np.zeros(3), prefer="cocontract", cocontraction=2)
+
+    def test_numbers(self):
+        self.refuses(ValueError, ["threads is -1", "0 for all cores"], self.scene.tips, GOOD, threads=-1)
+        self.refuses(ValueError, ["points is 1", "expected 2 to"], self.scene.curve, GOOD, points=1)
+        self.refuses(ValueError, ["points is -5"], self.scene.workspace, -5)
+        self.refuses(TypeError, ["points: int"], self.scene.curve, GOOD, points=2.5)
+
+    def test_out(self):
+        read_only = np.zeros(3)
+        read_only.setflags(write=False)
+        for bad in [np.zeros(4), np.zeros((1, 3)), np.zeros(3, np.float32), np.zeros(6)[::2], read_only, [0, 0, 0]]:
+            self.refuses(ValueError, ["out is no array", "shape (3,)"], self.scene.tips, GOOD, out=bad)
+
+    def test_scenes(self):
+        load = helix_arm.Scene.load
+        self.refuses(ValueError, ["path_or_name is 'none'", "expected one of annotated, "], load, "none")
+        self.refuses(helix_arm.DocumentError, ["/no/such.yaml"], load, "/no/such.yaml")
+        self.refuses(helix_arm.DocumentError, ["arm.stiffness.K_gamma"], load, "demo", {"arm.stiffness.K_gamma": -1})
+        self.refuses(TypeError, ["overrides['load']"], load, "demo", {"load": object()})
+        self.refuses(TypeError, ["overrides is list"], load, "demo", [])
+        self.refuses(TypeError, ["path_or_name is bytes"], load, b"demo")
+        load(pathlib.Path(load("demo").path))
+
+    def test_measurements(self):
+        scene = self.scene
+        self.refuses(TypeError, ["captures is of type int"], scene.fit, 3)
+        self.refuses(ValueError, ["captures has 0 columns"], scene.fit, {})
+        self.refuses(ValueError, ["captures[\"y_m\"] has shape (2,)"], scene.fit, {"x_m": np.zeros(3), "y_m": np.zeros(2)})
+        self.refuses(ValueError, ["captures[\"x_m\"] holds nan"], scene.fit, {"x_m": np.full(3, np.nan)})
+        self.refuses(helix_arm.DocumentError, ["identify its kind of data"], scene.fit, {"a": np.zeros(3)})
+        self.refuses(ValueError, ["data is empty"], scene.calibrate, [])
+        self.refuses(TypeError, ["image is no array of bytes"], scene.localize, np.zeros((720, 1280)), GOOD)
+        self.refuses(ValueError, ["image has shape (7, 5)", "(720, 1280)"], scene.localize, np.zeros((7, 5), np.uint8), GOOD)
+        self.refuses(ValueError, ["lacks one"], helix_arm.Scene.load("helical_50").localize, np.zeros((7, 5), np.uint8), GOOD)
+
+    def test_runs(self):
+        follow = self.scene.follow
+        self.refuses(ValueError, ["either tips or path"], follow, seconds=1)
+        self.refuses(ValueError, ["seconds is 0", "0.1 to 3600"], follow, np.zeros(3), seconds=0)
+        self.refuses(ValueError, ["seconds is nan"], follow, np.zeros(3), seconds=np.nan)
+        self.refuses(ValueError, ["too short for 3 tips"], follow, np.zeros((3, 3)), seconds=1)
+        self.refuses(ValueError, ["sight is \"eyes\""], follow, np.zeros(3), seconds=1, sight="eyes")
+        self.refuses(ValueError, ["force has shape (3,)"], follow, np.zeros(3), seconds=1, force=np.zeros(3))
+        self.refuses(ValueError, ["blind ends at 1"], follow, np.zeros(3), seconds=1, blind=np.array([2.0, 1.0]))
+        self.refuses(ValueError, ["path"], follow, path=np.zeros((2, 4)), seconds=1)
+
+    def test_more_rows_than_memory(self):
+        huge = np.broadcast_to(GOOD, (10**13, 3))
+        for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian, self.scene.inverse]:
+            with self.assertRaises(MemoryError):
+                call(huge)
+        with self.assertRaises(MemoryError):
+            self.scene.inverse(huge, start=GOOD)
+
+
+class RandomCallTest(unittest.TestCase):
+    CALLS = 10_000
+
+    def value(self, random):
+        """Mostly wrong in one way or another."""
+        kind = random.integers(12)
+        shape = tuple(random.integers(0, 5, random.integers(0, 4)))
+        if kind < 5:
+            shape = [(3,), (2, 3), (0, 3), (1, 6), (2, 1, 6)][kind]
+        numbers = random.choice([0.0, 1e5, -1.0, 1e300, np.nan, np.inf, 0.3]) * random.uniform(0, 1, shape)
+        layout = random.integers(7)
+        if layout == 0:
+            numbers = np.asfortranarray(numbers)
+        elif layout == 1 and numbers.ndim:
+            numbers = np.repeat(numbers, 2, axis=-1)[..., ::-2]
+        elif layout == 2:
+            numbers = np.asarray(numbers).astype(random.choice([np.float32, np.int64, np.complex128, ">f8", "U5", object]))
+        elif layout == 3:
+            numbers = np.asarray(numbers)
+            numbers.setflags(write=False)
+        elif layout == 4:
+            numbers = np.asarray(numbers).tolist()
+        elif layout == 5 and random.integers(3) == 0:
+            return random.choice(np.array([None, "text", b"bytes", 3, -1, 2.5, True, {}, object(), 10**30], dtype=object))
+        return numbers
+
+    def test_only_named_exceptions_leave(self):
+        random = np.random.default_rng(20)
+        scenes = [helix_arm.Scene.load(name) for name in ["demo", "planar_50", "loaded"]]
+        arguments = {
+            "forward": ["pressures_pa", "threads"], "tips": ["pressures_pa", "out", "threads"],
+            "curve": ["pressures_pa", "points"], "jacobian": ["pressures_pa"],
+            "inverse": ["tip", "pose", "twists", "start", "prefer", "cocontraction", "threads"],
+            "workspace": ["points", "seed", "sensitivity"], "fit": ["captures"], "localize": ["image", "pressures_pa"],
+            "calibrate": ["data", "fit", "contraction"], "follow": ["tips", "path", "seconds", "sight", "force", "blind", "seed"],
+        }
+        refused = 0
+        for _ in range(self.CALLS):
+            name = str(random.choice(list(arguments)))
+            # The run of a follow() that is right takes seconds.
+            given = {one: self.value(random) for one in arguments[name] if random.integers(3) > 0}
+            if isinstance(given.get("points"), int):
+                given["points"] = min(given["points"], 1000)
+            if name == "follow":
+                given["seconds"] = 0.1 if random.integers(50) == 0 else self.value(random)
+            try:
+                getattr(scenes[random.integers(len(scenes))], name)(**given)
+            except (TypeError, ValueError, MemoryError) as error:
+                refused += 1
+                self.assertTrue(str(error))
+        self.assertGreater(refused, self.CALLS // 2)
+        self.assertLess(refused, self.CALLS, "no call was right")
+
+
+if __name__ == "__main__":
+    unittest.main()

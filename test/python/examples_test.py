@@ -1,0 +1,88 @@
+"""Each script of examples/python runs, and says what is true."""
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import helix_arm
+import numpy as np
+
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples/python"
+
+
+class ExamplesTest(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def run_example(self, name, *arguments):
+        result = subprocess.run([sys.executable, str(EXAMPLES / name), *map(str, arguments)], cwd=self.folder,
+                                capture_output=True, text=True, timeout=200)
+        self.assertEqual((result.returncode, result.stderr), (0, ""), result.stdout)
+        return result.stdout
+
+    def test_follow_circle(self):
+        text = self.run_example("follow_circle.py", "--period-s", 8)
+        alone, closed = [float(number) for number in re.findall(r"([\d.]+) mm RMS", text)]
+        self.assertLess(closed, 1.5)
+        self.assertGreater(alone, 3 * closed)
+        self.assertEqual((self.folder / "circle.png").read_bytes()[1:4], b"PNG")
+
+    def test_identify_stiffness(self):
+        truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
+        kpa = np.linspace(0, 400, 9)
+        p = np.column_stack([1e3 * kpa, 0 * kpa, 0 * kpa])
+        curvature = np.linalg.norm(truth.forward(p).twists[:, 0, 4:], axis=1)
+        table = self.folder / "curvatures.csv"
+        table.write_text("# made for a test\npressure_1_kpa,curvature_rad\n" +
+                         "".join(f"{a},{b}\n" for a, b in zip(kpa, curvature)), encoding="utf-8")
+        text = self.run_example("identify_stiffness.py", "spatial_50", table)
+        self.assertAlmostEqual(float(re.search(r"K_kappa = (\S+) m\^2 \+-", text).group(1)), 2.1e-4, delta=1e-6)
+        self.assertIn("K_gamma = 10  (the data do not determine it)", text)
+        calibrated = helix_arm.Scene.load(self.folder / "calibrated.yaml")
+        np.testing.assert_allclose(calibrated.tips(p), truth.tips(p), atol=1e-3)
+
+    def test_sample_workspace(self):
+        text = self.run_example("sample_workspace.py", "--points", 20000)
+        self.assertIn("20000 tips in", text)
+        with np.load(self.folder / "workspace.npz") as saved:
+            self.assertEqual(saved["density"].sum(), 20000)
+            scene = helix_arm.Scene.load("spatial_50")
+            np.testing.assert_allclose(scene.tips(saved["pressures_pa"]), saved["tips"], atol=1e-14)
+
+    def test_sampling_mpc(self):
+        text = self.run_example("sampling_mpc.py")
+        first, last = [float(number) for number in re.findall(r"([\d.]+) mm", text)]
+        self.assertGreater(first, 30)
+        self.assertLess(last, 2)
+
+    def test_read_bag(self):
+        try:
+            import rosbag
+        except ImportError:
+            self.skipTest("no rosbag for Python")
+        import genpy
+        from helix_arm.msg import ArmShape, PressureArray
+        scene = helix_arm.Scene.load("demo")
+        p = np.array([1e5, 2e5, 5e4])
+        tip = scene.tips(p) + [0, 0, 3e-3]
+        with rosbag.Bag(str(self.folder / "run.bag"), "w") as bag:
+            for i in range(10):
+                stamp = genpy.Time.from_sec(100 + 0.1 * i)
+                pressures = PressureArray(name=scene.actuators[::-1], pressure=p[::-1])
+                shape = ArmShape()
+                shape.tip.position.x, shape.tip.position.y, shape.tip.position.z = tip
+                for topic, message in [("/pressure_measured", pressures), ("/measured", shape)]:
+                    message.header.stamp = stamp
+                    bag.write(topic, message, stamp)
+        text = self.run_example("read_bag.py", "demo", "run.bag")
+        self.assertIn("10 pressures, 10 measured shapes; the model's tip is off by 3.0 mm RMS", text)
+        with np.load(self.folder / "recording.npz") as saved:
+            np.testing.assert_allclose(saved["pressures_pa"], np.tile(p, (10, 1)))
+
+
+if __name__ == "__main__":
+    unittest.main()

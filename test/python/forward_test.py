@@ -1,0 +1,115 @@
+"""Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads."""
+import unittest
+
+import helix_arm
+import numpy as np
+import numpy_model
+
+
+def pressures_of(scene, rows, seed=1):
+    lower, upper = scene.limits_pa.T
+    return np.random.default_rng(seed).uniform(lower, upper, (rows, len(lower)))
+
+
+class ForwardTest(unittest.TestCase):
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("helical_50")
+
+    def test_is_the_model_of_the_paper(self):
+        p = pressures_of(self.scene, 200)
+        arm = numpy_model.helical()
+        result = self.scene.forward(p)
+        np.testing.assert_allclose(result.twists[:, 0], arm.twists(p), atol=1e-11)
+        np.testing.assert_allclose(result.tips, arm.tips(p), atol=1e-11)
+        np.testing.assert_allclose(self.scene.tips(p), arm.tips(p), atol=1e-11)
+        self.assertTrue(result.converged.all())
+
+    def test_tip_frame_is_exp_of_the_twist(self):
+        for p in pressures_of(self.scene, 20):
+            result = self.scene.forward(p)
+            R, position = numpy_model.exp(result.twists[0])
+            np.testing.assert_allclose(numpy_model.rotation_of(result.quaternions_xyzw), R, atol=1e-12)
+            np.testing.assert_allclose(result.tips, position, atol=1e-12)
+            self.assertGreaterEqual(result.quaternions_xyzw[3], 0)
+
+    def test_shapes_follow_those_of_the_pressures(self):
+        for rows in [None, 0, 1, 7]:
+            lead = () if rows is None else (rows,)
+            result = self.scene.forward(np.zeros(lead + (3,)))
+            self.assertEqual(result.tips.shape, lead + (3,))
+            self.assertEqual(result.quaternions_xyzw.shape, lead + (4,))
+            self.assertEqual(result.twists.shape, lead + (1, 6))
+            self.assertEqual(np.shape(result.converged), lead)
+            self.assertEqual(self.scene.tips(np.zeros(lead + (3,))).shape, lead + (3,))
+
+    def test_rows_and_single_calls_agree(self):
+        for name in helix_arm.shipped_scenes():
+            scene = helix_arm.Scene.load(name)
+            p = pressures_of(scene, 5)
+            batch, tips = scene.forward(p), scene.tips(p)
+            for i, row in enumerate(p):
+                one = scene.forward(row)
+                np.testing.assert_array_equal(batch.tips[i], one.tips)
+                np.testing.assert_array_equal(batch.twists[i], one.twists)
+                np.testing.assert_allclose(tips[i], one.tips, atol=1e-14)
+                np.testing.assert_allclose(scene.tips(row), one.tips, atol=1e-14)
+
+    def test_any_memory_layout_is_read_where_it_is(self):
+        p = pressures_of(self.scene, 3000)
+        expected = self.scene.tips(p)
+        wide = np.full((6000, 7), np.nan)
+        wide[::2, 1:7:2] = p
+        read_only = p.copy()
+        read_only.setflags(write=False)
+        buffer = np.empty(p.nbytes + 1, np.uint8)
+        unaligned = buffer[1:].view(np.float64).reshape(p.shape)
+        unaligned[:] = p
+        for layout in [np.asfortranarray(p), wide[::2, 1:7:2], p[::-1][::-1], read_only, unaligned, p.tolist()]:
+            np.testing.assert_array_equal(self.scene.tips(layout), expected)
+            np.testing.assert_array_equal(self.scene.forward(layout).tips, self.scene.forward(p).tips)
+        np.testing.assert_array_equal(self.scene.tips(p[::-1]), self.scene.tips(p[::-1].copy()))
+
+    def test_threads_do_not_change_the_result(self):
+        p = pressures_of(self.scene, 100_001)
+        for threads in [0, 2, 3]:
+            np.testing.assert_array_equal(self.scene.tips(p, threads=threads), self.scene.tips(p))
+            np.testing.assert_array_equal(self.scene.forward(p, threads=threads).tips, self.scene.forward(p).tips)
+
+    def test_results_are_views_that_outlive_the_result(self):
+        result = self.scene.forward(pressures_of(self.scene, 10))
+        tips = result.tips
+        expected = tips.copy()
+        self.assertIs(tips.base, result)
+        del result
+        np.testing.assert_array_equal(tips, expected)
+
+    def test_out_is_written(self):
+        p = pressures_of(self.scene, 10)
+        out = np.zeros((10, 3))
+        self.assertIs(self.scene.tips(p, out=out), out)
+        np.testing.assert_array_equal(out, self.scene.tips(p))
+
+    def test_to_dict_has_the_fields(self):
+        result = self.scene.forward(np.zeros(3))
+        fields = result.to_dict()
+        self.assertEqual(list(fields), ["tips", "quaternions_xyzw", "twists", "converged"])
+        for name, value in fields.items():
+            np.testing.assert_array_equal(value, getattr(result, name))
+
+    def test_rows_without_equilibrium_hold_nan(self):
+        scene = helix_arm.Scene.load("loaded", {"arm.base.rpy_deg": [0, 0, 0], "load.mass_kg": 200, "tier": "loaded", "order": 5})
+        result = scene.forward(np.full((2, 3), 2e5))
+        self.assertFalse(result.converged.any(), "the load is not too large")
+        for numbers in [result.tips, result.twists, result.quaternions_xyzw, scene.tips(np.full((2, 3), 2e5))]:
+            self.assertTrue(np.isnan(numbers).all())
+
+    def test_overrides_are_those_of_set(self):
+        soft = helix_arm.Scene.load("helical_50", {"arm.stiffness.K_gamma": 10})
+        p = np.array([4e5, 0, 0])
+        arm = numpy_model.RingArm(tilt=np.radians(15), gamma=10.0, kappa=9.8e-5)
+        np.testing.assert_allclose(soft.tips(p), arm.tips(p)[0], atol=1e-11)
+        self.assertGreater(np.linalg.norm(soft.tips(p) - self.scene.tips(p)), 1e-3)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,132 @@
+"""Fits, calibrations and simulated runs through the package: against the truth of simulated data."""
+import argparse
+import csv
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import helix_arm
+import numpy as np
+
+ARGUMENTS = argparse.Namespace()
+CAPTURES = 6
+
+
+def columns_of(path):
+    """A data set as a dict of columns."""
+    with open(path, encoding="utf-8") as file:
+        rows = list(csv.reader(line for line in file if not line.startswith("#")))
+    return {name: np.array([float(row[i]) for row in rows[1:]]) for i, name in enumerate(rows[0])}
+
+
+class SimulatedRigTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.rig = pathlib.Path(cls.folder.name) / "rig"
+        subprocess.run([ARGUMENTS.command, "simulate", helix_arm.Scene.load("demo").path, "--out", str(cls.rig),
+                        "--count", str(CAPTURES)], check=True, capture_output=True)
+        cls.scene = helix_arm.Scene.load("demo")
+        cls.truth = columns_of(cls.rig / "truth.csv")
+        cls.tips = np.column_stack([cls.truth[f"tip_{axis}_m"] for axis in "xyz"])
+        cls.pressures = np.minimum(1e3 * np.column_stack([cls.truth[f"pressure_{i}_kpa"] for i in [1, 2, 3]]),
+                                   cls.scene.limits_pa[:, 1])
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def test_fit_finds_the_true_tips(self):
+        found = self.scene.fit(self.rig / "tag_corners.csv")
+        self.assertEqual(found.twists.shape, (CAPTURES, 1, 6))
+        self.assertEqual(set(found.status), {"converged"})
+        self.assertLess(np.linalg.norm(found.tips - self.tips, axis=1).max(), 6e-3)
+        model = np.linalg.norm(self.scene.tips(self.pressures) - self.tips, axis=1)
+        self.assertGreater(model.max(), 6e-3, "the model alone is as good")
+
+    def test_columns_are_read_like_the_file(self):
+        path = self.rig / "tag_poses.csv"
+        from_file, from_columns = self.scene.fit(path), self.scene.fit(columns_of(path))
+        np.testing.assert_array_equal(from_file.twists, from_columns.twists)
+        self.assertEqual(from_file.outlier_tags, from_columns.outlier_tags)
+
+    def test_localize_measures_pictures(self):
+        from PIL import Image
+        pictures = np.stack([np.asarray(Image.open(path).convert("L")) for path in sorted(self.rig.glob("*.jpg"))])
+        one = self.scene.localize(pictures[0], self.pressures[0])
+        self.assertEqual(one.state, "measured")
+        self.assertLess(np.linalg.norm(one.tip - self.tips[0]), 6e-3)
+        self.assertEqual(one.corners_px.shape, (len(one.tags), 4, 2))
+        # The corners are where the picture has them: gray levels there lie between black and white.
+        self.assertLess(one.corners_px[..., 0].max(), 1280)
+        series = self.scene.localize(pictures[:2], self.pressures[:2])
+        np.testing.assert_allclose(series[0].twists, one.twists, atol=1e-12)
+        blank = self.scene.localize(np.zeros((720, 1280), np.uint8), self.pressures[0])
+        self.assertEqual(blank.state, "no_tags")
+        self.assertTrue(np.isnan(blank.tip).all())
+
+    def test_calibration_makes_the_model_better(self):
+        found = self.scene.calibrate(self.rig / "tag_corners.csv", fit=["stiffness", "length_scale"])
+        self.assertTrue(found.success, found.message)
+        self.assertLess(found.tip_error_after_m, 0.5 * found.tip_error_before_m)
+        self.assertAlmostEqual(found["length_scale"].value, 1.01, delta=5 * found["length_scale"].standard_error + 1e-3)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "calibrated.yaml"
+            path.write_text(found.scene_text, encoding="utf-8")
+            calibrated = helix_arm.Scene.load(path)
+        before = np.linalg.norm(self.scene.tips(self.pressures) - self.tips, axis=1).mean()
+        after = np.linalg.norm(calibrated.tips(self.pressures) - self.tips, axis=1).mean()
+        self.assertLess(after, 0.5 * before)
+
+
+class CalibrationTest(unittest.TestCase):
+    def test_recovers_the_stiffness_of_curvatures(self):
+        truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
+        p = np.zeros((5, 3))
+        p[:, 0] = np.linspace(0, 4e5, 5)
+        curvature = np.linalg.norm(truth.forward(p).twists[:, 0, 4:], axis=1)
+        found = helix_arm.Scene.load("spatial_50").calibrate({"pressure_1_kpa": p[:, 0] / 1e3, "curvature_rad": curvature})
+        self.assertTrue(found.success, found.message)
+        self.assertAlmostEqual(found["K_kappa"].value / 2.1e-4, 1, delta=2e-3)
+        self.assertTrue(found["K_kappa"].identifiable)
+        self.assertFalse(found["K_gamma"].identifiable)
+
+    def test_says_what_the_data_lack(self):
+        found = helix_arm.Scene.load("spatial_50").calibrate(
+            {"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})
+        self.assertFalse(found.success)
+        self.assertTrue(found.message)
+        self.assertEqual(found.scene_text, "")
+
+
+class FollowTest(unittest.TestCase):
+    def test_the_loop_is_better_than_the_model_alone(self):
+        scene = helix_arm.Scene.load("demo")
+        tip = scene.tips(np.array([2e5, 5e4, 0.0]))
+        closed = scene.follow(tip, seconds=6)
+        alone = scene.follow(tip, seconds=6, open=True)
+        self.assertEqual(closed.vented, "")
+        self.assertLess(closed.steady_rms_m[0], 2e-3)
+        self.assertGreater(alone.steady_rms_m[0], 3e-3)
+        steady = closed.times_s > 5
+        error = np.linalg.norm(closed.true_tips - closed.wanted_tips, axis=1)[steady]
+        self.assertAlmostEqual(np.sqrt(np.mean(error**2)), closed.steady_rms_m[0], delta=2e-4)
+        again = scene.follow(tip, seconds=6)
+        np.testing.assert_array_equal(again.true_tips, closed.true_tips)
+
+    def test_interrupt_ends_a_run(self):
+        code = ("import os, signal, threading, helix_arm, numpy\n"
+                "threading.Timer(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()\n"
+                "try:\n    helix_arm.Scene.load('demo').follow(numpy.array([0.35, 0.05, 0.05]), seconds=3600)\n"
+                "except KeyboardInterrupt:\n    print('interrupted')\n")
+        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+        self.assertEqual(result.stdout, "interrupted\n", result.stderr)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--command", required=True, help="the helix_arm command")
+    ARGUMENTS, rest = parser.parse_known_args()
+    unittest.main(argv=[sys.argv[0], *rest])

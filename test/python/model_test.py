@@ -1,0 +1,139 @@
+"""Inverse, curve, Jacobian and workspace through the package: each against the forward model."""
+import unittest
+
+import helix_arm
+import numpy as np
+from forward_test import pressures_of
+
+
+def difference(function, x, step):
+    """Derivative of an array by each entry of x, of sixth order: (..., n)."""
+    columns = []
+    for i in range(len(x)):
+        unit = np.zeros(len(x))
+        unit[i] = step
+        columns.append(sum(weight / step * (function(x + k * unit) - function(x - k * unit))
+                           for k, weight in [(1, 0.75), (2, -0.15), (3, 1 / 60)]))
+    return np.stack(columns, axis=-1)
+
+
+class InverseTest(unittest.TestCase):
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("spatial_50")
+
+    def test_reaches_tips_of_the_forward_model(self):
+        tips = self.scene.tips(pressures_of(self.scene, 40))
+        found = self.scene.inverse(tips, threads=2)
+        self.assertTrue(found.reached.all())
+        self.assertEqual(set(found.status), {"reached"})
+        np.testing.assert_allclose(self.scene.tips(found.pressures_pa), tips, atol=2e-6)
+        one = self.scene.inverse(tip=tips[3])
+        np.testing.assert_array_equal(one.pressures_pa, found.pressures_pa[3])
+        self.assertIs(one.reached, True)
+        self.assertEqual(one.status, "reached")
+
+    def test_poses_and_twists_are_targets_too(self):
+        p = pressures_of(self.scene, 5)
+        shapes = self.scene.forward(p)
+        by_twists = self.scene.inverse(twists=shapes.twists)
+        np.testing.assert_allclose(by_twists.pressures_pa, p, rtol=1e-4, atol=10)
+        pose = np.hstack([shapes.tips, shapes.quaternions_xyzw])
+        np.testing.assert_allclose(self.scene.inverse(pose=pose).pressures_pa, p, rtol=1e-3, atol=100)
+
+    def test_out_of_reach_is_said(self):
+        found = self.scene.inverse(np.array([5.0, 0, 0]))
+        self.assertEqual(found.status, "unreachable")
+        self.assertFalse(found.reached)
+        self.assertGreater(found.position_error_m, 4)
+
+    def test_preferences_choose_among_redundant_pressures(self):
+        scene = helix_arm.Scene.load("planar_50") if len(self.scene.actuators) < 3 else self.scene
+        tip = scene.tips(np.mean(scene.limits_pa, axis=1))
+        low = scene.inverse(tip, prefer="min-pressure")
+        start = scene.limits_pa[:, 1]
+        near = scene.inverse(tip, prefer="min-change", start=start)
+        for found in [low, near]:
+            self.assertTrue(found.reached)
+        self.assertLessEqual(low.pressures_pa.sum(), near.pressures_pa.sum() + 1)
+
+    def test_no_rows_are_no_results(self):
+        found = self.scene.inverse(np.zeros((0, 3)))
+        self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))
+        self.assertEqual(found.status.shape, (0,))
+
+
+class CurveTest(unittest.TestCase):
+    def test_ends_at_base_and_tip(self):
+        for name in ["helical_50", "loaded"]:
+            scene = helix_arm.Scene.load(name)
+            p = pressures_of(scene, 3)
+            curve, ends = scene.curve(p, points=11), scene.forward(p)
+            self.assertEqual(curve.positions.shape, (3, 11, 3))
+            np.testing.assert_allclose(curve.positions[:, 0], 0, atol=1e-15)
+            np.testing.assert_allclose(curve.positions[:, -1], ends.tips, atol=1e-12)
+            np.testing.assert_allclose(curve.quaternions_xyzw[:, -1], ends.quaternions_xyzw, atol=1e-12)
+            self.assertEqual(scene.curve(p[0], points=2).positions.shape, (2, 3))
+
+
+class JacobianTest(unittest.TestCase):
+    # The accuracy of differences of sixth order, relative to the largest entry.
+    def check(self, found, expected, tolerance=1e-8):
+        self.assertEqual(found.shape, expected.shape)
+        np.testing.assert_allclose(found, expected, atol=tolerance * np.abs(expected).max())
+
+    def test_by_pressures_is_the_derivative_of_the_forward_model(self):
+        for name in ["helical_50", "spatial_101", "planar_76"]:
+            scene = helix_arm.Scene.load(name)
+            for p in 2e4 + 0.85 * pressures_of(scene, 4):
+                found = scene.jacobian(p)
+                self.assertTrue(found.converged)
+                self.check(found.tip_by_pressures[:3], difference(lambda q: scene.forward(q).tips, p, 3e3))
+                self.check(found.twists_by_pressures, difference(lambda q: scene.forward(q).twists, p, 3e3))
+
+    def test_by_stiffness_is_the_derivative_by_the_key_of_the_scene(self):
+        key = "arm.stiffness.K_kappa_m2"
+        p = np.array([3e5, 1e5, 0.0])
+
+        def twists(K):
+            return helix_arm.Scene.load("helical_50", {key: float(K[0])}).forward(p).twists
+
+        found = helix_arm.Scene.load("helical_50").jacobian(p).twists_by_stiffness
+        # One key for all muscles; the last axis is K_gamma, K_tau, K_kappa.
+        self.check(found[..., 2].sum(axis=-1, keepdims=True), difference(twists, np.array([9.8e-5]), 1e-6))
+
+    def test_batches_are_rows_of_single_calls(self):
+        scene = helix_arm.Scene.load("demo")
+        p = pressures_of(scene, 6)
+        batch = scene.jacobian(p, threads=2)
+        for i, row in enumerate(p):
+            for name, value in scene.jacobian(row).to_dict().items():
+                np.testing.assert_array_equal(getattr(batch, name)[i], value, err_msg=name)
+
+    def test_load_needs_the_extensional_stiffness(self):
+        self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3)).tip_by_load)
+        compliance = helix_arm.Scene.load("demo").jacobian(np.zeros(3)).tip_by_load
+        self.assertEqual(compliance.shape, (6, 6))
+        self.assertTrue((np.linalg.eigvalsh(compliance) > -1e-12).all(), "energy would be negative")
+
+
+class WorkspaceTest(unittest.TestCase):
+    def test_tips_are_those_of_the_pressures(self):
+        scene = helix_arm.Scene.load("helical_50")
+        found = scene.workspace(50_000, seed=3, threads=2)
+        self.assertEqual(found.tips.shape, (50_000, 3))
+        np.testing.assert_allclose(scene.tips(found.pressures_pa), found.tips, atol=1e-14)
+        again = scene.workspace(20_000, seed=3, threads=1)
+        np.testing.assert_array_equal(again.tips, found.tips[:20_000])
+        self.assertGreater(np.abs(scene.workspace(10, seed=4).tips - found.tips[:10]).max(), 1e-3)
+
+    def test_extremes_are_farther_than_samples(self):
+        scene = helix_arm.Scene.load("spatial_50")
+        found = scene.workspace(2_000, extremes=True, sensitivity=True)
+        self.assertEqual(found.extreme_tips.shape, (7, 3))
+        np.testing.assert_allclose(scene.tips(found.extreme_pressures_pa), found.extreme_tips, atol=1e-9)
+        self.assertGreaterEqual(found.extreme_tips[5, 2] + 1e-12, found.tips[:, 2].max())
+        np.testing.assert_array_less(0, found.moved_per_kpa_m)
+
+
+if __name__ == "__main__":
+    unittest.main()
