@@ -246,8 +246,7 @@ void differByTipLoad(const ArmModel& model, const Eigen::VectorXd& lengths,
       tip.offset = model.arm().link(tip.section).translation;
       (j < 3 ? tip.force : tip.moment)[j % 3] = change;
       load.points.push_back(tip);
-      return ArmModel(model.arm(), model.planar(), std::move(load), setting)
-          .solveLengths(lengths);
+      return ArmModel(model.arm(), model.planar(), std::move(load), setting).solveLengths(lengths);
     };
     if (turn > 0) differences.take(kCentral, kAngleStep / turn, j, changed, out);
   }

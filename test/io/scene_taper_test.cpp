@@ -43,26 +43,25 @@ TEST(SceneTaper, ThePlaneTakesIt) {
   const Eigen::Vector2d q(3e5, 0);
   EXPECT_LT((scene.model.tip(q).tip.translation - scene.arm.tip(q).translation).norm(),
             1e-5 * scene.arm.restLength());
-  EXPECT_LT((model::tipPose(scene.model.solve(q).shape).translation -
-             scene.model.tip(q).tip.translation)
-                .norm(),
-            1e-13);
+  EXPECT_LT(
+      (model::tipPose(scene.model.solve(q).shape).translation - scene.model.tip(q).tip.translation)
+          .norm(),
+      1e-13);
 }
 
 TEST(SceneTaper, TagsFollowTheirMuscle) {
   const Scene scene = sceneWith("demo", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}});
   const estimation::TagPlacement& first = scene.tags->tags.front();
-  const double stand = (first.X_ST.translation -
-                        model::poseAlong(scene.arm.actuator(0), first.s).translation)
-                           .norm();
+  const double stand =
+      (first.X_ST.translation - model::poseAlong(scene.arm.actuator(0), first.s).translation)
+          .norm();
   int on_first = 0;
   for (const estimation::TagPlacement& tag : scene.tags->tags) {
     if (tag.id > 6) continue;
     ++on_first;
-    EXPECT_NEAR((tag.X_ST.translation -
-                 model::poseAlong(scene.arm.actuator(0), tag.s).translation)
-                    .norm(),
-                stand, 1e-12);
+    EXPECT_NEAR(
+        (tag.X_ST.translation - model::poseAlong(scene.arm.actuator(0), tag.s).translation).norm(),
+        stand, 1e-12);
   }
   EXPECT_EQ(on_first, 7);
   // A rendered rig and its fits use pieces.
