@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
 
 namespace helix_arm::cli {
@@ -84,7 +85,19 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
   return overrides;
 }
 
+CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
+                      const std::string& what) {
+  CLI::Option* const out = command.add_option(option, scene, what + ", or name of a shipped scene");
+  // A name that is not known is refused when the scene is loaded, so that --help still works.
+  const auto resolve = [](std::string& given) -> std::string {
+    given = io::findScene(given).value_or(given);
+    return {};
+  };
+  return out->transform(CLI::Validator(resolve, ""));
+}
+
 io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
+  if (!io::findScene(path)) throw CallerError(io::unknownScene(path));
   return io::loadScene(path, overridesOf(global));
 }
 

@@ -11,6 +11,10 @@
 
 namespace helix_arm::cli {
 
+/// Adds an option for a scene: a file, or the name of a shipped scene.
+CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
+                      const std::string& what);
+
 /// Loads a scene with the overrides of --set.
 /// @throws CallerError on an override that is not key=value, io::DocumentError on a scene with
 /// faults.

@@ -11,6 +11,7 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/calibration_words.hpp"
@@ -51,7 +52,7 @@ std::vector<std::string> partsOfAlso(const std::string& text) {
 
 procedures::CompanionArm companionOf(const std::string& text) {
   const std::vector<std::string> parts = partsOfAlso(text);
-  io::Scene scene = io::loadScene(parts.front());
+  io::Scene scene = io::loadScene(io::scenePath(parts.front()));
   requirePressureDriven(scene);
   procedures::CalibrationData data =
       ros_bridge::loadMeasurements(scene, {parts.begin() + 1, parts.end()}, {});
@@ -299,7 +300,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
 Subcommand addCalibrate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
   const auto options = std::make_shared<CalibrateOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command
       ->add_option(
           "DATA", options->data,

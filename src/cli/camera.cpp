@@ -1,6 +1,7 @@
 #include <iostream>
 #include <memory>
 
+#include "arguments.hpp"
 #include "camera_actions.hpp"
 #include "helix_arm/vision/board_views.hpp"
 
@@ -56,9 +57,8 @@ Subcommand addCamera(CLI::App& app) {
                    "read: it needs OpenCV's contrib modules")
       ->check(CLI::IsMember({"tags"}))
       ->default_val("tags");
-  calibrate
-      ->add_option("--scene", arguments->scene,
-                   "scene with a camera: gives its webcam, and with --out gets the intrinsics")
+  addScene(*calibrate, "--scene", arguments->scene,
+           "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
   calibrate
       ->add_option("--out", arguments->out,
@@ -99,7 +99,7 @@ Subcommand addCamera(CLI::App& app) {
 
   CLI::App* place = command->add_subcommand(
       "place", "pose of the scene's camera from pictures of the arm at rest");
-  place->add_option("SCENE", arguments->scene, "scene file with camera and tags")->required();
+  addScene(*place, "SCENE", arguments->scene, "scene file with camera and tags")->required();
   addSource(place, *arguments);
   place->add_option("--out", arguments->out, "scene file to write, with the camera at its place")
       ->type_name("SCENE2");

@@ -155,7 +155,7 @@ Subcommand addCheck(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("check", "look for what keeps a rig from working, before it moves");
   const auto arguments = std::make_shared<CheckArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_flag("--probe", arguments->probe,
                     "also connect to the regulator, which vents, and read it once");
   command

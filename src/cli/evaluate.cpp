@@ -160,7 +160,7 @@ int run(const EvaluateOptions& options, const GlobalOptions& global) {
 Subcommand addEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand("evaluate", "compare the model with measurements");
   const auto options = std::make_shared<EvaluateOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command
       ->add_option(
           "DATA", options->data,

@@ -186,7 +186,7 @@ int run(const FitOptions& options, const GlobalOptions& global) {
 Subcommand addFit(CLI::App& app) {
   CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
   const auto options = std::make_shared<FitOptions>();
-  command->add_option("SCENE", options->scene, "scene file with tags")->required();
+  addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
   command
       ->add_option("TAG_POSES", options->data,
                    "data set (# comments, a header, one row per tag) with the columns capture, "

@@ -154,12 +154,11 @@ Subcommand addFollow(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "follow", "the simulated arm follows tips or a path, with the loop closed over sight");
   const auto arguments = std::make_shared<FollowArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file with camera, tags and pressures")
+  addScene(*command, "SCENE", arguments->scene, "scene file with camera, tags and pressures")
       ->required();
-  command
-      ->add_option("--rig", arguments->rig,
-                   "scene file of the rig, if it is another one: true arm, regulator, camera and "
-                   "tags; --set does not apply to it")
+  addScene(*command, "--rig", arguments->rig,
+           "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
+           "--set does not apply to it)")
       ->type_name("FILE");
   command->add_option(
       "--tip", arguments->tip,

@@ -350,7 +350,7 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
 Subcommand addForward(CLI::App& app) {
   CLI::App* command = app.add_subcommand("forward", "pressures to the shape and tip of the arm");
   const auto options = std::make_shared<ForwardOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command->add_option("--pressure-kpa", options->pressure_kpa,
                       "gauge pressures [kPa], one per actuator: a,b,c");
   command->add_option(

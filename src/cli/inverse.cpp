@@ -58,6 +58,7 @@ statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
   if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
   if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
+  if (arguments.prefer == "stiff") options.preference = Preference::kStiff;
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
     throw CallerError("--cocontraction needs --prefer cocontract");
   }
@@ -226,6 +227,10 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
+  if (options.preference == Preference::kStiff && !model.load()) {
+    throw CallerError("--prefer stiff needs arm.stiffness.K_eps_n in every section; scene " +
+                      scene.name + " has none");
+  }
   statics::InverseSolver solver(model, options);
   if (!arguments.targets.empty()) {
     if (!arguments.history.empty()) throw CallerError("--targets excludes --history");
@@ -272,7 +277,7 @@ Subcommand addInverse(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
   const auto arguments = std::make_shared<InverseArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_option("--tip", arguments->tip, "wanted tip position [m]: x,y,z");
   command->add_option("--pose", arguments->pose,
                       "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
@@ -285,9 +290,9 @@ Subcommand addInverse(CLI::App& app) {
   command
       ->add_option(
           "--prefer", arguments->prefer,
-          "which of the inputs that reach the target: min-pressure, min-change (from the start) or "
-          "cocontract")
-      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract"}))
+          "which of the inputs that reach the target: min-pressure, min-change (from the start), "
+          "cocontract or stiff (least tip compliance)")
+      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract", "stiff"}))
       ->capture_default_str();
   command->add_option(
       "--start-kpa", arguments->start_kpa,

@@ -356,7 +356,7 @@ Subcommand addLocalize(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("localize", "find tags in pictures, and the twist of the arm from them");
   const auto options = std::make_shared<LocalizeOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command
       ->add_option("IMAGE|VIDEO", options->pictures,
                    "pictures, folders of pictures, or videos; the pictures of a video follow one "

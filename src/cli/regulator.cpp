@@ -251,7 +251,7 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
 Subcommand addRegulator(CLI::App& app) {
   CLI::App* command = app.add_subcommand("regulator", "commission the scene's pressure regulator");
   const auto options = std::make_shared<RegulatorOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command->require_subcommand(1);
   using Run = int (*)(const RegulatorOptions&, const GlobalOptions&);
   struct Action {

@@ -352,7 +352,7 @@ Subcommand addSimulate(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "simulate", "write a simulated data set and pictures with their true shapes");
   const auto options = std::make_shared<SimulateOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command->add_option("--out", options->out, "folder to write to; must be empty or absent")
       ->required()
       ->type_name("DIR");

@@ -144,7 +144,8 @@ Subcommand addTags(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "tags", "print the tags of a scene and where they are mounted, or a calibration board");
   const auto arguments = std::make_shared<TagsArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file with tags; not needed with --board");
+  addScene(*command, "SCENE", arguments->scene,
+           "needed unless --board is given: scene file with tags");
   command->add_option("--out", arguments->out, "PDF file to write")
       ->required()
       ->type_name("FILE.pdf");

@@ -181,7 +181,7 @@ Subcommand addTrade(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("trade", "measure accuracy against time on this scene and machine");
   const auto options = std::make_shared<TradeOptions>();
-  command->add_option("SCENE", options->scene, "scene file")->required();
+  addScene(*command, "SCENE", options->scene, "scene file")->required();
   command->add_option(
       "--out", options->out,
       "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ and the "

@@ -7,6 +7,7 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "trade.hpp"
 
 namespace helix_arm::cli {
@@ -61,7 +62,10 @@ void drawMuscles(const model::Arm& arm, const std::vector<model::CurvePoint<lie:
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       lines[i].clear();
       for (int j = k * points; j <= (k + 1) * points; ++j) {
-        lines[i].push_back(curve[j].X * arm.actuator(i).X_O.translation);
+        lines[i].push_back(
+            curve[j].X *
+            model::poseAlong(arm.actuator(i), static_cast<double>(j - k * points) / points)
+                .translation);
       }
     }
   }
@@ -75,7 +79,7 @@ std::vector<TradeRow> modelRows(const io::Scene& scene) {
   std::vector<Eigen::VectorXd> inputs;
   std::vector<Eigen::Vector3d> tips;
   for (const Eigen::VectorXd& q : statics::sampleInputs(scene.arm, kCorners, kInner)) {
-    const statics::Solution solution = exact.solve(scene.arm.twists(q));
+    const statics::Solution solution = exact.solve(statics::unloadedUnder(scene.arm, load, q));
     if (!solution.converged()) continue;
     inputs.push_back(q);
     tips.push_back(solution.tip.translation);

@@ -108,7 +108,7 @@ Subcommand addWorkspace(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
   const auto arguments = std::make_shared<WorkspaceArguments>();
-  command->add_option("SCENE", arguments->scene, "scene file")->required();
+  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   command->add_option(
       "--out", arguments->out,
       "file for the points: .ply (binary, float32) or .csv (with the inputs); default: summary "

@@ -137,6 +137,12 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
                           "; a scale per actuator needs the same number on every arm, a common "
                           "scale does not")};
     }
+    if (options.K_eps && !arm.load->tables.empty()) {
+      return Verdict{Status::kNothingToFit,
+                     text(arm.name,
+                          ": K_eps depends on pressure; the fit is of one number: give "
+                          "K_eps_n one, or do not fit K_eps")};
+    }
     for (std::size_t k = 0; options.K_eps && k < arm.load->K_eps.size(); ++k) {
       const double one = arms.front().load->K_eps.front(), other = arm.load->K_eps[k];
       if (other == one) continue;

@@ -88,7 +88,7 @@ class Problem {
                                  const model::Shape& shape, const lie::Vector6& moved) const {
     const TagPlacement& tag = layout_.tags[static_cast<std::size_t>(seen_[i].tag)];
     const lie::SE3 X_CT =
-        X_CB * model::poseAt(shape, tag.section + tag.s) * displaced(tag.X_ST, moved);
+        X_CB * model::poseAt(shape, tag.section, tag.s) * displaced(tag.X_ST, moved);
     const Corners plane = layout_.corners(bleed);
     Vector8 out;
     for (int c = 0; c < 4; ++c) {
@@ -342,7 +342,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
 double cornerError(const TagLayout& layout, const model::Shape& shape, const lie::SE3& X_CB,
                    const CornerObservation& seen, double focal) {
   const TagPlacement& tag = layout.tags[static_cast<std::size_t>(seen.tag)];
-  const lie::SE3 X_CT = X_CB * model::poseAt(shape, tag.section + tag.s) * tag.X_ST;
+  const lie::SE3 X_CT = X_CB * model::poseAt(shape, tag.section, tag.s) * tag.X_ST;
   const Corners plane = layout.corners();
   double square = 0;
   for (int c = 0; c < 4; ++c) {

@@ -44,7 +44,7 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
     Mover mover = Mover::none();
     for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
       mover += Mover(X_B0j, shape.pieces().col(j), 1.0);
-      X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
+      X_B0j = shape.beyond(X_B0j, j);
     }
     mover *= 1.0 / per_section;
     mover.fill(rows, 6 * k, J);

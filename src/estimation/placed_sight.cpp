@@ -25,7 +25,7 @@ lie::Vector6 bothParts(double translation, double rotation) {
 // Corners that an ideal camera sees.
 CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
   const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
-  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section + placed.s) * placed.X_ST;
+  const lie::SE3 X_CT = view.X_CB * model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
   const Corners plane = view.layout.corners();
   CornerObservation out{tag, {}};
   for (int c = 0; c < 4; ++c) {
@@ -43,7 +43,7 @@ lie::Matrix6 motions(const TagPlacement& tag, double rest_length, const model::S
     for (const int side : {0, 1}) {
       const lie::Vector6 moved = lie::Vector6::Unit(entry) * (side == 0 ? -kMountStep : kMountStep);
       const TagPlacement placed = movedBy(tag, moved, rest_length);
-      ends[side] = model::poseAt(shape, placed.section + placed.s) * placed.X_ST;
+      ends[side] = model::poseAt(shape, placed.section, placed.s) * placed.X_ST;
     }
     out.col(entry) = (ends[1] * ends[0].inverse()).log() / (2 * kMountStep);
   }

@@ -302,7 +302,7 @@ class TagCost final : public ReadingCost {
     }
     for (int j = 0; j <= pose.place.piece; ++j) {
       pose.starts.push_back(X_B0j);
-      if (j < pose.place.piece) X_B0j = X_B0j * lie::SE3::exp(shape.pieces().col(j));
+      if (j < pose.place.piece) X_B0j = shape.beyond(X_B0j, j);
     }
     pose.X_B0S = X_B0j * lie::SE3::exp(pose.place.s * shape.pieces().col(pose.place.piece));
     pose.X_B0T = pose.X_B0S * tag.X_ST;

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
-#include <string>
 #include <utility>
 
+#include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -24,6 +24,9 @@ Eigen::VectorXd changeOf(const statics::Solution& above, const statics::Solution
   const model::Shape::Pieces change = (above.shape.pieces() - below.shape.pieces()) / (2 * kStep);
   return Eigen::Map<const Eigen::VectorXd>(change.data(), change.size());
 }
+
+// Whether its shapes are solved, not linear in the lengths.
+bool hasPieces(const ArmCaptures& arm) { return arm.isLoaded() || arm.arm.tapered(); }
 
 bool isAlike(const model::Arm& arm) {
   const model::Stiffness& first = arm.actuator(0).stiffness;
@@ -80,7 +83,7 @@ Elasticity ShapeModel::elasticityAt(const double* logs, Elasticity elasticity) c
 ShapeThere ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales,
                           bool derivatives) {
   update(logs, derivatives);
-  return arms_[a].isLoaded() ? loaded(a, lengths, scales, derivatives)
+  return hasPieces(arms_[a]) ? loaded(a, lengths, scales, derivatives)
                              : unloaded(a, lengths, scales, derivatives);
 }
 
@@ -104,7 +107,7 @@ ShapeThere ShapeModel::unloaded(int a, const Eigen::VectorXd& lengths, int scale
           maps_[a][k].col(j) * l[j];
     }
   }
-  out.shape = twists;
+  out.shape = model::shapeOf(arm, twists);
   return out;
 }
 
@@ -180,11 +183,11 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     arm = isAlike(data.arm) ? arm.withStiffness(moved(data.arm.actuator(0).stiffness))
                             : arm.scaledStiffness(factors.ratios);
   }
-  statics::Load load = *data.load;
+  statics::Load load = data.load.value_or(statics::Load());
   for (double& K_eps : load.K_eps) K_eps *= factors.K_eps;
-  const auto statics = [&arm](auto solver) -> Statics {
-    return [arm, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
-      return solver.solve(arm.twistsOfLengths(lengths));
+  const auto statics = [&arm, &load](auto solver) -> Statics {
+    return [arm, load, solver = std::move(solver)](const Eigen::VectorXd& lengths) {
+      return solver.solve(statics::unloadedUnderOfLengths(arm, load, lengths));
     };
   };
   switch (data.tier.tier) {
@@ -196,8 +199,12 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
     case statics::Tier::kLinear:
       break;
   }
-  throw std::logic_error(std::string("tier ") + statics::nameOf(data.tier.tier) +
-                         " finds no shape under load");
+  return [arm](const Eigen::VectorXd& lengths) {
+    statics::Solution solution;
+    solution.shape = model::shapeOf(arm, arm.unloadedOfLengths(lengths));
+    solution.tip = model::tipPose(solution.shape);
+    return solution;
+  };
 }
 
 void ShapeModel::update(const double* logs, bool derivatives) {
@@ -207,7 +214,7 @@ void ShapeModel::update(const double* logs, bool derivatives) {
   if (!known) {
     maps_ = mapsAt(at);
     for (std::size_t a = 0; a < arms_.size(); ++a) {
-      if (arms_[a].isLoaded()) loaded_[a].there = staticsAt(arms_[a], at);
+      if (hasPieces(arms_[a])) loaded_[a].there = staticsAt(arms_[a], at);
       loaded_[a].lengths.resize(0);
     }
   }
@@ -227,7 +234,7 @@ void ShapeModel::update(const double* logs, bool derivatives) {
       for (std::size_t k = 0; k < above[a].size(); ++k) {
         changes_[a][k][e] = (above[a][k] - below[a][k]) / (2 * kStep);
       }
-      if (!arms_[a].isLoaded()) continue;
+      if (!hasPieces(arms_[a])) continue;
       loaded_[a].above.push_back(staticsAt(arms_[a], at + step));
       loaded_[a].below.push_back(staticsAt(arms_[a], at - step));
     }

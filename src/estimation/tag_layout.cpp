@@ -79,7 +79,7 @@ std::vector<lie::SE3> tagPoses(const TagLayout& layout, const model::Shape& shap
   std::vector<lie::SE3> poses;
   poses.reserve(layout.tags.size());
   for (const TagPlacement& tag : layout.tags) {
-    poses.push_back(model::poseAt(shape, tag.section + tag.s) * tag.X_ST);
+    poses.push_back(model::poseAt(shape, tag.section, tag.s) * tag.X_ST);
   }
   return poses;
 }

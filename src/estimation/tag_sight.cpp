@@ -32,7 +32,7 @@ void visibleTags(const ArmView& view, const model::Shape& shape, double least_co
       }
       if (visible) out.push_back(sight);
     }
-    X_CS = X_CS * lie::SE3::exp(pieces.col(j));
+    X_CS = shape.beyond(X_CS, j);
   }
 }
 

@@ -9,6 +9,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
@@ -140,7 +141,8 @@ std::optional<model::Shape> TipCompliance::Workspace::shapeUnder(const statics::
   const model::Arm& arm = corrected.arm();
   const Eigen::VectorXd lengths = corrected.scaled(arm.lengths(pressure));
   const statics::Solution solution =
-      statics::LoadedArm(arm, with, statics::kLeastOrder).solve(arm.twistsOfLengths(lengths));
+      statics::LoadedArm(arm, with, statics::kLeastOrder)
+          .solve(statics::unloadedUnderOfLengths(arm, with, lengths));
   if (!solution.converged()) return std::nullopt;
   return solution.shape.about(solution.shape.twists() + corrected.correction().offset);
 }
@@ -158,6 +160,10 @@ TipCompliance::Workspace::Compliance TipCompliance::Workspace::compute(const For
   with.points.push_back({});
   with.points.back().section = place.section;
   with.points.back().s = place.s;
+  const int last = corrected.arm().sectionCount() - 1;
+  if (place.section == last && place.s == 1.0) {
+    with.points.back().offset = corrected.arm().link(last).translation;
+  }
   // Of the shape whose mean twists are these.
   const auto tipOf = [this](const Eigen::VectorXd& change) {
     model::Twists twists = unforced->twists();

@@ -145,7 +145,7 @@ class TwistEquations {
     const int per_section = point.shape.piecesPerSection();
     movers_.clear();
     for (int j = 0; j + 1 < pieces.cols(); ++j) {
-      starts_[j + 1] = starts_[j] * lie::SE3::exp(pieces.col(j));
+      starts_[j + 1] = point.shape.beyond(starts_[j], j);
       Mover mover(starts_[j], pieces.col(j), 1.0);
       if (per_section > 1) {
         if (j % per_section > 0) mover += partial_movers_[j - 1];

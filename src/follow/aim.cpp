@@ -29,12 +29,12 @@ const statics::InverseResult& solveWith(statics::InverseSolver& solver, const Ta
 
 }  // namespace
 
-lie::SE3 tipOf(const Target& target) {
+lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
   if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
     return {Eigen::Matrix3d::Identity(), *position};
   }
   if (const auto* pose = std::get_if<lie::SE3>(&target)) return *pose;
-  return model::tipPose(std::get<model::Twists>(target));
+  return arm.tipOf(std::get<model::Twists>(target));
 }
 
 Aim::Aim(const statics::ArmModel& model)

@@ -9,7 +9,7 @@
 namespace helix_arm::follow {
 
 /// The tip that a target asks for; the identity as orientation if that is free.
-lie::SE3 tipOf(const Target& target);
+lie::SE3 tipOf(const Target& target, const model::Arm& arm);
 
 /// From a wanted tip to pressures: the inverse of a corrected model whose correction never jumps.
 class Aim {

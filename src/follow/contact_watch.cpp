@@ -38,7 +38,8 @@ void ContactWatch::see(estimation::ArmFilter::Input picture,
   const estimation::Sighting sighting = watch.see(picture);
   if (!sighting.accepted() && sighting.fault != estimation::SightingFault::kOutlier) return;
   compliance_.moveTo(picture.pressure, watch.correction(), tags);
-  const Eigen::Matrix3d tip = estimation::tipCovariance(picture.twists, watch.twistCovariance(0.0));
+  const Eigen::Matrix3d tip =
+      estimation::tipCovariance(model::shapeOf(arm_, picture.twists), watch.twistCovariance(0.0));
   forks_.see(picture.time, largestDeviation(tip), watch, compliance_);
 }
 

@@ -171,7 +171,7 @@ lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
       observer.started() ? tipAt(observer.newest().pressure) : std::optional<lie::SE3>();
   lie::SE3 out = predicted.value_or(unknown);
   if (!target || (predicted && !reaches)) return out;
-  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target);
+  if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
   out.translation = std::get<Eigen::Vector3d>(*target);
   return out;
 }
@@ -347,7 +347,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.commands) {
     w.moveWanted(dt);
     w.command();
-    w.turn.wanted = tipOf(*w.target);
+    w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
     w.aim.startAt(w.observer.newest().pressure);
@@ -373,8 +373,8 @@ estimation::Sighting SightLoop::picture(double stamp, double now, const model::T
   w.estimated.set(w.tracker.correction());
   std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
   w.accepted_at[0] = now;
-  const Eigen::Matrix3d tip_covariance =
-      estimation::tipCovariance(twists, w.tracker.twistCovariance(now - stamp));
+  const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
+      model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.tip_deviation = std::sqrt(
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(tip_covariance).eigenvalues().maxCoeff());
   if (w.tracks(now)) w.learn();

@@ -1,5 +1,7 @@
 #include "arm_reader.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
 #include "pose_reader.hpp"
@@ -14,16 +16,38 @@ lie::SE3 readBase(const MapReader& arm, const Value& value, FaultList& faults) {
   return readPose(MapReader(*given, arm.path("base"), {"position_m", "rpy_deg"}, faults), kFinite);
 }
 
-model::PlanarArm planarArm(const std::vector<model::Section>& sections) {
+// Pose of the tip, seen from the end of the last section's plate.
+lie::SE3 readTool(const MapReader& arm, const Value& value, bool planar, FaultList& faults) {
+  const Value* given = value.find("tool");
+  if (given == nullptr) return {};
+  const MapReader keys(*given, arm.path("tool"), {"position_m", "rpy_deg"}, faults);
+  const lie::SE3 X = readPose(keys, kCoordinate);
+  if (planar && X.translation.z() != 0) {
+    keys.complain("position_m", "leaves the plane; expected z = 0 in a planar arm");
+  }
+  if (planar && std::abs(X.rotation(2, 2) - 1.0) > 0) {
+    keys.complain("rpy_deg", "leaves the plane; expected roll and pitch 0 in a planar arm");
+  }
+  return X;
+}
+
+lie::SE2 inPlane(const lie::SE3& X) {
+  return {X.rotation.topLeftCorner<2, 2>(), X.translation.head<2>()};
+}
+
+model::PlanarArm planarArm(const std::vector<model::Section>& sections, const lie::SE3& tool) {
   std::vector<model::PlanarSection> planar(sections.size());
   for (std::size_t k = 0; k < sections.size(); ++k) {
     for (const model::Actuator& a : sections[k].actuators) {
-      const lie::SE2 X_O{a.X_O.rotation.topLeftCorner<2, 2>(), a.X_O.translation.head<2>()};
       planar[k].actuators.push_back(
-          {a.name, X_O, a.stiffness, a.contraction, a.limits, a.drive, a.response});
+          {a.name, inPlane(a.X_O), a.stiffness, a.contraction, a.limits, a.drive, a.response});
+      for (const lie::SE3& X_O : a.taper) {
+        planar[k].actuators.back().taper.push_back(inPlane(X_O));
+      }
     }
+    planar[k].plate = sections[k].plate;
   }
-  return model::PlanarArm(std::move(planar));
+  return model::PlanarArm(std::move(planar), inPlane(tool));
 }
 
 // Of each section [N]; missing values are faults under load.
@@ -55,14 +79,15 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
                                 FaultList& faults) {
   const Value* value = scene.required("arm", "a map");
   if (value == nullptr) return std::nullopt;
-  const MapReader arm(*value, scene.path("arm"), {"geometry", "base", "stiffness", "sections"},
-                      faults);
+  const MapReader arm(*value, scene.path("arm"),
+                      {"geometry", "base", "stiffness", "sections", "tool"}, faults);
   const std::size_t faults_before = faults.count();
   const auto geometry = arm.choice("geometry", {"planar", "spatial"});
   const lie::SE3 X_WB = readBase(arm, *value, faults);
   ArmContext context{
       geometry == "planar", readStiffness(arm, *value, {}, faults), contractions, faults, {}, {}};
 
+  const lie::SE3 tool = readTool(arm, *value, context.planar, faults);
   std::vector<SectionParts> parts;
   const std::vector<Value::Entry>* entries = arm.list("sections");
   if (entries == nullptr) return std::nullopt;
@@ -72,6 +97,11 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   if (parts.size() > model::kMaxSections) {
     arm.complain("sections", "has " + std::to_string(parts.size()) + " entries; expected at most " +
                                  std::to_string(model::kMaxSections));
+  }
+  std::vector<statics::StiffnessTable> tables;
+  for (const SectionParts& one : parts) tables.push_back(one.table);
+  if (std::all_of(tables.begin(), tables.end(), [](const auto& one) { return one.empty(); })) {
+    tables.clear();
   }
   std::vector<double> K_eps = extensionalStiffness(scene, *value, parts, faults);
   // An unknown contraction omits its actuators, which is not a fault of their own.
@@ -85,10 +115,14 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   }
   try {
     std::optional<model::PlanarArm> planar;
-    if (context.planar) planar = planarArm(sections);
-    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections));
-    return ArmParts{X_WB, std::move(spatial), std::move(planar), std::move(looks),
-                    std::move(K_eps)};
+    if (context.planar) planar = planarArm(sections, tool);
+    model::Arm spatial = planar ? model::embed(*planar) : model::Arm(std::move(sections), tool);
+    return ArmParts{X_WB,
+                    std::move(spatial),
+                    std::move(planar),
+                    std::move(looks),
+                    std::move(K_eps),
+                    std::move(tables)};
   } catch (const std::invalid_argument& error) {
     arm.complain("sections", std::string("do not form an arm: ") + error.what());
     return std::nullopt;

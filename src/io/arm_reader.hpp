@@ -7,6 +7,7 @@
 #include "helix_arm/io/section_look.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
@@ -17,7 +18,8 @@ struct ArmParts {
   model::Arm arm;
   std::optional<model::PlanarArm> planar;
   std::vector<SectionLook> looks;
-  std::vector<double> K_eps;  ///< per section [N]; empty if one has none
+  std::vector<double> K_eps;                    ///< per section [N]; empty if one has none
+  std::vector<statics::StiffnessTable> tables;  ///< per section; empty if all are constant
 };
 
 /// Reads `arm`; nothing if faults leave no arm.

@@ -110,11 +110,11 @@ void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
 }
 
 // The frame in which the poses of a group are given, relative to that of the base curve.
-lie::SE3 mountOf(const Scene& scene, const Value& group, int section) {
+lie::SE3 mountOf(const Scene& scene, const Value& group, int section, double s) {
   const Value* name = group.find("actuator");
   for (int i = scene.arm.firstActuator(section);
        name != nullptr && i < scene.arm.firstActuator(section + 1); ++i) {
-    if (scene.arm.actuator(i).name == name->text) return scene.arm.actuator(i).X_O;
+    if (scene.arm.actuator(i).name == name->text) return model::poseAlong(scene.arm.actuator(i), s);
   }
   return {};
 }
@@ -133,7 +133,7 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
   group.set("ids", listValue({plainValue(std::to_string(tag.id))}));
   group.set("s", listValue({numberValue(tag.s)}));
   Value value = group.value();
-  putPose(mountOf(scene, mounted, tag.section).inverse() * tag.X_ST, value);
+  putPose(mountOf(scene, mounted, tag.section, tag.s).inverse() * tag.X_ST, value);
   return value;
 }
 

@@ -75,6 +75,7 @@ std::optional<statics::Load> onlyStiffness(const ArmParts* arm) {
   statics::Load load;
   load.mass.assign(arm->K_eps.size(), 0.0);
   load.K_eps = arm->K_eps;
+  load.tables = arm->tables;
   return load;
 }
 
@@ -106,7 +107,11 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
         readPull(MapReader(*tip, keys.path("tip"),
                            {"mass_kg", "position_m", "force_n", "moment_nm"}, faults),
                  R_BW));
-    load.points.back().section = arm == nullptr ? 0 : arm->arm.sectionCount() - 1;
+    if (arm != nullptr) {
+      statics::PointLoad& point = load.points.back();
+      point.section = arm->arm.sectionCount() - 1;
+      point.offset = arm->arm.link(point.section) * point.offset;
+    }
   }
   const std::vector<Value::Entry>* points = keys.has("points") ? keys.list("points") : nullptr;
   for (std::size_t i = 0; points != nullptr && i < points->size(); ++i) {
@@ -123,6 +128,7 @@ std::optional<statics::Load> readLoad(const MapReader& scene, const Value& docum
     return std::nullopt;
   }
   load.K_eps = arm->K_eps;
+  load.tables = arm->tables;
   return load;
 }
 

@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <filesystem>
 
-#include <dlfcn.h>
-
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "modbus_profile_reader.hpp"
 #include "serial_profile_reader.hpp"
 #include "text_file.hpp"
@@ -18,18 +17,6 @@ namespace fs = std::filesystem;
 constexpr const char* kSerial = "ascii_serial";
 constexpr const char* kModbus = "modbus_tcp";
 constexpr std::size_t kLongestProfile = 200;  // of a path, in a message
-
-// Folder of the shipped profiles: in the share folder if installed, otherwise in the sources.
-fs::path shippedFolder() {
-  Dl_info library{};
-  std::error_code error;
-  if (dladdr(reinterpret_cast<const void*>(&shippedProfiles), &library) != 0) {
-    const fs::path here = fs::weakly_canonical(library.dli_fname, error).parent_path();
-    const fs::path installed = here.parent_path() / "share/helix_arm/config/regulators";
-    if (fs::is_directory(installed, error)) return installed;
-  }
-  return HELIX_ARM_REGULATORS_DIR;
-}
 
 bool isPath(const std::string& profile) {
   return profile.find('/') != std::string::npos || fs::path(profile).extension() == ".yaml";
@@ -78,8 +65,9 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
     keys.fault("profile", expected);
     return std::nullopt;
   }
-  const fs::path path =
-      isPath(*profile) ? fs::path(*profile) : shippedFolder() / (*profile + ".yaml");
+  const fs::path path = isPath(*profile)
+                            ? fs::path(*profile)
+                            : fs::path(shippedFolder(kShippedRegulators)) / (*profile + ".yaml");
   FaultList in_file(path.string());
   std::optional<Profile> read = readFile(path, kind, reader, in_file);
   if (!in_file.empty())
@@ -91,15 +79,7 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
 
 }  // namespace
 
-std::vector<std::string> shippedProfiles() {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (const fs::directory_entry& entry : fs::directory_iterator(shippedFolder(), error)) {
-    if (entry.path().extension() == ".yaml") names.push_back(entry.path().stem());
-  }
-  std::sort(names.begin(), names.end());
-  return names;
-}
+std::vector<std::string> shippedProfiles() { return shippedNames(kShippedRegulators); }
 
 Value* relativeProfile(Value& scene) {
   Value* const regulator = child(&scene, "regulator");

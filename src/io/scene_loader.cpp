@@ -44,12 +44,11 @@ std::string sceneText(const std::string& path, const std::vector<Override>& over
 
 std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
   if (!camera || !tags) return std::nullopt;
-  const SectionLook& widest = *std::max_element(
-      looks.begin(), looks.end(),
-      [](const auto& a, const auto& b) { return a.separator_radius < b.separator_radius; });
+  std::vector<double> radii;
+  for (const SectionLook& look : looks) radii.push_back(look.separator_radius);
   return simulation::CameraSetup{simulation::deviate(view(), arm, simulation.mounts),
                                  vision::TagFamily(vision.detector.family),
-                                 {widest.separator_radius},
+                                 {std::move(radii)},
                                  simulation.camera};
 }
 

@@ -1,6 +1,7 @@
 #include "section_reader.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "helix_arm/basics/pi.hpp"
@@ -25,6 +26,9 @@ const NumberRule kExtensionalStiffness = within(kPositive, 1e-3, 1e9, " N");
 
 const NumberRule kTilt{"an angle above -90 and below 90",
                        [](double x) { return std::abs(x) < 90; }};
+
+const NumberRule kPhase = within(kFinite, -360, 360, " degrees");
+const NumberRule kPlate = within(kNotNegative, 0, 10, " m");
 
 // Keys of an actuator except its pose.
 struct Fitting {
@@ -89,14 +93,20 @@ std::vector<double> readLengthScales(const MapReader& ring, const Value& value, 
   return ring.numbers(key, count, kLengthScale).value_or(std::vector<double>(count, 1.0));
 }
 
-// Appends an actuator. Incomplete ones count, so that default names keep their numbers.
-void addActuator(const std::optional<std::string>& name, const lie::SE3& X_O,
+// Appends an actuator, with one pose or, along a tapered section, several. Incomplete ones count,
+// so that default names keep their numbers.
+void addActuator(const std::optional<std::string>& name, const std::vector<lie::SE3>& along,
                  const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
                  model::Section& section) {
   if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
-  section.actuators.push_back({*name, X_O, *stiffness.value,
-                               fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
-                               fitting.contraction->drive, fitting.contraction->response});
+  section.actuators.push_back({*name,
+                               along.front(),
+                               *stiffness.value,
+                               fitting.contraction->curve.scaledBy(length_scale),
+                               *fitting.limits,
+                               fitting.contraction->drive,
+                               fitting.contraction->response});
+  if (along.size() > 1) section.actuators.back().taper = along;
 }
 
 // Default name: actuators are numbered from the base on.
@@ -108,33 +118,76 @@ void claimName(const MapReader& keys, const std::optional<std::string>& name, Ar
                 "makes a second actuator named " + *name + "; expected distinct names");
 }
 
+// A number, or a list of 2 or more from the section's beginning to its end.
+std::optional<std::vector<double>> readAlong(const MapReader& ring, const Value& value,
+                                             const std::string& key, const NumberRule& rule,
+                                             const std::optional<double>& fallback) {
+  const Value* given = value.find(key);
+  if (given != nullptr && given->kind == Value::Kind::kList) {
+    auto numbers = ring.numbers(key, 0, rule);
+    if (numbers && (numbers->size() < 2 || numbers->size() > model::kMostCells + 1)) {
+      ring.complain(key, "has " + std::to_string(numbers->size()) +
+                             " entries; expected one number, or a list of 2 to " +
+                             std::to_string(model::kMostCells + 1));
+      return std::nullopt;
+    }
+    return numbers;
+  }
+  if (given == nullptr && fallback) return std::vector<double>{*fallback};
+  const std::optional<double> number = ring.number(key, rule);
+  return number ? std::optional(std::vector<double>{*number}) : std::nullopt;
+}
+
+bool isZero(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double value) { return value == 0; });
+}
+
 void readRing(const Value& value, const std::string& path, const InheritedStiffness& stiffness,
               ArmContext& arm, model::Section& section) {
   const MapReader ring(value, path,
-                       {"count", "radius_m", "tilt_deg", "contraction", "length_scale",
+                       {"count", "radius_m", "phase_deg", "tilt_deg", "contraction", "length_scale",
                         "min_pressure_kpa", "max_pressure_kpa"},
                        arm.faults);
   const auto count = ring.integer("count", 1, model::kMaxActuators);
-  const auto radius = ring.number("radius_m", kLength);
-  const double tilt_deg = ring.number("tilt_deg", kTilt, 0.0);
+  const auto radius = readAlong(ring, value, "radius_m", kLength, std::nullopt);
+  const auto tilt_deg = readAlong(ring, value, "tilt_deg", kTilt, 0.0);
+  const double phase_deg = ring.number("phase_deg", kPhase, 0.0);
   const Fitting fitting = readFitting(ring, arm);
+  if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
+    ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
+  }
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
-  if (arm.planar && tilt_deg != 0) ring.fault("tilt_deg", "0: a planar arm has no tilt");
-  if (!count || !radius) return;
+  if (arm.planar && tilt_deg && !isZero(*tilt_deg)) {
+    ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  }
+  if (!count || !radius || !tilt_deg) return;
+  const std::size_t places = std::max(radius->size(), tilt_deg->size());
+  if (std::min(radius->size(), tilt_deg->size()) > 1 && radius->size() != tilt_deg->size()) {
+    ring.complain("tilt_deg", "has " + std::to_string(tilt_deg->size()) + " values; expected " +
+                                  std::to_string(radius->size()) +
+                                  ", as many as radius_m, or one number");
+    return;
+  }
   const std::vector<double> scales =
       readLengthScales(ring, value, static_cast<std::size_t>(*count));
   for (int i = 0; i < *count; ++i) {
-    const double th = 2 * basics::kPi * i / static_cast<double>(*count);
-    lie::SE3 X_O{muscleRotation(th, radians(tilt_deg)),
-                 *radius * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
-    // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
-    // rounding error of sin(pi).
-    if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
+    const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
+    std::vector<lie::SE3> along;
+    for (std::size_t place = 0; place < places; ++place) {
+      const double r = (*radius)[radius->size() > 1 ? place : 0];
+      const double tilt = (*tilt_deg)[tilt_deg->size() > 1 ? place : 0];
+      lie::SE3 X_O{muscleRotation(th, radians(tilt)),
+                   r * Eigen::Vector3d(0, std::cos(th), std::sin(th))};
+      // In the plane, an untilted muscle is not rotated about its own axis, which also avoids the
+      // rounding error of sin(pi).
+      if (arm.planar) X_O = {Eigen::Matrix3d::Identity(), {0, X_O.translation.y(), 0}};
+      along.push_back(X_O);
+    }
     const std::string name = nextName(arm);
     claimName(ring, name, arm);
-    addActuator(name, X_O, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
+    addActuator(name, along, stiffness, fitting, scales[static_cast<std::size_t>(i)], section);
   }
 }
 
@@ -187,7 +240,57 @@ void readActuator(const Value& value, const std::string& path, const InheritedSt
   const Fitting fitting = readFitting(keys, arm);
   if (!stiffness.given) keys.fault("stiffness", "it here, in the section or in arm");
   const double length_scale = keys.number("length_scale", kLengthScale, 1.0);
-  if (X_O) addActuator(name, *X_O, stiffness, fitting, length_scale, section);
+  if (X_O) addActuator(name, {*X_O}, stiffness, fitting, length_scale, section);
+}
+
+// K_eps against pressure. Invalid ones are reported and leave none.
+void readStiffnessTable(const MapReader& keys, InheritedStiffness& stiffness) {
+  stiffness.K_eps.reset();
+  const auto pressure = keys.numbers("pressure_kpa", 0, kPressure);
+  const auto force = keys.numbers("force_n", 0, kExtensionalStiffness);
+  if (!pressure || !force) return;
+  if (pressure->size() < 2 || pressure->size() != force->size()) {
+    keys.complain("force_n", "has " + std::to_string(force->size()) + " entries for " +
+                                 std::to_string(pressure->size()) +
+                                 " of pressure_kpa; expected 2 or more of each");
+    return;
+  }
+  for (std::size_t i = 1; i < pressure->size(); ++i) {
+    if ((*pressure)[i] > (*pressure)[i - 1]) continue;
+    keys.complain("pressure_kpa", "has " + formatNumber((*pressure)[i]) + " after " +
+                                      formatNumber((*pressure)[i - 1]) +
+                                      "; expected ascending pressures");
+    return;
+  }
+  const double least = *std::min_element(force->begin(), force->end());
+  stiffness.K_eps = least;
+  // A constant table is a number.
+  if (*std::max_element(force->begin(), force->end()) == least) return;
+  for (std::size_t i = 0; i < force->size(); ++i) {
+    stiffness.table.input.push_back(pascals((*pressure)[i]));
+    stiffness.table.factor.push_back((*force)[i] / least);
+  }
+}
+
+// The table must cover what its actuators can be asked for.
+void checkTable(const MapReader& keys, const SectionParts& parts) {
+  for (const model::Actuator& actuator : parts.section.actuators) {
+    if (parts.table.empty()) return;
+    const std::string who = "gives " + actuator.name + " a K_eps_n that depends on pressure";
+    if (!model::isPressure(actuator.drive)) {
+      keys.complain("", who + ", but it is a tendon; expected one number");
+    } else if (actuator.limits.lower < parts.table.input.front() ||
+               actuator.limits.upper > parts.table.input.back()) {
+      keys.complain("", who + ", from " + formatNumber(parts.table.input.front() / 1e3) + " to " +
+                            formatNumber(parts.table.input.back() / 1e3) +
+                            " kPa; expected to cover its limits of " +
+                            formatNumber(actuator.limits.lower / 1e3) + " to " +
+                            formatNumber(actuator.limits.upper / 1e3) + " kPa");
+    } else {
+      continue;
+    }
+    return;
+  }
 }
 
 }  // namespace
@@ -201,11 +304,19 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
   const auto gamma = keys.number("K_gamma", kStiffness);
   const auto tau = keys.number("K_tau_m2", kStiffness);
   const auto kappa = keys.number("K_kappa_m2", kStiffness);
-  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps};
+  InheritedStiffness stiffness{true, std::nullopt, inherited.K_eps_given, inherited.K_eps,
+                               inherited.table};
   if (gamma && tau && kappa) stiffness.value = model::Stiffness{*gamma, *tau, *kappa};
   if (keys.has("K_eps_n")) {
     stiffness.K_eps_given = true;
-    stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
+    stiffness.table = {};
+    const Value& K_eps = *own->find("K_eps_n");
+    if (K_eps.kind == Value::Kind::kMap) {
+      readStiffnessTable(
+          MapReader(K_eps, keys.path("K_eps_n"), {"pressure_kpa", "force_n"}, faults), stiffness);
+    } else {
+      stiffness.K_eps = keys.number("K_eps_n", kExtensionalStiffness);
+    }
   }
   return stiffness;
 }
@@ -213,7 +324,7 @@ InheritedStiffness readStiffness(const MapReader& owner, const Value& value,
 SectionParts readSection(const Value& value, const std::string& path, ArmContext& arm) {
   SectionParts parts;
   const MapReader keys(value, path,
-                       {"name", "stiffness", "ring", "actuators", "separators",
+                       {"name", "stiffness", "ring", "actuators", "plate_m", "separators",
                         "separator_radius_m", "muscle_radius_m"},
                        arm.faults);
   const auto name = keys.word("name");
@@ -226,9 +337,11 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
   look.separator_radius = keys.number("separator_radius_m", kLength, look.separator_radius);
   look.muscle_radius = keys.number("muscle_radius_m", kLength, look.muscle_radius);
 
+  parts.section.plate = keys.number("plate_m", kPlate, 0.0);
   const InheritedStiffness stiffness = readStiffness(keys, value, arm.stiffness, arm.faults);
   parts.K_eps_given = stiffness.K_eps_given;
   parts.K_eps = stiffness.K_eps;
+  parts.table = stiffness.table;
   const auto layout = keys.exactlyOne({"ring", "actuators"});
   if (layout == "ring") {
     if (!stiffness.given) keys.fault("stiffness", "it here or in arm");
@@ -246,6 +359,7 @@ SectionParts readSection(const Value& value, const std::string& path, ArmContext
                    parts.section);
     }
   }
+  checkTable(keys, parts);
   return parts;
 }
 

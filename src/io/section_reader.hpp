@@ -8,6 +8,7 @@
 #include "contraction_reader.hpp"
 #include "helix_arm/io/section_look.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
@@ -17,7 +18,8 @@ struct InheritedStiffness {
   bool given = false;
   std::optional<model::Stiffness> value;
   bool K_eps_given = false;
-  std::optional<double> K_eps;  ///< [N]
+  std::optional<double> K_eps;  ///< [N]; of a table, the least
+  statics::StiffnessTable table;
 };
 
 /// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
@@ -40,6 +42,7 @@ struct SectionParts {
   SectionLook look;
   bool K_eps_given = false;     ///< possibly invalid, which is reported
   std::optional<double> K_eps;  ///< [N]
+  statics::StiffnessTable table;
 };
 
 /// Reads one entry of `arm.sections`. If it has faults, its parts are incomplete. The actuators of

@@ -23,7 +23,7 @@ const NumberRule kPlacementTurn = within(kPositive, 1e-4, 90, " degrees");
 // curve.
 struct Mount {
   int section = 0;
-  lie::SE3 X_SM;
+  std::optional<int> actuator;  // its index in the arm
 };
 
 // Index of the choice that a key names.
@@ -51,7 +51,7 @@ Mount readMount(const MapReader& group, const ArmParts& parts) {
       actuators.push_back(parts.arm.actuator(i).name);
     }
     const std::optional<int> actuator = indexOf(group, "actuator", actuators);
-    if (actuator) mount.X_SM = parts.arm.actuator(first + *actuator).X_O;
+    if (actuator) mount.actuator = first + *actuator;
   }
   return mount;
 }
@@ -79,7 +79,9 @@ void readGroup(const MapReader& group, const std::string& family, int family_siz
     }
     // A tag without s still counts, since its id is used.
     const double at = s && i < s->size() ? (*s)[i] : 0.0;
-    layout.tags.push_back({id, mount.section, at, mount.X_SM * X_MT});
+    const lie::SE3 X_SM =
+        mount.actuator ? model::poseAlong(arm->arm.actuator(*mount.actuator), at) : lie::SE3();
+    layout.tags.push_back({id, mount.section, at, X_SM * X_MT});
   }
 }
 

@@ -1,6 +1,7 @@
 #include "helix_arm/model/arm.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -21,6 +22,39 @@ void requireStiffness(const Stiffness& stiffness, const std::string& who) {
   }
 }
 
+template <class Group>
+bool isConstant(const std::vector<Group>& taper) {
+  return std::all_of(taper.begin(), taper.end(), [&taper](const Group& X) {
+    return X.rotation == taper.front().rotation && X.translation == taper.front().translation;
+  });
+}
+
+// Null if nothing is rigid.
+template <class Group>
+std::shared_ptr<const LinksOf<Group>> linksOf(const std::vector<SectionOf<Group>>& sections,
+                                              const Group& tool) {
+  LinksOf<Group> links;
+  bool any = false;
+  for (const SectionOf<Group>& section : sections) {
+    if (!(std::isfinite(section.plate) && section.plate >= 0)) {
+      std::ostringstream message;
+      message << "section " << links.size() + 1 << ": its plate is " << section.plate
+              << " m long; expected a finite value >= 0";
+      throw std::invalid_argument(message.str());
+    }
+    any = any || section.plate > 0;
+    links.emplace_back();
+    links.back().translation.x() = section.plate;
+  }
+  if (!tool.rotation.allFinite() || !tool.translation.allFinite()) {
+    throw std::invalid_argument("the pose of the tool is not finite");
+  }
+  any = any || !tool.rotation.isIdentity(0) || !tool.translation.isZero(0);
+  if (!any) return nullptr;
+  links.back() = links.back() * tool;
+  return std::make_shared<const LinksOf<Group>>(std::move(links));
+}
+
 }  // namespace
 
 template <>
@@ -36,14 +70,22 @@ lie::SE2::Tangent Stiffness::diagonal<lie::SE2>() const {
 }
 
 template <class Group>
-ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
+ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool)
+    : ArmOf(std::move(sections), tool, 0) {}
+
+template <class Group>
+ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps)
+    : tool_(tool) {
   if (sections.empty() || sections.size() > kMaxSections) {
     throw std::invalid_argument("the arm has " + std::to_string(sections.size()) +
                                 " sections; expected 1 to " + std::to_string(kMaxSections));
   }
+  links_ = linksOf(sections, tool);
+  for (const SectionOf<Group>& section : sections) plates_.push_back(section.plate);
   for (std::size_t k = 0; k < sections.size(); ++k) {
     const std::string where = "section " + std::to_string(k + 1) + ": ";
     std::vector<Strand<Group>> strands;
+    bool tapered = false;
     first_.push_back(static_cast<int>(actuators_.size()));
     for (ActuatorOf<Group>& actuator : sections[k].actuators) {
       requireStiffness(actuator.stiffness, where + actuator.name);
@@ -63,12 +105,19 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
         throw std::invalid_argument(message.str());
       }
       strands.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
-      actuators_.push_back(std::move(actuator));
+      if (isConstant(actuator.taper)) actuator.taper.clear();
+      tapered = tapered || !actuator.taper.empty();
+      if (!actuator.taper.empty()) actuator.X_O = actuator.taper.front();
     }
     try {
-      equilibria_.push_back(solveEquilibrium(strands));
+      tapers_.push_back(tapered ? std::make_shared<const TaperOf<Group>>(sections[k].actuators)
+                                : nullptr);
+      equilibria_.push_back(tapered ? tapers_[k]->mean() : solveEquilibrium(strands));
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(where + error.what());
+    }
+    for (ActuatorOf<Group>& actuator : sections[k].actuators) {
+      actuators_.push_back(std::move(actuator));
     }
     Eigen::VectorXd rest_length(strands.size());
     for (int i = 0; i < rest_length.size(); ++i)
@@ -76,6 +125,11 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections) {
     rest_twists_.push_back(equilibria_[k].map * rest_length);
   }
   first_.push_back(static_cast<int>(actuators_.size()));
+  section_steps_.resize(tapers_.size());
+  const bool tapered =
+      std::any_of(tapers_.begin(), tapers_.end(), [](const auto& t) { return t != nullptr; });
+  if (tapered && steps > 0) setSteps(steps);
+  if (tapered && steps == 0) chooseSteps();
 }
 
 template <class Group>
@@ -85,20 +139,27 @@ ArmOf<Group> ArmOf<Group>::stiffened(const StiffnessOf& stiffnessOf) const {
   for (int k = 0; k < sectionCount(); ++k) {
     for (int i = first_[k]; i < first_[k + 1]; ++i) {
       sections[k].actuators.push_back(actuators_[i]);
-      sections[k].actuators.back().stiffness = stiffnessOf(actuators_[i].stiffness);
+      sections[k].actuators.back().stiffness = stiffnessOf(i);
     }
+    sections[k].plate = plates_[k];
   }
-  return ArmOf(std::move(sections));
+  return ArmOf(std::move(sections), tool_, steps_);
 }
 
 template <class Group>
 ArmOf<Group> ArmOf<Group>::withStiffness(const Stiffness& stiffness) const {
-  return stiffened([&](const Stiffness&) { return stiffness; });
+  return stiffened([&](int) { return stiffness; });
+}
+
+template <class Group>
+ArmOf<Group> ArmOf<Group>::withStiffness(int actuator, const Stiffness& stiffness) const {
+  return stiffened([&](int i) { return i == actuator ? stiffness : actuators_[i].stiffness; });
 }
 
 template <class Group>
 ArmOf<Group> ArmOf<Group>::scaledStiffness(const Stiffness& factors) const {
-  return stiffened([&](const Stiffness& own) {
+  return stiffened([&](int i) {
+    const Stiffness& own = actuators_[i].stiffness;
     return Stiffness{own.gamma * factors.gamma, own.tau * factors.tau, own.kappa * factors.kappa};
   });
 }
@@ -183,7 +244,13 @@ template <class Group>
 typename ArmOf<Group>::Twists ArmOf<Group>::twists(const InputRef& q) const {
   check(q);
   Twists out(Group::kDof, sectionCount());
-  for (int k = 0; k < sectionCount(); ++k) out.col(k) = sectionTwist(q, k);
+  for (int k = 0; k < sectionCount(); ++k) {
+    if (tapers_[k]) {
+      out.col(k) = taperedTwist(lengthsOf(q, k), k);
+    } else {
+      out.col(k) = sectionTwist(q, k);
+    }
+  }
   return out;
 }
 
@@ -205,6 +272,10 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(
     const InputRef& lengths) const noexcept {
   Twists out(Group::kDof, sectionCount());
   for (int k = 0; k < sectionCount(); ++k) {
+    if (tapers_[k]) {
+      out.col(k) = taperedTwist(lengths.segment(first_[k], first_[k + 1] - first_[k]), k);
+      continue;
+    }
     out.col(k).noalias() =
         equilibria_[k].map.lazyProduct(lengths.segment(first_[k], first_[k + 1] - first_[k]));
   }
@@ -214,8 +285,57 @@ typename ArmOf<Group>::Twists ArmOf<Group>::twistsOfLengths(
 template <class Group>
 Group ArmOf<Group>::tip(const InputRef& q) const {
   check(q);
+  return tipInside(q);
+}
+
+template <class Group>
+Group ArmOf<Group>::tipInside(const InputRef& q) const noexcept {
+  if (tapered()) {
+    Group X;
+    for (int k = 0; k < sectionCount(); ++k) {
+      if (tapers_[k]) {
+        const auto lengths = lengthsOf(q, k);
+        for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(lengths));
+      } else {
+        X = X * Group::exp(sectionTwist(q, k));
+      }
+      if (links_) X = X * (*links_)[k];
+    }
+    return X;
+  }
   Group X = Group::exp(sectionTwist(q, 0));
-  for (int k = 1; k < sectionCount(); ++k) X = X * Group::exp(sectionTwist(q, k));
+  if (links_) X = X * (*links_)[0];
+  for (int k = 1; k < sectionCount(); ++k) {
+    X = X * Group::exp(sectionTwist(q, k));
+    if (links_) X = X * (*links_)[k];
+  }
+  return X;
+}
+
+template <class Group>
+Group ArmOf<Group>::tipOfLengths(const InputRef& lengths) const noexcept {
+  if (!tapered()) return tipOf(twistsOfLengths(lengths));
+  Group X;
+  for (int k = 0; k < sectionCount(); ++k) {
+    const typename TaperOf<Group>::Lengths own =
+        lengths.segment(first_[k], first_[k + 1] - first_[k]);
+    if (tapers_[k]) {
+      for (const auto& step : section_steps_[k]) X = X * Group::exp(step.twist(own));
+    } else {
+      X = X * Group::exp(equilibria_[k].map * own);
+    }
+    if (links_) X = X * (*links_)[k];
+  }
+  return X;
+}
+
+template <class Group>
+Group ArmOf<Group>::tipOf(const Twists& twists) const {
+  Group X;
+  for (int k = 0; k < sectionCount(); ++k) {
+    X = X * Group::exp(twists.col(k));
+    if (links_) X = X * (*links_)[k];
+  }
   return X;
 }
 
@@ -229,9 +349,13 @@ Arm embed(const PlanarArm& arm) {
       const PlanarActuator& a = arm.actuator(i);
       sections[k].actuators.push_back(
           {a.name, lie::embed(a.X_O), a.stiffness, a.contraction, a.limits, a.drive, a.response});
+      for (const lie::SE2& X_O : a.taper) {
+        sections[k].actuators.back().taper.push_back(lie::embed(X_O));
+      }
     }
+    sections[k].plate = arm.plate(k);
   }
-  return Arm(std::move(sections));
+  return Arm(std::move(sections), lie::embed(arm.tool()));
 }
 
 Twists embed(const PlanarTwists& twists) {

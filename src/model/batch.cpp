@@ -115,6 +115,38 @@ inline double squaredAngle(std::size_t j, const Block& block) {
          block.twist[5][j] * block.twist[5][j];
 }
 
+// Rigid link between two sections, or beyond the last one.
+struct FlatLink {
+  double R[3][3];
+  double t[3];
+};
+
+FlatLink flatten(const lie::SE3& link) {
+  FlatLink flat;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) flat.R[r][c] = link.rotation(r, c);
+    flat.t[r] = link.translation[r];
+  }
+  return flat;
+}
+
+HELIX_ARM_CLONES
+void startTips(const FlatLink& link, std::size_t count, Block* block) {
+  for (int r = 0; r < 3; ++r) std::fill_n(block->tip[r], count, link.t[r]);
+}
+
+// tip = link * tip.
+HELIX_ARM_CLONES
+void moveTips(const FlatLink& link, std::size_t count, Block* block) {
+  for (std::size_t j = 0; j < count; ++j) {
+    const double p[3] = {block->tip[0][j], block->tip[1][j], block->tip[2][j]};
+    for (int r = 0; r < 3; ++r) {
+      block->tip[r][j] =
+          link.R[r][0] * p[0] + link.R[r][1] * p[1] + link.R[r][2] * p[2] + link.t[r];
+    }
+  }
+}
+
 // Number of samples beyond the series; a maximum of doubles would not vectorise.
 HELIX_ARM_CLONES
 std::int64_t countFar(std::size_t count, const Block& block) {
@@ -176,10 +208,24 @@ FlatActuator flatten(const Contraction& contraction, const double* column) {
   return flat;
 }
 
+// Products of exponentials are not vectorised.
+void batchTapered(const Arm& arm, const double* const* inputs, std::size_t count, double* x,
+                  double* y, double* z) {
+  Eigen::VectorXd q(arm.actuatorCount());
+  for (std::size_t j = 0; j < count; ++j) {
+    for (int i = 0; i < q.size(); ++i) q[i] = inputs[i][j];
+    const Eigen::Vector3d tip = arm.tipInside(q).translation;
+    x[j] = tip.x();
+    y[j] = tip.y();
+    z[j] = tip.z();
+  }
+}
+
 }  // namespace
 
 void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
                double* z) {
+  if (arm.tapered()) return batchTapered(arm, inputs, count, x, y, z);
   std::array<FlatActuator, kMaxSections * kMaxActuators> flat;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
@@ -187,6 +233,9 @@ void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, d
                         arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data());
     }
   }
+  std::array<FlatLink, kMaxSections> links;
+  const bool linked = arm.links() != nullptr;
+  for (int k = 0; linked && k < arm.sectionCount(); ++k) links[k] = flatten(arm.link(k));
   Block block;
   for (std::size_t first = 0; first < count; first += kBlock) {
     const std::size_t size = std::min(kBlock, count - first);
@@ -209,11 +258,14 @@ void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, d
           addTwists(&flat[i], members, q, size, &block);
         }
       }
-      const bool at_tip = k == arm.sectionCount() - 1, at_base = k == 0;
+      const bool at_end = k == arm.sectionCount() - 1, at_base = k == 0;
+      if (linked && at_end) startTips(links[k], size, &block);
+      if (linked && !at_end) moveTips(links[k], size, &block);
       const Tips tips = {{block.tip[0], block.tip[1], block.tip[2]},
                          {at_base ? x + first : block.tip[0], at_base ? y + first : block.tip[1],
                           at_base ? z + first : block.tip[2]}};
-      (countFar(size, block) == 0 ? moveTipsNear : moveTipsFar)(size, at_tip, block, tips);
+      (countFar(size, block) == 0 ? moveTipsNear : moveTipsFar)(size, at_end && !linked, block,
+                                                                tips);
     }
   }
 }

@@ -14,11 +14,21 @@ namespace {
 
 constexpr double kTurn = 6.283185307179586;  // 2 pi
 
+// Constant twists in series, with what lies between them.
+struct PlanarPieces {
+  const PlanarTwists& twists;
+
+  const PlanarTwists& pieces() const { return twists; }
+  int sectionCount() const { return static_cast<int>(twists.cols()); }
+  static int piecesPerSection() { return 1; }
+  lie::SE2 beyond(const lie::SE2& X, int j) const { return X * lie::SE2::exp(twists.col(j)); }
+};
+
 // X_1 .. X_j, the pose where piece j begins.
-template <class Group, class Pieces>
-Group pieceStart(const Pieces& pieces, int j) {
+template <class Group, class Curve>
+Group pieceStart(const Curve& curve, int j) {
   Group X;
-  for (int i = 0; i < j; ++i) X = X * Group::exp(pieces.col(i));
+  for (int i = 0; i < j; ++i) X = curve.beyond(X, i);
   return X;
 }
 
@@ -28,53 +38,73 @@ void requireOnArm(double s, int sections) {
                               std::to_string(sections));
 }
 
-template <class Group, class Pieces>
-Group poseOnCurve(const Pieces& pieces, double along) {
-  const int j =
-      static_cast<int>(std::min(std::floor(along), static_cast<double>(pieces.cols() - 1)));
-  return pieceStart<Group>(pieces, j) * Group::exp((along - j) * pieces.col(j));
+template <class Group, class Curve>
+Group poseOnCurve(const Curve& curve, int section, double s) {
+  const int per_section = curve.piecesPerSection();
+  const double along = per_section * s;
+  const int piece = std::min(static_cast<int>(along), per_section - 1);
+  const int j = section * per_section + piece;
+  return pieceStart<Group>(curve, j) * Group::exp((along - piece) * curve.pieces().col(j));
 }
 
-template <class Group, class Pieces>
-std::vector<CurvePoint<Group>> sample(const Pieces& pieces, int sections, int count) {
+template <class Group, class Curve>
+Group poseOnCurve(const Curve& curve, double s) {
+  requireOnArm(s, curve.sectionCount());
+  const int per_section = curve.piecesPerSection();
+  const double along = per_section * s;
+  const int j =
+      static_cast<int>(std::min(std::floor(along), static_cast<double>(curve.pieces().cols() - 1)));
+  return pieceStart<Group>(curve, j) * Group::exp((along - j) * curve.pieces().col(j));
+}
+
+template <class Group, class Curve>
+std::vector<CurvePoint<Group>> sample(const Curve& curve, int count) {
   requireCurve(count);
-  const auto per_section = static_cast<double>(pieces.cols() / sections);
-  std::vector<CurvePoint<Group>> curve;
-  curve.reserve(count);
+  const int sections = curve.sectionCount();
+  const auto& pieces = curve.pieces();
+  const auto per_section = static_cast<double>(curve.piecesPerSection());
+  std::vector<CurvePoint<Group>> out;
+  out.reserve(count);
   int j = 0;
   Group X_j;
   for (int i = 0; i < count; ++i) {
     const double s = curvePlace(sections, i, count);
     const double along = per_section * s;
-    for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = X_j * Group::exp(pieces.col(j));
-    curve.push_back({s, X_j * Group::exp((along - j) * pieces.col(j))});
+    for (; j + 1 < pieces.cols() && along >= j + 1; ++j) X_j = curve.beyond(X_j, j);
+    out.push_back({s, X_j * Group::exp((along - j) * pieces.col(j))});
   }
-  return curve;
+  return out;
 }
 
 }  // namespace
 
-lie::SE3 poseAt(const Shape& shape, double s) {
-  requireOnArm(s, shape.sectionCount());
-  return poseOnCurve<lie::SE3>(shape.pieces(), shape.piecesPerSection() * s);
+lie::SE3 poseAt(const Shape& shape, double s) { return poseOnCurve<lie::SE3>(shape, s); }
+lie::SE3 poseAt(const Shape& shape, int section, double s) {
+  requireOnArm(section + s, shape.sectionCount());
+  return poseOnCurve<lie::SE3>(shape, section, s);
 }
 lie::SE2 poseAt(const PlanarTwists& twists, double s) {
-  requireOnArm(s, static_cast<int>(twists.cols()));
-  return poseOnCurve<lie::SE2>(twists, s);
+  return poseOnCurve<lie::SE2>(PlanarPieces{twists}, s);
 }
 
 std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count) {
-  return sample<lie::SE3>(shape.pieces(), shape.sectionCount(), count);
+  return sample<lie::SE3>(shape, count);
 }
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count) {
-  return sample<lie::SE2>(twists, static_cast<int>(twists.cols()), count);
+  return sample<lie::SE2>(PlanarPieces{twists}, count);
+}
+
+std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count) {
+  std::vector<CurvePoint<lie::SE3>> out = sampleCurve(shape, count);
+  if (shape.links()) out.push_back({out.back().s, tipPose(shape)});
+  return out;
 }
 
 lie::SE3 tipPose(const Shape& shape) {
-  return pieceStart<lie::SE3>(shape.pieces(), static_cast<int>(shape.pieces().cols()));
+  return pieceStart<lie::SE3>(shape, static_cast<int>(shape.pieces().cols()));
 }
 lie::SE2 tipPose(const PlanarTwists& twists) {
-  return pieceStart<lie::SE2>(twists, static_cast<int>(twists.cols()));
+  return pieceStart<lie::SE2>(PlanarPieces{twists}, static_cast<int>(twists.cols()));
 }
 
 Helix helixOf(const lie::Vector6& twist) {

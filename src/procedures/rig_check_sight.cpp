@@ -30,11 +30,11 @@ constexpr double kMostBlind = 0.2;
 constexpr double kMostTipSd = 0.03;
 constexpr double kFewExceed = 0.1;
 
-double skinRadius(const io::Scene& scene, int section) {
+double skinRadius(const io::Scene& scene, int section, double s) {
   const io::SectionLook& look = scene.looks[static_cast<std::size_t>(section)];
   double radius = look.separator_radius;
   for (int i = scene.arm.firstActuator(section); i < scene.arm.firstActuator(section + 1); ++i) {
-    const double centre = scene.arm.actuator(i).X_O.translation.tail<2>().norm();
+    const double centre = model::poseAlong(scene.arm.actuator(i), s).translation.tail<2>().norm();
     radius = std::max(radius, centre + look.muscle_radius);
   }
   return radius;
@@ -43,7 +43,7 @@ double skinRadius(const io::Scene& scene, int section) {
 std::string tagName(int id) { return "tag " + std::to_string(id); }
 
 void checkMounting(const io::Scene& scene, const UnrolledTag& tag, std::vector<Finding>& findings) {
-  const double skin = skinRadius(scene, tag.section);
+  const double skin = skinRadius(scene, tag.section, tag.s);
   const double off = tag.radius - skin;
   if (off > kFarthestTag) {
     findings.push_back({Severity::kWarning, "tag_off_arm", tagName(tag.id),
@@ -74,7 +74,7 @@ void checkMounting(const io::Scene& scene, const UnrolledTag& tag, std::vector<F
 }
 
 void checkOverlaps(const io::Scene& scene, std::vector<Finding>& findings) {
-  const model::Shape rest = scene.arm.twists(scene.arm.inputAt(0));
+  const model::Shape rest = model::shapeOf(scene.arm, scene.arm.unloaded(scene.arm.inputAt(0)));
   const std::vector<lie::SE3> poses = estimation::tagPoses(*scene.tags, rest);
   const double pitch = kLeastPitch * scene.tags->size;
   for (std::size_t i = 0; i < poses.size(); ++i) {

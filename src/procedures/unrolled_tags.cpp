@@ -22,10 +22,10 @@ double positiveAngle(const Vector2d& yz) {
   return angle + 2 * basics::kPi;
 }
 
-int nearestActuator(const model::Arm& arm, int section, const Vector3d& point) {
+int nearestActuator(const model::Arm& arm, int section, double s, const Vector3d& point) {
   int nearest = arm.firstActuator(section);
   const auto distance = [&](int i) {
-    return (arm.actuator(i).X_O.translation - point).tail<2>().norm();
+    return (model::poseAlong(arm.actuator(i), s).translation - point).tail<2>().norm();
   };
   for (int i = nearest; i < arm.firstActuator(section + 1); ++i) {
     if (distance(i) < distance(nearest)) nearest = i;
@@ -51,10 +51,10 @@ UnrolledTag unroll(const model::Arm& arm, const estimation::TagPlacement& tag) {
   out.section = tag.section;
   out.s = tag.s;
   out.from_base = tag.s * arm.restLength(tag.section) + centre.x();
-  out.actuator = nearestActuator(arm, tag.section, centre);
+  out.actuator = nearestActuator(arm, tag.section, tag.s, centre);
   out.angle = positiveAngle(outwards);
   out.radius = centre.tail<2>().norm();
-  const Vector2d muscle = arm.actuator(out.actuator).X_O.translation.tail<2>();
+  const Vector2d muscle = model::poseAlong(arm.actuator(out.actuator), tag.s).translation.tail<2>();
   const Vector2d muscle_outwards = outwardsAt(muscle, outwards);
   const Vector2d from_muscle = centre.tail<2>() - muscle;
   out.standoff = from_muscle.dot(muscle_outwards);

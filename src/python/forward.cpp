@@ -47,10 +47,8 @@ void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, st
       continue;
     }
     const model::Twists twists = scene.arm().twists(q);
-    lie::SE3 tip = lie::SE3::exp(twists.col(0));
-    for (int k = 1; k < sections_; ++k) tip = tip * lie::SE3::exp(twists.col(k));
     converged_[row] = true;
-    set(row, tip, twists);
+    set(row, scene.arm().tipOf(twists), twists);
   }
 }
 

@@ -22,7 +22,8 @@ class Scene {
   const io::Scene& scene() const { return scene_; }
   const statics::ArmModel& model() const { return scene_.model; }
   const model::Arm& arm() const { return scene_.arm; }
-  bool isLoaded() const { return statics::takesLoad(model().choice().setting.tier); }
+  /// Whether shapes are solved, under a load or along tapered sections.
+  bool isLoaded() const { return !model().isLinear(); }
 
   /// The inputs of an argument, one row per actuator's input.
   /// @throws as Rows does.

@@ -30,6 +30,7 @@ constexpr std::array<Band, 5> kBands = {
     {{-1.0, 1.0, 62}, {-0.88, 0.82, 84}, {-0.72, 0.55, 104}, {-0.55, 0.2, 122}, {-0.4, -0.1, 136}}};
 constexpr double kRingGray = 0.9;  // of every other piece of the arm, which gives it rings
 constexpr int kPiecesPerSection = 32;
+constexpr double kUsualRadius = 0.03;  // [m]
 
 constexpr int kNoiseTable = 1 << 16;
 constexpr double kBlurReach = 3.5;  // standard deviations
@@ -37,8 +38,8 @@ constexpr double kBlurReach = 3.5;  // standard deviations
 struct ArmNode {
   bool seen = false;
   cv::Point2d pixel;
-  double half_width = 0;  // [px]
-  double depth = 0;       // [m]
+  double per_metre = 0;  // focal length / depth [px/m]
+  double depth = 0;      // [m]
 };
 
 // An object to draw; the farthest first.
@@ -75,6 +76,10 @@ struct SimulatedCamera::Workspace {
 
   void collectLayers(const model::Shape& shape);
   void drawPiece(int piece);
+  double radiusOf(int piece) const {
+    if (body.radius.empty()) return kUsualRadius;
+    return body.radius[std::min(piece / kPiecesPerSection, view.sections - 1)];
+  }
   void develop();
 
   ArmView view;
@@ -100,7 +105,13 @@ const ArmView& checked(const ArmView& view, const ArmBody& body,
                        const SimulatedCameraConfig& config) {
   view.validate();
   config.validate();
-  basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", body.radius);
+  basics::requireValue(
+      body.radius.empty() || body.radius.size() == static_cast<std::size_t>(view.sections),
+      kSimulatedCamera, "the number of radii", static_cast<double>(body.radius.size()),
+      "one per section");
+  for (const double radius : body.radius) {
+    basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", radius);
+  }
   return view;
 }
 
@@ -169,7 +180,7 @@ void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
     layers.push_back({depth, static_cast<int>(i), -1});
   }
 
-  const auto curve = model::sampleCurve(shape, kPiecesPerSection * view.sections + 1);
+  const auto curve = model::sampleToTip(shape, kPiecesPerSection * view.sections + 1);
   nodes.assign(curve.size(), {});
   for (std::size_t i = 0; i < curve.size(); ++i) {
     const Eigen::Vector3d p_C = view.X_CB * curve[i].X.translation;
@@ -178,13 +189,13 @@ void SimulatedCamera::Workspace::collectLayers(const model::Shape& shape) {
     if (!pixel || !(pixel->cwiseAbs().maxCoeff() < kFarOff)) continue;
     nodes[i].seen = true;
     nodes[i].pixel = {pixel->x(), pixel->y()};
-    nodes[i].half_width = view.camera.fx * body.radius / p_C.z();
+    nodes[i].per_metre = view.camera.fx / p_C.z();
   }
   for (int i = 0; i + 1 < static_cast<int>(nodes.size()); ++i) {
     if (!nodes[i].seen || !nodes[i + 1].seen) continue;
     // Its depth is that of its far side, so that tags on its near side and beside it are drawn
     // later.
-    layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + body.radius, -1, i});
+    layers.push_back({0.5 * (nodes[i].depth + nodes[i + 1].depth) + radiusOf(i), -1, i});
   }
   std::sort(layers.begin(), layers.end(),
             [](const Layer& a, const Layer& b) { return a.depth > b.depth; });
@@ -194,14 +205,15 @@ void SimulatedCamera::Workspace::drawPiece(int piece) {
   const ArmNode& from = nodes[piece];
   const ArmNode& to = nodes[piece + 1];
   // Direction across the arm at each end, from the neighbours, so that pieces join without gaps.
-  const auto across = [this](int i) {
+  const double radius = radiusOf(piece);
+  const auto across = [this, radius](int i) {
     const int last = static_cast<int>(nodes.size()) - 1;
     const ArmNode& before = nodes[std::max(0, i - 1)].seen ? nodes[std::max(0, i - 1)] : nodes[i];
     const ArmNode& after =
         nodes[std::min(last, i + 1)].seen ? nodes[std::min(last, i + 1)] : nodes[i];
     const cv::Point2d along = after.pixel - before.pixel;
     const double length = std::hypot(along.x, along.y);
-    const double scale = length > 0 ? nodes[i].half_width / length : 0.0;
+    const double scale = length > 0 ? radius * nodes[i].per_metre / length : 0.0;
     return cv::Point2d(-along.y * scale, along.x * scale);
   };
   const cv::Point2d across_from = across(piece), across_to = across(piece + 1);

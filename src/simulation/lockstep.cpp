@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "helix_arm/basics/number_requirement.hpp"
-#include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::simulation {
 namespace {

@@ -88,6 +88,7 @@ void TrueArm::setTipForce(const Eigen::Vector3d& force) {
     statics::Load load = *load_;
     statics::PointLoad tip;
     tip.section = arm().sectionCount() - 1;
+    tip.offset = arm().link(tip.section).translation;
     tip.force = force;
     load.points.push_back(tip);
     pulled_.emplace(arm(), std::nullopt, std::move(load), kExact);

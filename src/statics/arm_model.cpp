@@ -53,6 +53,8 @@ const std::optional<model::PlanarArm>& ArmModel::planar() const { return solvers
 const std::optional<Load>& ArmModel::load() const { return solvers_->load; }
 const TierChoice& ArmModel::choice() const { return solvers_->choice; }
 
+bool ArmModel::isLinear() const { return !takesLoad(choice().setting.tier) && !arm().tapered(); }
+
 ArmModel ArmModel::withStiffness(const model::Stiffness& stiffness) const {
   std::optional<model::PlanarArm> planar;
   if (solvers_->planar) planar = solvers_->planar->withStiffness(stiffness);
@@ -84,7 +86,8 @@ TipResponse ArmModel::tipResponse(const Eigen::VectorXd& lengths) const {
 
 model::Shape startingShape(const ArmModel& model, const Solution& solution,
                            const model::InputRef& q) {
-  return solution.converged() ? solution.shape : model::Shape(model.arm().twists(q));
+  return solution.converged() ? solution.shape
+                              : model::shapeOf(model.arm(), model.arm().unloaded(q));
 }
 
 }  // namespace helix_arm::statics

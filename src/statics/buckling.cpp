@@ -1,10 +1,16 @@
 #include "buckling.hpp"
 
+#include <algorithm>
 #include <vector>
 
 #include "compliance.hpp"
 
 namespace helix_arm::statics {
+namespace {
+
+constexpr int kTaperSamples = 64;
+
+}  // namespace
 
 template <class Group>
 double bucklingBound(const model::ArmOf<Group>& arm, const Load& load) {
@@ -14,13 +20,28 @@ double bucklingBound(const model::ArmOf<Group>& arm, const Load& load) {
   double shear = 0.0, size = 0.0;
   for (int k = 0; k < sections; ++k) {
     const double l = arm.freeLength(k);
-    const typename Group::Matrix compliance = complianceOf(arm, load, k);
-    own.push_back(
-        compliance.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
-    shear += compliance.template topLeftCorner<Group::kSpace, Group::kSpace>().norm();
+    double bending = 0.0, shearing = 0.0;
+    const auto& taper = arm.taper(k);
+    // A tapered section counts as if it were as soft as its softest part.
+    for (int i = 0; i <= (taper ? kTaperSamples : 0); ++i) {
+      const typename Group::Matrix compliance =
+          taper
+              ? typename Group::Matrix(l / load.K_eps[k] *
+                                       taper->complianceAt(static_cast<double>(i) / kTaperSamples))
+              : complianceOf(arm, load, k);
+      bending = std::max(
+          bending,
+          compliance.template bottomRightCorner<Group::kRotations, Group::kRotations>().norm());
+      shearing = std::max(shearing,
+                          compliance.template topLeftCorner<Group::kSpace, Group::kSpace>().norm());
+    }
+    own.push_back(bending);
+    shear += shearing;
     size += l;
     bend[k + 1] = bend[k] + own[k];
     sway[k + 1] = sway[k] + l * (bend[k] + 0.5 * own[k]);
+    // A link turns with the end of its section.
+    if (arm.links()) sway[k + 1] += arm.link(k).translation.norm() * bend[k + 1];
   }
   const auto byForce = [&](int k, double s) {
     return sway[k] + arm.freeLength(k) * s * (bend[k] + 0.5 * s * own[k]) + shear / size;

@@ -26,7 +26,9 @@ ArmModel scaledModel(const ArmModel& model, const model::Stiffness& factors, dou
   std::optional<model::PlanarArm> planar;
   if (model.planar()) planar = model.planar()->scaledStiffness(factors);
   std::optional<Load> load = model.load();
-  for (double& K_eps : load->K_eps) K_eps *= K_eps_factor;
+  if (load) {
+    for (double& K_eps : load->K_eps) K_eps *= K_eps_factor;
+  }
   return {model.arm().scaledStiffness(factors), std::move(planar), std::move(load),
           model.choice().setting};
 }
@@ -44,10 +46,13 @@ CorrectedModel::CorrectedModel(const model::Arm& arm, const ArmModel* loaded)
       correction_(arm),
       arm_(arm),
       loaded_(nominal_loaded_),
-      scaled_(arm.actuatorCount()) {}
+      scaled_(arm.actuatorCount()) {
+  basics::require(loaded != nullptr || !arm.tapered(), kCulprit,
+                  ": the arm is tapered; expected its ArmModel");
+}
 
 CorrectedModel::CorrectedModel(const ArmModel& model)
-    : CorrectedModel(model.arm(), takesLoad(model.choice().setting.tier) ? &model : nullptr) {}
+    : CorrectedModel(model.arm(), model.isLinear() ? nullptr : &model) {}
 
 void CorrectedModel::set(const Correction& correction) {
   basics::requireValue(correction.offset.cols() == nominal_.sectionCount(), kCulprit,
@@ -85,7 +90,8 @@ const Eigen::VectorXd& CorrectedModel::scaled(const Eigen::VectorXd& lengths) co
 
 std::optional<model::Shape> CorrectedModel::shape(const Eigen::VectorXd& lengths) const {
   if (!loaded_) {
-    return model::Shape(model::Twists(arm_.twistsOfLengths(scaled(lengths)) + correction_.offset));
+    return model::shapeOf(
+        arm_, model::Twists(arm_.twistsOfLengths(scaled(lengths)) + correction_.offset));
   }
   const Solution solution = loaded_->solveLengths(scaled(lengths));
   if (!solution.converged()) return std::nullopt;
@@ -97,7 +103,7 @@ bool CorrectedModel::tipByLengths(const Eigen::VectorXd& lengths, lie::SE3& tip,
   by_lengths.resize(6, lengths.size());
   if (!loaded_) {
     const model::Twists twists = arm_.twistsOfLengths(scaled(lengths)) + correction_.offset;
-    tip = model::tipPose(twists);
+    tip = arm_.tipOf(twists);
     forTipMotions(arm_, twists, [&](int i, const lie::Vector6& motion) {
       by_lengths.col(i) = correction_.length_scale[i] * motion;
     });

@@ -50,8 +50,8 @@ void ExactOptions::validate() const {
 class ExactArm::Statics {
  public:
   Statics(const model::Arm& arm, const Load& load, const ExactOptions& options);
-  Solution solve(const model::Twists& unloaded) const;
-  std::vector<model::CurvePoint<lie::SE3>> curve(const model::Twists& unloaded, int count) const;
+  Solution solve(const model::Unloaded& unloaded) const;
+  std::vector<model::CurvePoint<lie::SE3>> curve(const model::Unloaded& unloaded, int count) const;
 
  private:
   // Counters and faults of an integration along the arm.
@@ -63,10 +63,10 @@ class ExactArm::Statics {
   // Calls visit(X, turned) at each of the stops, which are non-decreasing s over the whole arm,
   // with the pose there and the integral of the angular strain up to it.
   template <class Visit>
-  Trace trace(const Reached& reached, const model::Twists& unloaded,
+  Trace trace(const Reached& reached, const model::Unloaded& unloaded,
               const std::vector<double>& stops, const Visit& visit) const;
-  void check(const model::Twists& unloaded) const;
-  model::Shape unloadedShape(const model::Twists& unloaded) const;
+  void check(const model::Unloaded& unloaded) const;
+  model::Shape unloadedShape(const model::Unloaded& unloaded) const;
 
   ExactOptions options_;
   Rod rod_;
@@ -80,7 +80,7 @@ ExactArm::Statics::Statics(const model::Arm& arm, const Load& load, const ExactO
 
 template <class Visit>
 ExactArm::Statics::Trace ExactArm::Statics::trace(const Reached& reached,
-                                                  const model::Twists& unloaded,
+                                                  const model::Unloaded& unloaded,
                                                   const std::vector<double>& stops,
                                                   const Visit& visit) const {
   Trace out;
@@ -117,30 +117,46 @@ ExactArm::Statics::Trace ExactArm::Statics::trace(const Reached& reached,
       visit(lie::SE3{Flow<0>::rotation(y), y.segment<3>(7)}, Vector3d(y.tail<3>()));
       ++next;
     }
+    if (const lie::SE3* link = rod_.linkAfter(static_cast<int>(j))) {
+      y.segment<3>(7) += Flow<0>::rotation(y) * link->translation;
+    }
   }
   return out;
 }
 
-model::Shape ExactArm::Statics::unloadedShape(const model::Twists& unloaded) const {
+model::Shape ExactArm::Statics::unloadedShape(const model::Unloaded& unloaded) const {
   const int per_section = options_.pieces_per_section;
-  model::Shape::Pieces pieces(6, unloaded.cols() * per_section);
-  for (int j = 0; j < pieces.cols(); ++j)
-    pieces.col(j) = unloaded.col(j / per_section) / per_section;
-  return model::Shape(pieces, per_section);
+  model::Shape::Pieces pieces(6, unloaded.twists.cols() * per_section);
+  for (int j = 0; j < pieces.cols(); ++j) {
+    const int k = j / per_section;
+    pieces.col(j) = unloaded.twists.col(k) / per_section;
+    if (!rod_.tapered()) continue;
+    const double from = static_cast<double>(j % per_section) / per_section;
+    const double to = (j % per_section + 1.0) / per_section;
+    pieces.col(j) = twistNear(rod_.unloadedMotion(k, from, to, unloaded), pieces.col(j).tail<3>());
+  }
+  return model::Shape(pieces, per_section, rod_.links());
 }
 
-void ExactArm::Statics::check(const model::Twists& unloaded) const {
-  basics::requireValue(unloaded.cols() == rod_.sections(), "exact tier",
-                       "the number of unloaded twists", unloaded.cols(), "one per section");
-  basics::require(unloaded.allFinite(), "exact tier: a twist of the unloaded arm is not finite");
+void ExactArm::Statics::check(const model::Unloaded& unloaded) const {
+  basics::requireValue(unloaded.twists.cols() == rod_.sections(), "exact tier",
+                       "the number of unloaded twists", unloaded.twists.cols(), "one per section");
+  basics::require(!rod_.tapered() || unloaded.lengths.size() > 0,
+                  "exact tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
+  basics::require(
+      !rod_.hasTables() || unloaded.compliance.size() > 0,
+      "exact tier: K_eps depends on pressure; expected unloadedUnder(), not twists alone");
+  basics::require(unloaded.twists.allFinite(),
+                  "exact tier: a twist of the unloaded arm is not finite");
 }
 
-Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
+Solution ExactArm::Statics::solve(const model::Unloaded& unloaded) const {
   check(unloaded);
   Solution solution;
   solution.shape = unloadedShape(unloaded);
-  for (int k = 0; k < unloaded.cols(); ++k) {
-    solution.tip = solution.tip * lie::SE3::exp(unloaded.col(k));
+  for (int k = 0; k < unloaded.twists.cols(); ++k) {
+    solution.tip = solution.tip * rod_.unloadedMotion(k, 0.0, 1.0, unloaded);
+    if (rod_.links()) solution.tip = solution.tip * (*rod_.links())[k];
   }
   if (empty_) return solution;
 
@@ -155,13 +171,13 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
   if (reached.share == 0.0) return solution;
   const int per_section = options_.pieces_per_section;
   std::vector<double> stops;
-  for (int k = 0; k < unloaded.cols(); ++k) {
+  for (int k = 0; k < unloaded.twists.cols(); ++k) {
     for (int piece = 1; piece < per_section; ++piece) {
       stops.push_back(k + static_cast<double>(piece) / per_section);
     }
     stops.push_back(k + 1.0);
   }
-  model::Shape::Pieces pieces(6, unloaded.cols() * per_section);
+  model::Shape::Pieces pieces(6, unloaded.twists.cols() * per_section);
   lie::SE3 X_start;
   Vector3d turned_start = Vector3d::Zero();
   int piece = 0;
@@ -170,6 +186,9 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
         pieces.col(piece++) = twistNear(X_start.inverse() * X, turned - turned_start);
         X_start = X;
         turned_start = turned;
+        if (rod_.links() && piece % per_section == 0) {
+          X_start = X * (*rod_.links())[piece / per_section - 1];
+        }
       });
   if (!found.finite || !pieces.allFinite()) {
     solution.status = SolveStatus::kNotConverged;
@@ -177,16 +196,16 @@ Solution ExactArm::Statics::solve(const model::Twists& unloaded) const {
     return solution;
   }
   if (!found.supported) solution.status = SolveStatus::kUnsupported;
-  solution.shape = model::Shape(pieces, per_section);
+  solution.shape = model::Shape(pieces, per_section, rod_.links());
   solution.tip = X_start;
   return solution;
 }
 
-std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::Twists& unloaded,
+std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::Unloaded& unloaded,
                                                                   int count) const {
   model::requireCurve(count);
   check(unloaded);
-  const int sections = static_cast<int>(unloaded.cols());
+  const int sections = static_cast<int>(unloaded.twists.cols());
   const Reached reached = empty_ ? Reached{} : stepLoad({rod_, unloaded, options_}, options_);
   if (reached.share < 1.0) return model::sampleCurve(solve(unloaded).shape, count);
   std::vector<double> stops;
@@ -194,7 +213,11 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::T
   std::vector<model::CurvePoint<lie::SE3>> out;
   out.reserve(count);
   const Trace found = trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&) {
-    out.push_back({stops[out.size()], X});
+    const double s = stops[out.size()];
+    const int k = static_cast<int>(s);
+    // Where two sections meet, the curve continues beyond the link.
+    const bool joint = rod_.links() && k > 0 && k < sections && s == k;
+    out.push_back({s, joint ? X * (*rod_.links())[k - 1] : X});
   });
   return found.finite ? out : model::sampleCurve(solve(unloaded).shape, count);
 }
@@ -202,9 +225,11 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::T
 ExactArm::ExactArm(const model::Arm& arm, const Load& load, const ExactOptions& options)
     : statics_(std::make_shared<const Statics>(arm, load, options)) {}
 
-Solution ExactArm::solve(const model::Twists& unloaded) const { return statics_->solve(unloaded); }
+Solution ExactArm::solve(const model::Unloaded& unloaded) const {
+  return statics_->solve(unloaded);
+}
 
-std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Twists& unloaded,
+std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Unloaded& unloaded,
                                                          int count) const {
   return statics_->curve(unloaded, count);
 }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "box_levenberg_marquardt.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "inverse_preference.hpp"
 #include "inverse_starts.hpp"
 #include "inverse_task.hpp"
@@ -62,7 +63,9 @@ InverseOptions checked(InverseOptions options, bool loaded) {
 
 class InverseSolver::Workspace {
  public:
-  Workspace(const model::Arm& arm, const ArmModel* loaded, const InverseOptions& options);
+  // @param model  null if only the arm is known. @param loaded  the same if it is not linear.
+  Workspace(const model::Arm& arm, const ArmModel* model, const ArmModel* loaded,
+            const InverseOptions& options);
   // Not copyable, since its parts refer to each other.
   Workspace(const Workspace&) = delete;
   Workspace& operator=(const Workspace&) = delete;
@@ -97,8 +100,8 @@ class InverseSolver::Workspace {
   InverseResult result_;
 };
 
-InverseSolver::Workspace::Workspace(const model::Arm& arm, const ArmModel* loaded,
-                                    const InverseOptions& options)
+InverseSolver::Workspace::Workspace(const model::Arm& arm, const ArmModel* model,
+                                    const ArmModel* loaded, const InverseOptions& options)
     : arm_(arm),
       options_(checked(options, loaded != nullptr)),
       n_(arm.actuatorCount()),
@@ -109,7 +112,7 @@ InverseSolver::Workspace::Workspace(const model::Arm& arm, const ArmModel* loade
       valley_(minimiser_, n_, arm.restLength(),
               loaded != nullptr ? kLoadedValleyBudget : kValleyBudget),
       starts_(arm, loaded, box_),
-      preference_(arm, options_, box_, minimiser_),
+      preference_(arm, options_, box_, minimiser_, model),
       input_(n_),
       current_(n_, task_.maxRows()),
       best_(n_, task_.maxRows()) {
@@ -266,10 +269,12 @@ void InverseSolver::Workspace::report(Descent outcome) noexcept {
 }
 
 InverseSolver::InverseSolver(const model::Arm& arm, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(arm, nullptr, options)) {}
+    : workspace_(std::make_unique<Workspace>(arm, nullptr, nullptr, options)) {
+  basics::require(!arm.tapered(), "inverse: the arm is tapered; expected its ArmModel");
+}
 InverseSolver::InverseSolver(const ArmModel& model, const InverseOptions& options)
-    : workspace_(std::make_unique<Workspace>(
-          model.arm(), takesLoad(model.choice().setting.tier) ? &model : nullptr, options)) {}
+    : workspace_(std::make_unique<Workspace>(model.arm(), &model,
+                                             model.isLinear() ? nullptr : &model, options)) {}
 InverseSolver::~InverseSolver() = default;
 InverseSolver::InverseSolver(InverseSolver&&) noexcept = default;
 InverseSolver& InverseSolver::operator=(InverseSolver&&) noexcept = default;

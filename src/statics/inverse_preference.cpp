@@ -2,30 +2,70 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kAtRest = 1e-7;      // of a step, relative to the range of the lengths
-constexpr double kWeight = 1e-8;      // against the task, relative to diag(J'J)
-constexpr double kLeastSlope = 1e-3;  // of a contraction, relative to its mean
+constexpr double kAtRest = 1e-7;           // of a step, relative to the range of the lengths
+constexpr double kWeight = 1e-8;           // against the task, relative to diag(J'J)
+constexpr double kFractionStep = 1e-3;     // of differences, of a range
+constexpr double kFirstStep = 0.25;        // towards a stiffer tip, of a range
+constexpr double kLeastStiffening = 1e-6;  // relative, of a step
+constexpr double kLeastSlope = 1e-3;       // of a contraction, relative to its mean
 
 }  // namespace
 
 InversePreference::InversePreference(const model::Arm& arm, const InverseOptions& options,
-                                     const LengthBox& box, BoxLevenbergMarquardt& minimiser)
+                                     const LengthBox& box, BoxLevenbergMarquardt& minimiser,
+                                     const ArmModel* model)
     : arm_(arm),
       options_(options),
       box_(box),
       minimiser_(minimiser),
       n_(box.size()),
-      reference_(n_),
+      reference_(Eigen::VectorXd::Zero(n_)),
       slope_(n_),
       diagonal_(n_),
       gradient_(n_),
       tangent_(n_),
       base_lengths_(n_),
-      base_input_(n_) {}
+      base_input_(n_) {
+  if (options.preference != Preference::kStiff) return;
+  basics::require(model != nullptr, "preference: the tip's stiffness needs the arm's ArmModel");
+  stiffness_.emplace(*model);
+  by_fraction_.resize(n_);
+}
+
+double InversePreference::softness(const Eigen::VectorXd& input) const noexcept {
+  Eigen::VectorXd lengths(n_);
+  for (int i = 0; i < n_; ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    lengths[i] =
+        arm_.actuator(i).contraction.lengthInside(std::clamp(input[i], limits.lower, limits.upper));
+  }
+  return std::log(stiffness_->compliance(lengths));
+}
+
+// Returns the curvature that makes the first step a quarter of a range.
+double InversePreference::softnessGradient(const Eigen::VectorXd& input) noexcept {
+  Eigen::VectorXd moved = input;
+  for (int i = 0; i < n_; ++i) {
+    const model::Range& limits = arm_.actuator(i).limits;
+    const double range = limits.upper - limits.lower;
+    const double below = std::max(limits.lower, input[i] - kFractionStep * range);
+    const double above = std::min(limits.upper, input[i] + kFractionStep * range);
+    moved[i] = below;
+    const double before = softness(moved);
+    moved[i] = above;
+    by_fraction_[i] = (softness(moved) - before) * range / (above - below);
+    moved[i] = input[i];
+  }
+  return std::max(by_fraction_.lpNorm<Eigen::Infinity>() / kFirstStep,
+                  std::numeric_limits<double>::min());
+}
 
 void InversePreference::prefer(const model::InputRef& start) noexcept {
   for (int i = 0; i < n_; ++i) {
@@ -44,6 +84,7 @@ double InversePreference::offset(int i, double input) const {
 }
 
 double InversePreference::cost(const Eigen::VectorXd& input) const noexcept {
+  if (stiffness_) return softness(input);
   double sum = 0.0;
   for (int i = 0; i < n_; ++i) {
     const double u = offset(i, input[i]);
@@ -62,6 +103,8 @@ int InversePreference::follow(InversePoint& point, Eigen::VectorXd& input) noexc
 // False, without a move, if no step is left.
 bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noexcept {
   const double before = cost(input);
+  const double curvature = stiffness_ ? softnessGradient(input) : 1.0;
+  if (!std::isfinite(before) || !std::isfinite(curvature)) return false;
   minimiser_.linearise(point);
   double mean_weight = 0.0;
   for (int i = 0; i < n_; ++i) {
@@ -78,7 +121,8 @@ bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noe
   const double weight = kWeight * minimiser_.scale() / mean_weight;
   for (int i = 0; i < n_; ++i) {
     diagonal_[i] = weight * slope_[i] * slope_[i];
-    gradient_[i] = weight * slope_[i] * offset(i, input[i]);
+    gradient_[i] =
+        weight * slope_[i] * (stiffness_ ? by_fraction_[i] / curvature : offset(i, input[i]));
   }
   tangent_ = minimiser_.stepWith(diagonal_, gradient_);
   if ((tangent_.array().abs() <= kAtRest * (box_.upper() - box_.lower()).array()).all()) {
@@ -92,7 +136,7 @@ bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noe
     minimiser_.evaluate(point);
     if (minimiser_.descend(point, options_.max_iterations) != Descent::kReached) continue;
     box_.readInputs(point.lengths, input);
-    if (cost(input) < before) return true;
+    if (cost(input) < before - (stiffness_ ? kLeastStiffening : 0.0)) return true;
   }
   point.lengths = base_lengths_;
   input = base_input_;

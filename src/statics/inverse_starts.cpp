@@ -6,7 +6,6 @@
 #include <random>
 
 #include "helix_arm/basics/fraction.hpp"
-#include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -35,7 +34,7 @@ InverseStarts::InverseStarts(const model::Arm& arm, const ArmModel* loaded, cons
     // Starts are ranked with the loaded tier, which is sufficient even for the exact one.
     const bool by_load = loaded != nullptr && loaded->choice().setting.tier == Tier::kLoaded;
     tips_.push_back(by_load ? loaded->tipOfLengths(lengths_.col(s)).tip
-                            : model::tipPose(arm.twistsOfLengths(lengths_.col(s))));
+                            : arm.tipOfLengths(lengths_.col(s)));
   }
   used_.resize(lengths_.cols());
 }

@@ -76,7 +76,7 @@ void InverseTask::setTwists(const model::Twists& twists) {
   kind_ = Kind::kTwists;
   rows_ = 6 * arm_->sectionCount();
   twists_ = twists;
-  pose_ = model::tipPose(twists);
+  pose_ = arm_->tipOf(twists);
 }
 
 void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
@@ -86,7 +86,7 @@ void InverseTask::evaluate(const Eigen::VectorXd& lengths, Eigen::VectorXd& resi
                                   : evaluateLoadedTip(lengths, residual, jacobian);
   }
   if (kind_ == Kind::kTwists) return evaluateTwists(lengths, residual, jacobian);
-  if (kind_ == Kind::kPosition && arm_->sectionCount() == 1)
+  if (kind_ == Kind::kPosition && arm_->sectionCount() == 1 && !arm_->links())
     return evaluateSingleSection(lengths, residual, jacobian);
   evaluateTip(lengths, residual, jacobian);
 }
@@ -124,7 +124,7 @@ void InverseTask::setColumn(const SE3& tip, const Vector6& motion, const Eigen::
 void InverseTask::evaluateTip(const Eigen::VectorXd& lengths, Eigen::VectorXd& residual,
                               Eigen::MatrixXd& jacobian) const noexcept {
   const model::Twists g = twistsAt(lengths);
-  const SE3 tip = model::tipPose(g);
+  const SE3 tip = arm_->tipOf(g);
   const Eigen::Matrix3d by_turn = compareTip(tip, residual);
   forTipMotions(*arm_, g, [&](int i, const Vector6& motion) {
     setColumn(tip, scale_[i] * motion, by_turn, i, jacobian);
@@ -188,7 +188,7 @@ void InverseTask::evaluateTwists(const Eigen::VectorXd& lengths, Eigen::VectorXd
 double InverseTask::positionError(const Eigen::VectorXd& lengths) const noexcept {
   SE3 tip;
   if (loaded_ == nullptr) {
-    tip = model::tipPose(twistsAt(lengths));
+    tip = arm_->tipOf(twistsAt(lengths));
   } else if (const auto shape = corrected_ ? loadedShape(lengths) : std::nullopt) {
     tip = model::tipPose(*shape);
   } else {

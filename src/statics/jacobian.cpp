@@ -39,6 +39,7 @@ struct Chain {
     SE3 beyond;
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
       const auto at = static_cast<std::size_t>(k);
+      if (arm.links()) beyond = arm.link(k) * beyond;
       after[at] = beyond;
       by_twist[at] = beyond.inverse().adjoint() * SE3::rightJacobian(twists.col(k));
       beyond = SE3::exp(twists.col(k)) * beyond;
@@ -156,7 +157,7 @@ ShapeJacobian withoutLoad(const ArmModel& model, const model::InputRef& q) {
   return out;
 }
 
-// ---- Under load: differences of fourth order ---------------------------------------------------
+// ---- Under load, or tapered: differences of fourth order ---------------------------------------
 
 // About the fifth root of a solution's error: of a section's angle [rad], and of the stiffness.
 constexpr double kAngleStep = 1e-2;
@@ -202,20 +203,6 @@ double& componentOf(model::Stiffness& stiffness, int component) {
   return component == 1 ? stiffness.tau : stiffness.kappa;
 }
 
-template <class Group>
-model::ArmOf<Group> restiffened(const model::ArmOf<Group>& arm, int actuator, int component,
-                                double change) {
-  std::vector<model::SectionOf<Group>> sections(static_cast<std::size_t>(arm.sectionCount()));
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    auto& actuators = sections[static_cast<std::size_t>(k)].actuators;
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      actuators.push_back(arm.actuator(i));
-      if (i == actuator) componentOf(actuators.back().stiffness, component) += change;
-    }
-  }
-  return model::ArmOf<Group>(std::move(sections));
-}
-
 void differByStiffness(const ArmModel& model, const Eigen::VectorXd& lengths,
                        Differences& differences, ShapeDerivative& out) {
   const model::Arm& arm = model.arm();
@@ -224,9 +211,11 @@ void differByStiffness(const ArmModel& model, const Eigen::VectorXd& lengths,
       const int column = kStiffnessEntries * i + component;
       if (out.twists.col(column).hasNaN()) continue;  // the shape jumps
       const auto changed = [&](double change) {
+        model::Stiffness changed_stiffness = arm.actuator(i).stiffness;
+        componentOf(changed_stiffness, component) += change;
         std::optional<model::PlanarArm> planar;
-        if (model.planar()) planar = restiffened(*model.planar(), i, component, change);
-        return ArmModel(restiffened(arm, i, component, change), std::move(planar), model.load(),
+        if (model.planar()) planar = model.planar()->withStiffness(i, changed_stiffness);
+        return ArmModel(arm.withStiffness(i, changed_stiffness), std::move(planar), model.load(),
                         model.choice().setting)
             .solveLengths(lengths);
       };
@@ -244,6 +233,9 @@ void differByStiffness(const ArmModel& model, const Eigen::VectorXd& lengths,
 
 void differByTipLoad(const ArmModel& model, const Eigen::VectorXd& lengths,
                      Differences& differences, ShapeDerivative& out) {
+  const TierSetting& own = model.choice().setting;
+  const TierSetting setting =
+      takesLoad(own.tier) ? own : TierSetting{Tier::kLoaded, kMostOrder};  // of a tapered arm
   for (int j = 0; j < 6; ++j) {
     const double angle = out.tip.col(j).tail<3>().norm();
     const double turn = std::max(angle, out.tip.col(j).head<3>().norm() / model.arm().restLength());
@@ -251,10 +243,10 @@ void differByTipLoad(const ArmModel& model, const Eigen::VectorXd& lengths,
       Load load = *model.load();
       PointLoad tip;
       tip.section = model.arm().sectionCount() - 1;
+      tip.offset = model.arm().link(tip.section).translation;
       (j < 3 ? tip.force : tip.moment)[j % 3] = change;
       load.points.push_back(tip);
-      return ArmModel(model.arm(), model.planar(), std::move(load), model.choice().setting)
-          .solveLengths(lengths);
+      return ArmModel(model.arm(), model.planar(), std::move(load), setting).solveLengths(lengths);
     };
     if (turn > 0) differences.take(kCentral, kAngleStep / turn, j, changed, out);
   }
@@ -280,13 +272,15 @@ ShapeJacobian underLoad(const ArmModel& model, const model::InputRef& q, ShapeJa
     differences.take(kCentral, step, i, changed, out.by_lengths);
   }
   differByStiffness(model, lengths, differences, out.by_stiffness);
-  differByTipLoad(model, lengths, differences, *out.by_load);
-  for (ShapeDerivative* derivative : {&out.by_lengths, &out.by_stiffness, &*out.by_load}) {
-    turnToBase(out.tip, *derivative);
+  std::vector<ShapeDerivative*> derivatives = {&out.by_lengths, &out.by_stiffness};
+  if (out.by_load) {
+    differByTipLoad(model, lengths, differences, *out.by_load);
+    derivatives.push_back(&*out.by_load);
   }
+  for (ShapeDerivative* derivative : derivatives) turnToBase(out.tip, *derivative);
   out.status = here.converged() ? differences.status() : here.status;
   if (out.status == SolveStatus::kConverged) return out;
-  for (ShapeDerivative* derivative : {&out.by_lengths, &out.by_stiffness, &*out.by_load}) {
+  for (ShapeDerivative* derivative : derivatives) {
     derivative->tip.setConstant(kNoNumber);
     derivative->twists.setConstant(kNoNumber);
   }
@@ -297,7 +291,7 @@ ShapeJacobian underLoad(const ArmModel& model, const model::InputRef& q, ShapeJa
 
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q) {
   ShapeJacobian out = withoutLoad(model, q);
-  if (takesLoad(model.choice().setting.tier)) out = underLoad(model, q, std::move(out));
+  if (!model.isLinear()) out = underLoad(model, q, std::move(out));
   out.by_inputs = out.by_lengths;
   for (int i = 0; i < q.size(); ++i) {
     const double slope = model.arm().actuator(i).contraction.slopeInside(q[i]);

@@ -10,6 +10,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "relaxation.hpp"
 
 /// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
@@ -39,15 +40,26 @@ inline auto withNodes(int order, const F& f) {
   }
 }
 
+inline std::shared_ptr<const model::Links> linksInSpace(const model::Arm& arm) {
+  return arm.links();
+}
+inline std::shared_ptr<const model::Links> linksInSpace(const model::PlanarArm& arm) {
+  return model::embed(arm).links();
+}
+
 template <class Group>
 LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load, int order)
-    : order_(order), load_(load), size_(arm.restLength()) {
+    : order_(order),
+      load_(load.atEnds(linksInSpace(arm).get())),
+      links_(arm.links()),
+      links_in_space_(linksInSpace(arm)),
+      size_(arm.restLength()) {
   basics::requireValue(order >= kLeastOrder && order <= kMostOrder, "loaded tier", "the order",
                        order, "2 to 8");
   const int sections = arm.sectionCount();
   load.validate(sections);
   std::set<double> cuts;  // s over the whole arm
-  for (const PointLoad& point : load.points) {
+  for (const PointLoad& point : load_.points) {
     if (point.s > 0 && point.s < 1) cuts.insert(point.section + point.s);
   }
   basics::requireValue(load.innerPlaces() <= kMaxInnerPoints, "load.points",
@@ -55,27 +67,49 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
                        "at most 16 with tier: loaded; combine points that are close to each other, "
                        "or use tier: exact");
   for (int k = 0; k <= sections; ++k) cuts.insert(k);
+  for (int k = 0; k < sections; ++k) {
+    const auto& taper = arm.taper(k);
+    for (int cell = 1; taper && cell < taper->cells(); ++cell) {
+      cuts.insert(k + static_cast<double>(cell) / taper->cells());
+    }
+    tapers_.push_back(taper);
+    tapered_ = tapered_ || taper;
+    per_K_.push_back(arm.freeLength(k) / load.K_eps[k]);
+    first_.push_back(arm.firstActuator(k));
+  }
+  first_.push_back(arm.actuatorCount());
+  basics::requireValue(static_cast<int>(cuts.size()) - 1 <= kMaxElements, "loaded tier",
+                       "the number of parts between section ends, point loads and values of tapers",
+                       static_cast<double>(cuts.size()) - 1, "at most 32; use tier: exact");
   for (auto begin = cuts.begin(), end = std::next(begin); end != cuts.end(); ++begin, ++end) {
     const int section = std::min(static_cast<int>(*begin), sections - 1);
     Element element{section, *begin - section, *end - *begin, {}};
-    for (std::size_t p = 0; p < load.points.size(); ++p) {
-      if (load.points[p].section + load.points[p].s == *end) {
+    for (std::size_t p = 0; p < load_.points.size(); ++p) {
+      if (load_.points[p].section + load_.points[p].s == *end) {
         element.points.push_back(static_cast<int>(p));
       }
     }
+    element.linked = links_ != nullptr && *end == section + 1;
     elements_.push_back(std::move(element));
   }
   for (int k = 0; k < sections; ++k) {
     compliance_.push_back(complianceOf(arm, load, k));
     null_space_.push_back(arm.equilibrium(k).null_space);
   }
+  requireTables(arm, load_);
+  has_tables_ = !load_.tables.empty();
   may_buckle_ = bucklingBound(arm, load) >= 1.0;
 }
 
 template <class Group>
 template <class Solver>
-Solver LoadedArmOf<Group>::solved(const Load& load, const Twists& unloaded,
+Solver LoadedArmOf<Group>::solved(const Load& load, const Unloaded& unloaded,
                                   const Solver* near) const {
+  basics::require(!tapered_ || unloaded.lengths.size() == first_.back(),
+                  "loaded tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
+  basics::require(!has_tables_ || unloaded.compliance.size() > 0,
+                  "loaded tier: K_eps depends on pressure; expected unloadedUnder(), not twists "
+                  "alone");
   Solver solver(*this, load, unloaded);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);
@@ -88,7 +122,7 @@ Solver LoadedArmOf<Group>::solved(const Load& load, const Twists& unloaded,
 
 template <class Group>
 template <class Solver>
-[[gnu::noinline]] void LoadedArmOf<Group>::check(const Load& load, const Twists& unloaded,
+[[gnu::noinline]] void LoadedArmOf<Group>::check(const Load& load, const Unloaded& unloaded,
                                                  Solver& solver) const {
   Relaxation<kFineNodes> finer(*this, load, unloaded);
   finer.startAt([&solver](int e, double t) { return solver.rateAt(e, t); });
@@ -105,29 +139,29 @@ void LoadedArmOf<Group>::Response::add(int column, double step, const TipOf<Grou
 }
 
 template <class Group>
-TipOf<Group> LoadedArmOf<Group>::tip(const Twists& unloaded) const {
+TipOf<Group> LoadedArmOf<Group>::tip(const Unloaded& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
     return solved<Relaxation<nodes()>>(load_, unloaded, nullptr).result();
   });
 }
 
 template <class Group>
-Solution LoadedArmOf<Group>::solve(const Twists& unloaded) const {
+Solution LoadedArmOf<Group>::solve(const Unloaded& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
     const auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
     const TipOf<Group> found = relaxation.result();
-    return Solution{relaxation.shape(static_cast<int>(unloaded.cols())), lie::inSpace(found.tip),
-                    found.status, found.residual, found.iterations};
+    return Solution{relaxation.shape(static_cast<int>(unloaded.twists.cols())),
+                    lie::inSpace(found.tip), found.status, found.residual, found.iterations};
   });
 }
 
 template <class Group>
-std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Twists& unloaded,
+std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloaded& unloaded,
                                                                    int count) const {
   model::requireCurve(count);
   return withNodes(order_, [&](auto nodes) {
     return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
-        .curve(static_cast<int>(unloaded.cols()), count);
+        .curve(static_cast<int>(unloaded.twists.cols()), count);
   });
 }
 
@@ -144,8 +178,8 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
                                    direction.template bottomRows<Group::kRotations>().norm());
       if (size == 0) continue;
       const double step = kDifferenceStep / size;
-      out.add(d, step, solved<Solver>(load_, unloaded - step * direction, &here).result(),
-              solved<Solver>(load_, unloaded + step * direction, &here).result());
+      out.add(d, step, solved<Solver>(load_, Twists(unloaded - step * direction), &here).result(),
+              solved<Solver>(load_, Twists(unloaded + step * direction), &here).result());
     }
     return out;
   });

@@ -14,6 +14,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using lie::Matrix6;
+using lie::SE3;
 using lie::skew;
 using lie::SO3;
 using lie::Vector6;
@@ -66,9 +67,12 @@ std::vector<Node> MultipleShooting::unloadedNodes() const {
   for (std::size_t j = 0; j < rod_.segments().size(); ++j) {
     const Segment& segment = rod_.segments()[j];
     if (j > 0 && segment.section != rod_.segments()[j - 1].section) {
-      R_section = R_section * SO3::exp(unloaded_.col(segment.section - 1).tail<3>());
+      R_section = R_section * rod_.unloadedRotation(segment.section - 1, 1.0, unloaded_);
+      if (const SE3* link = rod_.linkAfter(static_cast<int>(j) - 1)) {
+        R_section = R_section * SO3{Eigen::Quaterniond(link->rotation)};
+      }
     }
-    nodes.push_back({R_section * SO3::exp(segment.begin * unloaded_.col(segment.section).tail<3>()),
+    nodes.push_back({R_section * rod_.unloadedRotation(segment.section, segment.begin, unloaded_),
                      Vector3d::Zero()});
   }
   return nodes;
@@ -98,10 +102,22 @@ MultipleShooting::Shot MultipleShooting::shoot(std::vector<Node> nodes, double s
       const Matrix3d by_turn = skew(pull.offset) * skew(f) + skew(t);
       Phi.bottomRows<3>() -= (by_turn * Phi.topRows<3>()).eval();
     }
+    SO3 R{{y[3], y[0], y[1], y[2]}};
+    const SE3* link = j + 1 < count ? rod_.linkAfter(j) : nullptr;
+    if (link != nullptr) {
+      // The force beyond acts at the other end of the link.
+      const Segment& next = rod_.segments()[j + 1];
+      const Vector3d n = R_inverse * (share * next.forceAt(next.begin));
+      const Matrix3d& R_link = link->rotation;
+      m = R_link.transpose() * (m - link->translation.cross(n));
+      Phi.bottomRows<3>() -= skew(link->translation) * skew(n) * Phi.topRows<3>();
+      Phi.topRows<3>() = (R_link.transpose() * Phi.topRows<3>()).eval();
+      Phi.bottomRows<3>() = (R_link.transpose() * Phi.bottomRows<3>()).eval();
+      R = R * SO3{Eigen::Quaterniond(R_link)};
+    }
     Phi.bottomRows<3>() /= rod_.momentUnit();
     shot.Phi[j] = Phi;
     if (j + 1 < count) {
-      const SO3 R{{y[3], y[0], y[1], y[2]}};
       shot.defect[j] << (nodes[j + 1].R.inverse() * R).log(),
           (m - nodes[j + 1].m) / rod_.momentUnit();
     } else {

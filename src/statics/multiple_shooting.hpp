@@ -28,10 +28,10 @@ struct Balance {
 /// Equilibrium of a loaded rod by multiple shooting: the frames and moments at the starts of all
 /// segments are the unknowns of Newton's method.
 ///
-/// Keeps references to the rod and to the unloaded twists (6 x sections).
+/// Keeps references to the rod and to the unloaded state.
 class MultipleShooting {
  public:
-  MultipleShooting(const Rod& rod, const model::Twists& unloaded, const ExactOptions& options)
+  MultipleShooting(const Rod& rod, const model::Unloaded& unloaded, const ExactOptions& options)
       : rod_(rod), unloaded_(unloaded), options_(options) {}
 
   /// The nodes of the arm without load.
@@ -62,7 +62,7 @@ class MultipleShooting {
   std::vector<Node> moved(const std::vector<Node>& nodes, const Step& step, double factor) const;
 
   const Rod& rod_;
-  const model::Twists& unloaded_;
+  const model::Unloaded& unloaded_;
   const ExactOptions& options_;
 };
 

@@ -14,6 +14,7 @@
 #include "krylov.hpp"
 #include "loaded_limits.hpp"
 #include "twist_near.hpp"
+#include "unloaded_elements.hpp"
 #include "wrench.hpp"
 
 namespace helix_arm::statics {
@@ -61,19 +62,14 @@ class LoadedArmOf<Group>::Relaxation {
   using Rates =
       Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
 
-  Relaxation(const LoadedArmOf& arm, const Load& load, const Twists& unloaded)
-      : arm_(arm), load_(load), rule_(GaussRule<kNodes>::get()), count_(elementCount(arm)) {
+  Relaxation(const LoadedArmOf& arm, const Load& load, const Unloaded& unloaded)
+      : arm_(arm),
+        load_(load),
+        rule_(GaussRule<kNodes>::get()),
+        count_(elementCount(arm)),
+        unloaded_(arm, unloaded) {
     scale_ << Eigen::Matrix<double, Group::kSpace, 1>::Constant(1.0 / arm.size_),
         Eigen::Matrix<double, Group::kRotations, 1>::Ones();
-    for (int e = 0; e < count_; ++e) {
-      const Element& element = arm.elements_[e];
-      twist_[e] = element.length * unloaded.col(element.section);
-      for (int j = 0; j < kNodes; ++j) {
-        const Group X = Group::exp(rule_.nodes()[j] * twist_[e]);
-        rotation_[e * kNodes + j] = X.rotation;
-        translation_[e * kNodes + j] = X.translation;
-      }
-    }
     rates_.setZero(kDof, kNodes * count_);
   }
 
@@ -143,7 +139,7 @@ class LoadedArmOf<Group>::Relaxation {
   // Pose at t in [0, 1] of an element, seen from the base.
   Group poseAt(int e, double t) const {
     const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.upTo(t);
-    return start_[e] * Group::exp(z) * Group::exp(t * twist_[e]);
+    return start_[e] * Group::exp(z) * unloaded_.at(e, t);
   }
 
   model::Shape shape(int sections) const {
@@ -153,12 +149,15 @@ class LoadedArmOf<Group>::Relaxation {
     for (int piece = 0; piece < pieces.cols(); ++piece) {
       const lie::SE3 X = place.at(piece / kLoadedPieces,
                                   static_cast<double>(piece % kLoadedPieces + 1) / kLoadedPieces);
-      const Eigen::Vector3d turn =
-          lie::inSpace(twist_[place.e]).template tail<3>() / arm_.elements_[place.e].length;
+      const Eigen::Vector3d turn = lie::inSpace(unloaded_.twist(place.e)).template tail<3>() /
+                                   arm_.elements_[place.e].length;
       pieces.col(piece) = twistNear(before.inverse() * X, turn / kLoadedPieces);
       before = X;
+      if (arm_.links_in_space_ && (piece + 1) % kLoadedPieces == 0) {
+        before = before * (*arm_.links_in_space_)[piece / kLoadedPieces];
+      }
     }
-    return {pieces, kLoadedPieces};
+    return {pieces, kLoadedPieces, arm_.links_in_space_};
   }
 
   // The curve at evenly spaced s, including base and tip.
@@ -205,20 +204,22 @@ class LoadedArmOf<Group>::Relaxation {
       const Eigen::Matrix<double, kDof, kNodes> z = u * rule_.before();
       for (int j = 0; j < kNodes; ++j) {
         const int node = e * kNodes + j;
-        const Group X_j = X * Group::exp(z.col(j)) * Group{rotation_[node], translation_[node]};
+        const Group X_j = X * Group::exp(z.col(j)) * unloaded_.atNode(node);
         at_rotation_[node] = X_j.rotation;
         at_[node] = X_j.translation;
         z_[node] = z.col(j);
         farthest_ = std::max(farthest_, z.col(j).template tail<Group::kRotations>().norm());
       }
-      X = X * Group::exp(u * rule_.weights()) * Group::exp(twist_[e]);
+      X = X * Group::exp(u * rule_.weights()) * unloaded_.end(e);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
 
     Tangent W = Tangent::Zero();  // of all loads beyond, about the base's origin
     for (int e = count_ - 1; e >= 0; --e) {
       const Element& element = arm_.elements_[e];
-      const Group& end = e + 1 < count_ ? start_[e + 1] : tip_;
+      const Group& next = e + 1 < count_ ? start_[e + 1] : tip_;
+      const Group end = element.linked ? next * linkAfter(e).inverse() : next;
       for (const int p : element.points) {
         const PointLoad& point = load_.points[p];
         const Point force = within<Group>(load_.forceOf(point));
@@ -236,15 +237,16 @@ class LoadedArmOf<Group>::Relaxation {
         Tangent W_j = W;
         add((1.0 - rule_.nodes()[j]) * weight, momentOf(beyond.col(j), weight), W_j);
         wrench_[node] = seenFrom<Group>({at_rotation_[node], at_[node]}, W_j);
-        const Tangent strain = element.length * (arm_.compliance_[element.section] * wrench_[node]);
-        out.col(node) = Group::solveRightJacobian(
-            z_[node], moved(Group{rotation_[node], translation_[node]}, strain));
+        const Tangent strain = element.length * (unloaded_.compliance(e, j) * wrench_[node]);
+        out.col(node) = Group::solveRightJacobian(z_[node], moved(unloaded_.atNode(node), strain));
       }
       add(weight, momentOf(x * rule_.weights(), weight), W);
     }
     pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
             W.template tail<Group::kRotations>().norm();
   }
+
+  const Group& linkAfter(int e) const { return (*arm_.links_)[arm_.elements_[e].section]; }
 
   static void add(const Point& force, const Moment<Group>& moment, Tangent& W) {
     W.template head<Group::kSpace>() += force;
@@ -292,7 +294,7 @@ class LoadedArmOf<Group>::Relaxation {
   double turn() const {
     double largest = 0.0;
     for (int e = 0; e < count_; ++e) {
-      largest = std::max(largest, twist_[e].template tail<Group::kRotations>().norm());
+      largest = std::max(largest, unloaded_.twist(e).template tail<Group::kRotations>().norm());
     }
     return largest + farthest_;
   }
@@ -310,7 +312,8 @@ class LoadedArmOf<Group>::Relaxation {
     for (int e = 0; e < count_; ++e) {
       start_[e] = X;
       X = X * Group::exp(rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights()) *
-          Group::exp(twist_[e]);
+          unloaded_.end(e);
+      if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
   }
@@ -368,12 +371,9 @@ class LoadedArmOf<Group>::Relaxation {
   const Load& load_;
   const GaussRule<kNodes>& rule_;
   int count_;
+  UnloadedElements<kNodes> unloaded_;
   Tangent scale_;
   Rates rates_;
-  // Unloaded shape of each element.
-  Tangent twist_[kMaxElements];
-  decltype(Group::rotation) rotation_[kNodes * kMaxElements];
-  Point translation_[kNodes * kMaxElements];
   // Last evaluated shape.
   std::array<Group, kMaxElements> start_;
   decltype(Group::rotation) at_rotation_[kNodes * kMaxElements];

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <memory>
+#include <optional>
 #include <vector>
 
+#include "helix_arm/lie/so3.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "rod_flow.hpp"
@@ -16,14 +19,28 @@ class Rod {
   Rod(const model::Arm& arm, const Load& load, double tolerance);
 
   int sections() const { return static_cast<int>(laws_.size()); }
+  /// Null without links.
+  const std::shared_ptr<const model::Links>& links() const { return links_; }
+  /// The link after segment j; null if the next segment begins where this one ends.
+  const lie::SE3* linkAfter(int j) const {
+    const Segment& segment = segments_[j];
+    return links_ && segment.end == 1.0 ? &(*links_)[segment.section] : nullptr;
+  }
   /// From the base to the tip.
   const std::vector<Segment>& segments() const { return segments_; }
   int segmentCount() const { return static_cast<int>(segments_.size()); }
 
   /// The integrator of segment j; keeps a reference to this rod.
-  /// @param unloaded  twists (6 x sections) without load. @param share  fraction of the load.
+  /// @param unloaded  the arm without load. @param share  fraction of the load.
   template <int kColumns>
-  Flow<kColumns> flow(int j, const model::Twists& unloaded, double share) const;
+  Flow<kColumns> flow(int j, const model::Unloaded& unloaded, double share) const;
+  /// Rotation of the unloaded arm from the start of a section to s of it.
+  lie::SO3 unloadedRotation(int section, double s, const model::Unloaded& unloaded) const;
+  /// Motion of the unloaded arm between two s of a section.
+  lie::SE3 unloadedMotion(int section, double from, double to,
+                          const model::Unloaded& unloaded) const;
+  bool tapered() const { return tapered_; }
+  bool hasTables() const { return has_tables_; }
 
   /// Magnitude of the whole load [N], [N m].
   double forceScale() const { return force_scale_; }
@@ -38,6 +55,13 @@ class Rod {
   double tolerance_;
   std::vector<SectionLaw> laws_;
   std::vector<Segment> segments_;
+  std::shared_ptr<const model::Links> links_;
+  std::vector<int> first_;  // actuator of each section
+  bool tapered_ = false;
+  bool has_tables_ = false;
+
+  std::optional<model::TaperTwist<lie::SE3>> profileOf(int section,
+                                                       const model::Unloaded& unloaded) const;
   double size_ = 0.0;  // length of the arm [m]
   double force_scale_ = 0.0;
   double moment_scale_ = 0.0;
@@ -46,11 +70,19 @@ class Rod {
 };
 
 template <int kColumns>
-Flow<kColumns> Rod::flow(int j, const model::Twists& unloaded, double share) const {
+Flow<kColumns> Rod::flow(int j, const model::Unloaded& unloaded, double share) const {
   const Segment& segment = segments_[j];
   // A tenth of the tolerance per step, for about ten steps.
-  return {laws_[segment.section], segment,         unloaded.col(segment.section), share, size_,
-          moment_unit_,           0.1 * tolerance_};
+  return {laws_[segment.section],
+          segment,
+          unloaded.twists.col(segment.section),
+          profileOf(segment.section, unloaded),
+          has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * segment.section))
+                      : laws_[segment.section].C,
+          share,
+          size_,
+          moment_unit_,
+          0.1 * tolerance_};
 }
 
 }  // namespace helix_arm::statics

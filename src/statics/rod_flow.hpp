@@ -5,11 +5,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
+#include <optional>
 #include <vector>
 
 #include "dormand_prince.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/equilibrium.hpp"
+#include "helix_arm/model/taper.hpp"
 
 /// Differential equations of frame and moment along a loaded rod: g = g* + C [n; m] in the body
 /// frame, X' = X g, m' = m x w + n x v.
@@ -33,8 +36,10 @@ struct Segment {
 };
 
 struct SectionLaw {
-  lie::Matrix6 C;  // twist over the section per body wrench
+  lie::Matrix6 C;  // twist over the section per body wrench; of a tapered one, the mean
   model::Equilibrium<lie::SE3>::Basis null_space;
+  std::shared_ptr<const model::TaperOf<lie::SE3>> taper;  // null if the section is not tapered
+  double per_K = 0.0;                                     // l / K_eps
 };
 
 /// The integrated state: the quaternion (x y z w) and the body moment; then either the position and
@@ -46,10 +51,12 @@ struct Flow {
 
   const SectionLaw& law;
   const Segment& segment;
-  lie::Vector6 unloaded;
-  double share;        // fraction of the load
-  double size;         // of the arm [m]
-  double moment_unit;  // [N m]
+  lie::Vector6 unloaded;                               // of a tapered section, the mean
+  std::optional<model::TaperTwist<lie::SE3>> profile;  // of a tapered section
+  lie::Matrix6 compliance;                             // twist per body wrench, without taper
+  double share;                                        // fraction of the load
+  double size;                                         // of the arm [m]
+  double moment_unit;                                  // [N m]
   double tolerance;
 
   static Eigen::Matrix3d rotation(const State& y) {
@@ -73,7 +80,11 @@ struct Flow {
     const Eigen::Matrix3d R = rotation(y);
     const Eigen::Vector3d n = R.transpose() * (share * segment.forceAt(s)),
                           m = y.template segment<3>(4);
-    const lie::Vector6 g = unloaded + law.C.leftCols<3>() * n + law.C.rightCols<3>() * m;
+    lie::Matrix6 C_here;
+    if (profile) C_here = law.per_K * law.taper->complianceAt(s);
+    const lie::Matrix6& C = profile ? C_here : compliance;
+    const lie::Vector6 g =
+        (profile ? profile->at(s) : unloaded) + C.leftCols<3>() * n + C.rightCols<3>() * m;
     const Eigen::Vector3d v = g.head<3>(), w = g.tail<3>();
     const Eigen::Vector3d u = y.template head<3>();
     dy.template head<3>() = 0.5 * (y[3] * w + u.cross(w));
@@ -89,7 +100,7 @@ struct Flow {
       Eigen::Map<Columns> dd(dy.data() + 7);
       const Eigen::Matrix3d n_hat = lie::skew(n), w_hat = lie::skew(w);
       const Half dn = n_hat * d.template topRows<3>(), dm = d.template bottomRows<3>();
-      const Columns dg = law.C.leftCols<3>() * dn + law.C.rightCols<3>() * dm;
+      const Columns dg = C.leftCols<3>() * dn + C.rightCols<3>() * dm;
       dd.template topRows<3>() = dg.template bottomRows<3>() - w_hat * d.template topRows<3>();
       dd.template bottomRows<3>() = lie::skew(m) * dg.template bottomRows<3>() - w_hat * dm +
                                     n_hat * dg.template topRows<3>() - lie::skew(v) * dn;

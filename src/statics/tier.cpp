@@ -11,6 +11,7 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "tier_solver.hpp"
 
 namespace helix_arm::statics {
@@ -62,7 +63,7 @@ Samples sampleTips(const model::Arm& arm, const Load& load) {
   for (const Eigen::VectorXd& q : samplesOf(arm)) {
     if (out.empty() && unbalanced == kHopeless) break;
     Eigen::VectorXd lengths = arm.lengths(q);
-    const Solution solution = exact.solve(arm.twistsOfLengths(lengths));
+    const Solution solution = exact.solve(unloadedUnderOfLengths(arm, load, lengths));
     if (solution.converged()) {
       out.push_back({std::move(lengths), solution.tip.translation});
     } else {

@@ -1,13 +1,14 @@
 #include "tier_solver.hpp"
 
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
 #include "tip_motions.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kLengthStep =
-    3e-5;  // of the differences of the exact tier, relative to the arm's length
+constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of tapered arms under
+                                      // load and of stiffness tables, relative to the arm's length
 
 // The maps of all sections (dof * sections x n): derivatives of the twists by each free length.
 template <class Group>
@@ -23,9 +24,14 @@ Eigen::MatrixXd mapOf(const model::ArmOf<Group>& arm) {
 
 template <class Group>
 Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(
-    const model::ArmOf<Group>& arm, const model::TwistsOf<Group>& twists) {
+    const model::ArmOf<Group>& arm, const model::UnloadedOf<Group>& unloaded) {
   Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> out(Group::kDof, arm.actuatorCount());
-  forTipMotions(arm, twists, [&out](int i, const auto& motion) { out.col(i) = motion; });
+  const auto take = [&out](int i, const auto& motion) { out.col(i) = motion; };
+  if (arm.tapered()) {
+    forTipMotionsOfPieces(arm, unloaded, take);
+  } else {
+    forTipMotions(arm, unloaded.twists, take);
+  }
   return out;
 }
 
@@ -42,7 +48,10 @@ Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
 
 TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
-    : arm_(arm), plane_(nullptr) {
+    : arm_(arm),
+      plane_(nullptr),
+      load_(takesLoad(setting.tier) ? &*load : nullptr),
+      differs_(arm.tapered() || (load_ != nullptr && !load_->tables.empty())) {
   switch (setting.tier) {
     case Tier::kPlanar:
       plane_ = &*planar;
@@ -63,19 +72,42 @@ TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarA
   }
 }
 
+model::Shape TierSolver::embeddedShape(const model::UnloadedOf<lie::SE2>& unloaded) const {
+  if (!plane_->tapered()) return model::shapeOf(arm_, model::embed(unloaded.twists));
+  const model::PiecesOf<lie::SE2> flat = plane_->pieces(unloaded);
+  model::Shape::Pieces pieces(6, flat.cols());
+  for (int j = 0; j < flat.cols(); ++j) {
+    pieces.col(j) = lie::embed(lie::SE2::Tangent(flat.col(j)));
+  }
+  return {pieces, plane_->piecesPerSection(), arm_.links()};
+}
+
+template <class Group>
+model::UnloadedOf<Group> TierSolver::unloadedAt(const model::ArmOf<Group>& arm,
+                                                const model::InputRef& q) const {
+  return load_ != nullptr ? unloadedUnder(arm, *load_, q) : arm.unloaded(q);
+}
+template <class Group>
+model::UnloadedOf<Group> TierSolver::unloadedOfLengths(const model::ArmOf<Group>& arm,
+                                                       const Eigen::VectorXd& lengths) const {
+  return load_ != nullptr ? unloadedUnderOfLengths(arm, *load_, lengths)
+                          : arm.unloadedOfLengths(lengths);
+}
+
 template <class Unloaded>
 Solution TierSolver::solveFrom(const Unloaded& unloaded) const {
   if (planar_loaded_) return planar_loaded_->solve(unloaded(*plane_));
   if (loaded_) return loaded_->solve(unloaded(arm_));
   if (exact_) return exact_->solve(unloaded(arm_));
   Solution solution;
-  solution.shape = plane_ != nullptr ? model::embed(unloaded(*plane_)) : unloaded(arm_);
+  solution.shape =
+      plane_ != nullptr ? embeddedShape(unloaded(*plane_)) : model::shapeOf(arm_, unloaded(arm_));
   solution.tip = model::tipPose(solution.shape);
   return solution;
 }
 
-template <class Unloaded>
-Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
+template <class Unloaded, class Direct>
+Tip TierSolver::tipFrom(const Unloaded& unloaded, const Direct& direct) const {
   if (loaded_) return loaded_->tip(unloaded(arm_));
   if (planar_loaded_) {
     const TipOf<lie::SE2> found = planar_loaded_->tip(unloaded(*plane_));
@@ -86,45 +118,46 @@ Tip TierSolver::tipFrom(const Unloaded& unloaded) const {
     return {found.tip, found.status, found.residual, found.iterations};
   }
   Tip found;
-  found.tip = plane_ != nullptr ? lie::embed(model::tipPose(unloaded(*plane_)))
-                                : model::tipPose(unloaded(arm_));
+  found.tip = plane_ != nullptr ? lie::embed(direct(*plane_)) : direct(arm_);
   return found;
 }
 
 Solution TierSolver::solve(const Eigen::VectorXd& lengths) const {
-  return solveFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+  return solveFrom([&](const auto& arm) { return unloadedOfLengths(arm, lengths); });
 }
 Solution TierSolver::solveInputs(const model::InputRef& q) const {
-  return solveFrom([&](const auto& arm) { return arm.twists(q); });
+  return solveFrom([&](const auto& arm) { return unloadedAt(arm, q); });
 }
 Tip TierSolver::tip(const Eigen::VectorXd& lengths) const {
-  return tipFrom([&](const auto& arm) { return arm.twistsOfLengths(lengths); });
+  return tipFrom([&](const auto& arm) { return unloadedOfLengths(arm, lengths); },
+                 [&](const auto& arm) { return arm.tipOfLengths(lengths); });
 }
 Tip TierSolver::tipOfInputs(const model::InputRef& q) const {
-  return tipFrom([&](const auto& arm) { return arm.twists(q); });
+  return tipFrom([&](const auto& arm) { return unloadedAt(arm, q); },
+                 [&](const auto& arm) { return arm.tip(q); });
 }
 
 std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef& q,
                                                            int count) const {
-  if (planar_loaded_) return planar_loaded_->curve(plane_->twists(q), count);
-  if (loaded_) return loaded_->curve(arm_.twists(q), count);
-  if (exact_) return exact_->curve(arm_.twists(q), count);
+  if (planar_loaded_) return planar_loaded_->curve(unloadedAt(*plane_, q), count);
+  if (loaded_) return loaded_->curve(unloadedAt(arm_, q), count);
+  if (exact_) return exact_->curve(unloadedAt(arm_, q), count);
   return model::sampleCurve(solveInputs(q).shape, count);
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
-  if (loaded_) {
+  if (loaded_ && !differs_) {
     const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
     return {found.at.tip, found.at.status, found.by};
   }
-  if (planar_loaded_) {
+  if (planar_loaded_ && !differs_) {
     const auto found =
         planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
     return {lie::embed(found.at.tip), found.at.status, inSpace(found.by)};
   }
   const Tip here = tip(lengths);
   TipResponse out{here.tip, here.status, {}};
-  if (exact_) {
+  if (exact_ || loaded_ || planar_loaded_) {
     const double size = kLengthStep * arm_.restLength();
     out.by_lengths.resize(6, lengths.size());
     for (int i = 0; i < lengths.size(); ++i) {
@@ -135,9 +168,9 @@ TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
       out.by_lengths.col(i) = (below.tip.inverse() * above.tip).log() / (2.0 * size);
     }
   } else if (plane_ != nullptr) {
-    out.by_lengths = inSpace(linearResponse(*plane_, plane_->twistsOfLengths(lengths)));
+    out.by_lengths = inSpace(linearResponse(*plane_, plane_->unloadedOfLengths(lengths)));
   } else {
-    out.by_lengths = linearResponse(arm_, arm_.twistsOfLengths(lengths));
+    out.by_lengths = linearResponse(arm_, arm_.unloadedOfLengths(lengths));
   }
   return out;
 }

@@ -33,11 +33,21 @@ class TierSolver {
   // Solve from a function that returns the unloaded twists of either arm.
   template <class Unloaded>
   Solution solveFrom(const Unloaded& unloaded) const;
-  template <class Unloaded>
-  Tip tipFrom(const Unloaded& unloaded) const;
+  // `direct` gives the tip of either arm without load.
+  template <class Unloaded, class Direct>
+  Tip tipFrom(const Unloaded& unloaded, const Direct& direct) const;
+  template <class Group>
+  model::UnloadedOf<Group> unloadedAt(const model::ArmOf<Group>& arm,
+                                      const model::InputRef& q) const;
+  template <class Group>
+  model::UnloadedOf<Group> unloadedOfLengths(const model::ArmOf<Group>& arm,
+                                             const Eigen::VectorXd& lengths) const;
+  model::Shape embeddedShape(const model::UnloadedOf<lie::SE2>& unloaded) const;
 
   const model::Arm& arm_;
   const model::PlanarArm* plane_;  // set if the arm is solved in its plane
+  const Load* load_;               // null if the tier takes none
+  bool differs_;  // whether loaded tiers differentiate by the lengths, not by constant twists
   std::optional<LoadedArm> loaded_;
   std::optional<PlanarLoadedArm> planar_loaded_;
   std::optional<ExactArm> exact_;

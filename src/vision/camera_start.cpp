@@ -52,7 +52,7 @@ std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
   double least = std::numeric_limits<double>::infinity();
   for (const estimation::CornerObservation& one : seen) {
     const estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(one.tag)];
-    const lie::SE3 X_BT = model::poseAt(shape, tag.section + tag.s) * tag.X_ST;
+    const lie::SE3 X_BT = model::poseAt(shape, tag.section, tag.s) * tag.X_ST;
     for (const lie::SE3& X_CT : posesOfTag(plane, one.direction)) {
       const lie::SE3 X_CB = X_CT * X_BT.inverse();
       std::vector<double> errors;

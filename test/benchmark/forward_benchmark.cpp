@@ -9,14 +9,14 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "support/paper_arm.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::benchmark {
 namespace {
 
 constexpr std::size_t kInputs = 1024;  // different ones, so that no branch is learned by heart
 
-void forward(::benchmark::State& state, const test::Ring& ring) {
-  const model::Arm arm = test::ringArm(ring);
+void forwardOf(::benchmark::State& state, const model::Arm& arm) {
   test::Random random(1);
   std::vector<Eigen::VectorXd> inputs;
   for (std::size_t i = 0; i < kInputs; ++i) inputs.push_back(test::randomInput(arm, random));
@@ -62,6 +62,10 @@ void forwardWithResponse(::benchmark::State& state) {
   }
 }
 
+void forward(::benchmark::State& state, const test::Ring& ring) {
+  forwardOf(state, test::ringArm(ring));
+}
+
 void forwardPlanar(::benchmark::State& state) {
   const model::Contraction muscle = test::fig3Muscle();
   model::PlanarSection section;
@@ -105,6 +109,8 @@ void forwardOfPeer(::benchmark::State& state) {
 BENCHMARK_CAPTURE(forward, straight, test::straightRing());
 BENCHMARK_CAPTURE(forward, helical, test::helicalRing());
 BENCHMARK(forwardWithResponse);
+BENCHMARK_CAPTURE(forwardOf, tapered, test::taperedArm());
+BENCHMARK_CAPTURE(forwardOf, helical_tapered, test::taperedArm(0.26));
 BENCHMARK(forwardPlanar);
 BENCHMARK(forwardOfPeer);
 

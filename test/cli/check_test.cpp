@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "support/emulated_regulator.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -63,6 +64,43 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
   ASSERT_FALSE(finding.is_null()) << outcome.out;
   EXPECT_NE(finding["value"].get<std::string>().find("/tmp/no_such_regulator"), std::string::npos);
   EXPECT_TRUE(outcome.json()["probed"]);
+}
+
+// What a probe says of an emulated device with this fault.
+json probed(EmulatedRegulator::Line line, simulation::DeviceFault fault) {
+  EmulatedRegulator device(line);
+  device.setFault(fault);
+  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json"});
+  const bool sound = fault == simulation::DeviceFault::kNone;
+  EXPECT_EQ(outcome.exit_code, sound ? 0 : 1) << outcome.out << outcome.err;
+  return outcome.json();
+}
+
+// A profile that takes gauge readings for pressures above a vacuum of 200 kPa.
+TEST(Check, AReplyThatMakesNoSenseIsNamed) {
+  std::string text = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/festo_vtem.yaml");
+  const std::string key = "modbus_tcp:\n";
+  text.insert(text.find(key) + key.size(), "  atmosphere_kpa: 200\n");
+  const TemporaryFile profile(text);
+  const EmulatedRegulator device(EmulatedRegulator::Line::kModbus);
+  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json",
+                                      "--set", "regulator.modbus_tcp.profile=" + profile.path()});
+  EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+  const json finding = findingOf(outcome.json(), "bad_reply");
+  ASSERT_FALSE(finding.is_null()) << outcome.out;
+  EXPECT_EQ(finding["severity"], "fault");
+  EXPECT_NE(finding["culprit"].get<std::string>().find(" at 127.0.0.1:"), std::string::npos);
+  EXPECT_NE(finding["value"].get<std::string>().find("atmosphere_kpa"), std::string::npos);
+  EXPECT_EQ(finding["remedy"], "check the profile of the regulator");
+}
+
+TEST(Check, AChannelWithoutReadingIsNamed) {
+  const auto modbus = EmulatedRegulator::Line::kModbus;
+  EXPECT_TRUE(findingOf(probed(modbus, simulation::DeviceFault::kNone), "no_reading").is_null());
+  const json finding = findingOf(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
+  ASSERT_FALSE(finding.is_null());
+  EXPECT_EQ(finding["severity"], "fault");
+  EXPECT_EQ(finding["culprit"], "muscle_1");
 }
 
 TEST(Check, WithoutARegulatorThereIsNothingToProbe) {

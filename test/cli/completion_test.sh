@@ -32,6 +32,8 @@ expect helix_arm fo -- forward follow
 expect helix_arm forward --pre -- --pressure-kpa
 expect helix_arm inverse scene.yaml --ti -- --tip
 expect helix_arm --ver -- --version
+expect helix_arm forward spat -- spatial_50 spatial_101
+expect helix_arm check dem -- demo demo_serial
 COMP_WORDS=(helix_arm forward con) COMP_CWORD=2
 _helix_arm
 [[ ${#COMPREPLY[@]} == 0 ]] || { echo "a scene is completed as ${COMPREPLY[*]}, not as a file"; faults=1; }

@@ -9,6 +9,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
+#include "support/linked_arm.hpp"
 #include "support/sample_load.hpp"
 #include "support/sample_view.hpp"
 
@@ -565,6 +566,25 @@ TEST(TwistFit, CallsThatMakeNoSenseAreRefused) {
   options.corner_noise = 0;
   EXPECT_THROW(TwistFitter(view.layout, 1, options), std::invalid_argument);
   EXPECT_THROW(TwistFitter(view.layout, 0, {}), std::invalid_argument);
+}
+
+TEST(TwistFit, PlatesAndAToolAreWhereTheModelHasThem) {
+  const model::Arm arm = test::linkedArm();
+  ArmView view = test::sampleView(1.6, 2, 32);
+  TwistFitter fitter(view.layout, 2, tagsAlone());
+  Random random(36);
+  for (int i = 0; i < 10; ++i) {
+    const model::Shape model = model::shapeOf(arm, arm.twists(test::randomInput(arm, random)));
+    const model::Shape shape = model.about(nearby(model.twists(), 0.005, 0.05, random));
+    const TwistFit& exact = fitter.fit(exactly(view, shape), view.X_CB, view.camera.fx, model);
+    ASSERT_EQ(exact.status, FitStatus::kConverged);
+    EXPECT_LT((exact.twists - shape.twists()).cwiseAbs().maxCoeff(), 1e-5);
+    EXPECT_LT((model::tipPose(exact.shape).translation - model::tipPose(shape).translation).norm(),
+              1e-5);
+    const auto seen = test::observe(view, visibleTags(view, shape, 0.3), 0.5, random);
+    const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, model);
+    ASSERT_NO_FATAL_FAILURE(expectNoBetterNeighbour(view, tagsAlone(), seen, model, fit));
+  }
 }
 
 TEST(TwistFit, WarmFitsDoNotAllocate) {

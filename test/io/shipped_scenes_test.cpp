@@ -118,9 +118,10 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunched) {
     EXPECT_TRUE(scene.arm.tip(vented).translation.allFinite())
         << "a vented arm must be within the limits";
   }
-  EXPECT_EQ(found, (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial",
-                                          "helical_50", "loaded", "planar_101", "planar_50",
-                                          "planar_76", "spatial_101", "spatial_50"}));
+  EXPECT_EQ(found,
+            (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial", "helical_50",
+                                   "loaded", "planar_101", "planar_50", "planar_76", "spatial_101",
+                                   "spatial_50", "tapered_50_25"}));
 }
 
 // The kinds of regulator that annotated.yaml has as comments: those of `#key: value`, indented.

@@ -1,6 +1,7 @@
 #include "helix_arm/procedures/rig_check.hpp"
 
 #include <algorithm>
+#include <variant>
 
 #include <gtest/gtest.h>
 
@@ -105,6 +106,35 @@ TEST(RigCheck, TheRegulatorIsHeldAgainstTheLimits) {
   EXPECT_EQ(watchdog[0].value, "it vents by itself 0.5 s after the last line");
 }
 
+TEST(RigCheck, ASupplyThatMayBeTooLowForTheLimitsIsNamed) {
+  expectFinding("demo_modbus", {{"safety.min_supply_kpa", "299"}}, "min_supply", Severity::kWarning,
+                "safety.min_supply_kpa", "it is 299 kPa, below the limit of muscle_1, 300 kPa");
+  EXPECT_TRUE(
+      found(sceneOf("demo_modbus", {{"safety.min_supply_kpa", "300"}}), "min_supply").empty());
+}
+
+// Of a scene made by a program; the rules of scene files refuse such limits themselves.
+TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
+  io::Scene scene = sceneOf("demo_modbus");
+  auto& device = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
+  device.highest_count = 3000;
+  EXPECT_TRUE(found(scene, "device_range").empty());
+  device.highest_count = 2999;
+  const auto findings = found(scene, "device_range");
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings[0].severity, Severity::kFault);
+  EXPECT_EQ(findings[0].culprit, regulator::describe(*scene.regulator));
+  EXPECT_EQ(findings[0].value,
+            "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
+}
+
+TEST(RigCheck, ALoadThatBucklesTheArmIsNamed) {
+  expectFinding(
+      "loaded",
+      {{"load.mass_kg", "2"}, {"arm.stiffness.K_eps_n", "60"}, {"arm.base.rpy_deg", "[0, -90, 0]"}},
+      "load_unbalanced", Severity::kWarning, "load", "no shape balances it in ");
+}
+
 TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   const RigCheck check = checkRig(sceneOf("demo_serial"), 10);
   EXPECT_FALSE(check.sight);
@@ -112,6 +142,13 @@ TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   for (const char* const name : {"no_tags", "no_camera"}) {
     EXPECT_EQ(found(sceneOf("demo_serial"), name).size(), 1u) << name;
   }
+  const std::string text = io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo_serial.yaml");
+  const io::Scene still = io::sceneOfText(text.substr(0, text.find("\nregulator:") + 1), "still");
+  const auto findings = found(still, "no_regulator");
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings[0].severity, Severity::kNote);
+  EXPECT_EQ(findings[0].value, "scene demo_serial has none, so that nothing moves");
+  EXPECT_TRUE(found(sceneOf("demo_serial"), "no_regulator").empty());
 }
 
 TEST(RigCheck, FaultsComeFirst) {

@@ -10,6 +10,7 @@
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "support/linked_arm.hpp"
 #include "support/sample_arm.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -62,7 +63,7 @@ model::Shape unevenShape() {
 }
 
 void expectRefusal(const ArmShape& msg, control::Fault fault, const std::string& part) {
-  const auto checked = fromMsg(msg, 2, "arm_base");
+  const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
   const auto* refusal = std::get_if<control::Refusal>(&checked);
   ASSERT_NE(refusal, nullptr) << part;
   EXPECT_EQ(refusal->fault, fault) << refusal->message;
@@ -94,10 +95,21 @@ TEST(Conversions, ALoadedShapeSurvivesTheRoundTrip) {
   for (int j = 0; j < 6; ++j) X = X * lie::SE3::exp(shape.pieces().col(j));
   EXPECT_LT((fromMsg(msg.tip).translation - X.translation).norm(), 1e-15);
 
-  const auto checked = fromMsg(msg, 2, "arm_base");
+  const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
   ASSERT_TRUE(std::holds_alternative<model::Shape>(checked));
   EXPECT_EQ(std::get<model::Shape>(checked).pieces(), shape.pieces());
   EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 3);
+}
+
+TEST(Conversions, AShapeIsReadWithTheLinksOfItsArm) {
+  const model::Arm arm = test::linkedArm();
+  const model::Shape shape = model::shapeOf(arm, arm.twists(arm.inputAt(0.4)));
+  const ArmShape msg = toShapeMsg({}, "linear", shape);
+  EXPECT_LT((fromMsg(msg.tip).translation - arm.tip(arm.inputAt(0.4)).translation).norm(), 1e-14);
+  const auto checked = fromMsg(msg, arm, "arm_base");
+  ASSERT_TRUE(std::holds_alternative<model::Shape>(checked));
+  const lie::SE3 tip = model::tipPose(std::get<model::Shape>(checked));
+  EXPECT_LT((tip.translation - model::tipPose(shape).translation).norm(), 1e-14);
 }
 
 TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
@@ -108,7 +120,7 @@ TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
   EXPECT_TRUE(msg.tier_reason.empty());
   for (const std::uint32_t pieces : {1U, 0U}) {
     msg.pieces = pieces;
-    const auto checked = fromMsg(msg, 2, "arm_base");
+    const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
     ASSERT_TRUE(std::holds_alternative<model::Shape>(checked)) << pieces;
     EXPECT_EQ(std::get<model::Shape>(checked).pieces(), twists);
     EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 1);

@@ -89,7 +89,7 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                 {"~scene is missing", "~rate is 0", "~draw_rate is often", "~frames is 1.5",
                  "~world_frame is /world"});
   expectRefused({"_scene:=scenes/demo.yaml"}, {"~scene is scenes/demo.yaml", "absolute path"});
-  expectRefused({"_scene:=no_such_arm"}, {"config/scenes/no_such_arm.yaml"});
+  expectRefused({"_scene:=no_such_arm"}, {"~scene is no_such_arm", "config/scenes", "spatial_50"});
   expectRefused({kScene, "_regulator:=mine"}, {"~regulator is mine", "scene or topic"});
   expectRefused({kScene, "_rate:=0", "_camera_rate:=1000"}, {"~rate is 0", "~camera_rate is 1000"},
                 HELIX_ARM_SIMULATED_RIG);
@@ -126,7 +126,7 @@ TEST_F(NodeProcess, ANodeletWithABadSceneNamesItAndItsManagerGoesOn) {
   Process bad({"rosrun", "nodelet", "nodelet", "load", "helix_arm/vision", "/eyes", "__name:=bad",
                "_scene:=no_such_arm"},
               variables());
-  EXPECT_TRUE(manager.prints("config/scenes/no_such_arm.yaml")) << manager.output();
+  EXPECT_TRUE(manager.prints("~scene is no_such_arm")) << manager.output();
   EXPECT_TRUE(manager.prints("/bad is not loaded")) << manager.output();
   EXPECT_GT(bad.exitCode(), 0) << bad.output();
   EXPECT_EQ(manager.exitCode(0.0), -1) << manager.output();

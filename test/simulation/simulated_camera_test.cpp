@@ -167,8 +167,8 @@ TEST(SimulatedCamera, TheBodyDoesNotCoverTagsThatFaceTheCamera) {
   const estimation::ArmView view = armView();
   const vision::TagFamily family("36h11");
   const model::Arm arm = ringArm(helicalRing());
-  SimulatedCamera thick(view, family, ArmBody{0.035}, sharpConfig());
-  SimulatedCamera thin(view, family, ArmBody{1e-6}, sharpConfig());
+  SimulatedCamera thick(view, family, ArmBody{{0.035}}, sharpConfig());
+  SimulatedCamera thin(view, family, ArmBody{{1e-6}}, sharpConfig());
   Random random(8);
   int tags = 0;
   for (int i = 0; i < 20; ++i) {
@@ -197,13 +197,13 @@ TEST(SimulatedCamera, TheBodyHidesWhatIsBehindIt) {
   straight << 0.4, 0, 0, 0, 0, 0;
   view.layout.tags.clear();
   const cv::Mat without =
-      SimulatedCamera(view, family, ArmBody{0.035}, sharpConfig()).render(straight).clone();
+      SimulatedCamera(view, family, ArmBody{{0.035}}, sharpConfig()).render(straight).clone();
   Eigen::Matrix3d face;
   face << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   view.layout.tags.push_back({0, 0, 0.5, {face, Eigen::Vector3d(0, 0, -0.1)}});
   EXPECT_EQ(estimation::visibleTags(view, straight).size(), 1u);
   const cv::Mat with =
-      SimulatedCamera(view, family, ArmBody{0.035}, sharpConfig()).render(straight).clone();
+      SimulatedCamera(view, family, ArmBody{{0.035}}, sharpConfig()).render(straight).clone();
   EXPECT_TRUE(same(with, without));
 }
 
@@ -323,7 +323,7 @@ TEST(SimulatedCamera, WhatCannotBeDrawnIsRefused) {
   const vision::TagFamily family("16h5");
   estimation::ArmView view = studio(plainCamera(), {kBefore});
   expectRefusal("the arm's radius [m] is 0",
-                [&] { SimulatedCamera(view, family, ArmBody{0.0}, {}); });
+                [&] { SimulatedCamera(view, family, ArmBody{{0.0}}, {}); });
   view.layout.tags[0].id = family.count();
   expectRefusal("the id of a tag is 30", [&] { SimulatedCamera(view, family, {}, {}); });
   view.layout.tags[0].id = 0;

@@ -41,8 +41,8 @@ class TipCompliance {
 
   /// Whether K_eps of the arm is unknown.
   bool normalised() const;
-  /// Quarters of each section from the base on; the last place is the tip. Only the tip if the arm
-  /// has many sections, or as many loads inside them as a solver takes.
+  /// Quarters of each section from the base on; the last place is the tip, beyond a link. Only the
+  /// tip if the arm has many sections, or as many loads inside them as a solver takes.
   const std::vector<ForcePlace>& places() const;
 
   /// Where the arm is now. What was computed elsewhere is forgotten if a pressure differs by 10 kPa

@@ -78,8 +78,8 @@ struct Scene {
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
   /// What the camera looks at. Only with a camera and tags.
   estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
-  /// Configuration of its simulated camera: camera and tags at their true poses, the arm drawn as
-  /// thick as its widest section. Nothing without a camera or tags.
+  /// Configuration of its simulated camera: camera and tags at their true poses, each
+  /// section drawn as thick as its separators. Nothing without a camera or tags.
   std::optional<simulation::CameraSetup> cameraSetup() const;
 };
 

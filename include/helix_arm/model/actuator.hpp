@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -55,12 +56,15 @@ constexpr bool isPressure(Drive drive) { return unitOf(drive).pressure; }
 template <class Group>
 struct ActuatorOf {
   std::string name;
-  Group X_O;  ///< pose in the base-curve frame, constant along the arm (eq. 10)
+  Group X_O;  ///< pose in the base-curve frame, constant along the section (eq. 10)
   Stiffness stiffness;
   Contraction contraction;
   Range limits;  ///< of the input; inside contraction.inputRange()
   Drive drive = Drive::kPressure;
   Response response{};  ///< between the measured pressure and the contraction
+  /// If the section is tapered: poses at evenly spaced s from its beginning, X_O, to its end, >= 2;
+  /// between them the position is linear in s, and the rotation is about a constant axis.
+  std::vector<Group> taper{};
 };
 
 using Actuator = ActuatorOf<lie::SE3>;

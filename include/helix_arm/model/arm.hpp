@@ -1,10 +1,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/model/actuator.hpp"
 #include "helix_arm/model/equilibrium.hpp"
+#include "helix_arm/model/taper.hpp"
 
 namespace helix_arm::model {
 
@@ -27,9 +30,47 @@ using PlanarTwists = TwistsOf<lie::SE2>;
 template <class Group>
 struct SectionOf {
   std::vector<ActuatorOf<Group>> actuators;
+  double plate = 0.0;  ///< rigid length beyond the section, along x of its end, >= 0 [m]
 };
 
-/// Sections in series, without load: X_tip = prod_k exp(g_k), each g_k = (A+ D)_k l_k (eq. 17).
+/// Rigid links of an arm, (sections): pose of what follows section k, seen from the end of its base
+/// curve. This is the start of the next section or, for the last section, the tip.
+template <class Group>
+using LinksOf = std::vector<Group>;
+using Links = LinksOf<lie::SE3>;
+
+/// Maximum number of pieces of a shape.
+inline constexpr int kMaxPieces = 128;
+/// Twists of constant pieces in series, (dof x pieces), each over its own length; v [m], w [rad].
+template <class Group>
+using PiecesOf =
+    Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof, kMaxPieces>;
+
+/// An arm without load at given inputs.
+template <class Group>
+struct UnloadedOf {
+  /// Constant twists (dof x sections): all that an arm without taper needs.
+  template <class Derived>
+  UnloadedOf(const Eigen::MatrixBase<Derived>& constant) : twists(constant) {}
+  UnloadedOf(const TwistsOf<Group>& mean, Eigen::VectorXd all_lengths)
+      : twists(mean), lengths(std::move(all_lengths)) {}
+
+  TwistsOf<Group> twists;   ///< (dof x sections) means over each section
+  Eigen::VectorXd lengths;  ///< (n) free lengths [m] of a tapered arm; otherwise empty
+  /// (dof x dof * sections) twist per wrench of each section, where that depends on the inputs;
+  /// otherwise empty.
+  Eigen::Matrix<double, Group::kDof, Eigen::Dynamic, Eigen::ColMajor, Group::kDof,
+                Group::kDof * kMaxSections>
+      compliance;
+};
+using Unloaded = UnloadedOf<lie::SE3>;
+
+/// Sections in series, without load: X_tip = prod_k exp(g_k) X_link,k, each g_k = (A+ D)_k l_k (eq.
+/// 17). A link is the section's plate; that of the last section is followed by the tool.
+///
+/// In a tapered section the actuators' poses vary, and so does its twist: g(s) = A(s)+ D(s) l. Its
+/// motion is a product of Magnus steps of order 4, as many as move the tip by less than 1e-5 of the
+/// arm's length when doubled (at sampled inputs). Its twist is the sum of those of the steps.
 ///
 /// Immutable; the maps are computed once, in the constructor. All poses are seen from the arm's
 /// base, with x along the tangent there.
@@ -38,20 +79,38 @@ class ArmOf {
  public:
   using Twists = TwistsOf<Group>;
 
+  /// @param tool  pose of the tip, seen from the end of the last section's plate.
   /// @throws std::invalid_argument naming the section and actuator that break a rule: 1 ..
   ///     kMaxSections sections, 1 .. kMaxActuators actuators each, limits inside the contraction's
-  ///     range, stiffness finite and >= 0.
-  explicit ArmOf(std::vector<SectionOf<Group>> sections);
+  ///     range, stiffness finite and >= 0, plates finite and >= 0, a finite tool.
+  explicit ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool = {});
 
   /// The same arm with this stiffness for every actuator.
   ArmOf withStiffness(const Stiffness& stiffness) const;
+  /// The same arm with this stiffness for one actuator.
+  ArmOf withStiffness(int actuator, const Stiffness& stiffness) const;
 
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
   int actuatorCount() const { return static_cast<int>(actuators_.size()); }
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
+  /// Of a tapered section, the mean over s.
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
+  /// Null if section k is not tapered.
+  const std::shared_ptr<const TaperOf<Group>>& taper(int k) const { return tapers_[k]; }
+  /// Whether any section is tapered.
+  bool tapered() const { return steps_ > 0; }
+  /// Number of pieces per section of the shape without load: 1, or the steps of a tapered arm.
+  int piecesPerSection() const { return steps_ > 0 ? steps_ : 1; }
+  /// Null if the arm has neither plates nor a tool.
+  const std::shared_ptr<const LinksOf<Group>>& links() const { return links_; }
+  /// Length of the plate beyond section k [m].
+  double plate(int k) const { return plates_[k]; }
+  /// Pose of the tip, seen from the end of the last plate.
+  const Group& tool() const { return tool_; }
+  /// Link of section k.
+  Group link(int k) const { return links_ ? (*links_)[k] : Group(); }
 
   /// Twist of section k when every actuator has its rest length.
   const typename Group::Tangent& restTwist(int k) const { return rest_twists_[k]; }
@@ -59,7 +118,7 @@ class ArmOf {
   /// Length of the base curve of section k when every actuator has its rest length [m].
   double restLength(int k) const { return rest_twists_[k].template head<Group::kSpace>().norm(); }
 
-  /// Length of the base curve of the whole arm in that state [m].
+  /// Length of the base curve of the whole arm in that state, without links [m].
   double restLength() const;
 
   /// Mean rest length of the actuators of section k [m]: the length l that converts strain, as a
@@ -90,10 +149,34 @@ class ArmOf {
   /// Twists (dof x sections) of given lengths (n) [m]. Does not allocate and does not check.
   Twists twistsOfLengths(const InputRef& lengths) const noexcept;
 
+  /// The arm at inputs q (n) or at given lengths (n) [m], which are not checked. The latter
+  /// allocates if the arm is tapered. @throws as lengths() does.
+  UnloadedOf<Group> unloaded(const InputRef& q) const;
+  UnloadedOf<Group> unloadedOfLengths(const InputRef& lengths) const;
+  /// Its pieces (dof x sections * piecesPerSection()).
+  PiecesOf<Group> pieces(const UnloadedOf<Group>& unloaded) const;
+  /// Derivative (dof x n) of piece j of section k by the lengths of the section's actuators.
+  typename Equilibrium<Group>::Map pieceByLengths(int k, int j,
+                                                  const UnloadedOf<Group>& unloaded) const;
+
   /// Pose of the tip at inputs q (n). Does not allocate. Throws as lengths() does.
   Group tip(const InputRef& q) const;
+  /// The same without check.
+  Group tipInside(const InputRef& q) const noexcept;
+  /// The same at given lengths (n) [m].
+  Group tipOfLengths(const InputRef& lengths) const noexcept;
+  /// Pose of the tip with given twists (dof x sections), each constant along its section.
+  Group tipOf(const Twists& twists) const;
 
  private:
+  using Steps = std::vector<typename TaperOf<Group>::Step>;
+
+  ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps);
+  void chooseSteps();
+  void setSteps(int steps);
+  typename TaperOf<Group>::Lengths lengthsOf(const InputRef& q, int k) const noexcept;
+  typename Group::Tangent taperedTwist(const typename TaperOf<Group>::Lengths& lengths,
+                                       int k) const noexcept;
   template <class StiffnessOf>
   ArmOf stiffened(const StiffnessOf& stiffnessOf) const;
   void check(const InputRef& q) const;
@@ -104,6 +187,12 @@ class ArmOf {
   std::vector<int> first_;
   std::vector<Equilibrium<Group>> equilibria_;
   std::vector<typename Group::Tangent> rest_twists_;
+  std::vector<std::shared_ptr<const TaperOf<Group>>> tapers_;
+  std::vector<Steps> section_steps_;  // empty where a section is not tapered
+  int steps_ = 0;                     // per section; 0 without taper
+  std::vector<double> plates_;
+  Group tool_;
+  std::shared_ptr<const LinksOf<Group>> links_;  // shared with shapes, which are copied often
 };
 
 using Arm = ArmOf<lie::SE3>;

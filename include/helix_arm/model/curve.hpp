@@ -8,13 +8,16 @@
 namespace helix_arm::model {
 
 /// Pose of the base curve at s, seen from the base: X(s) = X_1 .. X_k exp((s - k) g), k = floor(s).
-/// Sections of several pieces are evaluated likewise, piece by piece.
+/// Sections of several pieces are evaluated likewise, piece by piece. A link belongs to X_k, so
+/// that s = k is the start of section k.
 ///
 /// Each s is evaluated directly, so errors do not accumulate with fine sampling.
-/// @param shape  or planar twists (dof x sections); v [m], w [rad].
+/// @param shape  or planar twists (dof x sections) without links; v [m], w [rad].
 /// @param s      in [0, sections]: section k covers [k, k + 1].
 /// @throws std::invalid_argument when s is outside.
 lie::SE3 poseAt(const Shape& shape, double s);
+/// The same at s in [0, 1] of a section: s = 1 is its end, before its link.
+lie::SE3 poseAt(const Shape& shape, int section, double s);
 inline lie::SE3 poseAt(const Twists& twists, double s) { return poseAt(Shape(twists), s); }
 lie::SE2 poseAt(const PlanarTwists& twists, double s);
 
@@ -25,7 +28,8 @@ struct CurvePoint {
   Group X;   ///< seen from the base
 };
 
-/// Poses as of poseAt() at `count` >= 2 evenly spaced s, including base and tip.
+/// Poses as of poseAt() at `count` >= 2 evenly spaced s, including the base and the end of the last
+/// section, which is the tip of an arm without links.
 /// @throws std::invalid_argument when count < 2.
 std::vector<CurvePoint<lie::SE3>> sampleCurve(const Shape& shape, int count);
 inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int count) {
@@ -33,7 +37,11 @@ inline std::vector<CurvePoint<lie::SE3>> sampleCurve(const Twists& twists, int c
 }
 std::vector<CurvePoint<lie::SE2>> sampleCurve(const PlanarTwists& twists, int count);
 
-/// Pose of the tip, X_1 .. X_n, seen from the base.
+/// The same to draw an arm: followed by the tip if the arm has links.
+std::vector<CurvePoint<lie::SE3>> sampleToTip(const Shape& shape, int count);
+
+/// Pose of the tip, X_1 .. X_n, seen from the base. Twists are those of an arm without links;
+/// otherwise, use ArmOf::tipOf().
 lie::SE3 tipPose(const Shape& shape);
 inline lie::SE3 tipPose(const Twists& twists) { return tipPose(Shape(twists)); }
 lie::SE2 tipPose(const PlanarTwists& twists);

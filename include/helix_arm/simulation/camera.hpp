@@ -30,7 +30,7 @@ struct SimulatedCameraConfig {
 
 /// Thickness of the drawn arm.
 struct ArmBody {
-  double radius = 0.03;  ///< [m]
+  std::vector<double> radius;  ///< of each section [m]; if empty, 0.03 m everywhere
 };
 
 /// Renders the tags and the body of an arm as a webcam sees them: with lens distortion, blur,

@@ -27,7 +27,8 @@ struct Correction {
 /// inputs remain the same box.
 class CorrectedModel {
  public:
-  /// Starts without a difference. @param loaded  model under the scene's load; null without load.
+  /// Starts without a difference. @param loaded  model under the scene's load, or of a tapered arm;
+  /// null without either.
   CorrectedModel(const model::Arm& arm, const ArmModel* loaded);
   explicit CorrectedModel(const ArmModel& model);
 
@@ -40,7 +41,7 @@ class CorrectedModel {
   const Correction& correction() const { return correction_; }
   /// The arm with the corrected stiffness; actuators and limits are those of the nominal arm.
   const model::Arm& arm() const { return arm_; }
-  /// The same under load; null without load.
+  /// The same under load, or tapered; null without either.
   const ArmModel* loaded() const { return loaded_ ? &*loaded_ : nullptr; }
 
   /// Corrected free lengths (n) [m], valid until the next call.

@@ -25,32 +25,34 @@ struct ExactOptions {
 /// base:
 ///   g(s) = g* + C Ad_X(s)^T W(s),  X' = X g,  dW/ds = -(wrench of the load per unit s),
 /// where g* is the twist of the section without load (eq. 17) and C = (l / K_eps) A+ is its
-/// compliance. The force is known in closed form. Newton's method, with the derivative of the flow,
-/// finds the three components of the base moment for which the moment at the tip equals the applied
-/// one. The integrator is an adaptive Runge-Kutta method of order 8. Where errors would grow along
-/// the arm (long, and soft for its load), multiple shooting is used: frames and moments at
-/// intermediate points are unknowns as well.
-/// If Newton's method does not contract at once, the load is applied in steps. Of several
-/// equilibria, this finds the stable one that grows from the unloaded shape. Where that branch ends
-/// (a snap, or a column that is straight to the last digit under Euler's load), the result is
-/// whichever equilibrium damped steps then find; it may be unstable.
+/// compliance; in a tapered section both depend on s. The force is known in closed form. Newton's
+/// method, with the derivative of the flow, finds the three components of the base moment for which
+/// the moment at the tip equals the applied one. The integrator is an adaptive Runge-Kutta method
+/// of order 8. Where errors would grow along the arm (long, and soft for its load), multiple
+/// shooting is used: frames and moments at intermediate points are unknowns as well. If Newton's
+/// method does not contract at once, the load is applied in steps. Of several equilibria, this
+/// finds the stable one that grows from the unloaded shape. Where that branch ends (a snap, or a
+/// column that is straight to the last digit under Euler's load), the result is whichever
+/// equilibrium damped steps then find; it may be unstable.
 class ExactArm {
  public:
   /// @throws std::invalid_argument naming the value that breaks a rule of Load or ExactOptions.
   ExactArm(const model::Arm& arm, const Load& load, const ExactOptions& options = {});
 
-  /// @param unloaded  twists (6 x sections) of the arm without load.
+  /// @param unloaded  twists (6 x sections) of the arm without load, or ArmOf::unloaded() of a
+  /// tapered
+  ///     arm.
   /// @return the shape; its residual is the last Newton step, relative to the arm's size and one
   ///     radian. If no shape is found: the shape that balances the largest fraction of the load
   ///     that was reached, with the Newton step towards the full load as residual.
   /// @throws std::invalid_argument on a wrong number of sections or twists that are not finite.
-  Solution solve(const model::Twists& unloaded) const;
+  Solution solve(const model::Unloaded& unloaded) const;
 
   /// Points of the base curve at `count` >= 2 evenly spaced s, including base and tip. Each point
   /// is integrated like the tip, whereas the pieces of solve() are helices between their ends. If
   /// no shape is found, the points lie on those pieces.
   /// @throws as solve() does, and std::invalid_argument when count < 2.
-  std::vector<model::CurvePoint<lie::SE3>> curve(const model::Twists& unloaded, int count) const;
+  std::vector<model::CurvePoint<lie::SE3>> curve(const model::Unloaded& unloaded, int count) const;
 
  private:
   class Statics;

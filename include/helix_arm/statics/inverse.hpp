@@ -12,14 +12,16 @@
 namespace helix_arm::statics {
 
 /// Which inputs to prefer if several reach the target, as with redundant actuators. Each preference
-/// minimises sum_i ((q_i - q_ref,i) / range_i)^2 with its own q_ref. The search starts at the first
-/// solution and moves along the inputs that reach the target, so it finds a local minimum: a small
-/// change of the target does not make the command jump.
+/// except kStiff minimises sum_i ((q_i - q_ref,i) / range_i)^2 with its own q_ref. The search
+/// starts at the first solution and moves along the inputs that reach the target, so it finds a
+/// local minimum: a small change of the target does not make the command jump.
 enum class Preference {
   kMinPressure,    ///< q_ref = the lower limits: lowest pressures
   kMinChange,      ///< q_ref = the start given to the solver
   kCocontraction,  ///< q_ref = lower + cocontraction * (upper - lower), to choose the stiffness of
                    ///< the bundle
+  kStiff,  ///< least compliance of the tip: the sum over the axes of its motion along a force
+           ///< per force. Needs a model whose K_eps is known
 };
 
 /// Largest accepted magnitude of a target's entry, [m] or [rad].

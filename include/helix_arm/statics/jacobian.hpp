@@ -34,8 +34,8 @@ struct ShapeJacobian {
 /// Derivatives at inputs q (n).
 ///
 /// Without load they are analytic; that with respect to a load is the integral of the sections'
-/// compliances along the curve. Under load they are differences of fourth order of the model's own
-/// solutions, within 1e-6 of the largest column.
+/// compliances along the curve. Under load, or of a tapered arm, they are differences of fourth
+/// order of the model's own solutions, within 1e-6 of the largest column.
 /// @throws as Arm::lengths() does. The derivatives are NaN unless all solutions converged.
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q);
 

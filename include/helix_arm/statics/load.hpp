@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/arm.hpp"
 
 namespace helix_arm::statics {
 
@@ -20,13 +21,27 @@ struct PointLoad {
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();
 };
 
-/// All loads on an arm. A mass or wrench at the tip is a point load at the end of the last section.
+/// How the extensional stiffness of a section's actuators depends on their inputs: factors on K_eps
+/// of the section, linear between given inputs, constant beyond them.
+struct StiffnessTable {
+  std::vector<double> input;   ///< ascending [Pa]; empty: K_eps is constant
+  std::vector<double> factor;  ///< one per input, >= 1
+
+  bool empty() const { return input.empty(); }
+  double at(double q) const;
+};
+
+/// All loads on an arm. A mass or wrench at the tip is a point load at the end of the last section;
+/// its offset includes the arm's last link, if there is one.
 struct Load {
   Eigen::Vector3d gravity = Eigen::Vector3d::Zero();  ///< base frame [m/s^2]
   std::vector<double> mass;  ///< mass of each section, distributed evenly over s, >= 0 [kg]
   /// Extensional stiffness K_eps of one actuator of each section, by which K is normalised, > 0
   /// [N].
   std::vector<double> K_eps;
+  /// Of each section, relative to its K_eps, which is then the least one; empty if all are
+  /// constant.
+  std::vector<StiffnessTable> tables;
   std::vector<PointLoad> points;
 
   /// True if nothing loads the arm: no force, no moment, and no mass under gravity.
@@ -37,6 +52,10 @@ struct Load {
   Eigen::Vector3d forceOf(const PointLoad& point) const {
     return point.force + point.mass * gravity;
   }
+  /// The same load, with the points at the start of a section moved to the end of the one before,
+  /// to which its link joins them rigidly.
+  /// @param links  of the arm; null without any.
+  Load atEnds(const model::Links* links) const;
   /// @throws std::invalid_argument naming the value and its rule: one mass and one K_eps for each
   ///     of `sections` sections, all values finite, points on the arm.
   void validate(int sections) const;

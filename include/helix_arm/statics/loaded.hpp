@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
@@ -39,11 +40,11 @@ constexpr double statedTipError(int order) {
 ///
 /// In each section the wrench W of the load deforms the shape that the actuators set:
 ///   g(s) = g* + C Ad_X(s)^T W(s),  X' = X g,
-/// where g* is the twist without load (eq. 17) and C = (l / K_eps) A+ is the section's compliance.
-/// With X(s) = X_k exp(z(s)) exp(s g*), z' is a polynomial of the tier's order. Picard's iteration
-/// with Anderson's acceleration finds it at order + 1 Gauss points. A point load inside a section
-/// divides the section there. Order kLeastOrder takes one step and recovers the strain once more,
-/// for any load. Without load this is the linear model.
+/// where g* is the twist without load (eq. 17) and C = (l / K_eps) A+ is the section's compliance;
+/// in a tapered section both depend on s. With X(s) = X_k exp(z(s)) exp(s g*), z' is a polynomial
+/// of the tier's order. Picard's iteration with Anderson's acceleration finds it at order + 1 Gauss
+/// points. A point load inside a section divides the section there. Order kLeastOrder takes one
+/// step and recovers the strain once more, for any load. Without load this is the linear model.
 /// Where the error may exceed statedTipError(), as near a buckling load or with more turns per
 /// section than the order resolves, the shape is compared with one on 16 Gauss points. It counts as
 /// not converged if the error is exceeded.
@@ -55,6 +56,7 @@ template <class Group>
 class LoadedArmOf {
  public:
   using Twists = model::TwistsOf<Group>;
+  using Unloaded = model::UnloadedOf<Group>;
   using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
 
   /// A tip and its derivatives.
@@ -73,21 +75,24 @@ class LoadedArmOf {
 
   int order() const { return order_; }
 
-  /// Tip for the twists (dof x sections) of the arm without load. Does not allocate.
-  TipOf<Group> tip(const Twists& unloaded) const;
+  /// Tip for the twists (dof x sections) of the arm without load, for ArmOf::unloaded() of a
+  /// tapered arm, or for unloadedUnder() of a load with StiffnessTables. Does not allocate with
+  /// twists alone.
+  /// @throws std::invalid_argument if the other two get twists alone.
+  TipOf<Group> tip(const Unloaded& unloaded) const;
 
   /// The same with the shape, kLoadedPieces per section.
-  Solution solve(const Twists& unloaded) const;
+  Solution solve(const Unloaded& unloaded) const;
 
   /// Points of the base curve at `count` >= 2 evenly spaced s, including base and tip. Every point
   /// is as accurate as the tip, whereas the pieces of solve() are helices between their ends.
   /// @throws std::invalid_argument when count < 2.
-  std::vector<model::CurvePoint<lie::SE3>> curve(const Twists& unloaded, int count) const;
+  std::vector<model::CurvePoint<lie::SE3>> curve(const Unloaded& unloaded, int count) const;
 
   /// Tip and its derivative when the unloaded twists change along each of m directions (dof *
   /// sections x m). With an actuator's map and the slope of its contraction as direction, this is
   /// the derivative with respect to its input. Central differences of solutions, accurate to 1e-6
-  /// of the largest column.
+  /// of the largest column. For arms without taper and loads without StiffnessTables.
   Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
 
   /// Tip and its derivative with respect to the load: one column for the mass of each section
@@ -100,22 +105,33 @@ class LoadedArmOf {
     int section;
     double begin, length;     // in s of the section
     std::vector<int> points;  // indices of the point loads at its end
+    bool linked = false;      // whether a link follows
   };
   template <int kNodes>
   class Relaxation;
+  template <int kNodes>
+  class UnloadedElements;
 
   // Runs a relaxation, starting from the solution `near` of a similar problem if there is one.
   template <class Solver>
-  Solver solved(const Load& load, const Twists& unloaded, const Solver* near) const;
+  Solver solved(const Load& load, const Unloaded& unloaded, const Solver* near) const;
   // Rejects a relaxation whose tip differs from that of a finer one.
   template <class Solver>
-  void check(const Load& load, const Twists& unloaded, Solver& solver) const;
+  void check(const Load& load, const Unloaded& unloaded, Solver& solver) const;
 
   int order_;
   Load load_;
   std::vector<typename Group::Matrix> compliance_;  // of each section
   std::vector<typename model::Equilibrium<Group>::Basis> null_space_;
+  // Of tapered sections, null for the others: with the factor l / K_eps of its compliance.
+  std::vector<std::shared_ptr<const model::TaperOf<Group>>> tapers_;
+  std::vector<double> per_K_;
+  std::vector<int> first_;  // actuator of each section
+  bool tapered_ = false;
+  bool has_tables_ = false;
   std::vector<Element> elements_;
+  std::shared_ptr<const model::LinksOf<Group>> links_;  // null without any
+  std::shared_ptr<const model::Links> links_in_space_;
   double size_ = 0.0;  // length scale of the arm [m]
   bool may_buckle_ = false;
 };

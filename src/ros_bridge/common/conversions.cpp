@@ -150,8 +150,9 @@ control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections)
   return control::checkTwists(sections, target.twist);
 }
 
-control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
+control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame) {
+  const int sections = arm.sectionCount();
   const std::string& frame = shape.header.frame_id;
   if (!frame.empty() && frame != base_frame) {
     return Refusal{Fault::kWrongFrame, "its frame is '" + basics::quoted(frame) + "', not '" +
@@ -165,11 +166,11 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
   if (!(twists.topRows<3>().colwise().norm().sum() > kShortest)) {
     return Refusal{Fault::kOutOfRange, "its curve is shorter than 1 mm; send the twists of an arm"};
   }
-  if (shape.pieces <= 1) return model::Shape(twists);
+  if (shape.pieces <= 1) return model::shapeOf(arm, twists);
   const int pieces = static_cast<int>(shape.pieces);
   const model::Shape out(
       Eigen::Map<const model::Shape::Pieces>(shape.piece_twist.data(), 6, sections * pieces),
-      pieces);
+      pieces, arm.links());
   const double off = (out.twists() - twists).cwiseAbs().maxCoeff();
   if (off > kPieceTolerance) {
     return Refusal{Fault::kOutOfRange, "its pieces do not sum to the twists of its sections, " +

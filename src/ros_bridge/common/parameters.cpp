@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <sstream>
 #include <stdexcept>
 
-#include <ros/package.h>
-
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
@@ -29,7 +29,7 @@ std::optional<std::string> filePath(const std::string& given, const std::string&
   if (given.find('/') != std::string::npos || given.find('.') != std::string::npos) {
     return std::nullopt;
   }
-  return join(ros::package::getPath("helix_arm"), "/", folder, "/", given, extension);
+  return join(io::shippedFolder(folder), "/", given, extension);
 }
 
 XmlRpc::XmlRpcValue ParameterReader::read(const std::string& name) {
@@ -106,7 +106,17 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
                                           const std::string& extension) {
   const std::string given = text(name, "");
   if (given.empty()) return given;
-  if (const auto path = filePath(given, folder, extension)) return *path;
+  const auto path = filePath(given, folder, extension);
+  if (path && (given.front() == '/' || std::filesystem::exists(*path))) return *path;
+  if (path) {
+    std::string names;
+    for (const std::string& one : io::shippedNames(folder, extension)) {
+      names += (names.empty() ? "" : ", ") + one;
+    }
+    fault(name, XmlRpc::XmlRpcValue(given),
+          join("an absolute path, or the name of a file in ", folder, " of the package: ", names));
+    return "";
+  }
   // roslaunch starts nodes in ROS_HOME, so a relative path would not refer to the user's directory.
   fault(name, XmlRpc::XmlRpcValue(given),
         join("an absolute path, or the name of a file in ", folder, " of the package"));

@@ -4,11 +4,10 @@
 #include <stdexcept>
 #include <utility>
 
-#include <ros/package.h>
-
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/content_hash.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
@@ -18,7 +17,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr char kShippedScenes[] = "config/scenes";
+using io::kShippedScenes;
 
 }  // namespace
 
@@ -44,8 +43,7 @@ std::string ReloadServer::allowed(const std::string& scene) const {
                   " of the package");
   if (scene.front() != '/') return *path;
   const FileAccess access(
-      {{scene_folder_, "~scene_folder"},
-       {ros::package::getPath("helix_arm") + "/" + kShippedScenes, "the package's own"}});
+      {{scene_folder_, "~scene_folder"}, {io::shippedFolder(kShippedScenes), "the package's own"}});
   return access.toRead("scene", *path, {".yaml"});
 }
 

@@ -111,7 +111,7 @@ void LoopPublisher::publishEstimate(const View& view) {
   const auto shape = view.loop.tracker().shape(view.loop.observer().newest().pressure);
   if (!shape) return;
   curve_.clear();
-  for (const auto& point : model::sampleCurve(*shape, shape->sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(*shape, shape->sectionCount() * kPoints)) {
     curve_.push_back(point.X.translation);
   }
   std_msgs::Header header;

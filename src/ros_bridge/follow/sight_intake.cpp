@@ -44,9 +44,8 @@ void SightIntake::poll() {
 }
 
 void SightIntake::onMeasured(const ArmShapeConstPtr& shape) {
-  const int sections = scene_.arm.sectionCount();
-  const auto checked = fromMsg(*shape, sections, base_frame_);
-  const auto covariance = covarianceOf(*shape, sections);
+  const auto checked = fromMsg(*shape, scene_.arm, base_frame_);
+  const auto covariance = covarianceOf(*shape, scene_.arm.sectionCount());
   for (const auto* refusal :
        {std::get_if<control::Refusal>(&checked), std::get_if<control::Refusal>(&covariance)}) {
     if (refusal == nullptr) continue;

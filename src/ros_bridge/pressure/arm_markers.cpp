@@ -34,10 +34,11 @@ constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
 
-// Blue, green, yellow, red: all bright enough for text on a dark background.
+// Blue to lilac: bright enough for text on a dark background, and unlike the colours of the curves
+// (kLegend), which show through the muscles.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
-      {{0.35, 0.65, 1.0}, {0.4, 0.9, 0.45}, {1.0, 0.85, 0.25}, {1.0, 0.3, 0.2}}};
+      {{0.25, 0.45, 1.0}, {0.55, 0.5, 1.0}, {0.78, 0.62, 1.0}, {0.95, 0.85, 1.0}}};
   const double place = 3.0 * std::clamp(share, 0.0, 1.0);
   const int k = std::min(2, static_cast<int>(place));
   const double t = place - k;
@@ -52,12 +53,15 @@ Eigen::Vector3d onCircle(double radius, int side) {
   return {0.0, radius * std::cos(angle), radius * std::sin(angle)};
 }
 
-// Triangles of the tube of a muscle, offset from the curve by X_O, between two points of the curve.
-void addTube(const Curve& curve, int first, int last, const lie::SE3& X_O, double radius,
+// Triangles of the tube of a muscle along the curve, between two points of the curve.
+// The second one is at X_last, since the curve continues there beyond a plate.
+void addTube(const Curve& curve, int first, int last, const lie::SE3& X_last,
+             const model::Actuator& actuator, double radius,
              std::vector<geometry_msgs::Point>& triangles) {
   std::array<geometry_msgs::Point, kSides> here, next;
   for (int j = first; j <= last; ++j) {
-    const lie::SE3 X = curve[j].X * X_O;
+    const double s = static_cast<double>(j - first) / (last - first);
+    const lie::SE3 X = (j < last ? curve[j].X : X_last) * model::poseAlong(actuator, s);
     for (int side = 0; side < kSides; ++side) next[side] = toPointMsg(X * onCircle(radius, side));
     for (int side = 0; j > first && side < kSides; ++side) {
       const int other = (side + 1) % kSides;
@@ -203,19 +207,21 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   stamp_ = stamp;
   const model::Arm& arm = scene_.arm;
   const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
-  extendTrace(curve.back().X.translation);
+  extendTrace(model::tipPose(shape).translation);
 
   visualization_msgs::MarkerArray out;
   int disc = 0;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const io::SectionLook& look = scene_.looks[k];
+    const lie::SE3 X_end = model::poseAt(shape, k, 1.0);
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       const model::Actuator& actuator = arm.actuator(i);
       const model::Range& limits = actuator.limits;
       Marker tube = marker(names::kMusclesNs, i, Marker::TRIANGLE_LIST);
       tube.scale.x = tube.scale.y = tube.scale.z = 1.0;
       tube.color = pressureColor((pressure[i] - limits.lower) / (limits.upper - limits.lower));
-      addTube(curve, k * kRings, (k + 1) * kRings, actuator.X_O, look.muscle_radius, tube.points);
+      addTube(curve, k * kRings, (k + 1) * kRings, X_end, actuator, look.muscle_radius,
+              tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
       text.scale.z = kLineHeight;
@@ -226,14 +232,19 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
-    for (int j = 0; j < look.separators; ++j) {
-      const double s = k + static_cast<double>(j) / (look.separators - 1);
+    const auto addDisc = [&](const lie::SE3& X, double thickness) {
       Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
-      plate.pose = toPoseMsg(standAlongX(model::poseAt(shape, s)));
+      plate.pose = toPoseMsg(standAlongX(X));
       plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
-      plate.scale.z = kDisc;
+      plate.scale.z = thickness;
       plate.color = color(0.75, 0.75, 0.8, 0.55);
       out.markers.push_back(std::move(plate));
+    };
+    for (int j = 0; j < look.separators; ++j) {
+      addDisc(model::poseAt(shape, k, static_cast<double>(j) / (look.separators - 1)), kDisc);
+    }
+    if (const double plate = arm.plate(k); plate > 0) {
+      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, plate);
     }
   }
 
@@ -241,6 +252,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
   base_curve.scale.x = kLine;
   base_curve.color = color(1.0, 1.0, 1.0);
   for (const auto& point : curve) base_curve.points.push_back(toPointMsg(point.X.translation));
+  if (shape.links()) base_curve.points.push_back(toPointMsg(model::tipPose(shape).translation));
   out.markers.push_back(std::move(base_curve));
 
   if (trace_.size() > 1) {

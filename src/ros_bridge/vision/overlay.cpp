@@ -50,7 +50,7 @@ void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3&
                const model::Shape& shape, const cv::Scalar& color, bool dashed) {
   std::optional<Eigen::Vector2d> last;
   int k = 0;
-  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kPoints)) {
     const auto pixel = camera.project(X_CB * point.X.translation);
     if (pixel && last && (!dashed || k % 2 == 1)) pen.line(*last, *pixel, color);
     last = pixel;

@@ -23,7 +23,7 @@ constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
 
 std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   std::vector<geometry_msgs::Point> points;
-  for (const auto& point : model::sampleCurve(shape, shape.sectionCount() * kPoints)) {
+  for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kPoints)) {
     points.push_back(toPointMsg(point.X.translation));
   }
   return points;

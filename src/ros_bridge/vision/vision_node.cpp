@@ -101,7 +101,7 @@ void VisionNode::onFailure() {
 }
 
 void VisionNode::onModel(const ArmShapeConstPtr& model) {
-  const auto checked = fromMsg(*model, scene_.arm.sectionCount(), frames_.base);
+  const auto checked = fromMsg(*model, scene_.arm, frames_.base);
   if (const auto* shape = std::get_if<model::Shape>(&checked)) {
     models_.add(model->header.stamp, *shape);
   } else {

@@ -54,8 +54,9 @@ control::Checked<model::Twists> fromMsg(const ShapeTarget& target, int sections)
 /// The shape of a message, whose curve must not have length 0. Without `pieces`, each section is
 /// one piece; with several, their sum must be `twist`.
 ///
+/// @param arm         the arm of the message, which gives the links.
 /// @param base_frame  the only accepted frame_id, besides an empty one.
-control::Checked<model::Shape> fromMsg(const ArmShape& shape, int sections,
+control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame);
 
 /// The goal of a tip target, base frame.

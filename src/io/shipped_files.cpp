@@ -1,0 +1,58 @@
+#include "helix_arm/io/shipped_files.hpp"
+
+#include <algorithm>
+#include <filesystem>
+
+#include <dlfcn.h>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "map_reader.hpp"
+
+namespace helix_arm::io {
+
+namespace fs = std::filesystem;
+
+std::string shippedFolder(const std::string& folder) {
+  Dl_info library{};
+  std::error_code error;
+  if (dladdr(reinterpret_cast<const void*>(&shippedFolder), &library) != 0) {
+    const fs::path here = fs::weakly_canonical(library.dli_fname, error).parent_path();
+    const fs::path installed = here.parent_path() / "share/helix_arm" / folder;
+    if (fs::is_directory(installed, error)) return installed;
+  }
+  return fs::path(HELIX_ARM_PACKAGE_DIR) / folder;
+}
+
+std::vector<std::string> shippedNames(const std::string& folder, const std::string& extension) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(shippedFolder(folder), error)) {
+    if (entry.path().extension() == extension) names.push_back(entry.path().stem());
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+std::optional<std::string> findScene(const std::string& given) {
+  std::error_code error;
+  const bool path = given.empty() || given.find_first_of("/.") != std::string::npos;
+  if (path || fs::is_regular_file(given, error)) return given;
+  const std::vector<std::string> shipped = shippedNames(kShippedScenes);
+  if (std::find(shipped.begin(), shipped.end(), given) == shipped.end()) return std::nullopt;
+  return fs::path(shippedFolder(kShippedScenes)) / (given + ".yaml");
+}
+
+std::string unknownScene(const std::string& given) {
+  return "the scene " + basics::quoted(given) +
+         " is neither a file nor a shipped scene; expected the path of a scene file, or " +
+         alternatives(shippedNames(kShippedScenes));
+}
+
+std::string scenePath(const std::string& given) {
+  const std::optional<std::string> path = findScene(given);
+  basics::require(path.has_value(), unknownScene(given));
+  return *path;
+}
+
+}  // namespace helix_arm::io

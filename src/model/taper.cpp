@@ -1,0 +1,236 @@
+#include "helix_arm/model/taper.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "helix_arm/basics/pi.hpp"
+
+namespace helix_arm::model {
+namespace {
+
+constexpr int kLeastModes = 6, kMostModes = 24;
+constexpr double kFitError = 1e-9;  // of the maps and compliances, relative to their largest entry
+constexpr double kGauss =
+    0.28867513459481288;  // of the points of a step, sqrt(3) / 6 off its middle
+
+template <class Group>
+Equilibrium<Group> balanceAt(const std::vector<ActuatorOf<Group>>& actuators, double s) {
+  std::vector<Strand<Group>> strands;
+  for (const ActuatorOf<Group>& actuator : actuators) {
+    strands.push_back({poseAlong(actuator, s), actuator.stiffness.template diagonal<Group>()});
+  }
+  return solveEquilibrium(strands);
+}
+
+// sum_k c_k T_k(2 t - 1) by Clenshaw's recurrence.
+template <class Value>
+Value chebyshev(const Value* modes, int count, double t) {
+  const double x = 2.0 * t - 1.0;
+  Value next = modes[count - 1], after = Value::Zero(next.rows(), next.cols());
+  for (int k = count - 2; k > 0; --k) {
+    const Value here = modes[k] + 2.0 * x * next - after;
+    after = next;
+    next = here;
+  }
+  return modes[0] + x * next - after;
+}
+
+// Coefficients of the polynomial through values at the Chebyshev points.
+template <class Value>
+std::vector<Value> modesOf(const std::vector<Value>& values) {
+  const int count = static_cast<int>(values.size());
+  std::vector<Value> out;
+  for (int k = 0; k < count; ++k) {
+    Value sum = Value::Zero(values.front().rows(), values.front().cols());
+    for (int j = 0; j < count; ++j)
+      sum += std::cos(basics::kPi * k * (j + 0.5) / count) * values[j];
+    out.push_back((k == 0 ? 1.0 : 2.0) / count * sum);
+  }
+  return out;
+}
+
+// Largest difference of two matrices, relative to the largest entry of each block of rows and
+// columns with one unit.
+template <class Group, class Value>
+double apart(const Value& found, const Value& expected, bool square) {
+  constexpr int kSpace = Group::kSpace, kRotations = Group::kRotations;
+  const Eigen::MatrixXd off = (found - expected).cwiseAbs(), all = expected.cwiseAbs();
+  const auto n = static_cast<int>(off.cols());
+  const int split = square ? kSpace : n;
+  double worst = 0.0;
+  for (const auto& [row, rows] : {std::pair{0, kSpace}, std::pair{kSpace, kRotations}}) {
+    for (const auto& [column, columns] : {std::pair{0, split}, std::pair{split, n - split}}) {
+      if (columns == 0) continue;
+      const double largest = all.block(row, column, rows, columns).maxCoeff();
+      const double error = off.block(row, column, rows, columns).maxCoeff();
+      if (largest > 0) worst = std::max(worst, error / largest);
+    }
+  }
+  return worst;
+}
+
+struct CellPlace {
+  int cell;
+  double t;  // in [0, 1] of the cell
+};
+
+CellPlace placeOf(double s, int cells) {
+  const int cell = std::clamp(static_cast<int>(s * cells), 0, cells - 1);
+  return {cell, s * cells - cell};
+}
+
+// The place of a point of a step, which lies in the cell of the step's middle.
+CellPlace placeIn(double s, double middle, int cells) {
+  const int cell = placeOf(middle, cells).cell;
+  return {cell, s * cells - cell};
+}
+
+}  // namespace
+
+template <class Group>
+Group poseAlong(const ActuatorOf<Group>& actuator, double s) {
+  if (actuator.taper.empty()) return actuator.X_O;
+  const auto [cell, t] = placeOf(s, static_cast<int>(actuator.taper.size()) - 1);
+  const Group &from = actuator.taper[cell], &to = actuator.taper[cell + 1];
+  Group turn;
+  turn.rotation = from.rotation.transpose() * to.rotation;
+  return {from.rotation * Group::exp(t * turn.log()).rotation,
+          (1.0 - t) * from.translation + t * to.translation};
+}
+
+template <class Group>
+TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators) {
+  for (const ActuatorOf<Group>& actuator : actuators) {
+    const int cells = static_cast<int>(actuator.taper.size()) - 1;
+    if (cells < 1) continue;
+    if (cells_ > 1 && cells != cells_) {
+      throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
+                                  " poses along the section; expected " +
+                                  std::to_string(cells_ + 1) + ", as another actuator has");
+    }
+    cells_ = cells;
+  }
+  if (cells_ > kMostCells) {
+    throw std::invalid_argument("a taper of " + std::to_string(cells_ + 1) +
+                                " poses; expected at most " + std::to_string(kMostCells + 1));
+  }
+  mean_ = balanceAt(actuators, 0.5);
+  const auto fitted = [&](int modes) {
+    modes_ = modes;
+    map_modes_.clear();
+    compliance_modes_.clear();
+    for (int cell = 0; cell < cells_; ++cell) {
+      std::vector<Map> maps;
+      std::vector<Matrix> compliances;
+      for (int j = 0; j < modes; ++j) {
+        const double t = 0.5 * (1.0 + std::cos(basics::kPi * (j + 0.5) / modes));
+        const Equilibrium<Group> at = balanceAt(actuators, (cell + t) / cells_);
+        mean_.rank = std::min(mean_.rank, at.rank);
+        mean_.condition = std::max(mean_.condition, at.condition);
+        maps.push_back(at.map);
+        compliances.push_back(at.compliance);
+      }
+      for (const Map& mode : modesOf(maps)) map_modes_.push_back(mode);
+      for (const Matrix& mode : modesOf(compliances)) compliance_modes_.push_back(mode);
+    }
+    double worst = 0.0;
+    // Between the points of the fit, and at the ends, where its error is largest.
+    for (int i = 0; i <= 8 * cells_; ++i) {
+      const double s = std::clamp(i / (8.0 * cells_), 0.0, 1.0);
+      const Equilibrium<Group> at = balanceAt(actuators, s);
+      worst = std::max({worst, apart<Group>(mapAt(s), at.map, false),
+                        apart<Group>(complianceAt(s), at.compliance, true)});
+    }
+    return worst;
+  };
+  double error = fitted(kLeastModes);
+  while (error > kFitError && modes_ < kMostModes) error = fitted(2 * modes_);
+  if (mean_.rank < Group::kDof) {
+    throw std::invalid_argument(
+        "a tapered section has a motion that no actuator resists; give K_tau and K_kappa values "
+        "> 0");
+  }
+  if (error > kFitError) {
+    throw std::invalid_argument(
+        "the taper is too steep: its equilibrium is no polynomial of s to 1e-9; expected ends that "
+        "differ by less, or more values in between");
+  }
+  mean_.map.setZero();
+  mean_.compliance.setZero();
+  // Exact for the polynomials: the mean of T_k over a cell is 1 / (1 - k^2) for even k, 0 for odd.
+  for (int cell = 0; cell < cells_; ++cell) {
+    for (int k = 0; k < modes_; k += 2) {
+      const double weight = 1.0 / (1.0 - static_cast<double>(k) * k) / cells_;
+      mean_.map += weight * map_modes_[cell * modes_ + k];
+      mean_.compliance += weight * compliance_modes_[cell * modes_ + k];
+    }
+  }
+}
+
+template <class Group>
+typename TaperOf<Group>::Map TaperOf<Group>::mapAt(double s) const {
+  const auto [cell, t] = placeOf(s, cells_);
+  return chebyshev(&map_modes_[cell * modes_], modes_, t);
+}
+
+template <class Group>
+typename TaperOf<Group>::Matrix TaperOf<Group>::complianceAt(double s) const {
+  const auto [cell, t] = placeOf(s, cells_);
+  return chebyshev(&compliance_modes_[cell * modes_], modes_, t);
+}
+
+template <class Group>
+typename TaperOf<Group>::Step TaperOf<Group>::step(double from, double to) const {
+  const double h = to - from, middle = 0.5 * (from + to);
+  const auto mapIn = [&](double s) {
+    const auto [cell, t] = placeIn(s, middle, cells_);
+    return chebyshev(&map_modes_[cell * modes_], modes_, t);
+  };
+  const Map first = mapIn(middle - kGauss * h), second = mapIn(middle + kGauss * h);
+  return {0.5 * h * (first + second), 0.5 * kGauss * h * (second - first)};
+}
+
+template <class Group>
+TaperTwist<Group>::TaperTwist(const TaperOf<Group>& taper,
+                              const typename TaperOf<Group>::Lengths& lengths)
+    : cells_(taper.cells_), modes_(taper.modes_), g_modes_(Group::kDof, cells_ * modes_) {
+  for (int k = 0; k < g_modes_.cols(); ++k) g_modes_.col(k) = taper.map_modes_[k] * lengths;
+}
+
+template <class Group>
+typename Group::Tangent TaperTwist<Group>::at(double s) const {
+  return atIn(placeOf(s, cells_).cell, s);
+}
+
+template <class Group>
+typename Group::Tangent TaperTwist<Group>::atIn(int cell, double s) const {
+  const double x = 2.0 * (s * cells_ - cell) - 1.0;
+  const int first = cell * modes_;
+  Tangent next = g_modes_.col(first + modes_ - 1), after = Tangent::Zero();
+  for (int k = modes_ - 2; k > 0; --k) {
+    const Tangent here = g_modes_.col(first + k) + 2.0 * x * next - after;
+    after = next;
+    next = here;
+  }
+  return g_modes_.col(first) + x * next - after;
+}
+
+template <class Group>
+typename Group::Tangent TaperTwist<Group>::step(double from, double to) const {
+  const double h = to - from, middle = 0.5 * (from + to);
+  const int cell = placeOf(middle, cells_).cell;
+  const Tangent first = atIn(cell, middle - kGauss * h), second = atIn(cell, middle + kGauss * h);
+  const Tangent sum = 0.5 * h * (first + second);
+  return sum + bracket(sum, Tangent(0.5 * kGauss * h * (second - first)));
+}
+
+template lie::SE2 poseAlong(const PlanarActuator&, double);
+template lie::SE3 poseAlong(const Actuator&, double);
+template class TaperOf<lie::SE2>;
+template class TaperOf<lie::SE3>;
+template class TaperTwist<lie::SE2>;
+template class TaperTwist<lie::SE3>;
+
+}  // namespace helix_arm::model
