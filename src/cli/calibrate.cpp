@@ -127,27 +127,28 @@ json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
 json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
 
 void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
-                     const procedures::CalibrationData& data, const CalibrateOptions& options) {
+                     const CalibrateOptions& options) {
   json result{{"scene", scene.name},
               {"success", outcome.success},
               {"reason", outcome.success ? json() : json(outcome.message)},
               {"tip_error_before_m", toJson(outcome.tip_error_before)},
               {"tip_error_after_m", toJson(outcome.tip_error_after)},
               {"parameters", json::object()},
-              {"contractions", contractionsJson(outcome, data)},
+              {"contractions", contractionsJson(outcome)},
+              {"response", responseJson(outcome.response)},
               {"arms", armsJson(outcome)},
               {"held_out_error", nullptr},
               {"warnings", outcome.warnings},
               {"out", outcome.success ? textOrNull(options.out) : json()}};
+  for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
+    result["parameters"][one.name] = {{"value", one.value},
+                                      {"standard_error", one.standard_error},
+                                      {"identifiable", one.identifiable},
+                                      {"initial", one.initial},
+                                      {"unit", one.unit}};
+  }
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
-    for (const estimation::Parameter& one : calibration.parameters) {
-      result["parameters"][one.name] = {{"value", one.value},
-                                        {"standard_error", one.standard_error},
-                                        {"identifiable", one.identifiable},
-                                        {"initial", one.initial},
-                                        {"unit", one.unit}};
-    }
     result["status"] = estimation::nameOf(calibration.status);
     result["correlation"] = rowsJson(calibration.correlation);
     result["rms"] = calibration.rms;
@@ -174,14 +175,13 @@ void printCsvResult(const procedures::CalibrationOutcome& outcome) {
   for (const auto& [name, fit] : outcome.contractions) {
     std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration) return;
-  const Calibration& calibration = *outcome.calibration;
-  if (calibration.by_pressure) {
-    std::cout << "# held_out_error " << exact(calibration.by_pressure->error) << " "
-              << calibration.error_unit << "\n";
+  if (!outcome.calibration && !outcome.response) return;
+  if (outcome.calibration && outcome.calibration->by_pressure) {
+    std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
+              << outcome.calibration->error_unit << "\n";
   }
   CsvTable table;
-  for (const estimation::Parameter& one : calibration.parameters) {
+  for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
     table.add({{"parameter", one.name},
                {"unit", one.unit},
                {"initial", exact(one.initial)},
@@ -213,8 +213,8 @@ void printHeldOut(const char* what, const std::optional<estimation::HeldOut>& he
   }
 }
 
-void printDetermined(const Calibration& calibration) {
-  const procedures::Determined found = procedures::determinedOf(calibration);
+void printDetermined(const procedures::CalibrationOutcome& outcome) {
+  const procedures::Determined found = procedures::determinedOf(outcome);
   for (const estimation::Parameter& one : found.parameters) {
     std::cout << "  " << procedures::textOf(one) << "\n";
   }
@@ -230,6 +230,11 @@ void printDetermined(const Calibration& calibration) {
   }
 }
 
+void printResponse(const procedures::FittedResponse& response) {
+  std::cout << "readings about the best curve: " << errorText(response.fit.static_rms, "m")
+            << " RMS without a response, " << errorText(response.fit.rms, "m") << " with it\n";
+}
+
 void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
                      const CalibrateOptions& options) {
   const std::string tip_error = procedures::tipErrorText(outcome);
@@ -242,11 +247,12 @@ void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcom
                                                                       : "")
               << "\n";
   }
+  std::cout << std::defaultfloat << std::setprecision(6);
+  if (outcome.success) printDetermined(outcome);
+  if (outcome.response && outcome.success) printResponse(*outcome.response);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
-    std::cout << std::defaultfloat << std::setprecision(6);
     if (outcome.success) {
-      printDetermined(calibration);
       std::cout << "RMS residual of the captures that fit: "
                 << errorText(calibration.rms, calibration.error_unit) << "\n";
     }
@@ -289,7 +295,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (outcome.success && !options.out.empty()) {
     io::writeFileAtomically(options.out, outcome.scene_text);
   }
-  if (global.format == Format::kJson) printJsonResult(scene, outcome, data, options);
+  if (global.format == Format::kJson) printJsonResult(scene, outcome, options);
   if (global.format == Format::kCsv) printCsvResult(outcome);
   if (global.format == Format::kText) printTextResult(scene, outcome, options);
   return outcome.success ? kDone : kNotPossible;
@@ -307,8 +313,9 @@ Subcommand addCalibrate(CLI::App& app) {
           "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
           ".., "
           "curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag corners "
-          "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px) or free lengths (pressure_kpa, "
-          "length_m); or rosbags with tag_detections, pressure_measured and pressure_command: each "
+          "(capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths (pressure_kpa, "
+          "length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m); or rosbags "
+          "with tag_detections, pressure_measured and pressure_command: each "
           "time the arm is at rest is one capture")
       ->required();
   command->add_option("--fit", options->fit,
@@ -342,7 +349,8 @@ Subcommand addCalibrate(CLI::App& app) {
   command->footer(
       "json: tip_error_before_m and tip_error_after_m (median over the captures with tags),\n"
       "parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
-      "correlation, rms, held_out_error (each pressure predicted by a fit without it) with\n"
+      "response, correlation, rms, held_out_error (each pressure predicted by a fit without it) "
+      "with\n"
       "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"
       "next_pressures_pa (most informative pressures to measure next), warnings, out, reason\n"
       "(exit code 1).\n"

@@ -30,6 +30,16 @@ json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
           {"pressure_pa", found->pressure}};
 }
 
+json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {
+  static const char* const kWords[] = {"found", "none", "not_determined"};
+  return {{"verdict", kWords[static_cast<std::size_t>(verdict)]},
+          {"reason", reason.empty() ? json() : json(reason)}};
+}
+
+json estimateJson(const estimation::Estimate& one, double scale = 1.0) {
+  return {{"value", scale * one.value}, {"standard_error", scale * one.standard_error}};
+}
+
 }  // namespace
 
 std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
@@ -39,12 +49,11 @@ std::optional<estimation::CurveKind> curveKindOf(const std::string& word) {
   return std::nullopt;
 }
 
-json contractionsJson(const procedures::CalibrationOutcome& outcome,
-                      const procedures::CalibrationData& data) {
+json contractionsJson(const procedures::CalibrationOutcome& outcome) {
   json all = json::array();
   for (const auto& [name, fit] : outcome.contractions) {
     json samples = json::array(), curve = json::array();
-    for (const estimation::LengthSample& sample : data.lengths) {
+    for (const estimation::LengthSample& sample : outcome.lengths) {
       samples.push_back({{"pressure_pa", sample.pressure}, {"length_m", sample.length}});
     }
     if (fit.curve) {
@@ -66,6 +75,25 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome,
                    {"curve", std::move(curve)}});
   }
   return all;
+}
+
+json responseJson(const std::optional<procedures::FittedResponse>& found) {
+  if (!found) return nullptr;
+  const estimation::ResponseFit& fit = found->fit;
+  json reach = json::array(), weight = json::array();
+  for (std::size_t j = 0; j < static_cast<std::size_t>(fit.response.play_count); ++j) {
+    reach.push_back(estimateJson(fit.reach[j], 1e-3));
+    weight.push_back(estimateJson(fit.weight[j]));
+  }
+  return {{"contractions", found->contractions},
+          {"lag", verdictJson(fit.lag, fit.lag_reason)},
+          {"play", verdictJson(fit.play, fit.play_reason)},
+          {"rise_time_constant_s", estimateJson(fit.rise_time)},
+          {"fall_time_constant_s", estimateJson(fit.fall_time)},
+          {"play_kpa", std::move(reach)},
+          {"play_weight", std::move(weight)},
+          {"static_rms_m", fit.static_rms},
+          {"rms_m", fit.rms}};
 }
 
 }  // namespace helix_arm::cli

@@ -12,7 +12,9 @@ namespace helix_arm::cli {
 std::optional<estimation::CurveKind> curveKindOf(const std::string& word);
 
 /// The fitted contraction curves, with their samples and points to draw.
-nlohmann::json contractionsJson(const procedures::CalibrationOutcome& outcome,
-                                const procedures::CalibrationData& data);
+nlohmann::json contractionsJson(const procedures::CalibrationOutcome& outcome);
+
+/// The fitted response; null if none was asked for.
+nlohmann::json responseJson(const std::optional<procedures::FittedResponse>& found);
 
 }  // namespace helix_arm::cli

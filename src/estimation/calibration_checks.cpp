@@ -176,6 +176,7 @@ bool isMet(FitNeed need, ReadingKind kind) {
     case FitNeed::kLoad:
       return true;
     case FitNeed::kFreeLengths:
+    case FitNeed::kSeries:
       return false;
     case FitNeed::kTags:
       return kind == ReadingKind::kPoses || kind == ReadingKind::kCorners;

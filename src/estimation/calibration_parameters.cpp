@@ -50,6 +50,10 @@ FitParameterInfo contraction() {
           FitNeed::kFreeLengths};
 }
 
+FitParameterInfo response() {
+  return {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries};
+}
+
 FitParameterInfo placement(FitParameter parameter, const char* word, const char* name, FitNeed need,
                            ParameterBlock block, std::vector<FitNumber> numbers,
                            bool Options::*flag) {
@@ -134,6 +138,7 @@ const std::vector<FitParameterInfo>& fitParameters() {
       lengthScale(FitParameter::kLengthScale, "length_scale", LengthScaling::kCommon),
       lengthScale(FitParameter::kLengthScaleEach, "length_scale_each", LengthScaling::kEach),
       contraction(),
+      response(),
       base(),
       tags(),
       bleed()};

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 
+#include "actuator_entries.hpp"
 #include "camera_reader.hpp"
+#include "contraction_writer.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/number.hpp"
@@ -18,40 +20,6 @@ const char* const kTitle =
     "# A calibrated scene. Its key calibration names the scene and the measurements that it was "
     "made\n"
     "# from, and how far to trust each number.\n";
-
-// A map in the file that describes actuators: a ring or a single one.
-struct ActuatorEntry {
-  Value* keys;
-  std::string path;
-  int first;  // index of its first actuator in the arm
-  int count;
-};
-
-// The sections of the document of a valid scene.
-std::vector<Value::Entry>& sectionsOf(Value& document) {
-  return findValue(*findValue(document, "arm"), "sections")->entries;
-}
-
-std::vector<ActuatorEntry> actuatorEntries(Value& document) {
-  std::vector<ActuatorEntry> entries;
-  int first = 0;
-  std::vector<Value::Entry>& sections = sectionsOf(document);
-  for (std::size_t k = 0; k < sections.size(); ++k) {
-    const std::string path = indexPath("arm.sections", k);
-    if (Value* ring = findValue(sections[k].value, "ring")) {
-      const int count = static_cast<int>(*parseNumber(ring->find("count")->text));
-      entries.push_back({ring, joinPath(path, "ring"), first, count});
-      first += count;
-      continue;
-    }
-    std::vector<Value::Entry>& actuators = findValue(sections[k].value, "actuators")->entries;
-    for (std::size_t i = 0; i < actuators.size(); ++i) {
-      const std::string item = indexPath(joinPath(path, "actuators"), i);
-      entries.push_back({&actuators[i].value, item, first++, 1});
-    }
-  }
-  return entries;
-}
 
 // All maps of stiffness in the document, so that no old value remains in any.
 std::vector<Value*> stiffnessesOf(Value& document) {
@@ -164,74 +132,6 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-// Given limits that exceed the range of a new curve.
-void findLimitsBeyond(const std::string& name, const model::Range& range,
-                      const std::vector<ActuatorEntry>& entries, FaultList& faults) {
-  for (const ActuatorEntry& entry : entries) {
-    if (entry.keys->find("contraction")->text != name) continue;
-    for (const char* key : {"min_pressure_kpa", "max_pressure_kpa"}) {
-      const Value* limit = entry.keys->find(key);
-      if (limit == nullptr || range.contains(pascals(*parseNumber(limit->text)))) continue;
-      report(faults, limit->place,
-             joinPath(entry.path, key) + " is " + limit->text +
-                 "; expected a pressure where the new curve of " + name + " was measured, " +
-                 formatNumber(kilopascals(range.lower)) + " to " +
-                 formatNumber(kilopascals(range.upper)) +
-                 ": move the limit there, or measure the free length as far as that");
-    }
-  }
-}
-
-Value curveValue(const estimation::ContractionFit& fit) {
-  const auto inKilopascals = [](const std::vector<double>& pressures) {
-    Eigen::VectorXd kpa(static_cast<int>(pressures.size()));
-    std::transform(pressures.begin(), pressures.end(), kpa.begin(), &kilopascals);
-    return kpa;
-  };
-  MapWriter curve, value;
-  switch (fit.kind) {
-    case estimation::CurveKind::kQuintic:
-      curve.numbers("coefficients_m",
-                    Eigen::Map<const Eigen::VectorXd>(fit.coefficients.data(),
-                                                      static_cast<int>(fit.coefficients.size())));
-      curve.number("reference_pressure_kpa", kilopascals(fit.reference_pressure));
-      curve.number("max_pressure_kpa", kilopascals(fit.reference_pressure));
-      value.set("quintic", curve.value());
-      break;
-    case estimation::CurveKind::kTable:
-    case estimation::CurveKind::kSpline:
-      curve.numbers("pressure_kpa", inKilopascals(fit.pressures));
-      curve.numbers("length_m", Eigen::Map<const Eigen::VectorXd>(
-                                    fit.lengths.data(), static_cast<int>(fit.lengths.size())));
-      value.set("table", curve.value());
-      break;
-  }
-  return value.value();
-}
-
-void putContraction(const Scene& scene, const std::string& name,
-                    const estimation::ContractionFit& fit, Value& document, FaultList& faults) {
-  basics::require(fit.curve.has_value(), "calibratedSceneText: contraction ", name,
-                  " has no curve: ", fit.reason);
-  Value& contractions = *findValue(document, "contractions");
-  Value* const present = findValue(contractions, name);
-  std::vector<std::string> known;
-  for (const Value::Entry& entry : contractions.entries) known.push_back(entry.key);
-  basics::require(present != nullptr, "calibratedSceneText: scene ", scene.name,
-                  " has no contraction ", name, "; expected ", alternatives(known));
-  basics::require(present->find("tendon") == nullptr, "calibratedSceneText: contraction ", name,
-                  " of scene ", scene.name, " is a tendon; expected one that pressure drives");
-  findLimitsBeyond(name, fit.curve->inputRange(), actuatorEntries(document), faults);
-  *present = curveValue(fit);
-  // Scale factors of the old curve do not apply to the new one.
-  for (const ActuatorEntry& entry : actuatorEntries(document)) {
-    const bool scaled = entry.keys->find("length_scale") != nullptr;
-    if (scaled && entry.keys->find("contraction")->text == name) {
-      setValue(*entry.keys, "length_scale", numberValue(1));
-    }
-  }
-}
-
 Value& tagsOf(const Scene& scene, Value& document) {
   basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
                   scene.name, " has none; expected one with tags");
@@ -250,6 +150,12 @@ using Writer = void (*)(const Target& to);
 void writeContractions(const Target& to) {
   for (const auto& [name, fit] : to.calibration.contractions) {
     putContraction(to.scene, name, fit, to.document, to.faults);
+  }
+}
+
+void writeResponses(const Target& to) {
+  for (const auto& [name, response] : to.calibration.responses) {
+    putResponse(to.scene, name, response, to.document);
   }
 }
 
@@ -303,7 +209,8 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
     case FitParameter::kLengthScaleEach:
       changes.length_scale = calibration.length_scale;
       return;
-    case FitParameter::kContraction:  // has a fit of its own
+    case FitParameter::kContraction:  // have fits of their own
+    case FitParameter::kResponse:
       return;
     case FitParameter::kBase:
       if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
@@ -333,6 +240,8 @@ Writer writerOf(estimation::FitParameter parameter) {
       return &writeLengthScale;
     case FitParameter::kContraction:
       return &writeContractions;
+    case FitParameter::kResponse:
+      return &writeResponses;
     case FitParameter::kBase:
       return &writeBase;
     case FitParameter::kTags:

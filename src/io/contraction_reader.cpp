@@ -58,8 +58,6 @@ const std::vector<CurveKind>& curveKinds() {
   return kinds;
 }
 
-constexpr char kResponseKey[] = "response";
-
 // None without the key.
 model::Response responseOf(const MapReader& contraction, const Value& value, model::Drive drive,
                            FaultList& faults) {

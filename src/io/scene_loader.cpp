@@ -85,8 +85,8 @@ Scene makeScene(const Value& document, FaultList& faults) {
   faults.throwIfAny();
   const lie::SE3 X_BF = tags ? tags->X_BF : lie::SE3();
   const estimation::TagPrior tag_prior = tags ? tags->prior : estimation::TagPrior();
-  std::vector<std::string> curves;
-  for (const auto& [curve, contraction] : contractions) curves.push_back(curve);
+  std::map<std::string, model::Response> curves;
+  for (const auto& [curve, contraction] : contractions) curves[curve] = contraction->response;
   return {*name,
           std::move(curves),
           arm->X_WB,

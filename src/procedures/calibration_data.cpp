@@ -26,26 +26,34 @@ void addCaptures(std::vector<estimation::Capture> captures, const std::string& f
   std::move(captures.begin(), captures.end(), std::back_inserter(data.captures));
 }
 
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
-  CalibrationData out;
-  for (const std::string& path : paths) {
-    const io::DataSet data = io::loadDataSet(path);
-    int count = 0;
-    if (kindOf(data) == DataKind::kLengths) {
-      const std::vector<estimation::LengthSample> samples = loadLengths(data);
-      out.lengths.insert(out.lengths.end(), samples.begin(), samples.end());
-      count = static_cast<int>(samples.size());
-    } else {
-      LoadedCaptures read = loadCaptures(scene, data);
+void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data) {
+  int count = static_cast<int>(set.values.rows());
+  switch (kindOf(set)) {
+    case DataKind::kLengths:
+      append(lengthSeriesOf(set), set.path, data.lengths);
+      break;
+    case DataKind::kTipSeries:
+      append(tipSeriesOf(set, scene.arm.actuatorCount()), set.path, data.tips);
+      break;
+    case DataKind::kCurvatures:
+    case DataKind::kTagPoses:
+    case DataKind::kTagCorners: {
+      LoadedCaptures read = loadCaptures(scene, set);
       count = static_cast<int>(read.captures.size());
       if (!read.unknown_tags.empty()) {
-        out.warnings.push_back(
-            path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
+        data.warnings.push_back(
+            set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
       }
-      addCaptures(std::move(read.captures), path, out);
+      addCaptures(std::move(read.captures), set.path, data);
+      break;
     }
-    out.sources.push_back({path, data.sha256, count});
   }
+  data.sources.push_back({set.path, set.sha256, count});
+}
+
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
+  CalibrationData out;
+  for (const std::string& path : paths) addDataSet(scene, io::loadDataSet(path), out);
   return out;
 }
 

@@ -15,6 +15,7 @@
 #include "helix_arm/procedures/capture_scatter.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "least_tip_error.hpp"
+#include "response_calibration.hpp"
 #include "tip_error.hpp"
 
 namespace helix_arm::procedures {
@@ -80,11 +81,11 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
 std::optional<std::string> curveName(const io::Scene& scene, const std::string& asked,
                                      std::string& message) {
   std::string names;
-  for (const std::string& name : scene.contractions) {
+  for (const auto& [name, response] : scene.contractions) {
     names += (names.empty() ? "" : ", ") + name;
     if (name == asked) return name;
   }
-  if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.front();
+  if (asked.empty() && scene.contractions.size() == 1) return scene.contractions.begin()->first;
   message = asked.empty() ? "scene " + scene.name + " has the contractions " + names +
                                 "; name the one that was measured"
                           : "scene " + scene.name + " has no contraction " + asked +
@@ -108,16 +109,16 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   out.data = sources;
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
-    for (const estimation::Parameter& one : calibration.parameters) {
-      out.parameters.push_back(
-          {one.name, one.value, one.standard_error, one.identifiable, one.unit});
-    }
     out.rms = calibration.rms;
     if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;
     out.error_unit = calibration.error_unit;
   } else {
-    out.rms = outcome.contractions.front().second.rms;
+    out.rms = outcome.contractions.empty() ? outcome.response->fit.rms
+                                           : outcome.contractions.front().second.rms;
     out.error_unit = "m";
+  }
+  for (const estimation::Parameter& one : parametersOf(outcome)) {
+    out.parameters.push_back({one.name, one.value, one.standard_error, one.identifiable, one.unit});
   }
   return out;
 }
@@ -184,20 +185,49 @@ CalibrationOutcome runCalibration(const std::string& path,
   io::SceneCalibration curves;
   const bool fits_arm = std::any_of(fitted.begin(), fitted.end(), isOfArm);
   const bool fits_curve = fitted.count(FitParameter::kContraction) > 0;
-  if (!fits_curve && !data.lengths.empty()) {
+  const bool fits_response = fitted.count(FitParameter::kResponse) > 0;
+  if (!fits_curve && !fits_response && !data.lengths.empty()) {
     return refused(outcome,
                    "the data holds free lengths, but no contraction is fitted; leave it out, "
                    "or fit contraction as well");
   }
-  if (fits_curve) {
+  if (!fits_response && !data.tips.empty()) {
+    return refused(outcome,
+                   "the data holds a series of the tip, but no response is fitted; leave it out, "
+                   "or fit response as well");
+  }
+  std::optional<std::string> name;
+  if (fits_curve || (fits_response && (data.tips.empty() || !request.contraction.empty()))) {
     std::string message;
-    const auto name = curveName(scene, request.contraction, message);
+    name = curveName(scene, request.contraction, message);
     if (!name) return refused(outcome, message);
+  }
+  if (fits_response) {
+    std::vector<std::string> names;
+    for (const auto& [one, response] : scene.contractions) {
+      if (!name || one == *name) names.push_back(one);
+    }
+    if (const auto fault = fitResponseOf(scene, request, data, names, outcome)) {
+      return refused(outcome, *fault);
+    }
+    for (const std::string& one : names) {
+      curves.responses.emplace_back(one, outcome.response->response);
+    }
+  }
+  bool remembers = false;  // the muscle whose curve is fitted
+  if (fits_curve) {
+    const model::Response response =
+        outcome.response ? outcome.response->response : scene.contractions.at(*name);
+    remembers = !response.instant();
     const bool with_arm = fits_arm && !data.captures.empty();
     const estimation::CurveKind usual =
-        with_arm ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
-    estimation::ContractionFit fit =
-        estimation::fitContraction(data.lengths, {request.curve.value_or(usual), request.branch});
+        with_arm && !remembers ? estimation::CurveKind::kSpline : estimation::CurveKind::kQuintic;
+    outcome.lengths = feltSamples(data.lengths, response);
+    estimation::ContractionFit fit = estimation::fitContraction(
+        outcome.lengths, {request.curve.value_or(usual), request.branch});
+    if (fit.curve && remembers) {
+      fit = continuedTo(data.lengths.history.input.maxCoeff(), std::move(fit));
+    }
     outcome.contractions.emplace_back(*name, fit);
     if (fit.status != estimation::ContractionFitStatus::kFitted) {
       return refused(outcome, "contraction " + *name + ": " + fit.reason);
@@ -218,14 +248,15 @@ CalibrationOutcome runCalibration(const std::string& path,
       curves.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
     };
-    if (fits_curve) putCurves();
+    if (fits_curve || fits_response) putCurves();
     addArm(scene, data.captures, outcome);
     for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
     for (const ArmCaptures& arm : outcome.arms) {
       if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
     const CalibrationOptions options = optionsOf(scene, request, fitted, data);
-    const bool in_arm = fits_curve && !options.free_shapes &&
+    // Nothing tells what the muscles felt at the captures.
+    const bool in_arm = fits_curve && !remembers && !options.free_shapes &&
                         outcome.contractions.front().second.spline.has_value();
     std::vector<std::string> others;
     for (std::size_t a = 1; a < outcome.arms.size(); ++a) others.push_back(outcome.arms[a].name);
@@ -237,7 +268,7 @@ CalibrationOutcome runCalibration(const std::string& path,
     outcome.calibration = estimation::calibrate(outcome.arms, options);
     if (in_arm && outcome.calibration->status == CalibrationStatus::kCalibrated) {
       estimation::ContractionFit& curve = outcome.contractions.front().second;
-      CurveFit fit = fitCurveInArm(outcome.arms, options, curve, data.lengths, request.branch,
+      CurveFit fit = fitCurveInArm(outcome.arms, options, curve, outcome.lengths, request.branch,
                                    *outcome.calibration);
       outcome.curve_in_arm = fit.verdict;
       if (fit.verdict.taken) {
@@ -262,6 +293,7 @@ CalibrationOutcome runCalibration(const std::string& path,
     changes = io::changesOf(scene, calibration, fitted, areCorners(data.captures));
   }
   changes.contractions = curves.contractions;
+  changes.responses = curves.responses;
   changes.provenance = provenanceOf(path, sha256, overrides, request, sources, outcome);
   outcome.scene_text = io::calibratedSceneText(path, overrides, changes, sha256);
   if (fits_arm) {

@@ -33,10 +33,20 @@ int digitsOf(const estimation::Parameter& one) {
 
 }  // namespace
 
-Determined determinedOf(const estimation::Calibration& calibration) {
+std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome) {
+  std::vector<estimation::Parameter> out;
+  if (outcome.calibration) out = outcome.calibration->parameters;
+  if (outcome.response) {
+    const std::vector<estimation::Parameter>& more = outcome.response->parameters;
+    out.insert(out.end(), more.begin(), more.end());
+  }
+  return out;
+}
+
+Determined determinedOf(const CalibrationOutcome& outcome) {
   Determined out;
   std::set<int> tags;
-  for (const estimation::Parameter& one : calibration.parameters) {
+  for (const estimation::Parameter& one : parametersOf(outcome)) {
     if (!one.identifiable) {
       ++out.omitted;
     } else if (beginsWith(one.name, kTag)) {
@@ -66,21 +76,19 @@ std::string resultText(const std::string& scene, const CalibrationOutcome& outco
   std::string list;
   const auto add = [&list](const std::string& text) { list += (list.empty() ? "" : ", ") + text; };
   for (const auto& [name, fit] : outcome.contractions) add("contraction " + name);
-  if (outcome.calibration) {
-    const Determined found = determinedOf(*outcome.calibration);
-    bool base = false;
-    for (const estimation::Parameter& one : found.parameters) {
-      if (beginsWith(one.name, kBase)) {
-        base = true;
-      } else {
-        add(textOf(one));
-      }
+  const Determined found = determinedOf(outcome);
+  bool base = false;
+  for (const estimation::Parameter& one : found.parameters) {
+    if (beginsWith(one.name, kBase)) {
+      base = true;
+    } else {
+      add(textOf(one));
     }
-    if (base) add("pose of the base");
-    if (!found.tags.empty()) {
-      add("places of " + std::to_string(found.tags.size()) +
-          (found.tags.size() == 1 ? " tag" : " tags"));
-    }
+  }
+  if (base) add("pose of the base");
+  if (!found.tags.empty()) {
+    add("places of " + std::to_string(found.tags.size()) +
+        (found.tags.size() == 1 ? " tag" : " tags"));
   }
   return out + ": " + (list.empty() ? "the data determined no parameter" : list);
 }

@@ -24,6 +24,11 @@ constexpr NamedKind kKinds[] = {
     {DataKind::kLengths, "length_m", "free lengths"},
 };
 
+// Poses and series have columns of positions alike.
+bool isTipSeries(const io::DataSet& data) {
+  return data.find("time_s") >= 0 && data.find("tag") < 0;
+}
+
 [[noreturn]] void refuse(const std::string& file, const std::string& fault) {
   throw io::DocumentError(file + " " + fault);
 }
@@ -169,6 +174,9 @@ DataKind kindOf(const io::DataSet& data) {
     }
     found = &kind;
   }
+  if (found != nullptr && found->kind == DataKind::kTagPoses && isTipSeries(data)) {
+    return DataKind::kTipSeries;
+  }
   if (found != nullptr) return found->kind;
   std::string expected;
   for (const NamedKind& kind : kKinds) {
@@ -195,6 +203,9 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data) {
   const DataKind kind = kindOf(data);
   if (kind == DataKind::kLengths) {
     refuse(data.path, "holds free lengths of a muscle; expected measurements of an arm");
+  }
+  if (kind == DataKind::kTipSeries) {
+    refuse(data.path, "holds a series of the tip; expected captures of an arm at rest");
   }
   const Eigen::MatrixXd pressures = pressuresWithinLimits(data, scene.arm);
   if (kind == DataKind::kCurvatures) return curvaturesOf(scene, data, pressures);
@@ -229,22 +240,6 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
   }
   faults.throwIfAny();
   return readings.take();
-}
-
-std::vector<estimation::LengthSample> loadLengths(const io::DataSet& data) {
-  if (kindOf(data) != DataKind::kLengths) {
-    refuse(data.path, "holds measurements of an arm; expected columns pressure_kpa and length_m");
-  }
-  const int pressure = data.find("pressure_kpa"), length = data.find("length_m");
-  if (pressure < 0) {
-    refuse(data.path, "has no column pressure_kpa; expected pressure_kpa, length_m");
-  }
-  std::vector<estimation::LengthSample> samples;
-  samples.reserve(static_cast<std::size_t>(data.values.rows()));
-  for (int row = 0; row < data.values.rows(); ++row) {
-    samples.push_back({io::pascals(data.values(row, pressure)), data.values(row, length)});
-  }
-  return samples;
 }
 
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,

@@ -3,35 +3,14 @@
 #include "bindings.hpp"
 #include "data.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 
 namespace helix_arm::python {
 namespace {
 
-void addData(const io::Scene& scene, const io::DataSet& set, procedures::CalibrationData& data) {
-  int count = 0;
-  if (procedures::kindOf(set) == procedures::DataKind::kLengths) {
-    const auto samples = procedures::loadLengths(set);
-    data.lengths.insert(data.lengths.end(), samples.begin(), samples.end());
-    count = static_cast<int>(samples.size());
-  } else {
-    procedures::LoadedCaptures read = procedures::loadCaptures(scene, set);
-    count = static_cast<int>(read.captures.size());
-    if (!read.unknown_tags.empty()) {
-      data.warnings.push_back(
-          set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
-    }
-    procedures::addCaptures(std::move(read.captures), set.path, data);
-  }
-  data.sources.push_back({set.path, set.sha256, count});
-}
-
-// Arrays per parameter.
-void addParameters(const estimation::Calibration& calibration, py::dict& out) {
+py::list parametersOf(const procedures::CalibrationOutcome& outcome) {
   py::list parameters;
-  for (const estimation::Parameter& one : calibration.parameters) {
+  for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
     py::dict entry;
     entry["name"] = one.name;
     entry["unit"] = one.unit;
@@ -41,7 +20,11 @@ void addParameters(const estimation::Calibration& calibration, py::dict& out) {
     entry["identifiable"] = one.identifiable;
     parameters.append(entry);
   }
-  out["parameters"] = parameters;
+  return parameters;
+}
+
+// Of the fit of the arm.
+void addFit(const estimation::Calibration& calibration, py::dict& out) {
   out["correlation"] = matrixOf(calibration.correlation);
   out["error_unit"] = calibration.error_unit;
   out["rms"] = calibration.rms;
@@ -69,7 +52,8 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   basics::require(!data.empty(), "data is empty; expected paths of data sets, or dicts of columns");
   procedures::CalibrationData measurements;
   for (std::size_t i = 0; i < data.size(); ++i) {
-    addData(self.scene(), dataSetOf(data[i], "data[" + std::to_string(i) + "]"), measurements);
+    procedures::addDataSet(self.scene(), dataSetOf(data[i], "data[" + std::to_string(i) + "]"),
+                           measurements);
   }
   const auto repeated = procedures::repeatedSource(measurements.sources);
   basics::require(!repeated, repeated.value_or(""));
@@ -81,13 +65,13 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   py::dict out;
   out["success"] = outcome.success;
   out["message"] = outcome.message;
-  out["parameters"] = py::list();
+  out["parameters"] = parametersOf(outcome);
   out["correlation"] = py::none();
   out["error_unit"] = "";
   out["rms"] = py::none();
   out["held_out_error"] = py::none();
   out["next_pressures_pa"] = py::none();
-  if (outcome.calibration) addParameters(*outcome.calibration, out);
+  if (outcome.calibration) addFit(*outcome.calibration, out);
   py::list contractions;
   for (const auto& [name, curve] : outcome.contractions) {
     py::dict one;

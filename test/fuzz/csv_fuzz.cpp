@@ -71,7 +71,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t siz
 
   read([&] { return procedures::kindOf(*data); });
   read([&] { return io::pressuresOf(*data, kActuators); });
-  read([&] { return procedures::loadLengths(*data); });
+  read([&] { return procedures::lengthSeriesOf(*data); });
+  read([&] { return procedures::tipSeriesOf(*data, kActuators); });
   read([&] { return procedures::loadCaptures(scene, *data); });
   read([&] { return io::loadTagPoses(*data, kActuators, lie::SE3()); });
   const auto corners = read([&] { return io::loadTagCorners(*data, kActuators); });

@@ -364,6 +364,40 @@ TEST(CalibratedScene, CurvesReplaceThoseOfTheirNames) {
   }
 }
 
+TEST(CalibratedScene, ResponsesAreWrittenKeptAndRemoved) {
+  const std::vector<Override> given{{"contractions.muscle.response",
+                                     "{rise_time_constant_s: 0.5, play_kpa: [20], play_weight: "
+                                     "[0.3]}"}};
+  SceneCalibration change = calibration();
+  change.contractions = {{"muscle", quintic(pascals(413.6856))}};
+  const model::Response kept = calibrated(kSpatialScene, change, given).arm.actuator(0).response;
+  EXPECT_EQ(kept.rise_time, 0.5);
+  ASSERT_EQ(kept.play_count, 1);
+  EXPECT_EQ(kept.plays[0].reach, pascals(20));
+
+  model::Response response;
+  response.rise_time = 1.0 / 3;
+  response.fall_time = 2.0;
+  response.play_count = 2;
+  response.plays[0] = {1e4 / 3, 0.1};
+  response.plays[1] = {3e4, 0.7};
+  change.responses = {{"muscle", response}};
+  const Scene scene = calibrated(kSpatialScene, change, given);
+  const model::Response& written = scene.arm.actuator(0).response;
+  EXPECT_EQ(written.rise_time, response.rise_time);
+  EXPECT_EQ(written.fall_time, response.fall_time);
+  ASSERT_EQ(written.play_count, 2);
+  EXPECT_NEAR(written.plays[0].reach, 1e4 / 3, 1e-9);
+  EXPECT_EQ(written.plays[1].weight, 0.7);
+  EXPECT_EQ(scene.contractions.at("muscle").play_count, 2);
+  EXPECT_TRUE(scene.arm.actuator(3).response.instant()) << "another curve";
+
+  change.responses = {{"muscle", {}}};
+  EXPECT_TRUE(calibrated(kSpatialScene, change, given).arm.actuator(0).response.instant());
+  change.responses = {{"rubber", response}};
+  EXPECT_THROW(calibrated(kSpatialScene, change), std::invalid_argument);
+}
+
 TEST(CalibratedScene, ANewCurveIsNotScaledAsTheOldOneWas) {
   SceneCalibration scaled = calibration();
   scaled.length_scale = Eigen::VectorXd::Constant(6, 1.02);

@@ -27,7 +27,7 @@ CalibrationOutcome outcome() {
 }
 
 TEST(CalibrationWords, WhatWasNotDeterminedIsLeftOut) {
-  const Determined found = determinedOf(*outcome().calibration);
+  const Determined found = determinedOf(outcome());
   ASSERT_EQ(found.parameters.size(), 4u);
   EXPECT_EQ(found.parameters[1].name, "length_scale");
   EXPECT_EQ(found.tags, (std::vector<int>{2, 13}));
@@ -60,6 +60,9 @@ TEST(CalibrationWords, WithoutTagsOrDeterminedParametersItSaysSo) {
   CalibrationOutcome curve;
   curve.contractions.emplace_back("muscle", estimation::ContractionFit{});
   EXPECT_EQ(resultText("demo", curve), "calibrated demo: contraction muscle");
+  curve.response = FittedResponse{{"muscle"}, {}, {}, {{"play_1", "Pa", 0, 40123, 812, true}}};
+  EXPECT_EQ(resultText("demo", curve),
+            "calibrated demo: contraction muscle, play_1 = 40100 +- 8.1e+02 Pa");
 }
 
 }  // namespace

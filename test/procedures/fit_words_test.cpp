@@ -98,7 +98,7 @@ TEST(FitWords, OfNoParameterAreRefused) {
     EXPECT_STREQ(
         error.what(),
         "\"springs\" is not a parameter to fit; expected some of stiffness, K_kappa, K_gamma, "
-        "K_tau, K_eps, length_scale, length_scale_each, contraction, placement, base, "
+        "K_tau, K_eps, length_scale, length_scale_each, contraction, response, placement, base, "
         "tags, bleed");
   }
 }

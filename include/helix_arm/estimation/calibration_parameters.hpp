@@ -20,6 +20,7 @@ enum class FitParameter {
   kLengthScale,
   kLengthScaleEach,
   kContraction,
+  kResponse,
   kBase,
   kTags,
   kBleed,
@@ -36,6 +37,7 @@ enum class FitNeed {
   kArm,          ///< any capture of an arm
   kLoad,         ///< captures of an arm under load
   kFreeLengths,  ///< free lengths of an actuator
+  kSeries,       ///< free lengths, or positions of the tip, in the order taken
   kTags,         ///< captures of tags; the parameter belongs to one rig
   kCorners,      ///< captures of tag corners; the parameter belongs to one rig
 };
@@ -74,11 +76,11 @@ struct FitParameterInfo {
   const char* name;  ///< name of its numbers in results, without their suffixes
   FitGroup group;
   FitNeed need;
-  /// Absent for contraction, which has a separate fit.
+  /// Absent for contraction and response, which have separate fits.
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
-  // Option that it sets: a flag, or the kind of length scaling. Contraction sets none.
+  // Option that it sets: a flag, or the kind of length scaling. Those without a block set none.
   bool CalibrationOptions::*flag = nullptr;
   LengthScaling scaling = LengthScaling::kNone;
   /// Fitted with tag corners whether requested or not: ignoring it causes an error of many standard

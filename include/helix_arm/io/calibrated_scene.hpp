@@ -10,6 +10,7 @@
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/estimation/contraction_fit.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/response.hpp"
 
 namespace helix_arm::io {
 
@@ -26,6 +27,8 @@ struct SceneCalibration {
   double bleed = 0;  ///< width by which tags look smaller at each edge [m]
   /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
+  /// Fitted responses of the curves of these names; without lag or play, the key is removed.
+  std::vector<std::pair<std::string, model::Response>> responses;
   Provenance provenance;
 };
 

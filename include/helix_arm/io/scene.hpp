@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "helix_arm/io/section_look.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/model/response.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/simulation/mount_deviation.hpp"
@@ -48,9 +50,10 @@ struct SafetyConfig {
 /// The content of one scene file: an arm and its rig. What the file omits is absent here.
 struct Scene {
   std::string name;
-  std::vector<std::string> contractions;  ///< names of its curves
-  lie::SE3 X_WB;                          ///< arm base B seen from the world W
-  model::Arm arm;                         ///< the arm in space; of a planar scene, its embedding
+  /// Names of its curves, with the responses before them.
+  std::map<std::string, model::Response> contractions;
+  lie::SE3 X_WB;   ///< arm base B seen from the world W
+  model::Arm arm;  ///< the arm in space; of a planar scene, its embedding
   /// The arm in its plane, if the scene says `geometry: planar`.
   std::optional<model::PlanarArm> planar;
   /// The same arm with its load, computed by the tier that the scene asks for or needs.

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "helix_arm/estimation/calibration.hpp"
-#include "helix_arm/estimation/contraction_fit.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 
 /// The measurements that a calibration is made from.
 namespace helix_arm::procedures {
@@ -15,7 +15,8 @@ namespace helix_arm::procedures {
 /// Measurements of one arm.
 struct CalibrationData {
   std::vector<estimation::Capture> captures;
-  std::vector<estimation::LengthSample> lengths;
+  ResponseSeries lengths;  ///< free lengths of one muscle
+  ResponseSeries tips;     ///< positions of the tip through motions
   std::vector<io::Provenance::Data> sources;
   std::vector<std::string> warnings;
 };
@@ -25,7 +26,12 @@ struct CalibrationData {
 void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,
                  CalibrationData& data);
 
-/// Reads data sets of all kinds: curvatures, tag poses, tag corners, free lengths.
+/// Adds a data set of any kind: curvatures, tag poses, tag corners, free lengths, series of the
+/// tip.
+/// @throws DocumentError with every fault of its rows.
+void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data);
+
+/// Reads data sets of any kind.
 /// @throws DocumentError with every fault of a file.
 CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
 

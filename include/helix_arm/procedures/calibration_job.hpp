@@ -7,6 +7,7 @@
 
 #include "helix_arm/estimation/calibration.hpp"
 #include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/estimation/response_fit.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/calibration_data.hpp"
@@ -48,12 +49,26 @@ struct CurveInArm {
   double pressure = 0;         ///< where it is [Pa]
 };
 
+/// The response of actuators, fitted to readings in the order taken.
+struct FittedResponse {
+  std::vector<std::string> contractions;  ///< names of the curves that got it
+  estimation::ResponseFit fit;
+  /// As written: the fit's; what the data do not determine as the first of the curves had it.
+  model::Response response;
+  /// The numbers that were found: rise_time_constant and fall_time_constant [s], play_1 .. [Pa] and
+  /// play_weight_1 ..
+  std::vector<estimation::Parameter> parameters;
+};
+
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
   std::string message;  ///< resultText(), or cause and remedy
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   std::optional<CurveInArm> curve_in_arm;  ///< if one was fitted
+  /// The free lengths, at the pressures that the muscle felt, to which curves were fitted.
+  std::vector<estimation::LengthSample> lengths;
+  std::optional<FittedResponse> response;  ///< if one was fitted
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
   std::vector<estimation::ArmCaptures> arms;
   std::optional<estimation::Calibration> calibration;

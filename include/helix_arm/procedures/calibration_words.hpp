@@ -7,13 +7,16 @@
 
 namespace helix_arm::procedures {
 
+/// All fitted numbers: those of the calibration, then those of the response.
+std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome);
+
 /// What the data of a calibration determined.
 struct Determined {
   std::vector<estimation::Parameter> parameters;  ///< without those of tags
   std::vector<int> tags;  ///< ids of tags with a parameter that was determined, ascending
   int omitted = 0;        ///< number of parameters that were not determined, those of tags included
 };
-Determined determinedOf(const estimation::Calibration& calibration);
+Determined determinedOf(const CalibrationOutcome& outcome);
 
 /// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2".
 std::string textOf(const estimation::Parameter& parameter);

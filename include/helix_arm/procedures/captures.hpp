@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "helix_arm/estimation/calibration.hpp"
-#include "helix_arm/estimation/contraction_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_corners.hpp"
@@ -18,6 +17,7 @@ enum class DataKind {
   kTagPoses,    ///< as loadTagPoses() reads them
   kTagCorners,  ///< as loadTagCorners() reads them
   kLengths,     ///< pressure_kpa, length_m: of one muscle without load
+  kTipSeries,   ///< time_s, pressure_1_kpa .., x_m, y_m, z_m and no tag: of an arm in motion
 };
 
 /// @throws DocumentError if the columns match no kind, or more than one.
@@ -42,17 +42,13 @@ struct LoadedCaptures {
 /// @throws DocumentError with all faults: those of the file, pressures that are not of the arm's
 /// actuators or not within their limits, a curvature < 0 or of an arm of several sections, tags
 /// none of which the scene has, corners without a camera or where its distortion cannot be undone,
-/// free lengths.
+/// free lengths, a series of the tip.
 LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data);
 
 /// The same for corners from memory.
 /// @param name  their name in messages.
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
                             const std::string& name);
-
-/// The samples of a data set of free lengths, in its order.
-/// @throws DocumentError if it is of another kind.
-std::vector<estimation::LengthSample> loadLengths(const io::DataSet& data);
 
 /// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,

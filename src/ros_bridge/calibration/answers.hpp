@@ -5,7 +5,7 @@
 #include <limits>
 #include <string>
 
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_words.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
 /// What the services of calibration and its action answer.
@@ -41,9 +41,7 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
   out.tip_error_before = outcome.tip_error_before.value_or(kUndetermined);
   out.tip_error_after = outcome.tip_error_after.value_or(kUndetermined);
   if (outcome.success) out.out = path;
-  if (!outcome.calibration) return;
-  const estimation::Calibration& calibration = *outcome.calibration;
-  for (const estimation::Parameter& parameter : calibration.parameters) {
+  for (const estimation::Parameter& parameter : procedures::parametersOf(outcome)) {
     out.names.push_back(parameter.name);
     out.units.push_back(parameter.unit);
     out.initial.push_back(parameter.initial);
@@ -51,6 +49,12 @@ void fill(Answer& out, const procedures::CalibrationOutcome& outcome, const std:
     out.standard_errors.push_back(parameter.standard_error);
     out.identifiable.push_back(parameter.identifiable);
   }
+  if (outcome.response) {
+    out.rms = outcome.response->fit.rms;
+    out.error_unit = "m";
+  }
+  if (!outcome.calibration) return;
+  const estimation::Calibration& calibration = *outcome.calibration;
   out.rms = calibration.rms;
   out.error_unit = calibration.error_unit;
   if (calibration.by_pressure) out.held_out_error = calibration.by_pressure->error;

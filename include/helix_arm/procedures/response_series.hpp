@@ -1,0 +1,45 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "helix_arm/estimation/contraction_fit.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/model/arm_response.hpp"
+
+/// Measurements that tell how actuators follow their pressures.
+namespace helix_arm::procedures {
+
+/// Readings in the order in which they were taken.
+struct ResponseSeries {
+  model::InputHistory history;  ///< measured pressures
+  Eigen::MatrixXd reading;      ///< (rows x 1) free lengths, or (rows x 3) positions of the tip [m]
+
+  bool empty() const { return history.rows() == 0; }
+};
+
+/// The free lengths of one muscle; columns pressure_kpa, length_m and, optionally, time_s and
+/// trial.
+/// @throws DocumentError if a column is missing, or the time falls within a trial.
+ResponseSeries lengthSeriesOf(const io::DataSet& data);
+
+/// Positions of one point of an arm, such as its tip, in any frame that does not move; columns
+/// time_s, pressure_1_kpa .., x_m, y_m, z_m and, optionally, trial.
+/// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator.
+ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
+
+/// Appends another file's series, which begins a new trial.
+/// @throws DocumentError if only one of them has times.
+void append(const ResponseSeries& more, const std::string& file, ResponseSeries& to);
+
+/// The free lengths against the pressures that the muscle felt, in the same order.
+std::vector<estimation::LengthSample> feltSamples(const ResponseSeries& lengths,
+                                                  const model::Response& response);
+
+/// A curve of felt pressures, continued in a straight line to the largest measured one. Plays keep
+/// what is felt from reaching it, but a static computation takes every pressure as felt.
+/// @param fit  with a curve; a quintic that has to be continued becomes a table.
+estimation::ContractionFit continuedTo(double pressure, estimation::ContractionFit fit);
+
+}  // namespace helix_arm::procedures

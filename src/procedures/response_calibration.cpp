@@ -1,0 +1,88 @@
+#include "response_calibration.hpp"
+
+#include <utility>
+
+namespace helix_arm::procedures {
+namespace {
+
+using estimation::ResponseFit;
+using estimation::ResponseVerdict;
+
+// The response as it is written: the fit's, but of the scene what the data do not determine.
+model::Response written(const ResponseFit& fit, const model::Response& before) {
+  model::Response out = fit.response;
+  if (fit.lag == ResponseVerdict::kNotDetermined) {
+    out.rise_time = before.rise_time;
+    out.fall_time = before.fall_time;
+  }
+  if (fit.play == ResponseVerdict::kNotDetermined) {
+    out.play_count = before.play_count;
+    out.plays = before.plays;
+  }
+  return out;
+}
+
+std::optional<std::string> faultOf(const CalibrationRequest& request, const CalibrationData& data) {
+  if (data.lengths.empty() && data.tips.empty()) {
+    return "a response needs readings in the order taken; expected free lengths (pressure_kpa, "
+           "length_m) or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, z_m)";
+  }
+  if (!data.lengths.empty() && !data.tips.empty()) {
+    return "the data hold free lengths and a series of the tip; expected one of them for a "
+           "response";
+  }
+  if (request.branch != estimation::Branch::kBoth) {
+    return "a response explains the rising and the falling branch; expected both of them, but one "
+           "was chosen";
+  }
+  return std::nullopt;
+}
+
+// The numbers that were found.
+std::vector<estimation::Parameter> numbersOf(const ResponseFit& fit,
+                                             const model::Response& before) {
+  std::vector<estimation::Parameter> out;
+  const auto add = [&out](const std::string& name, const char* unit, double initial,
+                          const estimation::Estimate& one) {
+    out.push_back({name, unit, initial, one.value, one.standard_error, true});
+  };
+  if (fit.lag == ResponseVerdict::kFound) {
+    add("rise_time_constant", "s", before.rise_time, fit.rise_time);
+    add("fall_time_constant", "s", before.fall_time, fit.fall_time);
+  }
+  for (int j = 0; j < fit.response.play_count; ++j) {
+    const auto play = static_cast<std::size_t>(j);
+    const std::string number = std::to_string(j + 1);
+    add("play_" + number, "Pa", before.plays[play].reach, fit.reach[play]);
+    add("play_weight_" + number, "", before.plays[play].weight, fit.weight[play]);
+  }
+  return out;
+}
+
+}  // namespace
+
+std::optional<std::string> fitResponseOf(const io::Scene& scene, const CalibrationRequest& request,
+                                         const CalibrationData& data,
+                                         const std::vector<std::string>& names,
+                                         CalibrationOutcome& outcome) {
+  if (auto fault = faultOf(request, data)) return fault;
+  const model::Response& before = scene.contractions.at(names.front());
+  FittedResponse found{names, {}, {}, {}};
+  if (data.tips.empty()) {
+    const Eigen::MatrixXd& length = data.lengths.reading;
+    found.fit =
+        estimation::fitResponse(data.lengths.history, (length(0, 0) - length.array()).matrix());
+  } else {
+    found.fit = estimation::fitResponseToPositions(data.tips.history, data.tips.reading);
+  }
+  if (!found.fit.fitted()) return "response: " + found.fit.failure;
+  found.response = written(found.fit, before);
+  found.parameters = numbersOf(found.fit, before);
+  for (const std::string* reason : {&found.fit.lag_reason, &found.fit.play_reason}) {
+    if (!reason->empty()) outcome.warnings.push_back("response: " + *reason);
+  }
+  outcome.response = std::move(found);
+  return std::nullopt;
+}
+
+}  // namespace helix_arm::procedures

@@ -1,0 +1,100 @@
+#include "helix_arm/procedures/response_series.hpp"
+
+#include <limits>
+#include <utility>
+
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/number.hpp"
+#include "helix_arm/io/pressure_history.hpp"
+
+namespace helix_arm::procedures {
+namespace {
+
+// Pieces of the table in place of a quintic.
+constexpr int kContinuedPieces = 24;
+// A curve that ends closer to a pressure than this reaches it, relative to the pressure.
+constexpr double kReached = 1e-6;
+
+Eigen::VectorXd columnOf(const io::DataSet& data, const char* name) {
+  const int column = data.find(name);
+  if (column < 0) {
+    throw io::DocumentError(data.path + " has no column " + name +
+                            "; expected one, since the others are a series of readings");
+  }
+  return data.values.col(column);
+}
+
+}  // namespace
+
+ResponseSeries lengthSeriesOf(const io::DataSet& data) {
+  const Eigen::MatrixXd pressure = columnOf(data, "pressure_kpa") * io::pascals(1);
+  return {io::historyOf(data, pressure), columnOf(data, "length_m")};
+}
+
+ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
+  ResponseSeries out{io::historyOf(data, actuators), Eigen::MatrixXd(data.values.rows(), 3)};
+  int axis = 0;
+  for (const char* name : {"x_m", "y_m", "z_m"}) out.reading.col(axis++) = columnOf(data, name);
+  return out;
+}
+
+void append(const ResponseSeries& more, const std::string& file, ResponseSeries& to) {
+  if (to.empty()) {
+    to = more;
+    return;
+  }
+  if (more.history.time.empty() != to.history.time.empty()) {
+    throw io::DocumentError(file +
+                            (more.history.time.empty() ? " has no column time_s, but"
+                                                       : " has a column time_s, unlike") +
+                            " the files of its kind before; expected times in all of them or none");
+  }
+  const Eigen::Index before = to.history.rows();
+  Eigen::MatrixXd input(before + more.history.rows(), to.history.input.cols());
+  input << to.history.input, more.history.input;
+  Eigen::MatrixXd reading(input.rows(), to.reading.cols());
+  reading << to.reading, more.reading;
+  to.history.input = std::move(input);
+  to.reading = std::move(reading);
+  to.history.time.insert(to.history.time.end(), more.history.time.begin(), more.history.time.end());
+  to.history.starts_anew.insert(to.history.starts_anew.end(), more.history.starts_anew.begin(),
+                                more.history.starts_anew.end());
+}
+
+std::vector<estimation::LengthSample> feltSamples(const ResponseSeries& lengths,
+                                                  const model::Response& response) {
+  model::ResponseState state(response);
+  const model::InputHistory& history = lengths.history;
+  std::vector<estimation::LengthSample> samples;
+  samples.reserve(static_cast<std::size_t>(history.rows()));
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    const auto i = static_cast<std::size_t>(row);
+    if (history.starts_anew[i]) state.restart();
+    const double dt = !state.started()       ? 0.0
+                      : history.time.empty() ? std::numeric_limits<double>::infinity()
+                                             : history.time[i] - history.time[i - 1];
+    state.step(history.input(row, 0), dt);
+    samples.push_back({state.felt(), lengths.reading(row, 0)});
+  }
+  return samples;
+}
+
+estimation::ContractionFit continuedTo(double pressure, estimation::ContractionFit fit) {
+  const model::Range range = fit.curve->inputRange();
+  if (range.upper >= pressure * (1 - kReached)) return fit;
+  if (fit.kind == estimation::CurveKind::kQuintic) {
+    for (int i = 0; i <= kContinuedPieces; ++i) {
+      const double p = range.lower + (range.upper - range.lower) * i / kContinuedPieces;
+      fit.pressures.push_back(p);
+      fit.lengths.push_back(fit.curve->lengthInside(p));
+    }
+    fit.kind = estimation::CurveKind::kTable;
+  }
+  const double slope = fit.curve->slope(range.upper);
+  fit.pressures.push_back(pressure);
+  fit.lengths.push_back(fit.lengths.back() + slope * (pressure - range.upper));
+  fit.curve = model::Contraction::table(fit.pressures, fit.lengths);
+  return fit;
+}
+
+}  // namespace helix_arm::procedures

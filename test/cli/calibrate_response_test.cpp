@@ -1,0 +1,248 @@
+// Calibrations of the response: readings in the order taken.
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "helix_arm/model/response.hpp"
+#include "support/random.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kMost = 413.6856;  // [kPa], the limit of the scene's muscles
+constexpr double kNoise = 2e-4;     // of free lengths [m]
+constexpr double kRest = std::numeric_limits<double>::infinity();
+
+model::Response play() {
+  model::Response out;
+  out.play_count = 1;
+  out.plays[0] = {40e3, 0.6};
+  return out;
+}
+
+// Free length of the muscle at a felt pressure [Pa].
+double lengthAt(double felt) {
+  const double u = felt / (1e3 * kMost);
+  return 0.443 - 0.09 * u * (0.6 + 1.2 * u - 0.8 * u * u);
+}
+
+// Pressures that rise and fall, with turns inside the loop [kPa].
+std::vector<double> cycles() {
+  std::vector<double> out{0};
+  const auto go = [&out](double to) {
+    const double from = out.back(), step = to > from ? 20 : -20;
+    for (double p = from + step; (to - p) * step > 0; p += step) out.push_back(p);
+    out.push_back(to);
+  };
+  for (const double to : {kMost, 0.0, 250.0, 100.0, kMost, 200.0, 300.0, 0.0}) go(to);
+  return out;
+}
+
+std::string freeLengths(const model::Response& truth) {
+  Random random(3);
+  model::ResponseState state(truth);
+  std::ostringstream rows;
+  rows.precision(12);
+  rows << "pressure_kpa,length_m\n";
+  for (const double kpa : cycles()) {
+    state.step(1e3 * kpa, kRest);
+    rows << kpa << "," << lengthAt(state.felt()) + kNoise * random.normal() << "\n";
+  }
+  return rows.str();
+}
+
+// A series of an arm of two muscles that lag by 0.5 s where the pressure rises and by 1 s where it
+// falls.
+std::string tipSeries(unsigned seed) {
+  Random random(seed);
+  model::Response truth;
+  truth.rise_time = 0.5;
+  truth.fall_time = 1.0;
+  model::ResponseState muscles[2]{model::ResponseState(truth), model::ResponseState(truth)};
+  std::ostringstream rows;
+  rows.precision(12);
+  rows << "time_s,pressure_1_kpa,pressure_2_kpa,x_m,y_m,z_m\n";
+  double kpa[2]{0, 0}, level[2]{0, 0};
+  for (int row = 0; row < 600; ++row) {
+    for (int i = 0; i < 2; ++i) {
+      if (row % 40 == 20 * i) level[i] = random.uniform(0, 300);
+      kpa[i] += 0.4 * (level[i] - kpa[i]);
+      muscles[i].step(1e3 * kpa[i], row == 0 ? 0 : 0.1);
+    }
+    const double a = muscles[0].felt() / 3e5, b = muscles[1].felt() / 3e5;
+    rows << 0.1 * row << "," << kpa[0] << "," << kpa[1];
+    for (const double p :
+         {0.4 - 0.03 * (a - b) * (a - b), 0.1 * (a - b) + 0.01 * a * b, 0.02 * a}) {
+      rows << "," << p + kNoise * random.normal();
+    }
+    rows << "\n";
+  }
+  return rows.str();
+}
+
+Outcome calibrate(const std::string& scene, const std::vector<std::string>& data,
+                  const std::vector<std::string>& more) {
+  std::vector<std::string> arguments{"calibrate", scene};
+  arguments.insert(arguments.end(), data.begin(), data.end());
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  arguments.insert(arguments.end(), {"--format", "json"});
+  return runCommand(arguments);
+}
+
+void expectWithin(const json& estimate, double truth, double most) {
+  EXPECT_NEAR(estimate["value"].get<double>(), truth, most);
+  EXPECT_NEAR(estimate["value"].get<double>(), truth, 3 * estimate["standard_error"].get<double>());
+}
+
+// RMS error of the first muscle's length through the cycles, as the scene predicts it [m].
+double cycleError(const std::string& scene, const model::Response& truth) {
+  std::ostringstream rows;
+  rows.precision(12);
+  rows << "pressure_1_kpa\n";
+  for (const double kpa : cycles()) rows << kpa << "\n";
+  const TemporaryFile history(rows.str());
+  const json result =
+      runCommand({"forward", scene, "--history", history.path(), "--format", "json"}).json();
+  model::ResponseState state(truth);
+  double sum = 0;
+  std::size_t row = 0;
+  for (const double kpa : cycles()) {
+    state.step(1e3 * kpa, kRest);
+    const double felt = result["history"][row++]["felt_pressure_pa"][0];
+    std::ostringstream at;
+    at.precision(12);
+    at << felt / 1e3 << ",0";
+    const json shape = runCommand({"forward", scene, "--pressure-kpa", at.str(), "--set",
+                                   "contractions.planar_muscle.response={}", "--format", "json"})
+                           .json();
+    sum += std::pow(shape["lengths_m"][0].get<double>() - lengthAt(state.felt()), 2);
+  }
+  return std::sqrt(sum / static_cast<double>(row));
+}
+
+TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
+  const TemporaryFolder folder;
+  const TemporaryFile data(freeLengths(play()));
+  const std::string out = folder / "calibrated.yaml", branch = folder / "rising.yaml";
+  const Outcome outcome = calibrate(scenePath("planar_76"), {data.path()},
+                                    {"--fit", "contraction,response", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json response = outcome.json()["response"];
+  EXPECT_EQ(response["contractions"], json({"planar_muscle"}));
+  EXPECT_EQ(response["play"]["verdict"], "found");
+  ASSERT_EQ(response["play_kpa"].size(), 1u) << response;
+  expectWithin(response["play_kpa"][0], 40, 4);
+  expectWithin(response["play_weight"][0], 0.6, 0.06);
+  EXPECT_EQ(response["lag"]["verdict"], "not_determined");
+  EXPECT_GT(response["static_rms_m"].get<double>(), 10 * kNoise);
+  EXPECT_LT(response["rms_m"].get<double>(), 1.3 * kNoise);
+  // The curve of the inflating branch, which is what is usually measured, beside it.
+  ASSERT_EQ(calibrate(scenePath("planar_76"), {data.path()},
+                      {"--fit", "contraction", "--branch", "rising", "--out", branch})
+                .exit_code,
+            0);
+  const double with = cycleError(out, play()), without = cycleError(branch, play());
+  std::printf(
+      "[  FIGURE  ] lengths through cycles: %.2f mm with a play, %.2f mm by the rising branch\n",
+      1e3 * with, 1e3 * without);
+  EXPECT_LT(with, kNoise);
+  EXPECT_GT(without, 10 * kNoise);
+}
+
+TEST(CalibrateResponse, ANewCurveKeepsTheResponseAndIsOneOfFeltPressures) {
+  const TemporaryFolder folder;
+  const TemporaryFile data(freeLengths(play()));
+  const std::string out = folder / "calibrated.yaml";
+  const Outcome outcome =
+      calibrate(scenePath("planar_76"), {data.path()},
+                {"--fit", "contraction", "--out", out, "--set",
+                 "contractions.planar_muscle.response={play_kpa: [40], play_weight: [0.6]}"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  EXPECT_TRUE(outcome.json()["response"].is_null());
+  EXPECT_NE(contentOf(out).find("play_kpa: [40]"), std::string::npos) << contentOf(out);
+  EXPECT_LT(cycleError(out, play()), kNoise);
+}
+
+TEST(CalibrateResponse, ASeriesOfTheTipGivesTheLagToEveryCurve) {
+  const TemporaryFolder folder;
+  const TemporaryFile data(tipSeries(1));
+  const std::string out = folder / "calibrated.yaml";
+  const Outcome outcome =
+      calibrate(scenePath("planar_76"), {data.path()}, {"--fit", "response", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json result = outcome.json();
+  EXPECT_EQ(result["response"]["lag"]["verdict"], "found");
+  EXPECT_EQ(result["response"]["play"]["verdict"], "none");
+  expectWithin(result["response"]["rise_time_constant_s"], 0.5, 0.05);
+  expectWithin(result["response"]["fall_time_constant_s"], 1.0, 0.1);
+  EXPECT_EQ(result["parameters"]["rise_time_constant"]["unit"], "s");
+  EXPECT_NE(contentOf(out).find("rise_time_constant_s: 0."), std::string::npos) << contentOf(out);
+  EXPECT_EQ(runCommand({"forward", out, "--pressure-kpa", "100,0"}).exit_code, 0);
+}
+
+TEST(CalibrateResponse, TheTextSaysWhatWasFound) {
+  const TemporaryFile data(freeLengths(play()));
+  const Outcome outcome = runCommand(
+      {"calibrate", scenePath("planar_76"), data.path(), "--fit", "contraction,response"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("\n  play_1 = 4"), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("without a response"), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("warning: response: nothing was recorded in motion"),
+            std::string::npos)
+      << outcome.out;
+}
+
+TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
+  const TemporaryFile lengths(freeLengths(play())), tips(tipSeries(1));
+  const TemporaryFile timed("time_s,pressure_kpa,length_m\n0,0,0.44\n1,10,0.43\n");
+  const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n100,0.2\n200,0.4\n");
+  const std::string scene = scenePath("planar_76");
+  const auto reason = [&](const std::vector<std::string>& data,
+                          const std::vector<std::string>& more) {
+    const Outcome outcome = calibrate(scene, data, more);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.out;
+    return outcome.json()["reason"].get<std::string>();
+  };
+  const auto expect = [](const std::string& text, const std::string& part) {
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+  };
+  expect(reason({curvature.path()}, {"--fit", "response"}), "readings in the order taken");
+  expect(reason({lengths.path(), tips.path()}, {"--fit", "response"}), "expected one of them");
+  expect(reason({lengths.path()}, {"--fit", "contraction,response", "--branch", "rising"}),
+         "expected both of them");
+  expect(reason({tips.path(), curvature.path()}, {"--fit", "stiffness"}), "no response is fitted");
+  expect(reason({timed.path()}, {"--fit", "response"}), "the data hold 2 readings");
+  const Outcome mixed = calibrate(scene, {lengths.path(), timed.path()}, {"--fit", "response"});
+  EXPECT_EQ(mixed.exit_code, 2);
+  expect(mixed.err, "expected times in all of them or none");
+  const TemporaryFile back("time_s,pressure_kpa,length_m\n1,0,0.44\n0,10,0.43\n");
+  expect(calibrate(scene, {back.path()}, {"--fit", "response"}).err, "time_s goes back");
+}
+
+// Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence): a lag, and no
+// play.
+TEST(CalibrateResponse, ARealArmOfTwoSectionsLags) {
+  const std::string data =
+      std::string(HELIX_ARM_SOURCE_DIR) + "/../shared/data/two_section_steps.csv";
+  if (!std::ifstream(data)) GTEST_SKIP() << "no " << data;
+  const Outcome outcome = calibrate(scenePath("demo"), {data}, {"--fit", "response"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  const json response = outcome.json()["response"];
+  std::printf("[  FIGURE  ] tip, all axes: static %.1f mm, with a lag %.1f mm\n",
+              1e3 * response["static_rms_m"].get<double>(), 1e3 * response["rms_m"].get<double>());
+  EXPECT_EQ(response["lag"]["verdict"], "found");
+  EXPECT_EQ(response["play"]["verdict"], "none");
+  EXPECT_LT(response["rms_m"].get<double>(), 0.5 * response["static_rms_m"].get<double>());
+}
+
+}  // namespace
+}  // namespace helix_arm::test
