@@ -185,10 +185,10 @@ TEST(PreferStiff, NeedsAKnownStiffness) {
   InverseOptions stiff;
   stiff.preference = Preference::kStiff;
   const model::Arm arm = test::ringArm(test::straightRing(4));
-  EXPECT_NE(test::refusal<std::invalid_argument>([&] {
-              InverseSolver(ArmModel(arm), stiff);
-            }).find("K_eps_n"),
-            std::string::npos);
+  const ArmModel unknown(arm);
+  EXPECT_NE(
+      test::refusal<std::invalid_argument>([&] { InverseSolver(unknown, stiff); }).find("K_eps_n"),
+      std::string::npos);
   EXPECT_THROW(InverseSolver(arm, stiff), std::invalid_argument);
 }
 
