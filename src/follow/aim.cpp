@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
 #include <type_traits>
 
 #include "helix_arm/model/curve.hpp"
@@ -11,6 +12,7 @@ namespace {
 
 // Relative to the mean square of the Jacobian's entries: limits the lead near a singular pose.
 constexpr double kLeadDamping = 1e-3;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 statics::InverseOptions nearby() {
   statics::InverseOptions out;
@@ -29,6 +31,14 @@ const statics::InverseResult& solveWith(statics::InverseSolver& solver, const Ta
 
 }  // namespace
 
+Eigen::VectorXd lowestPressures(const model::Arm& arm) {
+  return arm.clamped(Eigen::VectorXd::Constant(arm.actuatorCount(), -kInfinity));
+}
+
+Eigen::VectorXd highestPressures(const model::Arm& arm) {
+  return arm.clamped(Eigen::VectorXd::Constant(arm.actuatorCount(), kInfinity));
+}
+
 lie::SE3 tipOf(const Target& target, const model::Arm& arm) {
   if (const auto* position = std::get_if<Eigen::Vector3d>(&target)) {
     return {Eigen::Matrix3d::Identity(), *position};
@@ -45,7 +55,9 @@ Aim::Aim(const statics::ArmModel& model)
       corrected_(model_),
       now_(arm_),
       goal_(now_.offset),
-      pressure_(arm_.inputAt(0.0)),
+      lower_(lowestPressures(arm_)),
+      upper_(highestPressures(arm_)),
+      pressure_(lower_),
       led_(pressure_),
       lengths_(arm_.actuatorCount()),
       by_lengths_(6, arm_.actuatorCount()),
@@ -58,11 +70,16 @@ const Eigen::VectorXd& Aim::lengthsAt(const Eigen::VectorXd& pressure) {
   return lengths_;
 }
 
+void Aim::limit(const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
+  lower_ = lower;
+  upper_ = upper;
+  pressure_ = pressure_.cwiseMax(lower_).cwiseMin(upper_);
+  everywhere_.limit(lower_, upper_);
+  nearby_.limit(lower_, upper_);
+}
+
 void Aim::startAt(const Eigen::VectorXd& pressure) {
-  for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    const model::Range& limits = arm_.actuator(i).limits;
-    pressure_[i] = std::clamp(pressure[i], limits.lower, limits.upper);
-  }
+  pressure_ = pressure.cwiseMax(lower_).cwiseMin(upper_);
 }
 
 void Aim::learn(const statics::Correction& goal) {
@@ -102,9 +119,7 @@ const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_con
   square.diagonal().array() += kLeadDamping * square.trace() / 3.0;
   const Eigen::Vector3d weight = square.ldlt().solve(time_constant * velocity);
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    const model::Range& limits = arm_.actuator(i).limits;
-    led_[i] =
-        std::clamp(pressure_[i] + by_pressure_.col(i).dot(weight), limits.lower, limits.upper);
+    led_[i] = std::clamp(pressure_[i] + by_pressure_.col(i).dot(weight), lower_[i], upper_[i]);
   }
   return led_;
 }

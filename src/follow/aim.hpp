@@ -11,6 +11,10 @@ namespace helix_arm::follow {
 /// The tip that a target asks for; the identity as orientation if that is free.
 lie::SE3 tipOf(const Target& target, const model::Arm& arm);
 
+/// Limits of the actuators' pressures (n) [Pa].
+Eigen::VectorXd lowestPressures(const model::Arm& arm);
+Eigen::VectorXd highestPressures(const model::Arm& arm);
+
 /// From a wanted tip to pressures: the inverse of a corrected model whose correction never jumps.
 class Aim {
  public:
@@ -24,6 +28,8 @@ class Aim {
 
   /// Pressures for a target. @param fresh  searches everywhere, not only near the last pressures.
   const statics::InverseResult& solve(const Target& target, bool fresh);
+  /// From now on pressures (n) are searched between these, which are within the arm's limits.
+  void limit(const Eigen::VectorXd& lower, const Eigen::VectorXd& upper);
   /// The next search begins at these pressures (n) [Pa], clamped to the limits.
   void startAt(const Eigen::VectorXd& pressure);
   /// Last solution (n) [Pa].
@@ -42,6 +48,7 @@ class Aim {
   statics::CorrectedModel corrected_;
   statics::Correction now_;
   model::Twists goal_;  // of the offset
+  Eigen::VectorXd lower_, upper_;
   Eigen::VectorXd pressure_, led_, lengths_;
   Eigen::MatrixXd by_lengths_;  // (6 x n)
   Eigen::Matrix3Xd by_pressure_;

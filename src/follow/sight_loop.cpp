@@ -12,6 +12,7 @@
 #include "divergence_watch.hpp"
 #include "helix_arm/estimation/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "muscle_memory.hpp"
 #include "time_ring.hpp"
 
 namespace helix_arm::follow {
@@ -27,12 +28,6 @@ constexpr double kCorrectingTime = 0.1;  // beyond smoothing and lag [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 
-estimation::ArmFilterOptions watchOptions(const SightLoopConfig& config) {
-  estimation::ArmFilterOptions out = config.filter;
-  out.creep = config.watch_creep;
-  return out;
-}
-
 const SightLoopConfig& checked(const SightLoopConfig& config) {
   config.validate();
   return config;
@@ -45,12 +40,13 @@ struct SightLoop::Workspace {
       : config(checked(given_config)),
         arm(given.arm()),
         tracker(given, config.filter),
-        watch(given, watchOptions(config)),
-        budget(given, watchOptions(config), config.sight),
+        watch(given, config.watchFilter()),
+        budget(given, config.watchFilter(), config.sight),
         contact(given, config),
         on_contact(config.on_contact),
         estimated(given),
         observer(arm.actuatorCount(), config.time_constant, config.reading_noise),
+        memory(arm),
         aim(given),
         divergence(config.smoothing + config.time_constant + kCorrectingTime),
         lengths(arm.actuatorCount()) {
@@ -83,7 +79,8 @@ struct SightLoop::Workspace {
   OnContact on_contact;
   statics::CorrectedModel estimated;  // with everything the tracker has estimated
   control::PressureObserver observer;
-  Aim aim;
+  MuscleMemory memory;
+  Aim aim;  // at pressures as they are felt
 
   bool enabled = false, closed = true, diverged = false;
   bool fades = false;  // the correction decays to 0
@@ -154,6 +151,7 @@ void SightLoop::Workspace::learn() {
 
 // The corrected model is brought where a load takes its tip to the wanted place.
 const statics::InverseResult& SightLoop::Workspace::solve(const Target& wanted_tip, bool fresh) {
+  memory.limit(aim);
   if (!beyond.isZero(0)) {
     if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
       return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
@@ -168,7 +166,7 @@ const statics::InverseResult& SightLoop::Workspace::solve(const Target& wanted_t
 // The wanted tip where the arm reaches it, else the predicted one; `unknown` if there is neither.
 lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
   const auto predicted =
-      observer.started() ? tipAt(observer.newest().pressure) : std::optional<lie::SE3>();
+      observer.started() ? tipAt(memory.felt(observer)) : std::optional<lie::SE3>();
   lie::SE3 out = predicted.value_or(unknown);
   if (!target || (predicted && !reaches)) return out;
   if (!std::holds_alternative<Eigen::Vector3d>(*target)) return tipOf(*target, arm);
@@ -177,7 +175,7 @@ lie::SE3 SightLoop::Workspace::presentTip(const lie::SE3& unknown) {
 }
 
 void SightLoop::Workspace::begin(const Target& next) {
-  if (!target && observer.started()) aim.startAt(observer.newest().pressure);
+  if (!target && observer.started()) aim.startAt(memory.felt(observer));
   reaches = within_reach = solve(next, true).status == statics::InverseStatus::kReached;
   target = next;
   divergence.clear();
@@ -209,7 +207,7 @@ void SightLoop::Workspace::command() {
   turn.residual = result.residual;
   turn.position_error = result.position_error;
   turn.limits = result.limits;
-  turn.pressure = aim.led(velocity, config.time_constant);
+  turn.pressure = memory.pressureFor(aim.led(velocity, config.time_constant));
 }
 
 void SightLoop::Workspace::fade() {
@@ -225,7 +223,10 @@ bool SightLoop::Workspace::findPressures(double stamp, double now,
           : stamp > now                                 ? SightingFault::kFuture
                                                         : SightingFault::kNone;
   if (fault != SightingFault::kNone) return false;
-  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) return true;
+  if (observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture)) {
+    memory.apply(stamp, at_picture);
+    return true;
+  }
   fault = SightingFault::kTooOld;
   return false;
 }
@@ -333,6 +334,7 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
   w.observer.update(time, set_point, reading);
+  w.memory.follow(w.observer);
 
   const LoopState before = w.turn.state;
   w.turn.state = w.nextState(time);
@@ -350,9 +352,9 @@ const Turn& SightLoop::reading(double time, const Eigen::VectorXd& set_point,
     w.turn.wanted = tipOf(*w.target, w.arm);
     w.wanted.add(time, w.turn.wanted.translation);
   } else if (w.observer.started()) {
-    w.aim.startAt(w.observer.newest().pressure);
+    w.aim.startAt(w.memory.felt(w.observer));
   }
-  w.turn.predicted = w.observer.started() ? w.tipAt(w.observer.newest().pressure) : std::nullopt;
+  w.turn.predicted = w.observer.started() ? w.tipAt(w.memory.felt(w.observer)) : std::nullopt;
   return w.turn;
 }
 

@@ -21,6 +21,12 @@ const char* nameOf(LoopState state) {
   return kNames[static_cast<std::size_t>(state)];
 }
 
+estimation::ArmFilterOptions SightLoopConfig::watchFilter() const {
+  estimation::ArmFilterOptions out = filter;
+  out.creep = watch_creep;
+  return out;
+}
+
 void SightLoopConfig::validate() const {
   filter.validate();
   contact.validate();

@@ -15,15 +15,22 @@ class TimeRing {
   void add(double time, const Value& value) {
     if (count_ > 0 && time < at(0).time) clear();
     newest_ = (newest_ + 1) % kMost;
-    entries_[static_cast<std::size_t>(newest_)] = {time, value};
+    Entry& entry = entries_[static_cast<std::size_t>(newest_)];
+    entry.time = time;
+    entry.value = value;
     if (count_ < kMost) ++count_;
   }
-  /// The last value at or before a time; nothing if all are later.
-  std::optional<Value> before(double time) const {
+  /// The last value at or before a time; null if all are later. Valid until the next change.
+  const Value* find(double time) const {
     for (int age = 0; age < count_; ++age) {
-      if (at(age).time <= time) return at(age).value;
+      if (at(age).time <= time) return &at(age).value;
     }
-    return std::nullopt;
+    return nullptr;
+  }
+  /// The same as a copy.
+  std::optional<Value> before(double time) const {
+    const Value* const found = find(time);
+    return found != nullptr ? std::optional<Value>(*found) : std::nullopt;
   }
 
  private:

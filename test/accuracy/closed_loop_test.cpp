@@ -135,6 +135,29 @@ TEST(ClosedLoop, MusclesWithHysteresis) {
   EXPECT_LE(figures.steady_rms, 0.001);
 }
 
+// The loop follows what the muscles feel, and asks for pressures that come to be felt as wanted.
+TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
+  const std::string lag_and_play =
+      "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], play_weight: [0.6]}";
+  const io::Scene unknown = demo({{"simulation.arm.response", lag_and_play}});
+  const io::Scene known = demo({{"contractions.muscle.response", lag_and_play}});
+  const FollowPlan plan = steps(known, 20, 6);
+  const StepFigures with = figuresOf(run(known, plan)), without = figuresOf(run(unknown, plan));
+  const auto& followed = [](const io::Scene& scene) {
+    return run(scene, shape(scene, TipShape::kCircle, 20)).figures.path_rms;
+  };
+  const double circle = followed(known), circle_without = followed(unknown);
+  std::printf(
+      "[  FIGURE  ] lag 0.3 / 0.6 s and play of 8 kPa: steady RMS %.2f mm, settled after %.2f s in "
+      "the "
+      "median, circle in 20 s %.2f mm RMS; unknown to the scene %.2f mm, %.2f s, %.2f mm\n",
+      kMm * with.steady_rms, with.settle_median, kMm * circle, kMm * without.steady_rms,
+      without.settle_median, kMm * circle_without);
+  EXPECT_LE(with.steady_rms, 0.001);
+  EXPECT_LT(with.steady_rms, without.steady_rms);
+  EXPECT_LT(circle, circle_without);
+}
+
 struct Drawing {
   const char* name;
   TipShape shape;

@@ -28,6 +28,8 @@ struct SightLoopConfig {
   estimation::LoadForksOptions contact;       ///< what counts as contact
   OnContact on_contact = OnContact::kReport;  ///< may change with each target
 
+  /// Of the filter that watches for loads.
+  estimation::ArmFilterOptions watchFilter() const;
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
 };
