@@ -303,22 +303,19 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
   const statics::ArmModel model = modelOf(scene, options.tier);
-  json rows = json::array();
-  CsvTable table;
+  RowPrinter rows(global.format, scene.name);
   bool all_converged = true;
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     const ForwardResult result = forward(model, inputs.row(row), 0);
     all_converged = all_converged && result.solution.converged();
-    if (global.format == Format::kJson) rows.push_back(reportJson(scene, result));
-    if (global.format == Format::kCsv) table.add(csvRow(scene, result));
+    rows.add([&] { return reportJson(scene, result); }, [&] { return csvRow(scene, result); });
     if (global.format == Format::kText) {
       std::cout << "line " << data.lines[static_cast<std::size_t>(row)] << ": "
                 << statics::nameOf(result.solution.status) << ", tip "
                 << poseText(result.solution.tip) << "\n";
     }
   }
-  if (global.format == Format::kJson) printJson({{"scene", scene.name}, {"rows", rows}});
-  if (global.format == Format::kCsv) table.print(std::cout);
+  rows.end();
   return all_converged ? kDone : kNotPossible;
 }
 

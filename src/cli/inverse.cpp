@@ -31,13 +31,20 @@ struct InverseArguments {
 };
 
 // @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
-lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p) {
+// Position, then the quaternion x, y, z, w. Its norm is an error if it is not 1; a cell of a file
+// is not repeated.
+lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
   if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
     std::ostringstream message;
-    message << culprit << " has a quaternion of norm " << q.norm()
-            << "; expected 1, in the order qx,qy,qz,qw";
+    message << culprit << " has a quaternion of ";
+    if (repeat_norm) {
+      message << "norm " << q.norm();
+    } else {
+      message << "another norm";
+    }
+    message << "; expected 1, in the order qx,qy,qz,qw";
     throw CallerError(message.str());
   }
   return {q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
@@ -45,7 +52,7 @@ lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p) {
 
 lie::SE3 poseArgument(const std::string& text) {
   const std::vector<double> p = numberList("--pose", text, 7);
-  return poseOf("--pose", Eigen::Map<const Eigen::VectorXd>(p.data(), 7));
+  return poseOf("--pose", Eigen::Map<const Eigen::VectorXd>(p.data(), 7), true);
 }
 
 model::Twists twistArgument(const std::string& text, int sections) {
@@ -194,28 +201,32 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   const Eigen::MatrixXd targets = columnsOf(data, names);
   const statics::TierSetting& tier = model.choice().setting;
   Eigen::VectorXd start = startOf(arguments, scene);
-  json rows = json::array();
-  CsvTable table;
+  const auto lineOf = [&data](Eigen::Index row) {
+    return data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
+  };
+  // Nothing is printed of a table with a faulty row.
+  for (Eigen::Index row = 0; poses && row < targets.rows(); ++row) {
+    poseOf(lineOf(row), targets.row(row), false);
+  }
+  RowPrinter rows(global.format, scene.name);
   bool all_reached = true;
   for (Eigen::Index row = 0; row < targets.rows(); ++row) {
     const Eigen::VectorXd target = targets.row(row);
-    const std::string line =
-        data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
-    const InverseResult result =
-        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
+    const std::string line = lineOf(row);
+    const InverseResult result = poses ? solver.toPose(poseOf(line, target, false), start)
+                                       : solver.toPosition(target, start);
     const InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
     const statics::Solution reached = model.solve(result.input);
     all_reached = all_reached && result.status == InverseStatus::kReached;
     if (arguments.prefer == "min-change") start = result.input;
-    if (global.format == Format::kJson) rows.push_back(reportJson(scene, tier, answer, reached));
-    if (global.format == Format::kCsv) table.add(csvRow(scene, tier, answer, reached));
+    rows.add([&] { return reportJson(scene, tier, answer, reached); },
+             [&] { return csvRow(scene, tier, answer, reached); });
     if (global.format == Format::kText) {
       std::cout << line << " ";
       printTextResult(scene, tier, answer, reached);
     }
   }
-  if (global.format == Format::kJson) printJson({{"scene", scene.name}, {"rows", rows}});
-  if (global.format == Format::kCsv) table.print(std::cout);
+  rows.end();
   return all_reached ? kDone : kNotPossible;
 }
 

@@ -10,6 +10,17 @@ namespace helix_arm::cli {
 
 using nlohmann::json;
 
+namespace {
+
+constexpr int kOneLine = -1, kIndent = 2;
+
+std::string textOf(const json& value, int indent) {
+  // File names may contain bytes that are not UTF-8.
+  return value.dump(indent, ' ', false, json::error_handler_t::replace);
+}
+
+}  // namespace
+
 json toJson(const Eigen::VectorXd& vector) {
   return std::vector<double>(vector.data(), vector.data() + vector.size());
 }
@@ -125,9 +136,29 @@ std::string poseText(const lie::SE3& pose) {
          bracketed(quaternionXyzw(pose.rotation));
 }
 
-void printJson(const json& result) {
-  // File names may contain bytes that are not UTF-8.
-  std::cout << result.dump(2, ' ', false, json::error_handler_t::replace) << '\n';
+RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
+  if (format_ == Format::kJson) {
+    std::cout << "{\"scene\": " << textOf(scene, kOneLine) << ", \"rows\": [";
+  }
 }
+
+void RowPrinter::add(const std::function<json()>& report,
+                     const std::function<CsvTable::Row()>& cells) {
+  if (format_ == Format::kJson) {
+    std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
+  }
+  if (format_ == Format::kCsv) {
+    const CsvTable::Row row = cells();
+    if (!any_) CsvTable::printNames(row, std::cout);
+    CsvTable::printValues(row, std::cout);
+  }
+  any_ = true;
+}
+
+void RowPrinter::end() {
+  if (format_ == Format::kJson) std::cout << "\n]}\n";
+}
+
+void printJson(const json& result) { std::cout << textOf(result, kIndent) << '\n'; }
 
 }  // namespace helix_arm::cli

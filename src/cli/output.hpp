@@ -1,12 +1,14 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <iosfwd>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "command.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "nlohmann/json.hpp"
@@ -61,6 +63,22 @@ void appendPose(const std::string& prefix, const lie::SE3& pose, CsvTable::Row& 
 std::string bracketed(const Eigen::VectorXd& vector);
 /// "position [..] m, quaternion xyzw [..]" for people.
 std::string poseText(const lie::SE3& pose);
+
+/// Prints the results of a table's rows as they come, so that a long table takes no memory:
+/// {scene, rows [..]} as json, or names and a line a row as csv.
+class RowPrinter {
+ public:
+  /// @param format  json or csv; of text nothing is printed.
+  RowPrinter(Format format, const std::string& scene);
+  /// @param report, cells  give the row in each format; only that of the chosen one is called.
+  void add(const std::function<nlohmann::json()>& report,
+           const std::function<CsvTable::Row()>& cells);
+  void end();
+
+ private:
+  const Format format_;
+  bool any_ = false;
+};
 
 /// Prints a JSON document.
 void printJson(const nlohmann::json& result);

@@ -40,9 +40,9 @@ Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
       const model::Actuator& actuator = arm.actuator(i);
       if (actuator.limits.contains(inputs(row, i))) continue;
       throw CallerError(data.path + ":" +
-                        std::to_string(data.lines[static_cast<std::size_t>(row)]) + " asks " +
-                        actuator.name + " for " + inputText(actuator, inputs(row, i)) +
-                        "; its limits are " + inputText(actuator, actuator.limits.lower) + " to " +
+                        std::to_string(data.lines[static_cast<std::size_t>(row)]) +
+                        " is beyond the limits of " + actuator.name + ": " +
+                        inputText(actuator, actuator.limits.lower) + " to " +
                         inputText(actuator, actuator.limits.upper));
     }
   }

@@ -140,11 +140,11 @@ TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const std::string lag_and_play =
       "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], play_weight: [0.6]}";
   const io::Scene unknown = demo({{"simulation.arm.response", lag_and_play}});
-  const io::Scene known = demo({{"contractions.muscle.response", lag_and_play}});
+  const io::Scene known = demo({{"contractions.fig3_muscle.response", lag_and_play}});
   const FollowPlan plan = steps(known, 20, 6);
   const StepFigures with = figuresOf(run(known, plan)), without = figuresOf(run(unknown, plan));
-  const auto& followed = [](const io::Scene& scene) {
-    return run(scene, shape(scene, TipShape::kCircle, 20)).figures.path_rms;
+  const auto followed = [](const io::Scene& scene) {
+    return run(scene, shape(scene, TipShape::kCircle, 20)).figures.path_rms.value();
   };
   const double circle = followed(known), circle_without = followed(unknown);
   std::printf(

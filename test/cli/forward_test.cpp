@@ -289,7 +289,7 @@ TEST(Forward, RowsOfATableAreAsSingleCalls) {
 TEST(Forward, ARowBeyondALimitIsNamedByItsLine) {
   const TemporaryFile table("pressure_1_kpa\n100\n9000\n", ".csv");
   expectCallerError(runCommand({"forward", scenePath("helical_50"), "--inputs", table.path()}),
-                    table.path() + ":3 asks muscle_1 for 9000");
+                    table.path() + ":3 is beyond the limits of muscle_1: 0 kPa to ");
   expectCallerError(runCommand({"forward", scenePath("helical_50"), "--inputs", table.path(),
                                 "--pressure-kpa", "1,2,3"}),
                     "--inputs excludes --pressure-kpa");

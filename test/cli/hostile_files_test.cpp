@@ -39,7 +39,10 @@ class HostileFiles : public ::testing::Test {
             {"calibrate", path, path, "--out", folder_ / "out.yaml"},
             {"localize", path, path},
             {"workspace", path, "--out", folder_ / "out.ply"},
-            {"regulator", path, "probe"}};
+            {"regulator", path, "probe"},
+            {"forward", planar, "--inputs", path},
+            {"inverse", planar, "--targets", path},
+            {"follow", demo, "--path", path, "--seconds", "1"}};
   }
 
   const TemporaryFolder folder_;
@@ -76,6 +79,32 @@ TEST_F(HostileFiles, NothingIsRepeatedOfAFileOfSomebodyElse) {
       EXPECT_EQ(outcome.err.find("hashhash"), std::string::npos) << outcome.err;
     }
   }
+}
+
+TEST_F(HostileFiles, NoCellOfATableIsRepeated) {
+  for (const std::vector<std::string>& call : std::vector<std::vector<std::string>>{
+           {"forward", scenePath("planar_76"), "--inputs",
+            write("inputs.csv", "pressure_1_kpa\n77123.5\n")},
+           {"inverse", scenePath("spatial_50"), "--targets",
+            write("poses.csv", "x_m,y_m,z_m,qx,qy,qz,qw\n0.3,0,0,77123.5,0,0,0\n")}}) {
+    const Outcome outcome = runCommand(call);
+    EXPECT_EQ(outcome.exit_code, 2);
+    EXPECT_NE(outcome.err.find(".csv:2 "), std::string::npos) << outcome.err;
+    EXPECT_EQ(outcome.err.find("77123"), std::string::npos) << outcome.err;
+  }
+}
+
+// A result takes much more than its row.
+TEST_F(HostileFiles, ResultsOfALongTableArePrintedAsTheyCome) {
+  std::string rows = "pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n";
+  for (int i = 0; i < 20'000; ++i) rows += "1,2,3\n";
+  const Outcome outcome = runCommand({"forward", scenePath("spatial_50"), "--inputs",
+                                      write("long.csv", rows), "--format", "json"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(outcome.json()["rows"].size(), 20'000u);
+  rusage usage{};
+  getrusage(RUSAGE_CHILDREN, &usage);
+  EXPECT_LT(usage.ru_maxrss / 1024, 150) << "MB of the largest command; it was 220";
 }
 
 TEST_F(HostileFiles, WhatSwellsIsRefusedWithinTheMemoryThatThereIs) {

@@ -203,7 +203,7 @@ TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
   options.corner_floor = 0;
   options.next_pressures = 0;
   Tallies tallies;
-  for (int set = 0; set < 12; ++set) {
+  for (int set = 0; set < 60; ++set) {
     Random random(3000 + set);
     const test::RigErrors errors{0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003};
     const test::RigTruth truth = test::drawRig(known, view, errors, random);
@@ -217,17 +217,19 @@ TEST(CalibrationVerdict, PlacementsOfManyCapturesAlwaysConverge) {
     }
   }
   print("placement", tallies);
-  for (const auto& [name, tally] : tallies) EXPECT_LT(tally.worst, 5) << name;
+  for (const auto& [name, tally] : tallies) EXPECT_LT(tally.worst, 6) << name;
 }
 
 // Parameters that a combination of words does not request are as uncertain as their priors, except
 // base and length scales, which count as exact.
 TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
-  const model::Arm known = test::ringArm(test::helicalRing());
+  test::Ring ring = test::helicalRing();
+  ring.stiffness.tau = 5e-5;
+  const model::Arm known = test::ringArm(ring);
   const ArmView view = test::sampleView(0.8, 1, 12, 3);
   constexpr double kStiffness = 0.25;
   Tallies tallies;
-  for (int words = 1; words < 64; ++words) {
+  for (int words = 1; words < 128; ++words) {
     const auto has = [words](int bit) { return (words >> bit & 1) != 0; };
     CalibrationOptions options;
     options.K_kappa = has(0);
@@ -236,7 +238,8 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     options.base = has(3);
     options.tags = has(4);
     options.bleed = has(5);
-    options.free_shapes = (words & 7) == 0;
+    options.K_tau = has(6);
+    options.free_shapes = (words & 71) == 0;
     options.stiffness_prior = kStiffness;
     options.length_scale_prior = 0.03;
     options.base_prior = {0.01, 0.02};
@@ -248,8 +251,8 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     options.next_pressures = 0;
     const test::RigErrors errors{
         kStiffness, kStiffness, has(2) ? 0.03 : 0, has(3) ? 0.01 : 0, has(3) ? 0.02 : 0, 0.002,
-        0.05,       0.0003};
-    for (int set = 0; set < 4; ++set) {
+        0.05,       0.0003,     kStiffness};
+    for (int set = 0; set < 2; ++set) {
       Random random(10000 + 100 * words + set);
       const test::RigTruth truth = test::drawRig(known, view, errors, random);
       const Calibration found = calibrate({corners(known, view, truth, 8, random)}, options);
@@ -266,7 +269,7 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     }
   }
   print("words", tallies);
-  EXPECT_EQ(tallies.size(), 6u);
+  EXPECT_EQ(tallies.size(), 7u);
   for (const auto& [name, tally] : tallies) {
     EXPECT_GT(tally.count, 50) << name;
     EXPECT_GE(tally.coverage(), 0.91) << name;

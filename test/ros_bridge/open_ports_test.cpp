@@ -268,8 +268,8 @@ class Arm {
   int calls_ = 0, topics_ = 0;
 };
 
-// roscpp binds its XML-RPC server to all addresses, whatever is configured (README, "Who may
-// command"): the one exception.
+// roscpp binds its XML-RPC server to all addresses, whatever is configured
+// (docs/safety.md, "Who may command"): the one exception.
 TEST(OpenPorts, WithLocalhostInTheShellMasterAndTopicsAreForThisMachine) {
   const Arm arm({"ROS_HOSTNAME=localhost"}, {});
   EXPECT_EQ(arm.host(), "localhost");

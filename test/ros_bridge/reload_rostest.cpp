@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 #include <ros/service.h>
+#include <sys/stat.h>
 
 #include "helix_arm/Reload.h"
 #include "support/temporary_file.hpp"
@@ -127,12 +128,24 @@ TEST_F(Reloading, ScenesComeFromTheirFolderAlone) {
   for (const std::string& path :
        {elsewhere, folder / "link.yaml", folder / "etc/passwd", secret.path(),
         std::string("/etc/passwd"), folder.path() + "/../../etc/passwd.yaml",
-        std::string("/root/no_such.yaml"), folder.path()}) {
+        std::string("/root/no_such.yaml"), std::string("/dev/zero"), folder.path()}) {
     const Reload::Response response = reload(kPressureCommand, path);
     EXPECT_FALSE(response.success) << path;
     EXPECT_NE(response.message.find("file below"), std::string::npos) << response.message;
     EXPECT_EQ(response.message.find("root:"), std::string::npos) << response.message;
   }
+}
+
+TEST_F(Reloading, AFifoIsRefusedAtOnce) {
+  const TemporaryFolder folder;
+  const std::string fifo = folder / "fifo.yaml";
+  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
+  for (const char* node : {kPressureCommand, kVision, kMonitor}) {
+    const Reload::Response response = reload(node, fifo);
+    EXPECT_FALSE(response.success) << node;
+    EXPECT_NE(response.message.find("regular file"), std::string::npos) << response.message;
+  }
+  EXPECT_TRUE(reload(kPressureCommand, "demo").success) << "it still answers";
 }
 
 TEST_F(Reloading, LimitsThatTheCommandIsOutsideOfAreRefused) {

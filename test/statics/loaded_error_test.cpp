@@ -192,7 +192,8 @@ TEST(LoadedError, ConvergedIsWithinTheStatedErrorForManyTurnsASection) {
   }
 }
 
-// The README's table: masses, stiffness and inputs over their ranges, and at the ends of them.
+// The table of docs/loads.md: masses, stiffness and inputs over their ranges, and at the ends of
+// them.
 TEST(LoadedError, TheTableOfOrdersHoldsAtManyInputs) {
   const double table[2][kOrders] = {{2.3e-4, 1.4e-5, 1.5e-6, 7.9e-8, 3.5e-9, 1e-9, 1e-9},
                                     {6.4e-4, 7.4e-5, 6.5e-6, 4.4e-7, 3.0e-8, 1.9e-9, 1e-9}};

@@ -26,6 +26,7 @@ struct RigErrors {
   double base_translation = 0, base_rotation = 0;     ///< [m], [rad]
   double tag_translation = 0, tag_rotation = 0;       ///< [m], [rad]
   double bleed = 0;                                   ///< [m]
+  double K_tau = 0;                                   ///< of its log
 };
 
 /// Everything of a rig is fitted, to readings without noise; priors hardly hold anything.
@@ -48,6 +49,7 @@ inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view
   model::Stiffness stiffness = known.actuator(0).stiffness;
   stiffness.kappa *= std::exp(errors.K_kappa * random.normal());
   stiffness.gamma *= std::exp(errors.K_gamma * random.normal());
+  if (errors.K_tau > 0) stiffness.tau *= std::exp(errors.K_tau * random.normal());
   RigTruth truth{known.withStiffness(stiffness),
                  std::exp(errors.length_scale * random.normal()),
                  {},
@@ -57,6 +59,7 @@ inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view
   auto& parameters = truth.parameters;
   parameters["K_kappa"] = stiffness.kappa;
   parameters["K_gamma"] = stiffness.gamma;
+  parameters["K_tau"] = stiffness.tau;
   parameters["length_scale"] = truth.length_scale;
   parameters["bleed"] = truth.bleed;
   const char* const base_names[] = {"x", "y", "z", "rx", "ry", "rz"};

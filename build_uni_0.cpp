@@ -1,8 +1,0 @@
-#include "/srv/wt/unity/src/procedures/budget_table.cpp"
-#include "/srv/wt/unity/src/procedures/calibration_data.cpp"
-#include "/srv/wt/unity/src/procedures/calibration_job.cpp"
-#include "/srv/wt/unity/src/procedures/calibration_run.cpp"
-#include "/srv/wt/unity/src/procedures/calibration_words.cpp"
-#include "/srv/wt/unity/src/procedures/camera_placing.cpp"
-#include "/srv/wt/unity/src/procedures/captures.cpp"
-#include "/srv/wt/unity/src/procedures/follow_figures.cpp"

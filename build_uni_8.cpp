@@ -1,8 +1,0 @@
-#include "/srv/wt/unity/src/cli/evaluate_tags.cpp"
-#include "/srv/wt/unity/src/cli/fit.cpp"
-#include "/srv/wt/unity/src/cli/follow.cpp"
-#include "/srv/wt/unity/src/cli/follow_report.cpp"
-#include "/srv/wt/unity/src/cli/forward.cpp"
-#include "/srv/wt/unity/src/cli/interrupt_watch.cpp"
-#include "/srv/wt/unity/src/cli/inverse.cpp"
-#include "/srv/wt/unity/src/cli/localize.cpp"
