@@ -25,7 +25,7 @@ constexpr double kArmed = 10.0;       // of pictures [s]
 constexpr double kCreep = 0.02;       // of the bias [s^-1/2]
 constexpr int kLateral[] = {1, 2};    // axes across an arm that hangs along x
 
-statics::Load stiffnessAlone() { return {Eigen::Vector3d::Zero(), {0.0}, {kK_eps}, {}}; }
+statics::Load stiffnessAlone() { return {Eigen::Vector3d::Zero(), {0.0}, {kK_eps}, {}, {}}; }
 ArmModel knownStiffness() {
   return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, stiffnessAlone());
 }

@@ -26,6 +26,7 @@ statics::Load stiffnessAlone(int sections = 1, double K_eps = kK_eps) {
   return {Eigen::Vector3d::Zero(),
           std::vector<double>(static_cast<std::size_t>(sections), 0.0),
           std::vector<double>(static_cast<std::size_t>(sections), K_eps),
+          {},
           {}};
 }
 ArmModel modelOf(int sections = 1, double K_eps = kK_eps) {

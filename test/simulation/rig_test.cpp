@@ -151,6 +151,7 @@ statics::Load onlyStiffness(int sections = 1, double K_eps = 1000.0) {
   return {Eigen::Vector3d::Zero(),
           std::vector<double>(sections, 0.0),
           std::vector<double>(sections, K_eps),
+          {},
           {}};
 }
 
