@@ -30,7 +30,7 @@ class CaptureCheckTest : public ::testing::Test {
     for (int c = 0; c < kCaptures; ++c) {
       const model::Twists model = arm_.twists(test::randomInput(arm_, random_));
       model::Twists other = model;
-      for (int i = 0; i < 6; ++i) other(i, 0) += i < 3 ? 0.08 : 0.8;
+      for (int i = 0; i < 6; ++i) other(i, 0) += i < 3 ? 0.15 : 1.5;
       const std::vector<lie::SE3> poses = tagPoses(layout_, model),
                                   others = tagPoses(layout_, other);
       std::vector<PoseObservation> seen;
