@@ -1,4 +1,5 @@
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 
 #include <fstream>
 
