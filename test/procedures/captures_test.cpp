@@ -1,11 +1,11 @@
 #include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/response_series.hpp"
 
 #include <fstream>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "support/scene_text.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
