@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 
@@ -106,10 +107,11 @@ Group poseAlong(const ActuatorOf<Group>& actuator, double s) {
 
 template <class Group>
 TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators) {
+  bool first = true;
   for (const ActuatorOf<Group>& actuator : actuators) {
     const int cells = static_cast<int>(actuator.taper.size()) - 1;
     if (cells < 1) continue;
-    if (cells_ > 1 && cells != cells_) {
+    if (!std::exchange(first, false) && cells != cells_) {
       throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
                                   " poses along the section; expected " +
                                   std::to_string(cells_ + 1) + ", as another actuator has");
