@@ -238,7 +238,7 @@ TEST(CalibrateResponse, ARealArmOfTwoSectionsLags) {
                                     {"--fit", "response", "--set", "arm.sections.0.ring.count=6"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
   const json response = outcome.json()["response"];
-  std::printf("[  FIGURE  ] tip, all axes: static %.1f mm, with a lag %.1f mm\n",
+  std::printf("[  FIGURE  ] tip across: static %.1f mm, with a lag %.1f mm\n",
               1e3 * response["static_rms_m"].get<double>(), 1e3 * response["rms_m"].get<double>());
   EXPECT_EQ(response["lag"]["verdict"], "found");
   EXPECT_EQ(response["play"]["verdict"], "none");
