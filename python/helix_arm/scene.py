@@ -78,8 +78,8 @@ class Scene(_core.Scene):
         tip: (3,) or (N, 3) positions [m]. pose: (7,) or (N, 7) x, y, z [m], qx, qy, qz, qw.
         twists: (sections, 6) or (N, sections, 6), v [m] and w [rad].
         start: (n,) or (N, n) pressures at which the search begins [Pa]; default: the lower limits.
-        prefer: which of the pressures that reach it: "min-pressure", "min-change" (from the start) or "cocontract", with
-        cocontraction in [0, 1] as the wanted fraction of each range.
+        prefer: which of the pressures that reach it: "min-pressure", "min-change" (from the start), "cocontract",
+        with cocontraction in [0, 1] as the wanted fraction of each range, or "stiff": the least compliance of the tip.
         """
         return results.Inverse(**self._inverse(tip, pose, twists, start, prefer, cocontraction, position_tolerance_m, threads))
 

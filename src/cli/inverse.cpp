@@ -63,9 +63,7 @@ model::Twists twistArgument(const std::string& text, int sections) {
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
-  if (arguments.prefer == "min-change") options.preference = Preference::kMinChange;
-  if (arguments.prefer == "cocontract") options.preference = Preference::kCocontraction;
-  if (arguments.prefer == "stiff") options.preference = Preference::kStiff;
+  options.preference = statics::preferenceOf(arguments.prefer);
   if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
     throw CallerError("--cocontraction needs --prefer cocontract");
   }
@@ -303,7 +301,8 @@ Subcommand addInverse(CLI::App& app) {
           "--prefer", arguments->prefer,
           "which of the inputs that reach the target: min-pressure, min-change (from the start), "
           "cocontract or stiff (least tip compliance)")
-      ->check(CLI::IsMember({"min-pressure", "min-change", "cocontract", "stiff"}))
+      ->check(CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
+                                                     statics::kPreferenceWords.end())))
       ->capture_default_str();
   command->add_option(
       "--start-kpa", arguments->start_kpa,

@@ -29,14 +29,6 @@ lie::SE3 poseOf(const Eigen::VectorXd& p, py::ssize_t row) {
   return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
-Preference preferenceOf(const std::string& word) {
-  if (word == "min-pressure") return Preference::kMinPressure;
-  if (word == "min-change") return Preference::kMinChange;
-  basics::require(word == "cocontract", "prefer is \"", word.substr(0, 40),
-                  "\"; expected min-pressure, min-change or cocontract");
-  return Preference::kCocontraction;
-}
-
 const char* nameOf(statics::InverseStatus status) {
   if (status == statics::InverseStatus::kReached) return "reached";
   return status == statics::InverseStatus::kUnreachable ? "unreachable" : "not_converged";
@@ -144,7 +136,7 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
   const auto count = static_cast<std::size_t>(targets.rows.rows());
   Found found(scene, count);  // first, as rows may be more than the memory holds
   InverseOptions options;
-  options.preference = preferenceOf(prefer);
+  options.preference = statics::preferenceOf(prefer);
   options.cocontraction = cocontraction;
   options.position_tolerance = position_tolerance;
   const std::size_t thread_count = threadCount(threads);

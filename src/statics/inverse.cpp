@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "box_levenberg_marquardt.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "inverse_preference.hpp"
 #include "inverse_starts.hpp"
@@ -18,6 +19,17 @@
 #include "length_box.hpp"
 
 namespace helix_arm::statics {
+
+Preference preferenceOf(const std::string& word) {
+  std::string list;
+  for (std::size_t i = 0; i < kPreferenceWords.size(); ++i) {
+    if (word == kPreferenceWords[i]) return static_cast<Preference>(i);
+    list += (list.empty() ? "" : ", ") + std::string(kPreferenceWords[i]);
+  }
+  throw std::invalid_argument("prefer is \"" + basics::quoted(word) + "\"; expected one of " +
+                              list);
+}
+
 namespace {
 
 constexpr int kMostLoadedStarts = 6;  // each takes a thousand times as long as without load

@@ -56,6 +56,13 @@ class InverseTest(unittest.TestCase):
             self.assertTrue(found.reached)
         self.assertLessEqual(low.pressures_pa.sum(), near.pressures_pa.sum() + 1)
 
+    def test_the_stiffest_pressures_need_a_known_stiffness(self):
+        scene = helix_arm.Scene.load("loaded")
+        tip = scene.tips(np.mean(scene.limits_pa, axis=1))
+        self.assertTrue(scene.inverse(tip, prefer="stiff").reached)
+        with self.assertRaisesRegex(ValueError, "K_eps_n"):
+            helix_arm.Scene.load("spatial_50").inverse(tip, prefer="stiff")
+
     def test_no_rows_are_no_results(self):
         found = self.scene.inverse(np.zeros((0, 3)))
         self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))

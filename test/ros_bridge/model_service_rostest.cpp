@@ -121,7 +121,7 @@ TEST(ModelService, CallsThatBreakARuleAreAnsweredWithIt) {
   expect(inverse({0.3, nan, 0}), "position[1] is nan");
   expect(inverse({0.3, 0, 0}, {1e5}), "expected 3 or none");
   expect(inverse({0.3, 0, 0}, {1e5, -1, 0}), "start");
-  expect(inverse({0.3, 0, 0}, {}, "low"), "prefer is 'low'");
+  expect(inverse({0.3, 0, 0}, {}, "low"), "prefer is \"low\"");
   expect(inverse(std::vector<double>(3'003, 0.0)), "1001 rows; expected at most 1000");
   EXPECT_TRUE(forward({}).success);
   EXPECT_TRUE(inverse({}).success);

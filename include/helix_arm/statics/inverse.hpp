@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
@@ -23,6 +25,12 @@ enum class Preference {
   kStiff,  ///< least compliance of the tip: the sum over the axes of its motion along a force
            ///< per force. Needs a model whose K_eps is known
 };
+
+/// Words of the preferences, in their order.
+inline constexpr std::array<const char*, 4> kPreferenceWords{"min-pressure", "min-change",
+                                                             "cocontract", "stiff"};
+/// The preference of a word. @throws std::invalid_argument naming the word, quoted, and the others.
+Preference preferenceOf(const std::string& word);
 
 /// Largest accepted magnitude of a target's entry, [m] or [rad].
 inline constexpr double kFarthestTarget = 1e6;

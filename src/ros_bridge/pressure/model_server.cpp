@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
@@ -18,7 +17,6 @@ namespace {
 
 using statics::InverseOptions;
 using statics::InverseResult;
-using statics::Preference;
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
@@ -54,14 +52,6 @@ void appendNumbers(const Numbers& numbers, bool found, std::vector<double>& to) 
 Eigen::Vector4d quaternionXyzw(const Eigen::Matrix3d& rotation) {
   const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
   return q.w() < 0 ? Eigen::Vector4d(-q.coeffs()) : Eigen::Vector4d(q.coeffs());
-}
-
-Preference preferenceOf(const std::string& word) {
-  if (word.empty() || word == "min-pressure") return Preference::kMinPressure;
-  if (word == "min-change") return Preference::kMinChange;
-  basics::require(word == "cocontract", "prefer is '", basics::quoted(word),
-                  "'; expected min-pressure, min-change, cocontract or nothing");
-  return Preference::kCocontraction;
 }
 
 const char* statusWord(statics::InverseStatus status) {
@@ -150,7 +140,7 @@ bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& respon
     basics::require(request.start.empty() || request.start.size() == n, "start has ",
                     request.start.size(), " pressures; expected ", n, " or none");
     InverseOptions options;
-    options.preference = preferenceOf(request.prefer);
+    if (!request.prefer.empty()) options.preference = statics::preferenceOf(request.prefer);
     const Eigen::VectorXd start =
         request.start.empty() ? model->arm().inputAt(0.0) : rowOf(request.start, 0, n);
     statics::InverseSolver solver(*model, options);
