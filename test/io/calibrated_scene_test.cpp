@@ -237,6 +237,23 @@ TEST(CalibratedScene, StatesItsOrigin) {
   EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
 }
 
+TEST(CalibratedScene, StatesTheCombinationsOfItsStiffness) {
+  SceneCalibration change = calibration();
+  const std::string name = change.provenance.parameters[0].name;
+  const std::string other = change.provenance.parameters[1].name;
+  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
+  change.provenance.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
+                                    {{{name, -s}, {other, c}}, 2.0 / 3, false}};
+  const Scene scene = calibrated(kSpatialScene, change);
+  const auto& read = scene.calibration->combinations;
+  ASSERT_EQ(read.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(read[i].exponents, change.provenance.combinations[i].exponents);
+    EXPECT_EQ(read[i].relative_error, change.provenance.combinations[i].relative_error);
+    EXPECT_EQ(read[i].identifiable, i == 0);
+  }
+}
+
 TEST(CalibratedScene, MayBeCalibratedAgain) {
   SceneCalibration change = calibration();
   change.length_scale = Eigen::VectorXd::Constant(6, 1.02);
