@@ -328,7 +328,7 @@ TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
     const Eigen::MatrixXd covariance = filter.state().covariance.topLeftCorner(5, 5);
     return (by_theta * covariance * by_theta.transpose()).trace();
   };
-  EXPECT_LT(varianceOfTwists(together), varianceAfterTheFirst(apart));
+  EXPECT_LT(varianceOfTwists(together), varianceOfTwists(apart));
   ASSERT_TRUE(together.see(bench.at(0, pressure)).accepted());
   together.reset();
   EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));

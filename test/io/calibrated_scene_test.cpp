@@ -30,6 +30,7 @@ Provenance provenance() {
           "arm.stiffness.K_gamma=50 tags.size_m=0.03",
           {{"corners.csv", std::string(64, '0'), 36}, {"12", std::string(64, 'e'), 0}},
           {{"K_kappa", 1.0 / 3, 1e-7, true, "m^2"}, {"tag_7_s", -2, 0, false, ""}},
+          {},
           0.3,
           0.4,
           "px"};
