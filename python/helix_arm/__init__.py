@@ -8,9 +8,9 @@ Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg, 
 the Python packages of ROS.
 """
 from helix_arm._core import DocumentError, Forward
-from helix_arm.results import (Alarm, Calibration, Contraction, Curve, Fit, FollowRun, Inverse, Jacobian, Parameter, Sight,
-                               Workspace)
+from helix_arm.results import (Alarm, Calibration, Combination, Contraction, Curve, Fit, FollowRun, Inverse, Jacobian,
+                               Parameter, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 
-__all__ = ["Alarm", "Calibration", "Contraction", "Curve", "DocumentError", "Fit", "FollowRun", "Forward", "Inverse", "Jacobian",
-           "Parameter", "Scene", "Sight", "Workspace", "shipped_scenes"]
+__all__ = ["Alarm", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Fit", "FollowRun", "Forward",
+           "Inverse", "Jacobian", "Parameter", "Scene", "Sight", "Workspace", "shipped_scenes"]

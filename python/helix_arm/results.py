@@ -127,6 +127,17 @@ class Parameter(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Combination(Result):
+    """A product of powers of stiffness parameters whose error is not correlated with that of the others."""
+
+    name: str  #: "K_gamma^0.97 K_kappa^0.25"
+    exponents: Dict[str, float]  #: a unit vector
+    value: float  #: in SI units
+    relative_error: float  #: standard deviation of its logarithm
+    identifiable: bool  #: whether the data determine it
+
+
+@dataclasses.dataclass(frozen=True)
 class Contraction(Result):
     """A fitted contraction curve."""
 
@@ -144,6 +155,7 @@ class Calibration(Result):
     message: str  #: the result in one line, or cause and remedy
     parameters: List[Parameter]
     correlation: Optional[np.ndarray]  #: (parameters, parameters)
+    combinations: List[Combination]  #: of correlated stiffness parameters, the best known first
     error_unit: str  #: of rms and held_out_error: rad, px or m
     rms: Optional[float]
     held_out_error: Optional[float]  #: of pressures that were left out of the fit

@@ -130,6 +130,7 @@ class Scene(_core.Scene):
         found = self._calibrate([_data_of(one) for one in sets], words, contraction, curvature_noise_rad, corner_noise_px,
                                 position_noise_m, rotation_noise_rad)
         found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
+        found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
         found["contractions"] = [results.Contraction(**one) for one in found["contractions"]]
         return results.Calibration(**found)
 

@@ -124,6 +124,22 @@ json heldOutJson(const std::optional<estimation::HeldOut>& held_out) {
   return {{"error", held_out->error}, {"in_sample", held_out->in_sample}, {"groups", groups}};
 }
 
+json combinationsJson(const std::vector<estimation::Combination>& combinations) {
+  json out = json::array();
+  for (const estimation::Combination& one : combinations) {
+    json exponents = json::object();
+    for (const estimation::Combination::Power& power : one.powers) {
+      exponents[power.parameter] = power.exponent;
+    }
+    out.push_back({{"name", one.name},
+                   {"value", one.value},
+                   {"relative_error", one.relative_error},
+                   {"identifiable", one.identifiable},
+                   {"exponents", std::move(exponents)}});
+  }
+  return out;
+}
+
 json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
 
 void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
@@ -151,6 +167,7 @@ void printJsonResult(const io::Scene& scene, const procedures::CalibrationOutcom
     const Calibration& calibration = *outcome.calibration;
     result["status"] = estimation::nameOf(calibration.status);
     result["correlation"] = rowsJson(calibration.correlation);
+    result["combinations"] = combinationsJson(calibration.combinations);
     result["rms"] = calibration.rms;
     result["error_unit"] = calibration.error_unit;
     result["held_out"] = {{"by_pressure", heldOutJson(calibration.by_pressure)},
@@ -230,6 +247,13 @@ void printDetermined(const procedures::CalibrationOutcome& outcome) {
   }
 }
 
+void printCombinations(const Calibration& calibration) {
+  for (const estimation::Combination& one : calibration.combinations) {
+    std::cout << (one.identifiable ? "  well known: " : "  badly known: ")
+              << procedures::textOf(one) << "\n";
+  }
+}
+
 void printResponse(const procedures::FittedResponse& response) {
   std::cout << "readings about the best curve: " << errorText(response.fit.static_rms, "m")
             << " RMS without a response, " << errorText(response.fit.rms, "m") << " with it\n";
@@ -253,6 +277,7 @@ void printTextResult(const io::Scene& scene, const procedures::CalibrationOutcom
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     if (outcome.success) {
+      printCombinations(calibration);
       std::cout << "RMS residual of the captures that fit: "
                 << errorText(calibration.rms, calibration.error_unit) << "\n";
     }
@@ -349,6 +374,7 @@ Subcommand addCalibrate(CLI::App& app) {
   command->footer(
       "json: tip_error_before_m and tip_error_after_m (median over the captures with tags),\n"
       "parameters {name: {value, standard_error, identifiable, initial, unit}},\n"
+      "combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,\n"
       "response, correlation, rms, held_out_error (each pressure predicted by a fit without it) "
       "with\n"
       "error_unit, held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],\n"

@@ -56,6 +56,12 @@ void ArmFilterOptions::validate() const {
   positive("the deviation of K_kappa", stiffness_deviation.kappa);
   positive("the deviation of K_eps", K_eps_deviation);
   positive("the deviation of lengths", length_deviation);
+  basics::require(
+      (stiffness_correlation.diagonal().array() == 1).all() &&
+          isPositiveDefinite(stiffness_correlation),
+      kCulprit,
+      ": the correlation of the stiffness is not symmetric and positive definite with 1 on its "
+      "diagonal");
 }
 
 const char* nameOf(SightingFault fault) {
@@ -140,6 +146,10 @@ struct ArmFilter::Workspace {
 void ArmFilter::Workspace::start() {
   state.mean = Eigen::VectorXd::Zero(scale.size());
   state.covariance = scale.cwiseAbs2().asDiagonal();
+  const Eigen::Index stiffness = parameters.stiffnessCount();
+  const Eigen::VectorXd deviation = scale.head(stiffness);
+  state.covariance.topLeftCorner(stiffness, stiffness) =
+      deviation.asDiagonal() * parameters.stiffnessCorrelation() * deviation.asDiagonal();
   last_time.reset();
   step.reset();
   outliers = 0;

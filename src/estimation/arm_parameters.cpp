@@ -25,6 +25,9 @@ ArmParameters::ArmParameters(const statics::ArmModel& model, const ArmFilterOpti
   if (statics::takesLoad(model.choice().setting.tier)) {
     add(Entry::kEps, "K_eps", options.K_eps_deviation);
   }
+  std::vector<int> rows;
+  for (const Entry entry : stiffness_) rows.push_back(static_cast<int>(entry));
+  correlation_ = options.stiffness_correlation(rows, rows);
   const int n = arm.actuatorCount();
   if (n <= kMostLengthScales) {
     for (int i = 0; i < n; ++i) {

@@ -21,6 +21,8 @@ class ArmParameters {
   int stiffnessCount() const { return static_cast<int>(stiffness_.size()); }
   const std::vector<std::string>& names() const { return names_; }
   const Eigen::VectorXd& deviations() const { return deviations_; }
+  /// (stiffnessCount())^2; length scales are not correlated with anything.
+  const Eigen::MatrixXd& stiffnessCorrelation() const { return correlation_; }
   /// First actuator of a length scale, and the first one after it.
   struct Span {
     int begin, end;
@@ -33,7 +35,7 @@ class ArmParameters {
   void apply(const Eigen::VectorXd& theta, statics::Correction& correction) const;
 
  private:
-  enum class Entry { kGamma, kKappa, kTau, kEps };
+  enum class Entry { kGamma, kKappa, kTau, kEps };  // in the order of the options' correlation
   void add(Entry entry, const char* name, double deviation);
   void addLengths(Span span, const std::string& name, double deviation);
 
@@ -41,6 +43,7 @@ class ArmParameters {
   std::vector<Span> spans_;
   std::vector<std::string> names_;
   Eigen::VectorXd deviations_;
+  Eigen::MatrixXd correlation_;
 };
 
 }  // namespace helix_arm::estimation

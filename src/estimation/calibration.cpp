@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "calibration_checks.hpp"
+#include "calibration_combinations.hpp"
 #include "calibration_fit.hpp"
 #include "calibration_statistics.hpp"
 #include "cross_validation.hpp"
@@ -301,11 +302,13 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const bool leave_out = predicts && options.held_out;
   std::vector<Comparison> comparisons;
   CrossValidation left_out;
+  std::optional<Jackknife> of_asked;  // if its stiffness seemed to be identified
   const CalibrationFit fit =
       fitIdentified(read, options, wantedOf(options), kind, [&](const CalibrationFit& one) {
         comparisons = one.problem->compare(one.noise_scale);
         if (!leave_out || unexplained(comparisons, options.robust_scale)) return true;
         left_out = crossValidate(read, groups, kind, *one.problem, one.noise_scale, comparisons);
+        if (one.problem == one.asked) of_asked = left_out.jackknife;
         return groups.pressure.size() < kFewestPressures ||
                stiffnessHolds(*one.problem, left_out.variance);
       });
@@ -324,6 +327,11 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     return refused(std::move(out), *verdict);
   }
   if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
+  std::vector<Jackknife> jackknives;
+  if (leave_out && groups.pressure.size() >= kFewestPressures) {
+    if (of_asked && fit.problem != fit.asked) jackknives.push_back(std::move(*of_asked));
+    jackknives.push_back(left_out.jackknife);
+  }
   if (leave_out) addHeldOut(fit, groups, std::move(left_out), out);
   if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
   Gains gains;
@@ -334,6 +342,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     }
     out.next_pressures = nextPressures(fit, read.front().arm, options.next_pressures);
   }
+  out.combinations = combinationsOf(read, options, fit, kind, out.parameters, jackknives);
   const std::vector<std::string> warnings = warningsOf(read, groups, fit, out.captures, gains);
   out.warnings.insert(out.warnings.end(), warnings.begin(), warnings.end());
   out.status = CalibrationStatus::kCalibrated;

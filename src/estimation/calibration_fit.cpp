@@ -1,5 +1,6 @@
 #include "calibration_fit.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -20,6 +21,12 @@ constexpr double kSharp = 0.1;
 // permitted error.
 constexpr double kSpan = 2 * kLargestRelativeError;
 constexpr double kLeastRise = 1e-6;
+// Smallest component of an axis that makes it a valley of several logs.
+constexpr double kLeastMix = 0.005;
+// Points along a valley, in its standard deviations by the information: the rule gives the variance
+// of a normal distribution to 1 %.
+constexpr double kValleyStep = 1.5;
+constexpr int kValleySteps = 2;  // to either side
 
 bool everyCapture(int) { return true; }
 
@@ -51,25 +58,40 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
   return wanted;
 }
 
+bool hasSameName(const ParameterInfo& a, const ParameterInfo& b) { return a.name == b.name; }
+
+// The values of `fitted` as those of a problem with more entries of the stiffness, which are held
+// at their initial values.
+Values valuesAmong(const std::vector<ParameterInfo>& infos, Eigen::Index entries,
+                   const CalibrationProblem& fitted) {
+  const std::vector<ParameterInfo>& known = fitted.parameters();
+  const Eigen::VectorXd at = fitted.vector();
+  Values values = fitted.values();
+  values.stiffness = Eigen::VectorXd::Zero(entries);
+  for (Eigen::Index i = 0; i < entries; ++i) {
+    const auto found = std::find_if(known.begin(), known.end(), [&](const ParameterInfo& one) {
+      return hasSameName(one, infos[static_cast<std::size_t>(i)]);
+    });
+    if (found != known.end()) values.stiffness[i] = at[found - known.begin()];
+  }
+  return values;
+}
+
 // Covariance including the uncertainty of parameters that were held at their values during the fit.
 // @param all  problem whose parameters include the fitted ones; moved to their values.
 Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, CalibrationProblem& fitted,
                                       CalibrationProblem& all, double noise_scale) {
   const std::vector<ParameterInfo>& known = fitted.parameters();
   const std::vector<ParameterInfo>& infos = all.parameters();
-  const Eigen::VectorXd at = fitted.vector();
-  Values values = fitted.values();
-  values.stiffness = all.values().stiffness;
   std::vector<int> fitted_columns, held_columns;
   for (int i = 0; i < static_cast<int>(infos.size()); ++i) {
-    const auto same_name = [&](const ParameterInfo& one) { return one.name == infos[i].name; };
-    const auto found = std::find_if(known.begin(), known.end(), same_name);
-    (found == known.end() ? held_columns : fitted_columns).push_back(i);
-    if (found == known.end() || i >= values.stiffness.size()) continue;
-    values.stiffness[i] = at[found - known.begin()];
+    const bool is_fitted = std::any_of(known.begin(), known.end(), [&](const ParameterInfo& one) {
+      return hasSameName(one, infos[i]);
+    });
+    (is_fitted ? fitted_columns : held_columns).push_back(i);
   }
   if (held_columns.empty()) return covariance;
-  all.values() = values;
+  all.values() = valuesAmong(infos, all.values().stiffness.size(), fitted);
   const Eigen::MatrixXd H = statisticsOf(all, noise_scale).information;
   const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
   const Eigen::MatrixXd shift = covariance * cross;
@@ -98,13 +120,52 @@ Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const Estimate& be
     double profile = variance;
     for (const double side : {-kSpan, kSpan}) {
       problem.values().stiffness += side * along.head(entries);
-      const double rise = problem.solve(best.solved_scale, everyCapture, e).cost - best.cost;
+      const Eigen::VectorXd axis = Eigen::VectorXd::Unit(entries, e);
+      const double rise = problem.solve(best.solved_scale, everyCapture, &axis).cost - best.cost;
       profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
       problem.values() = full;
     }
     more += (profile - variance) * along * along.transpose();
   }
   return more;
+}
+
+// Posterior of the stiffness logs along a valley, about the problem's values.
+struct ValleySpread {
+  Eigen::VectorXd mean;
+  Eigen::MatrixXd covariance;
+};
+
+// Sampled at some points along the axis, with everything else refitted.
+ValleySpread spreadAlong(CalibrationProblem& problem, double noise_scale,
+                         const Eigen::VectorXd& axis, double deviation) {
+  const Values best = problem.values();
+  const Eigen::Index entries = best.stiffness.size();
+  std::vector<Eigen::VectorXd> points;
+  std::vector<double> costs;
+  for (int k = -kValleySteps; k <= kValleySteps; ++k) {
+    problem.values() = best;
+    problem.values().stiffness += k * kValleyStep * deviation * axis;
+    const double cost = problem.solve(noise_scale, everyCapture, &axis).cost;
+    const Eigen::VectorXd& at = problem.values().stiffness;
+    if (!std::isfinite(cost) || !at.allFinite()) continue;
+    points.push_back(at - best.stiffness);
+    costs.push_back(cost);
+  }
+  problem.values() = best;
+  ValleySpread out{Eigen::VectorXd::Zero(entries), Eigen::MatrixXd::Zero(entries, entries)};
+  if (costs.empty()) return out;
+  const double least = *std::min_element(costs.begin(), costs.end());
+  double sum = 0;
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const double weight = std::exp(least - costs[k]);
+    sum += weight;
+    out.mean += weight * points[k];
+    out.covariance += weight * points[k] * points[k].transpose();
+  }
+  out.mean /= sum;
+  out.covariance = (out.covariance / sum - out.mean * out.mean.transpose()).eval();
+  return out;
 }
 
 struct Candidate {
@@ -123,7 +184,7 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
                       const Selection& selection, const Selection& all, double bias) {
   Candidate candidate;
   CalibrationFit& fit = candidate.fit;
-  fit.problem = std::make_unique<CalibrationProblem>(arms, options, selection);
+  fit.problem = std::make_shared<CalibrationProblem>(arms, options, selection);
   const Estimate estimate = solveWithNoise(*fit.problem, bias);
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
@@ -203,6 +264,10 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     return fit.converged && stiffnessIsIdentified(fit) && holds_up(fit);
   };
   Candidate first = candidateOf(arms, options, wanted, all, bias);
+  if (first.fit.converged) first.fit.asked = first.fit.problem;
+  first.fit.asked_noise_scale = first.fit.noise_scale;
+  const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
+  const double asked_noise_scale = first.fit.asked_noise_scale;
   if (isGood(first.fit) || wanted.stiffness.empty()) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
   const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
@@ -219,6 +284,8 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     selection.stiffness.clear();
     for (const int e : split.fitted) selection.stiffness.push_back(wanted.stiffness[e]);
     CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
+    fit.asked = asked;
+    fit.asked_noise_scale = asked_noise_scale;
     if (split.fitted.empty() || isGood(fit)) {
       hold(fit, split.fitted);
       if (split.fitted.empty() && fit.converged) holds_up(fit);
@@ -228,6 +295,33 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   }
   hold(last, {});
   return last;
+}
+
+Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
+                                const CalibrationOptions& options, const CalibrationFit& fit,
+                                ReadingKind kind) {
+  CalibrationProblem& asked = *fit.asked;
+  const Eigen::VectorXd optimum = asked.values().stiffness;
+  const Eigen::Index entries = optimum.size();
+  const Eigen::MatrixXd own = statisticsOf(asked, fit.asked_noise_scale).covariance;
+  CalibrationProblem everything(arms, options, allOf(asked.selection(), arms, kind));
+  Eigen::MatrixXd covariance = withUncertaintyOfHeld(own, asked, everything, fit.asked_noise_scale)
+                                   .topLeftCorner(entries, entries);
+  const Values reported = valuesAmong(asked.parameters(), entries, *fit.problem);
+  Eigen::VectorXd mean = optimum - reported.stiffness;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
+  for (Eigen::Index j = 0; j < entries; ++j) {
+    const double variance = axes.eigenvalues()[j];
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    // Along one parameter there is no valley that could bend into others.
+    const auto mixed = (axis.array().abs() >= kLeastMix).count();
+    if (variance < kSharp * kSharp || mixed < 2) continue;
+    const ValleySpread spread =
+        spreadAlong(asked, fit.asked_noise_scale, axis, std::sqrt(variance));
+    covariance += spread.covariance - variance * axis * axis.transpose();
+    mean += spread.mean;
+  }
+  return covariance + mean * mean.transpose();
 }
 
 }  // namespace helix_arm::estimation

@@ -12,7 +12,7 @@
 namespace helix_arm::estimation {
 
 struct CalibrationFit {
-  std::unique_ptr<CalibrationProblem> problem;  ///< at the fitted values
+  std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
   bool converged = false;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
   // The sizes are those of the problem's parameters.
@@ -22,6 +22,10 @@ struct CalibrationFit {
   /// Requested parameters that keep their initial value. They remain parameters of the problem if
   /// no others would be left.
   std::vector<Parameter> held;
+  /// Problem of all requested parameters at its optimum, from which `held` was decided; null if it
+  /// did not converge. It is `problem` if nothing is held.
+  std::shared_ptr<CalibrationProblem> asked;
+  double asked_noise_scale = 1;  ///< at that optimum
 };
 
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
@@ -36,5 +40,15 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
                              ReadingKind kind,
                              const std::function<bool(const CalibrationFit&)>& holds_up);
+
+/// Second moment of the errors of all requested stiffness logs about the fitted values, held ones
+/// included: the posterior at the optimum of all requested parameters, the distance between the
+/// two, and the bending of valleys. Other parameters are marginalised.
+///
+/// @param fit  with `asked`.
+/// @return (entries of the requested stiffness)^2.
+Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
+                                const CalibrationOptions& options, const CalibrationFit& fit,
+                                ReadingKind kind);
 
 }  // namespace helix_arm::estimation

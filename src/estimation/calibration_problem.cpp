@@ -14,8 +14,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Prior of the log of a stiffness that is held: Ceres 1 and 2 have no common way to fix one entry
-// of a block.
+// Prior of a direction of the stiffness logs that is held: Ceres 1 and 2 have no common way to fix
+// part of a block.
 constexpr double kHeldDeviation = 1e-4;
 // Convergence: the last step lowers the cost by less. A parameter that is off by its standard error
 // costs 0.5. With the robust loss, steps may shrink slowly long after they matter.
@@ -127,7 +127,7 @@ Values& CalibrationProblem::values() { return work().blocks.values(); }
 Eigen::VectorXd CalibrationProblem::vector() const { return work().blocks.vector(); }
 
 Solved CalibrationProblem::solve(double noise_scale, const Included& included,
-                                 std::optional<int> held) {
+                                 const Eigen::VectorXd* held) {
   Workspace& work = this->work();
   work.shared.inverse_noise = 1 / noise_scale;
   ceres::Problem::Options options;
@@ -145,10 +145,9 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
     problem.AddResidualBlock(priors.back().get(), nullptr, data);
     solver.linear_solver_ordering->AddElementToGroup(data, work.eliminationGroup(block));
   }
-  if (held) {
+  if (held != nullptr) {
     Eigen::VectorXd& at = work.blocks.values().stiffness;
-    ceres::Matrix precision = ceres::Matrix::Zero(1, at.size());
-    precision(0, *held) = 1 / kHeldDeviation;
+    const ceres::Matrix precision = (1 / kHeldDeviation) * held->transpose();
     priors.push_back(std::make_unique<ceres::NormalPrior>(precision, at));
     problem.AddResidualBlock(priors.back().get(), nullptr, at.data());
   }

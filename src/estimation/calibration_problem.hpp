@@ -59,8 +59,9 @@ class CalibrationProblem {
   /// Least squares over the included captures, starting from the current values.
   ///
   /// @param noise_scale  noise as a multiple of the expected noise.
-  /// @param held  entry of the selected stiffness that keeps its value, if any.
-  Solved solve(double noise_scale, const Included& included, std::optional<int> held = {});
+  /// @param held  direction in the space of the selected stiffness logs along which they keep their
+  /// value; null: none.
+  Solved solve(double noise_scale, const Included& included, const Eigen::VectorXd* held = nullptr);
 
   /// Compares all readings with the current values.
   std::vector<Comparison> compare(double noise_scale);

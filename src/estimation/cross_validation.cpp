@@ -100,6 +100,21 @@ Eigen::VectorXd jackknifeVariance(const std::vector<Eigen::VectorXd>& vectors) {
   return variance;
 }
 
+Jackknife jackknifeOf(const std::vector<ParameterInfo>& infos,
+                      const std::vector<Eigen::VectorXd>& vectors) {
+  Jackknife out;
+  for (const ParameterInfo& info : infos) out.names.push_back(info.name);
+  const auto groups = static_cast<Eigen::Index>(vectors.size());
+  out.deviations.resize(groups, vectors.front().size());
+  for (Eigen::Index g = 0; g < groups; ++g) {
+    out.deviations.row(g) = vectors[static_cast<std::size_t>(g)].transpose();
+  }
+  const Eigen::RowVectorXd mean = out.deviations.colwise().mean();
+  const auto count = static_cast<double>(groups);
+  out.deviations = std::sqrt((count - 1) / count) * (out.deviations.rowwise() - mean).eval();
+  return out;
+}
+
 }  // namespace
 
 CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
@@ -112,6 +127,7 @@ CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups
   out.shapes = std::move(refits.shapes);
   out.complete = refits.complete;
   out.variance = jackknifeVariance(refits.vectors);
+  out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
   if (arms.size() < 2) return out;
   const Folds by_arm = foldsOf(arms);
   out.by_arm = heldOut(kind, refit(problem, noise_scale, by_arm), by_arm.labels, in_sample);

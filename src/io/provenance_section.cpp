@@ -1,7 +1,9 @@
 #include "provenance_section.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <limits>
+#include <map>
 
 #include "helix_arm/io/number.hpp"
 #include "value_writer.hpp"
@@ -10,6 +12,8 @@ namespace helix_arm::io {
 namespace {
 
 constexpr std::size_t kHashDigits = 64;
+// Largest difference of the products of exponents from those of orthogonal unit vectors.
+constexpr double kSkew = 1e-3;
 
 bool isDigit(char c) { return c >= '0' && c <= '9'; }
 
@@ -73,6 +77,75 @@ std::vector<Provenance::Parameter> readParameters(const MapReader& calibration, 
   return parameters;
 }
 
+// The powers of one combination; empty after a fault.
+std::map<std::string, double> readExponents(const MapReader& combination,
+                                            const std::vector<Provenance::Parameter>& parameters,
+                                            FaultList& faults) {
+  const std::string expected = "a map of at least two of the parameters";
+  const Value* given = combination.required("exponents", expected);
+  if (given == nullptr) return {};
+  if (given->kind != Value::Kind::kMap || given->entries.size() < 2) {
+    combination.fault("exponents", expected);
+    return {};
+  }
+  std::vector<std::string> names;
+  for (const Value::Entry& entry : given->entries) names.push_back(entry.key);
+  const MapReader keys(*given, combination.path("exponents"), names, faults);
+  std::map<std::string, double> out;
+  for (const std::string& name : names) {
+    const bool known = std::any_of(parameters.begin(), parameters.end(),
+                                   [&name](const auto& one) { return one.name == name; });
+    if (!known) keys.complain(name, "is not one of calibration.parameters");
+    const auto exponent = keys.number(name, kFinite);
+    if (!exponent) return {};
+    out[name] = *exponent;
+  }
+  return out;
+}
+
+bool areOrthonormal(const std::vector<Provenance::Combination>& combinations) {
+  std::map<std::string, Eigen::Index> columns;
+  for (const Provenance::Combination& one : combinations) {
+    for (const auto& [name, exponent] : one.exponents) {
+      columns.emplace(name, static_cast<Eigen::Index>(columns.size()));
+    }
+  }
+  const auto count = static_cast<Eigen::Index>(combinations.size());
+  if (static_cast<Eigen::Index>(columns.size()) != count) return false;
+  Eigen::MatrixXd U = Eigen::MatrixXd::Zero(count, count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    for (const auto& [name, exponent] : combinations[static_cast<std::size_t>(i)].exponents) {
+      U(i, columns.at(name)) = exponent;
+    }
+  }
+  return (U * U.transpose()).isIdentity(kSkew);
+}
+
+std::vector<Provenance::Combination> readCombinations(
+    const MapReader& calibration, const std::vector<Provenance::Parameter>& parameters,
+    FaultList& faults) {
+  std::vector<Provenance::Combination> out;
+  if (!calibration.has("combinations")) return out;
+  const std::vector<Value::Entry>* entries = calibration.list("combinations");
+  if (entries == nullptr) return out;
+  for (std::size_t i = 0; i < entries->size(); ++i) {
+    const MapReader keys((*entries)[i].value, indexPath(calibration.path("combinations"), i),
+                         {"exponents", "relative_error", "identifiable"}, faults);
+    auto exponents = readExponents(keys, parameters, faults);
+    const auto error = keys.number("relative_error", kPositive);
+    keys.required("identifiable", "true or false");
+    out.push_back({std::move(exponents), error.value_or(1), keys.truth("identifiable", false)});
+  }
+  const bool read =
+      std::none_of(out.begin(), out.end(), [](const auto& one) { return one.exponents.empty(); });
+  if (read && !areOrthonormal(out)) {
+    calibration.complain("combinations",
+                         "are not as many as their parameters, with exponents that are orthogonal "
+                         "unit vectors; expected those that the calibration wrote");
+  }
+  return out;
+}
+
 }  // namespace
 
 std::optional<Provenance> readProvenance(const MapReader& scene, const Value& document,
@@ -81,7 +154,7 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   if (value == nullptr) return std::nullopt;
   const MapReader keys(*value, scene.path("calibration"),
                        {"date", "package_version", "from", "from_sha256", "overrides", "data",
-                        "parameters", "rms", "held_out_error", "error_unit"},
+                        "parameters", "combinations", "rms", "held_out_error", "error_unit"},
                        faults);
   Provenance provenance;
   provenance.date =
@@ -97,6 +170,7 @@ std::optional<Provenance> readProvenance(const MapReader& scene, const Value& do
   }
   provenance.data = readData(keys, faults);
   provenance.parameters = readParameters(keys, faults);
+  provenance.combinations = readCombinations(keys, provenance.parameters, faults);
   provenance.rms = keys.number("rms", kNotNegative).value_or(0);
   provenance.held_out_error = keys.optionalNumber("held_out_error", kNotNegative);
   provenance.error_unit = keys.choice("error_unit", {"rad", "px", "m"}).value_or("");
@@ -129,6 +203,17 @@ Value writeProvenance(const Provenance& provenance) {
     parameters.set(parameter.name, item.value());
   }
   out.set("parameters", parameters.value());
+  std::vector<Value> combinations;
+  for (const Provenance::Combination& combination : provenance.combinations) {
+    MapWriter exponents;
+    for (const auto& [name, exponent] : combination.exponents) exponents.number(name, exponent);
+    MapWriter item;
+    item.set("exponents", exponents.value());
+    item.number("relative_error", combination.relative_error);
+    item.word("identifiable", combination.identifiable ? "true" : "false");
+    combinations.push_back(item.value());
+  }
+  if (!combinations.empty()) out.list("combinations", combinations);
   out.number("rms", provenance.rms);
   if (provenance.held_out_error) out.number("held_out_error", *provenance.held_out_error);
   out.word("error_unit", provenance.error_unit);

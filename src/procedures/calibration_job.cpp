@@ -120,6 +120,14 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   for (const estimation::Parameter& one : parametersOf(outcome)) {
     out.parameters.push_back({one.name, one.value, one.standard_error, one.identifiable, one.unit});
   }
+  if (!outcome.calibration) return out;
+  for (const estimation::Combination& one : outcome.calibration->combinations) {
+    io::Provenance::Combination combination{{}, one.relative_error, one.identifiable};
+    for (const estimation::Combination::Power& power : one.powers) {
+      combination.exponents[power.parameter] = power.exponent;
+    }
+    out.combinations.push_back(std::move(combination));
+  }
   return out;
 }
 

@@ -68,6 +68,10 @@ std::string textOf(const estimation::Parameter& one) {
          (one.unit.empty() ? "" : " " + one.unit);
 }
 
+std::string textOf(const estimation::Combination& one) {
+  return one.name + format(" +- %.2g %%", 1e2 * one.relative_error);
+}
+
 std::string tipErrorText(const CalibrationOutcome& outcome) {
   if (!outcome.tip_error_before || !outcome.tip_error_after) return "";
   return format("tip error %.1f mm before, %.1f mm after", 1e3 * *outcome.tip_error_before,
@@ -87,6 +91,11 @@ std::string resultText(const std::string& scene, const CalibrationOutcome& outco
       base = true;
     } else {
       add(textOf(one));
+    }
+  }
+  if (outcome.calibration) {
+    for (const estimation::Combination& one : outcome.calibration->combinations) {
+      if (one.identifiable) add(textOf(one));
     }
   }
   if (base) add("pose of the base");

@@ -31,6 +31,34 @@ std::optional<double> relativeError(const io::Provenance& calibration, const std
   return out;
 }
 
+// Replaces deviations and correlation by what the combinations of a calibration say.
+void correlate(const io::Provenance& calibration, estimation::ArmFilterOptions& filter) {
+  static constexpr const char* kNames[] = {"K_gamma", "K_kappa", "K_tau", "K_eps"};
+  double* const deviations[] = {&filter.stiffness_deviation.gamma,
+                                &filter.stiffness_deviation.kappa, &filter.stiffness_deviation.tau,
+                                &filter.K_eps_deviation};
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
+  for (const io::Provenance::Combination& one : calibration.combinations) {
+    Eigen::Vector4d powers = Eigen::Vector4d::Zero();
+    for (int i = 0; i < 4; ++i) {
+      const auto power = one.exponents.find(kNames[i]);
+      if (power != one.exponents.end()) powers[i] = power->second;
+    }
+    // Bounds of the combination, not of its parameters: they would loosen what is known well.
+    const double error = std::clamp(one.relative_error, kLeastDeviation, kMostDeviation);
+    covariance += error * error * powers * powers.transpose();
+  }
+  for (int i = 0; i < 4; ++i) {
+    if (!(covariance(i, i) > 0)) continue;
+    *deviations[i] = std::sqrt(covariance(i, i));
+    for (int j = 0; j < i; ++j) {
+      if (!(covariance(j, j) > 0)) continue;
+      const double correlation = covariance(i, j) / std::sqrt(covariance(i, i) * covariance(j, j));
+      filter.stiffness_correlation(i, j) = filter.stiffness_correlation(j, i) = correlation;
+    }
+  }
+}
+
 void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& filter) {
   const auto set = [&calibration](const char* name, double& deviation) {
     deviation = relativeError(calibration, name).value_or(deviation);
@@ -40,6 +68,7 @@ void startFrom(const io::Provenance& calibration, estimation::ArmFilterOptions& 
   set("K_kappa", filter.stiffness_deviation.kappa);
   set("K_eps", filter.K_eps_deviation);
   set("length_scale", filter.length_deviation);
+  correlate(calibration, filter);
 }
 
 }  // namespace

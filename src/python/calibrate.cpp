@@ -23,9 +23,28 @@ py::list parameterList(const procedures::CalibrationOutcome& outcome) {
   return parameters;
 }
 
+py::list combinationsOf(const estimation::Calibration& calibration) {
+  py::list combinations;
+  for (const estimation::Combination& one : calibration.combinations) {
+    py::dict exponents;
+    for (const estimation::Combination::Power& power : one.powers) {
+      exponents[py::str(power.parameter)] = power.exponent;
+    }
+    py::dict entry;
+    entry["name"] = one.name;
+    entry["exponents"] = exponents;
+    entry["value"] = one.value;
+    entry["relative_error"] = one.relative_error;
+    entry["identifiable"] = one.identifiable;
+    combinations.append(entry);
+  }
+  return combinations;
+}
+
 // Of the fit of the arm.
 void addFit(const estimation::Calibration& calibration, py::dict& out) {
   out["correlation"] = matrixOf(calibration.correlation);
+  out["combinations"] = combinationsOf(calibration);
   out["error_unit"] = calibration.error_unit;
   out["rms"] = calibration.rms;
   if (calibration.by_pressure) out["held_out_error"] = calibration.by_pressure->error;
@@ -67,6 +86,7 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   out["message"] = outcome.message;
   out["parameters"] = parameterList(outcome);
   out["correlation"] = py::none();
+  out["combinations"] = py::list();
   out["error_unit"] = "";
   out["rms"] = py::none();
   out["held_out_error"] = py::none();

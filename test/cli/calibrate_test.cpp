@@ -81,8 +81,9 @@ TEST(Calibrate, TheTextLeadsWithTheTipErrorAndListsWhatWasDetermined) {
   EXPECT_EQ(text.out.rfind("demo: tip error ", 0), 0u) << text.out;
   EXPECT_NE(text.out.find(" mm before, "), std::string::npos) << text.out;
   EXPECT_NE(text.out.find("\n  length_scale = 1.0"), std::string::npos) << text.out;
+  const std::string out = folder / "calibrated.yaml";
   std::vector<std::string> as_json = call;
-  as_json.insert(as_json.end(), {"--format", "json"});
+  as_json.insert(as_json.end(), {"--out", out, "--format", "json"});
   const json result = runCommand(as_json).json();
   int kept = 0;
   for (const auto& [name, parameter] : result["parameters"].items()) {
@@ -94,6 +95,26 @@ TEST(Calibrate, TheTextLeadsWithTheTipErrorAndListsWhatWasDetermined) {
   EXPECT_NE(text.out.find(std::to_string(kept) + " parameters that the data do not determine"),
             std::string::npos)
       << text.out;
+  // The demo's arm is tilted.
+  const json combinations = result["combinations"];
+  ASSERT_EQ(combinations.size(), 2u);
+  for (const json& one : combinations) {
+    const std::string known = one["identifiable"] ? "  well known: " : "  badly known: ";
+    EXPECT_NE(text.out.find(known + one["name"].get<std::string>() + " +- "), std::string::npos)
+        << text.out;
+    const json exponents = one["exponents"];
+    EXPECT_NEAR(std::hypot(exponents["K_gamma"].get<double>(), exponents["K_kappa"].get<double>()),
+                1, 1e-9);
+    const double expected = std::pow(value(result, "K_gamma"), exponents["K_gamma"].get<double>()) *
+                            std::pow(value(result, "K_kappa"), exponents["K_kappa"].get<double>());
+    EXPECT_NEAR(one["value"].get<double>() / expected, 1, 1e-9);
+  }
+  EXPECT_TRUE(combinations[0]["identifiable"]);
+  EXPECT_LT(combinations[0]["relative_error"], combinations[1]["relative_error"]);
+  const std::string scene = contentOf(out);
+  const auto section = scene.find("combinations:");
+  ASSERT_NE(section, std::string::npos) << scene;
+  EXPECT_NE(scene.find("relative_error:", section), std::string::npos);
 }
 
 TEST(Calibrate, OneStiffnessForSeveralArms) {

@@ -300,6 +300,40 @@ TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
   EXPECT_LT((model::tipPose(*filter.shape(pressure)).translation - truth).norm(), before / 3);
 }
 
+// Bending and shear of a tilted arm do nearly the same: where only their combination is known, the
+// shape is, too.
+TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
+  const ArmModel model = helicalModel();
+  ArmFilterOptions options;
+  options.length_deviation = 1e-9;
+  options.bias_translation = options.bias_rotation = 1e-9;
+  const auto startOf = [&](double correlation) {
+    options.stiffness_correlation(0, 1) = options.stiffness_correlation(1, 0) = correlation;
+    return ArmFilter(model, options);
+  };
+  ArmFilter apart = startOf(0);
+  const Eigen::VectorXd prior = apart.parameterPrior();
+  const Eigen::MatrixXd diagonal = prior.cwiseAbs2().asDiagonal();
+  EXPECT_EQ(apart.state().covariance.topLeftCorner(5, 5), diagonal);
+  ArmFilter together = startOf(-0.9);
+  Eigen::MatrixXd expected = diagonal;
+  expected(0, 1) = expected(1, 0) = -0.9 * prior[0] * prior[1];
+  EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
+  EXPECT_EQ(together.parameterPrior(), prior);
+
+  const Eigen::VectorXd pressure = model.arm().inputAt(0.7);
+  const Eigen::MatrixXd by_theta = together.linearise(pressure)->by_theta;
+  Bench bench(model, Correction(model.arm()), 5);
+  const auto varianceOfTwists = [&](ArmFilter& filter) {
+    const Eigen::MatrixXd covariance = filter.state().covariance.topLeftCorner(5, 5);
+    return (by_theta * covariance * by_theta.transpose()).trace();
+  };
+  EXPECT_LT(varianceOfTwists(together), varianceOfTwists(apart));
+  ASSERT_TRUE(together.see(bench.at(0, pressure)).accepted());
+  together.reset();
+  EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
+}
+
 TEST(ArmFilter, RefusesOptionsThatMakeNoSense) {
   const ArmModel model = helicalModel();
   const auto refused = [&](void (*spoil)(ArmFilterOptions&)) {
@@ -318,6 +352,12 @@ TEST(ArmFilter, RefusesOptionsThatMakeNoSense) {
       {[](ArmFilterOptions& o) { o.settling_time = 0; }, "the settling time [s] is 0"},
       {[](ArmFilterOptions& o) { o.stiffness_deviation.gamma = 0; }, "K_gamma is 0"},
       {[](ArmFilterOptions& o) { o.length_deviation = 0; }, "lengths is 0"},
+      {[](ArmFilterOptions& o) { o.stiffness_correlation(0, 1) = 0.5; }, "not symmetric"},
+      {[](ArmFilterOptions& o) {
+         o.stiffness_correlation(0, 1) = o.stiffness_correlation(1, 0) = 1.01;
+       },
+       "not symmetric and positive definite"},
+      {[](ArmFilterOptions& o) { o.stiffness_correlation(3, 3) = NAN; }, "with 1 on its diagonal"},
   };
   for (const auto& test : cases) {
     EXPECT_NE(refused(test.spoil).find(test.culprit), std::string::npos) << refused(test.spoil);

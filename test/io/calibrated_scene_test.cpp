@@ -30,6 +30,7 @@ Provenance provenance() {
           "arm.stiffness.K_gamma=50 tags.size_m=0.03",
           {{"corners.csv", std::string(64, '0'), 36}, {"12", std::string(64, 'e'), 0}},
           {{"K_kappa", 1.0 / 3, 1e-7, true, "m^2"}, {"tag_7_s", -2, 0, false, ""}},
+          {},
           0.3,
           0.4,
           "px"};
@@ -235,6 +236,23 @@ TEST(CalibratedScene, StatesItsOrigin) {
   const std::string text =
       calibratedSceneText(test::TemporaryFile(kSpatialScene).path(), {}, calibration());
   EXPECT_EQ(text.rfind("# A calibrated scene.", 0), 0u);
+}
+
+TEST(CalibratedScene, StatesTheCombinationsOfItsStiffness) {
+  SceneCalibration change = calibration();
+  const std::string name = change.provenance.parameters[0].name;
+  const std::string other = change.provenance.parameters[1].name;
+  const double c = std::cos(1.0 / 3), s = std::sin(1.0 / 3);
+  change.provenance.combinations = {{{{name, c}, {other, s}}, 1.0 / 7, true},
+                                    {{{name, -s}, {other, c}}, 2.0 / 3, false}};
+  const Scene scene = calibrated(kSpatialScene, change);
+  const auto& read = scene.calibration->combinations;
+  ASSERT_EQ(read.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(read[i].exponents, change.provenance.combinations[i].exponents);
+    EXPECT_EQ(read[i].relative_error, change.provenance.combinations[i].relative_error);
+    EXPECT_EQ(read[i].identifiable, i == 0);
+  }
 }
 
 TEST(CalibratedScene, MayBeCalibratedAgain) {

@@ -69,6 +69,72 @@ TEST(Provenance, ChangesNothingOfTheModel) {
   EXPECT_EQ(with.arm.twists(pressure), without.arm.twists(pressure));
 }
 
+// Line 21 of the scene is the key, 22 and 23 the entries.
+const std::string kCombinations =
+    "  combinations:\n"
+    "    - {exponents: {K_gamma: 0.8, K_kappa: 0.6}, relative_error: 0.01, identifiable: true}\n"
+    "    - {exponents: {K_gamma: -0.6, K_kappa: 0.8}, relative_error: 0.5, identifiable: false}\n";
+const std::string kCombined = replaced(kScene, "  rms:", kCombinations + "  rms:");
+
+TEST(Provenance, CombinationsAreReadWithIt) {
+  EXPECT_TRUE(load(kScene).calibration->combinations.empty());
+  const std::vector<Provenance::Combination> read = load(kCombined).calibration->combinations;
+  ASSERT_EQ(read.size(), 2u);
+  EXPECT_EQ(read[0].exponents, (std::map<std::string, double>{{"K_gamma", 0.8}, {"K_kappa", 0.6}}));
+  EXPECT_EQ(read[0].relative_error, 0.01);
+  EXPECT_TRUE(read[0].identifiable);
+  EXPECT_EQ(read[1].exponents.at("K_gamma"), -0.6);
+  EXPECT_FALSE(read[1].identifiable);
+}
+
+const std::string kNotOrthonormal =
+    ":21 calibration.combinations are not as many as their parameters, with exponents that are "
+    "orthogonal unit vectors; expected those that the calibration wrote";
+
+TEST(Provenance, CombinationsMustBeThoseOfACovariance) {
+  ASSERT_TRUE(faultsOf(kCombined).empty());
+  const std::string entry = ":22 calibration.combinations[0].";
+  const BrokenRule rules[] = {
+      {"relative_error: 0.01",
+       "relative_error: 0",
+       {entry + "relative_error is 0; expected a finite value > 0"}},
+      {"relative_error: 0.01, ",
+       "",
+       {entry + "relative_error is missing; expected a finite value > 0"}},
+      {", identifiable: true}\n    - {exp",
+       "}\n    - {exp",
+       {entry + "identifiable is missing; expected true or false"}},
+      {"exponents: {K_gamma: 0.8, K_kappa: 0.6}, ",
+       "",
+       {entry + "exponents is missing; expected a map of at least two of the parameters"}},
+      {"{K_gamma: 0.8, K_kappa: 0.6}",
+       "{K_gamma: 1}",
+       {entry + "exponents is a map; expected a map of at least two of the parameters"}},
+      {"{K_gamma: 0.8, K_kappa: 0.6}",
+       "{K_gamma: 0.8, K_tau: 0.6}",
+       {entry + "exponents.K_tau is not one of calibration.parameters", kNotOrthonormal}},
+      {"K_gamma: 0.8",
+       "K_gamma: much",
+       {entry + "exponents.K_gamma is much; expected a finite value"}},
+      {"K_gamma: 0.8", "K_gamma: 0.7", {kNotOrthonormal}},
+      {"K_gamma: -0.6", "K_gamma: 0.6", {kNotOrthonormal}},
+      {"    - {exponents: {K_gamma: -0.6, K_kappa: 0.8}, relative_error: 0.5, identifiable: "
+       "false}\n",
+       "",
+       {kNotOrthonormal}},
+      {"relative_error: 0.5, ",
+       "relative_error: 0.5, error: 1, ",
+       {":23 calibration.combinations[1].error is not a known key; expected exponents, "
+        "relative_error or identifiable"}},
+  };
+  for (const BrokenRule& rule : rules) {
+    EXPECT_EQ(faultsOf(replaced(kCombined, rule.from, rule.to)), rule.faults) << rule.from;
+  }
+  EXPECT_EQ(faultsOf(replaced(kScene, "  rms:", "  combinations: []\n  rms:")),
+            std::vector<std::string>{
+                ":21 calibration.combinations is empty; expected a list of at least one entry"});
+}
+
 class ProvenanceRules : public testing::TestWithParam<BrokenRule> {};
 
 TEST_P(ProvenanceRules, BreakingOneIsReported) {

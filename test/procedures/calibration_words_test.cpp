@@ -50,6 +50,18 @@ TEST(CalibrationWords, TheResultLeadsWithTheTipError) {
             "length_scale = 1.0092 +- 0.0019, pose of the base, places of 2 tags");
 }
 
+TEST(CalibrationWords, WhatIsKnownOfACombinationIsSaid) {
+  CalibrationOutcome tilted = outcome();
+  tilted.calibration->parameters.resize(2);
+  tilted.calibration->combinations = {
+      {"K_gamma^0.97 K_kappa^0.25", {{"K_gamma", 0.97}, {"K_kappa", 0.243}}, 6.1, 0.01234, true},
+      {"K_kappa^0.97 K_gamma^-0.25", {{"K_kappa", 0.97}, {"K_gamma", -0.243}}, 5e-5, 0.61, false}};
+  EXPECT_EQ(textOf(tilted.calibration->combinations.front()), "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
+  EXPECT_EQ(resultText("demo", tilted),
+            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
+            "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
+}
+
 TEST(CalibrationWords, WithoutTagsOrDeterminedParametersItSaysSo) {
   CalibrationOutcome blind = outcome();
   blind.tip_error_before.reset();

@@ -29,6 +29,14 @@ ArmFilterOptions filterOf(const std::string& parameters) {
   return loopConfigOf(sceneOf(calibration(parameters))).filter;
 }
 
+// Covariance of the logs of K_gamma and K_kappa that a filter starts with.
+Eigen::Matrix2d stiffnessCovariance(const ArmFilterOptions& filter) {
+  const Eigen::Vector2d deviation(filter.stiffness_deviation.gamma,
+                                  filter.stiffness_deviation.kappa);
+  return deviation.asDiagonal() * filter.stiffness_correlation.topLeftCorner<2, 2>() *
+         deviation.asDiagonal();
+}
+
 TEST(LoopConfig, IsTheSectionOfTheScene) {
   const follow::SightLoopConfig config =
       loopConfigOf(sceneOf("follow: {smoothing_s: 0.4, hysteresis: 0.1}\n"));
@@ -82,6 +90,32 @@ TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {
       filterOf("K_kappa: {value: 1.0e-4, standard_error: 0, identifiable: true}");
   EXPECT_GT(sure.stiffness_deviation.kappa, 0) << "a filter needs a deviation";
   EXPECT_LT(sure.stiffness_deviation.kappa, 1e-3);
+}
+
+TEST(LoopConfig, ACombinationThatIsKnownIsKnownToTheFilter) {
+  const std::string parameters =
+      "K_gamma: {value: 100, standard_error: 5, identifiable: true}, "
+      "K_kappa: {value: 2.0e-4, standard_error: 1.0e-4, identifiable: false}";
+  const std::string combined =
+      test::replaced(calibration(parameters), "}}\n",
+                     "}, combinations: [{exponents: {K_gamma: 0.8, K_kappa: 0.6}, relative_error: "
+                     "0.01, identifiable: true}, {exponents: {K_kappa: 0.8, K_gamma: -0.6}, "
+                     "relative_error: ERROR, identifiable: false}]}\n");
+  const Eigen::Vector2d well(0.8, 0.6), badly(-0.6, 0.8);
+  // An error that is no figure is limited, and loosens nothing else.
+  for (const auto& [written, taken] : {std::pair{"0.4", 0.4}, std::pair{"7", 0.5}}) {
+    const ArmFilterOptions filter =
+        loopConfigOf(sceneOf(test::replaced(combined, "ERROR", written))).filter;
+    EXPECT_NO_THROW(filter.validate());
+    const Eigen::Matrix2d covariance = stiffnessCovariance(filter);
+    EXPECT_NEAR(well.dot(covariance * well), 1e-4, 1e-12);
+    EXPECT_NEAR(badly.dot(covariance * badly), taken * taken, 1e-12);
+    EXPECT_NEAR(well.dot(covariance * badly), 0, 1e-12);
+    EXPECT_EQ(filter.stiffness_deviation.tau, ArmFilterOptions().stiffness_deviation.tau);
+    EXPECT_EQ(filter.stiffness_correlation(2, 2), 1);
+    EXPECT_TRUE(filter.stiffness_correlation.bottomLeftCorner(2, 2).isZero(0));
+  }
+  EXPECT_EQ(filterOf(parameters).stiffness_correlation, Eigen::Matrix4d::Identity());
 }
 
 // A scene that was edited by hand must not make the factors of the filter overflow.

@@ -71,6 +71,11 @@ class SimulatedRigTest(unittest.TestCase):
         found = self.scene.calibrate(self.rig / "tag_corners.csv", fit=["stiffness", "length_scale"])
         self.assertTrue(found.success, found.message)
         self.assertLess(found.tip_error_after_m, 0.5 * found.tip_error_before_m)
+        well, badly = found.combinations
+        self.assertEqual(set(well.exponents), {"K_gamma", "K_kappa"})
+        self.assertAlmostEqual(sum(well.exponents[name] * badly.exponents[name] for name in well.exponents), 0)
+        self.assertLess(well.relative_error, badly.relative_error)
+        self.assertTrue(well.identifiable)
         self.assertAlmostEqual(found["length_scale"].value, 1.01, delta=5 * found["length_scale"].standard_error + 1e-3)
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "calibrated.yaml"
@@ -92,6 +97,7 @@ class CalibrationTest(unittest.TestCase):
         self.assertAlmostEqual(found["K_kappa"].value / 2.1e-4, 1, delta=2e-3)
         self.assertTrue(found["K_kappa"].identifiable)
         self.assertFalse(found["K_gamma"].identifiable)
+        self.assertEqual(found.combinations, [])
 
     def test_says_what_the_data_lack(self):
         found = helix_arm.Scene.load("spatial_50").calibrate(

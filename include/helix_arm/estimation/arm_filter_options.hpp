@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Eigen/Core>
+
 #include "helix_arm/model/actuator.hpp"
 
 namespace helix_arm::estimation {
@@ -16,7 +18,10 @@ struct ArmFilterOptions {
   double settling_time = 0.3;
   /// Standard deviations of the logarithms of the stiffness ratios, > 0.
   model::Stiffness stiffness_deviation = {0.3, 0.3, 0.3};
-  double K_eps_deviation = 0.3;    ///< likewise of K_eps
+  double K_eps_deviation = 0.3;  ///< likewise of K_eps
+  /// Correlation of these logarithms, in the order K_gamma, K_kappa, K_tau, K_eps: positive
+  /// definite.
+  Eigen::Matrix4d stiffness_correlation = Eigen::Matrix4d::Identity();
   double length_deviation = 0.02;  ///< likewise of each length scale
   bool planar = false;             ///< measurements hold v_z, w_x and w_y at 0
 

@@ -152,6 +152,31 @@ struct Parameter {
   bool identifiable;
 };
 
+/// Smallest correlation of two stiffness parameters, or size of it, that makes their combinations
+/// worth reporting.
+constexpr double kLeastCorrelation = 0.5;
+/// Smallest exponent, or size of it, that the name of a combination gives beyond the two largest.
+constexpr double kLeastExponent = 0.05;
+
+/// Product of powers of stiffness parameters whose error is not correlated with that of the other
+/// combinations: an eigenvector of the covariance of their logarithms.
+///
+/// That covariance is the second moment of the errors of the reported values, by the readings and
+/// the priors of all requested stiffness parameters, including those that keep their initial value.
+struct Combination {
+  struct Power {
+    std::string parameter;
+    double exponent;
+  };
+  std::string name;           ///< "K_gamma^0.97 K_kappa^0.25"; see kLeastExponent
+  std::vector<Power> powers;  ///< at least two: a unit vector, the largest first and > 0
+  double value;               ///< of the reported parameters, in their units
+  /// Standard deviation of its logarithm: as for a parameter, the larger of the error due to noise
+  /// and the variation when one pressure at a time is omitted.
+  double relative_error;
+  bool identifiable;  ///< by the rule of a stiffness: see Parameter::identifiable
+};
+
 /// Agreement of one capture with the calibrated arm.
 struct CaptureResidual {
   int arm;                        ///< index of the data set
@@ -185,6 +210,9 @@ struct Calibration {
   std::vector<Parameter> parameters;
   /// (parameters x parameters); rows of parameters that are not fitted are 0.
   Eigen::MatrixXd correlation;
+  /// Of stiffness parameters, the best known first. As many as parameters that are correlated by
+  /// kLeastCorrelation or more with another one; empty if there are none.
+  std::vector<Combination> combinations;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
   std::optional<double> K_eps;                ///< of every section, if fitted [N]

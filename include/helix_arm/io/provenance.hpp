@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +23,12 @@ struct Provenance {
     bool identifiable;      ///< the data determined it better than the prior
     std::string unit;       ///< may be empty
   };
+  /// Product of powers of parameters whose error is not correlated with that of the others.
+  struct Combination {
+    std::map<std::string, double> exponents;  ///< of at least two parameters
+    double relative_error;                    ///< > 0
+    bool identifiable;                        ///< as of a parameter
+  };
 
   std::string date;             ///< of the calibration, UTC: 2026-01-31T12:00:00Z
   std::string package_version;  ///< that made it
@@ -30,6 +37,8 @@ struct Provenance {
   std::string overrides;  ///< overrides of its keys: `key=value`, separated by blanks; may be empty
   std::vector<Data> data;  ///< at least one; includes those of other arms
   std::vector<Parameter> parameters;
+  /// As many as parameters in them; their exponents are orthogonal unit vectors.
+  std::vector<Combination> combinations;
   double rms;                            ///< RMS of the inlier residuals, >= 0
   std::optional<double> held_out_error;  ///< error on held-out data, >= 0
   std::string error_unit;                ///< unit of both: rad, px or m

@@ -1,0 +1,162 @@
+#include "calibration_combinations.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <utility>
+
+namespace helix_arm::estimation {
+namespace {
+
+// With smaller exponents, which two digits show as 0, a combination is one parameter.
+constexpr double kPureExponent = 0.005;
+
+// Errors of the logs of stiffness parameters that have one.
+struct LogErrors {
+  std::vector<ParameterInfo> infos;
+  std::vector<double> logs;  // of the reported values
+  Eigen::MatrixXd covariance;
+  Eigen::MatrixXd spread;  // (any x parameters) see Jackknife::deviations
+};
+
+// Rows of jackknives, each under the columns of its parameters; those that it held vary by 0.
+Eigen::MatrixXd stackedSpreads(const std::vector<Jackknife>& jackknives,
+                               const std::vector<ParameterInfo>& infos) {
+  Eigen::Index rows = 0;
+  for (const Jackknife& one : jackknives) rows = std::max(rows, one.deviations.rows());
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(rows * static_cast<Eigen::Index>(jackknives.size()),
+                                              static_cast<Eigen::Index>(infos.size()));
+  Eigen::Index first = 0;
+  for (const Jackknife& one : jackknives) {
+    for (std::size_t i = 0; i < infos.size(); ++i) {
+      const auto found = std::find(one.names.begin(), one.names.end(), infos[i].name);
+      if (found == one.names.end()) continue;
+      out.block(first, static_cast<Eigen::Index>(i), one.deviations.rows(), 1) =
+          one.deviations.col(found - one.names.begin());
+    }
+    first += rows;
+  }
+  return out;
+}
+
+// Parameters that are correlated, directly or through others, as ascending indices.
+std::vector<std::vector<int>> correlatedGroups(const Eigen::MatrixXd& covariance) {
+  const int count = static_cast<int>(covariance.rows());
+  std::vector<int> group(count);
+  for (int i = 0; i < count; ++i) group[i] = i;
+  for (int i = 0; i < count; ++i) {
+    for (int j = 0; j < i; ++j) {
+      const double product = std::sqrt(covariance(i, i) * covariance(j, j));
+      if (!(std::abs(covariance(i, j)) >= kLeastCorrelation * product)) continue;
+      const int from = group[i], to = group[j];
+      std::replace(group.begin(), group.end(), from, to);
+    }
+  }
+  std::vector<std::vector<int>> out;
+  for (int label = 0; label < count; ++label) {
+    std::vector<int> members;
+    for (int i = 0; i < count; ++i) {
+      if (group[i] == label) members.push_back(i);
+    }
+    if (members.size() > 1) out.push_back(std::move(members));
+  }
+  return out;
+}
+
+// @param powers  the largest first.
+std::string nameOfPowers(const std::vector<Combination::Power>& powers) {
+  std::string name;
+  for (std::size_t i = 0; i < powers.size(); ++i) {
+    if (i >= 2 && std::abs(powers[i].exponent) < kLeastExponent) break;
+    char exponent[16];
+    std::snprintf(exponent, sizeof exponent, "^%.2f", powers[i].exponent);
+    name += (name.empty() ? "" : " ") + powers[i].parameter + exponent;
+  }
+  return name;
+}
+
+// @param axis  (members) unit vector.
+Combination combinationAlong(const LogErrors& errors, const std::vector<int>& members,
+                             const Eigen::VectorXd& axis) {
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(errors.covariance.rows());
+  direction(members) = axis;
+  Eigen::Index largest = 0;
+  direction.cwiseAbs().maxCoeff(&largest);
+  if (direction[largest] < 0) direction = -direction;
+  Combination out;
+  double log = 0, prior = 0;
+  for (const int i : members) {
+    const ParameterInfo& info = errors.infos[static_cast<std::size_t>(i)];
+    out.powers.push_back({info.name, direction[i]});
+    log += direction[i] * errors.logs[static_cast<std::size_t>(i)];
+    prior += std::pow(direction[i] * info.deviation, 2);
+  }
+  std::stable_sort(out.powers.begin(), out.powers.end(), [](const auto& a, const auto& b) {
+    return std::abs(a.exponent) > std::abs(b.exponent);
+  });
+  out.name = nameOfPowers(out.powers);
+  out.value = std::exp(log);
+  double variance = direction.dot(errors.covariance * direction);
+  if (errors.spread.rows() > 0) {
+    variance = std::max(variance, (errors.spread * direction).squaredNorm());
+  }
+  out.relative_error = std::sqrt(variance);
+  ParameterInfo info = errors.infos[static_cast<std::size_t>(members.front())];
+  info.deviation = std::sqrt(prior);
+  out.identifiable = isIdentified(info, variance);
+  return out;
+}
+
+// Combinations of one group; none if each of them is one parameter to two digits.
+std::vector<Combination> combinationsAmong(const LogErrors& errors,
+                                           const std::vector<int>& members) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(
+      Eigen::MatrixXd(errors.covariance(members, members)));
+  std::vector<Combination> out;
+  bool mixed = false;
+  for (Eigen::Index j = 0; j < axes.eigenvectors().cols(); ++j) {
+    out.push_back(combinationAlong(errors, members, axes.eigenvectors().col(j)));
+    mixed = mixed || std::abs(out.back().powers[1].exponent) >= kPureExponent;
+  }
+  if (!mixed) out.clear();
+  return out;
+}
+
+}  // namespace
+
+std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
+                                        const CalibrationOptions& options,
+                                        const CalibrationFit& fit, ReadingKind kind,
+                                        const std::vector<Parameter>& reported,
+                                        const std::vector<Jackknife>& left_out) {
+  if (!fit.asked || fit.asked->selection().stiffness.size() < 2) return {};
+  const Eigen::MatrixXd covariance = stiffnessErrors(arms, options, fit, kind);
+  LogErrors errors;
+  std::vector<int> kept;
+  for (int i = 0; i < static_cast<int>(covariance.rows()); ++i) {
+    const ParameterInfo& info = fit.asked->parameters()[static_cast<std::size_t>(i)];
+    const auto found =
+        std::find_if(reported.begin(), reported.end(),
+                     [&info](const Parameter& one) { return one.name == info.name; });
+    // A stiffness that is absent from the scene and was held is 0: it has no logarithm.
+    if (found == reported.end() || !(found->value > 0)) continue;
+    kept.push_back(i);
+    errors.infos.push_back(info);
+    errors.logs.push_back(std::log(found->value));
+  }
+  errors.covariance = covariance(kept, kept);
+  errors.spread = stackedSpreads(left_out, errors.infos);
+  std::vector<Combination> out;
+  for (const std::vector<int>& members : correlatedGroups(errors.covariance)) {
+    const std::vector<Combination> more = combinationsAmong(errors, members);
+    out.insert(out.end(), more.begin(), more.end());
+  }
+  std::stable_sort(out.begin(), out.end(), [](const Combination& a, const Combination& b) {
+    return a.relative_error < b.relative_error;
+  });
+  return out;
+}
+
+}  // namespace helix_arm::estimation
