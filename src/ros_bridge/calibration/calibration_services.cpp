@@ -124,6 +124,13 @@ bool CalibrationServices::onSave(Save::Request& request, Save::Response& respons
                       "no sample was recorded; call record_sample first");
       text = recording.table();
       response.message = std::to_string(recording.samples.size()) + " samples in " + path;
+      if (!recording.series.empty()) {
+        const std::string beside = calibrator_.savePath(
+            std::filesystem::path(path).replace_extension().string() + "_series.csv");
+        io::writeFileAtomically(beside, recording.seriesTable());
+        response.message += " and a series of " + std::to_string(recording.series.history.rows()) +
+                            " rows in " + beside;
+      }
     } else {
       basics::require(last.has_value(), "nothing was calibrated; call calibrate first");
       text = *last;
