@@ -145,12 +145,11 @@ bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
     return false;
   }
   const Eigen::VectorXd residual = finer.residual(response);
-  const double effective =
-      static_cast<double>(finer.count()) / finer.correlationFactor(residual);
+  const double effective = static_cast<double>(finer.count()) / finer.correlationFactor(residual);
   const double gain =
       std::log(coarse.residual(response).squaredNorm() / std::max(residual.squaredNorm(), 1e-300));
-  const auto more = static_cast<double>((finer.coefficients() - coarse.coefficients()) *
-                                        finer.outputs());
+  const auto more =
+      static_cast<double>((finer.coefficients() - coarse.coefficients()) * finer.outputs());
   return effective * gain > more * std::log(std::max(effective, 2.0)) &&
          areLess(finer.heldOutErrors(response), coarse.heldOutErrors(response));
 }

@@ -44,9 +44,9 @@ std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actu
   std::ostringstream text;
   std::istringstream lines(comment);
   for (std::string line; std::getline(lines, line);) text << "# " << line << "\n";
-  const bool timed =
-      !captures.empty() && std::all_of(captures.begin(), captures.end(),
-                                       [](const auto& capture) { return capture.time.has_value(); });
+  const bool timed = !captures.empty() &&
+                     std::all_of(captures.begin(), captures.end(),
+                                 [](const auto& capture) { return capture.time.has_value(); });
   text << (timed ? "capture,time_s" : "capture");
   for (int i = 1; i <= actuators; ++i) text << ",pressure_" << i << "_kpa";
   text << ",tag";

@@ -257,9 +257,10 @@ CalibrationOutcome runCalibration(const std::string& path,
       FeltCaptures felt = feltCaptures(scene.arm, data.tips, data.captures);
       captures = std::move(felt.captures);
       if (!felt.unknown.empty()) {
-        outcome.warnings.push_back("captures that the series of the tip does not cover are taken "
-                                   "as felt at their measured pressures: " +
-                                   io::listOf(felt.unknown));
+        outcome.warnings.push_back(
+            "captures that the series of the tip does not cover are taken "
+            "as felt at their measured pressures: " +
+            io::listOf(felt.unknown));
       }
     }
     addArm(scene, captures, outcome);

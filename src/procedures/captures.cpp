@@ -235,10 +235,9 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
       const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
       if (fault) faults.add(line, *fault);
     }
-    readings.add(capture.number, capture.pressure, capture.time, capture.tags,
-                 [&](const io::TagCorners& tag) {
-                   return directionsOf(scene.camera->model, tag, faults);
-                 });
+    readings.add(
+        capture.number, capture.pressure, capture.time, capture.tags,
+        [&](const io::TagCorners& tag) { return directionsOf(scene.camera->model, tag, faults); });
   }
   faults.throwIfAny();
   return readings.take();

@@ -102,9 +102,9 @@ ResponseSeries SeriesRecord::series() const {
   all.advance(std::numeric_limits<double>::infinity());
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto rows = static_cast<Eigen::Index>(all.times_.size());
-  return {{Eigen::Map<const Rows>(all.pressures_.data(), rows, actuators_), all.times_,
-           all.starts_},
-          Eigen::Map<const Rows>(all.positions_.data(), rows, 3)};
+  return {
+      {Eigen::Map<const Rows>(all.pressures_.data(), rows, actuators_), all.times_, all.starts_},
+      Eigen::Map<const Rows>(all.positions_.data(), rows, 3)};
 }
 
 }  // namespace helix_arm::procedures

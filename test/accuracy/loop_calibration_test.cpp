@@ -27,9 +27,9 @@ namespace helix_arm {
 namespace {
 
 const std::string kScene = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
-constexpr double kStep = 0.01;      // of time [s]
-constexpr int kPicture = 3;         // steps from picture to picture
-constexpr double kLatency = 0.06;   // of a picture [s]
+constexpr double kStep = 0.01;        // of time [s]
+constexpr int kPicture = 3;           // steps from picture to picture
+constexpr double kLatency = 0.06;     // of a picture [s]
 constexpr double kCornerNoise = 0.3;  // [px]
 
 model::Response truth() {

@@ -168,7 +168,7 @@ TEST(SeriesRecord, LeavesOutTipsThatAreLateTwiceOrNotFinite) {
 TEST(SeriesRecord, HasAsManyRowsAsADataSetMayHave) {
   SeriesRecord record(1);
   const Eigen::VectorXd pressure = Eigen::VectorXd::Constant(1, 1e5);
-  const int more = 500;
+  const int more = 1000;
   for (std::size_t k = 0; k < SeriesRecord::kMostRows + more; ++k) {
     record.measured(SeriesRecord::kSpacing * static_cast<double>(k), pressure);
   }

@@ -174,10 +174,10 @@ class LoopCalibration : public CalibrationRig {
 
   static const TemporaryFile kLaggingRig;
 };
-const TemporaryFile LoopCalibration::kLaggingRig(io::sceneText(
-    kDemo, {{"simulation.arm.response",
-             "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], "
-             "play_weight: [0.6]}"}}));
+const TemporaryFile LoopCalibration::kLaggingRig(
+    io::sceneText(kDemo, {{"simulation.arm.response",
+                           "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], "
+                           "play_weight: [0.6]}"}}));
 
 TEST_F(LoopCalibration, RunsThereAndBackAndFitsTheResponse) {
   const TemporaryFolder folder;

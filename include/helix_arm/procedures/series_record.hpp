@@ -21,9 +21,9 @@ class SeriesRecord {
  public:
   static constexpr std::size_t kMostRows = 200'000;     ///< as many as a data set may have
   static constexpr std::size_t kMostCells = 4'000'000;  ///< the same
-  static constexpr double kSpacing = 0.02;           ///< most between rows [s]
+  static constexpr double kSpacing = 0.02;              ///< most between rows [s]
   static constexpr double kHalfWindow = 0.1;  ///< of the mean of pressures, before and after [s]
-  static constexpr double kLatency = 2.0;     ///< how much later than pressures tips may come [s]
+  static constexpr double kLatency = 5.0;     ///< how much later than pressures tips may come [s]
   static constexpr double kGap = 1.0;         ///< pressures missing for longer start a trial [s]
 
   /// @param actuators  number of pressures, >= 1.

@@ -48,8 +48,8 @@ procedures::CalibrationRequest requestOf(const FitContraction::Request& request)
   procedures::CalibrationRequest out;
   out.fit = {"contraction"};
   out.contraction = request.contraction;
-  out.curve = wordOf<CurveKind>(
-      "kind", request.kind, {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
+  out.curve = wordOf<CurveKind>("kind", request.kind,
+                                {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
   out.branch = wordOf<Branch>(
       "branch", request.branch,
       {{"both", Branch::kBoth}, {"rising", Branch::kRising}, {"falling", Branch::kFalling}});

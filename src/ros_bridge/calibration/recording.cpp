@@ -42,7 +42,8 @@ std::string Recording::table() const {
 }
 
 std::string Recording::seriesTable() const {
-  return procedures::tipSeriesCsv(series, kRecordedTitle + scene.name + ", " + procedures::utcNow());
+  return procedures::tipSeriesCsv(series,
+                                  kRecordedTitle + scene.name + ", " + procedures::utcNow());
 }
 
 }  // namespace helix_arm::ros_bridge

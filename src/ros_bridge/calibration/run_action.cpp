@@ -118,8 +118,9 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   rules.validate();
   const bool fits_response =
       estimation::fitParametersOf(goal.fit, true).count(estimation::FitParameter::kResponse) > 0;
-  basics::require(goal.loop || !fits_response,
-                  "response is fitted to a series that only a run with loop records; set loop: true");
+  basics::require(
+      goal.loop || !fits_response,
+      "response is fitted to a series that only a run with loop records; set loop: true");
   basics::require(target_publisher_.getNumSubscribers() > 0,
                   "pressure_target has no subscriber; is pressure_command running?");
   basics::require(!EndRequest::made(), "the node is shutting down");
