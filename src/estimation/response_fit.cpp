@@ -19,6 +19,9 @@ constexpr double kLeastReversal = 0.05;  // of the range: twice the least thresh
 constexpr int kLeastInMotion = 10;       // rows
 constexpr int kLeastTrials = 3;          // for the scatter between them
 constexpr double kStartWeight = 0.3;     // of a play, where nothing linear tells it
+// Of the polynomial for positions: a strongly bent arm needs more than the second degree.
+constexpr int kLeastDegree = 2, kMostDegree = 4;
+constexpr int kMostCoefficients = 84;  // six pressures to the third degree
 
 std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion) {
   if (motion.rising + motion.falling < kLeastInMotion) return {};
@@ -118,17 +121,37 @@ void reportResponse(const ResponseReadings& readings, const ResponseCandidate& f
   out.felt = readings.felt(fit.response);
 }
 
-// Whether one fit predicts trials that were left out better than another, by two standard errors of
-// the differences between trials. With fewer than three trials nothing contradicts it.
-bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
-                    const ResponseCandidate& other) {
-  const Eigen::VectorXd gain =
-      readings.heldOutErrors(other.response) - readings.heldOutErrors(one.response);
+// Whether the first errors of trials that were left out are less than the others, by two standard
+// errors of the differences between trials. With fewer than three trials nothing contradicts it.
+bool areLess(const Eigen::VectorXd& errors, const Eigen::VectorXd& others) {
+  const Eigen::VectorXd gain = others - errors;
   const auto trials = static_cast<double>(gain.size());
   if (trials < kLeastTrials) return true;
   const double mean = gain.mean();
   const double variance = (gain.array() - mean).square().sum() / (trials - 1);
   return mean > kSignificantResponse * std::sqrt(variance / trials);
+}
+
+bool predictsBetter(const ResponseReadings& readings, const ResponseCandidate& one,
+                    const ResponseCandidate& other) {
+  return areLess(readings.heldOutErrors(one.response), readings.heldOutErrors(other.response));
+}
+
+// Whether a polynomial of a higher degree explains the readings better, for its number of
+// coefficients and on trials that are left out.
+bool explainsMore(const ResponseReadings& finer, const ResponseReadings& coarse,
+                  const model::Response& response) {
+  if (finer.coefficients() > kMostCoefficients || finer.count() < 3 * finer.coefficients()) {
+    return false;
+  }
+  const Eigen::VectorXd residual = finer.residual(response);
+  const double effective = static_cast<double>(finer.count()) / finer.correlationFactor(residual);
+  const double gain =
+      std::log(coarse.residual(response).squaredNorm() / std::max(residual.squaredNorm(), 1e-300));
+  const auto more =
+      static_cast<double>((finer.coefficients() - coarse.coefficients()) * finer.outputs());
+  return effective * gain > more * std::log(std::max(effective, 2.0)) &&
+         areLess(finer.heldOutErrors(response), coarse.heldOutErrors(response));
 }
 
 ResponseFit fitReadings(const ResponseReadings& readings) {
@@ -226,7 +249,18 @@ ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixX
 
 ResponseFit fitResponseToPositions(const model::InputHistory& history,
                                    const Eigen::MatrixXd& position) {
-  return fitReadings({history, position, ResponseReadings::Kind::kOfTheArm});
+  const auto readingsOf = [&](int degree) {
+    return ResponseReadings(history, position, ResponseReadings::Kind::kOfTheArm, degree);
+  };
+  int degree = kLeastDegree;
+  ResponseFit fit = fitReadings(readingsOf(degree));
+  for (int higher = degree + 1; fit.fitted() && higher <= kMostDegree; ++higher) {
+    const ResponseReadings finer = readingsOf(higher);
+    if (!explainsMore(finer, readingsOf(degree), fit.response)) continue;
+    fit = fitReadings(finer);
+    degree = higher;
+  }
+  return fit;
 }
 
 }  // namespace helix_arm::estimation

@@ -17,6 +17,24 @@ constexpr double kInMotion = 0.02;          // of the range, behind a lag of kRe
 constexpr double kMostCorrelation = 0.9999;
 constexpr double kSignificantWeight = 2.0;  // standard errors
 
+// Number of monomials in n variables up to a degree.
+int monomials(int n, int degree) {
+  int out = 1;
+  for (int k = 1; k <= degree; ++k) out = out * (n + k) / k;
+  return out;
+}
+
+// Those monomials, multiplied by a product of earlier ones.
+template <class Row>
+void setMonomials(const Eigen::VectorXd& x, Eigen::Index from, int degree, double product, Row& row,
+                  Eigen::Index& column) {
+  row[column++] = product;
+  if (degree == 0) return;
+  for (Eigen::Index i = from; i < x.size(); ++i) {
+    setMonomials(x, i, degree - 1, product * x[i], row, column);
+  }
+}
+
 // The value of x in [-1, 1] to powers 0 .. degree.
 template <class Row>
 void setPowers(double x, int degree, Row&& row) {
@@ -27,8 +45,8 @@ void setPowers(double x, int degree, Row&& row) {
 }  // namespace
 
 ResponseReadings::ResponseReadings(const model::InputHistory& history,
-                                   const Eigen::MatrixXd& reading, Kind kind)
-    : history_(history), kind_(kind) {
+                                   const Eigen::MatrixXd& reading, Kind kind, int degree)
+    : history_(history), kind_(kind), degree_(degree) {
   const Eigen::RowVectorXd low = history.input.colwise().minCoeff();
   const Eigen::RowVectorXd high = history.input.colwise().maxCoeff();
   const double widest = (high - low).maxCoeff();
@@ -64,9 +82,9 @@ ResponseReadings::ResponseReadings(const model::InputHistory& history,
       reading_.row(static_cast<Eigen::Index>(k)) = reading.row(row);
     }
   }
-  const int n = static_cast<int>(moving_.size());
-  degree_ = std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
-  coefficients_ = perActuator() ? degree_ + 1 : 1 + n + n * (n + 1) / 2;
+  if (perActuator()) degree_ = std::min(kCurveDegree, static_cast<int>(distinct.size()) - 1);
+  coefficients_ =
+      perActuator() ? degree_ + 1 : monomials(static_cast<int>(moving_.size()), degree_);
 }
 
 Eigen::MatrixXd ResponseReadings::felt(const model::Response& response) const {
@@ -90,21 +108,18 @@ Eigen::MatrixXd ResponseReadings::felt(const model::Response& response) const {
 Eigen::MatrixXd ResponseReadings::basis(const Eigen::MatrixXd& felt) const {
   Eigen::MatrixXd out(static_cast<Eigen::Index>(usable_.size()), coefficients_);
   const auto scaled = [&](double pressure) { return (pressure - middle_) / (0.5 * range_); };
+  Eigen::VectorXd x(static_cast<Eigen::Index>(moving_.size()));
   for (std::size_t k = 0; k < usable_.size(); ++k) {
     auto row = out.row(static_cast<Eigen::Index>(k));
     if (perActuator()) {
       setPowers(scaled(felt(usable_[k].row, usable_[k].actuator)), degree_, row);
       continue;
     }
-    int column = 0;
-    row[column++] = 1.0;
     for (std::size_t a = 0; a < moving_.size(); ++a) {
-      const double x = scaled(felt(usable_[k].row, moving_[a]));
-      row[column++] = x;
-      for (std::size_t b = a; b < moving_.size(); ++b) {
-        row[column++] = x * scaled(felt(usable_[k].row, moving_[b]));
-      }
+      x[static_cast<Eigen::Index>(a)] = scaled(felt(usable_[k].row, moving_[a]));
     }
+    Eigen::Index column = 0;
+    setMonomials(x, 0, degree_, 1.0, row, column);
   }
   return out;
 }

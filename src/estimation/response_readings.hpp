@@ -15,7 +15,9 @@ class ResponseReadings {
     kPerActuator,  ///< one reading per actuator and row, all of one curve
     kOfTheArm,     ///< up to three readings per row, of all pressures that move
   };
-  ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, Kind kind);
+  /// @param degree  of the polynomial, of kOfTheArm; that of a curve follows from its readings.
+  ResponseReadings(const model::InputHistory& history, const Eigen::MatrixXd& reading, Kind kind,
+                   int degree = 2);
 
   /// Felt pressures (rows x actuators) [Pa].
   Eigen::MatrixXd felt(const model::Response& response) const;
@@ -28,7 +30,8 @@ class ResponseReadings {
   /// Number of rows, or rows of actuators, with readings.
   Eigen::Index rows() const { return reading_.rows(); }
   Eigen::Index count() const { return reading_.size(); }
-  int coefficients() const { return coefficients_; }  ///< of the polynomial
+  int coefficients() const { return coefficients_; }  ///< of the polynomial, per output
+  Eigen::Index outputs() const { return outputs_; }   ///< 1, or those of the arm
   double range() const { return range_; }             ///< of the pressures [Pa]
   bool perActuator() const { return kind_ == Kind::kPerActuator; }
   /// Factor by which residuals that are correlated in time raise a variance, >= 1.
@@ -59,7 +62,7 @@ class ResponseReadings {
   std::vector<Entry> usable_;
   Eigen::MatrixXd reading_;  // (usable x outputs)
   Eigen::Index outputs_ = 1;
-  int degree_ = 2;
+  int degree_;
   int trials_ = 0;
   int coefficients_ = 0;
   double range_ = 0.0, middle_ = 0.0;

@@ -211,7 +211,10 @@ CalibrationOutcome runCalibration(const std::string& path,
                    "the data holds free lengths, but no contraction is fitted; leave it out, "
                    "or fit contraction as well");
   }
-  if (!fits_response && !data.tips.empty()) {
+  // A series also tells what was felt at captures whose times are known.
+  const bool timed = std::any_of(data.captures.begin(), data.captures.end(),
+                                 [](const auto& capture) { return capture.time.has_value(); });
+  if (!fits_response && !data.tips.empty() && !timed) {
     return refused(outcome,
                    "the data holds a series of the tip, but no response is fitted; leave it out, "
                    "or fit response as well");
@@ -260,6 +263,7 @@ CalibrationOutcome runCalibration(const std::string& path,
                    "other arms");
   }
   io::SceneCalibration changes;
+  std::vector<estimation::Capture> captures = data.captures;
   if (fits_arm) {
     // From here on, the arm has its new curves.
     const model::Arm before = scene.arm;
@@ -269,7 +273,17 @@ CalibrationOutcome runCalibration(const std::string& path,
       scene = io::sceneOfText(io::calibratedSceneText(path, overrides, curves, sha256), path);
     };
     if (fits_curve || fits_response) putCurves();
-    addArm(scene, data.captures, outcome);
+    if (timed && !data.tips.empty()) {
+      FeltCaptures felt = feltCaptures(scene.arm, data.tips, data.captures);
+      captures = std::move(felt.captures);
+      if (!felt.unknown.empty()) {
+        outcome.warnings.push_back(
+            "captures that the series of the tip does not cover are taken "
+            "as felt at their measured pressures: " +
+            io::listOf(felt.unknown));
+      }
+    }
+    addArm(scene, captures, outcome);
     for (const CompanionArm& one : companions) addArm(one.scene, one.data.captures, outcome);
     for (const ArmCaptures& arm : outcome.arms) {
       if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
@@ -319,7 +333,7 @@ CalibrationOutcome runCalibration(const std::string& path,
   if (fits_arm) {
     outcome.tip_error_before = medianTipError(scene, data.captures);
     const io::Scene calibrated = io::sceneOfText(outcome.scene_text, path);
-    const std::vector<estimation::Capture> captures = seenFrom(calibrated, scene, data.captures);
+    captures = seenFrom(calibrated, scene, std::move(captures));
     outcome.tip_error_after = medianTipError(calibrated, captures);
     const std::vector<std::string> apart = warningsOfScatter(calibrated, captures);
     outcome.warnings.insert(outcome.warnings.end(), apart.begin(), apart.end());

@@ -67,7 +67,8 @@ class TagReadings {
   // observe(tag) returns the observation of a tag of the scene, absent if it was reported as a
   // fault.
   template <class Tags, class Observe>
-  void add(int number, const Eigen::VectorXd& pressure, const Tags& tags, Observe observe) {
+  void add(int number, const Eigen::VectorXd& pressure, std::optional<double> time,
+           const Tags& tags, Observe observe) {
     std::vector<Observation> reading;
     for (const auto& tag : tags) {
       const int index = layout_.find(tag.id);
@@ -78,7 +79,7 @@ class TagReadings {
       known_ = true;
       if (const auto seen = observe(tag)) reading.push_back({index, *seen});
     }
-    loaded_.captures.push_back({number, pressure, std::move(reading)});
+    loaded_.captures.push_back({number, pressure, std::move(reading), time});
   }
 
   LoadedCaptures take() {
@@ -123,7 +124,7 @@ LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
   TagReadings<estimation::PoseObservation> readings(scene, data.path);
   for (const io::TagPoseCapture& capture :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    readings.add(capture.number, capture.pressure, capture.tags,
+    readings.add(capture.number, capture.pressure, std::nullopt, capture.tags,
                  [](const io::TagPose& tag) { return std::optional(tag.X_BT); });
   }
   return readings.take();
@@ -234,9 +235,9 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
       const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
       if (fault) faults.add(line, *fault);
     }
-    readings.add(capture.number, capture.pressure, capture.tags, [&](const io::TagCorners& tag) {
-      return directionsOf(scene.camera->model, tag, faults);
-    });
+    readings.add(
+        capture.number, capture.pressure, capture.time, capture.tags,
+        [&](const io::TagCorners& tag) { return directionsOf(scene.camera->model, tag, faults); });
   }
   faults.throwIfAny();
   return readings.take();

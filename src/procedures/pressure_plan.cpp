@@ -26,9 +26,25 @@ Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
   return plan;
 }
 
-control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm,
-                                            const std::vector<double>& rows) {
-  if (rows.empty()) return defaultPressurePlan(arm);
+Eigen::MatrixXd risingPressurePlan(const model::Arm& arm) {
+  const Eigen::MatrixXd plan = defaultPressurePlan(arm);
+  Eigen::MatrixXd rising(plan.rows(), plan.cols());
+  Eigen::Index step = 0;
+  for (Eigen::Index i = 0; i < plan.cols(); ++i) {
+    for (Eigen::Index k = i; k < plan.rows(); k += plan.cols()) rising.row(step++) = plan.row(k);
+  }
+  return rising;
+}
+
+Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan) {
+  Eigen::MatrixXd out(2 * plan.rows() - 1, plan.cols());
+  out << plan, plan.topRows(plan.rows() - 1).colwise().reverse();
+  return out;
+}
+
+control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows,
+                                            bool loop) {
+  if (rows.empty()) return loop ? thereAndBack(risingPressurePlan(arm)) : defaultPressurePlan(arm);
   const auto count = static_cast<std::size_t>(arm.actuatorCount());
   if (rows.size() % count != 0) {
     return refuse(control::Fault::kWrongSize,
@@ -52,7 +68,7 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm,
                   "a plan of one pressure, which cannot distinguish parameters; send at least two "
                   "different pressures");
   }
-  return plan;
+  return loop ? thereAndBack(plan) : plan;
 }
 
 }  // namespace helix_arm::procedures

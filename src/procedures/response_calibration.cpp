@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <utility>
+#include <vector>
 
 namespace helix_arm::procedures {
 namespace {
@@ -43,14 +44,20 @@ std::optional<std::string> faultOf(const CalibrationRequest& request, const Cali
 }
 
 // The positions along the directions of the largest motions: across an arm. Those along it vary
-// with the square of its bend and tell little of what muscles remember.
+// with the square of its bend and tell little of what muscles remember. NaN where there is none.
 Eigen::MatrixXd largestMotions(const Eigen::MatrixXd& position) {
-  const Eigen::MatrixXd about = position.rowwise() - position.colwise().mean();
+  std::vector<Eigen::Index> seen;
+  for (Eigen::Index row = 0; row < position.rows(); ++row) {
+    if (position.row(row).allFinite()) seen.push_back(row);
+  }
+  if (seen.empty()) return position;
+  const Eigen::RowVectorXd mean = position(seen, Eigen::all).colwise().mean();
+  const Eigen::MatrixXd about = position(seen, Eigen::all).rowwise() - mean;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(about.transpose() * about);
   const Eigen::Vector3d& squares = axes.eigenvalues();  // ascending
   const double least = kLeastMotion * kLeastMotion * squares[2];
   const auto count = (squares.array() >= least).count();
-  return about * axes.eigenvectors().rightCols(count);
+  return (position.rowwise() - mean) * axes.eigenvectors().rightCols(count);
 }
 
 // The numbers that were found.
@@ -74,7 +81,55 @@ std::vector<estimation::Parameter> numbersOf(const ResponseFit& fit,
   return out;
 }
 
+// Before a capture, whose arm is at rest, felt pressures are averaged for so long [s].
+constexpr double kFeltMean = 0.5;
+// A series reaches so far beyond its last row [s].
+constexpr double kSeriesHold = 0.5;
+
+// Mean of what is felt beyond the measured pressures before a time; nothing if no trial of the
+// series covers it.
+std::optional<Eigen::VectorXd> beyondAt(double time, const model::InputHistory& history,
+                                        const Eigen::MatrixXd& beyond) {
+  const std::vector<double>& times = history.time;
+  for (std::size_t begin = 0, end = 0; begin < times.size(); begin = end) {
+    for (end = begin + 1; end < times.size() && !history.starts_anew[end];) ++end;
+    if (time < times[begin] || time > times[end - 1] + kSeriesHold) continue;
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(beyond.cols());
+    int count = 0;
+    for (std::size_t k = begin; k < end && times[k] <= time; ++k) {
+      if (times[k] <= time - kFeltMean) continue;
+      sum += beyond.row(static_cast<Eigen::Index>(k)).transpose();
+      ++count;
+    }
+    if (count > 0) return sum / count;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
+
+FeltCaptures feltCaptures(const model::Arm& arm, const ResponseSeries& tips,
+                          std::vector<estimation::Capture> captures) {
+  FeltCaptures out{std::move(captures), {}};
+  model::ArmResponse response(arm);
+  if (response.instant()) return out;
+  const model::InputHistory& history = tips.history;
+  Eigen::MatrixXd beyond(history.rows(), arm.actuatorCount());
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    response.follow(history, row);
+    beyond.row(row) = response.felt().transpose() - history.input.row(row);
+  }
+  for (estimation::Capture& capture : out.captures) {
+    const auto more =
+        capture.time ? beyondAt(*capture.time, history, beyond) : std::optional<Eigen::VectorXd>();
+    if (more) {
+      capture.pressure = arm.clamped(capture.pressure + *more);
+    } else {
+      out.unknown.push_back(capture.number);
+    }
+  }
+  return out;
+}
 
 std::optional<std::string> fitResponseOf(const io::Scene& scene, const CalibrationRequest& request,
                                          const CalibrationData& data,

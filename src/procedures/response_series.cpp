@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/response_series.hpp"
 
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -35,7 +36,36 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators) {
   ResponseSeries out{io::historyOf(data, actuators), Eigen::MatrixXd(data.values.rows(), 3)};
   int axis = 0;
   for (const char* name : {"x_m", "y_m", "z_m"}) out.reading.col(axis++) = columnOf(data, name);
+  const int seen = data.find("seen");
+  for (Eigen::Index row = 0; seen >= 0 && row < out.reading.rows(); ++row) {
+    if (data.values(row, seen) == 0) {
+      out.reading.row(row).setConstant(std::numeric_limits<double>::quiet_NaN());
+    }
+  }
   return out;
+}
+
+std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment) {
+  const auto rounded = [](double value) { return io::formatNumber(std::round(1e7 * value) / 1e7); };
+  const model::InputHistory& history = tips.history;
+  std::string text = "# " + comment + "\ntime_s";
+  for (Eigen::Index i = 1; i <= history.input.cols(); ++i) {
+    text += ",pressure_" + std::to_string(i) + "_kpa";
+  }
+  text += ",x_m,y_m,z_m,seen,trial\n";
+  int trial = 0;
+  for (Eigen::Index row = 0; row < history.rows(); ++row) {
+    const auto k = static_cast<std::size_t>(row);
+    trial += history.starts_anew[k] ? 1 : 0;
+    text += rounded(history.time[k]);
+    for (const double pressure : history.input.row(row)) {
+      text += "," + rounded(io::kilopascals(pressure));
+    }
+    const bool seen = tips.reading.row(row).allFinite();
+    for (const double position : tips.reading.row(row)) text += "," + rounded(seen ? position : 0);
+    text += std::string(seen ? ",1," : ",0,") + std::to_string(trial) + "\n";
+  }
+  return text;
 }
 
 void append(const ResponseSeries& more, const std::string& file, ResponseSeries& to) {

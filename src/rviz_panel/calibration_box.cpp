@@ -19,7 +19,8 @@ CalibrationBox::CalibrationBox(QWidget* parent, Actions actions)
   auto* const grid = new QGridLayout(this);
   fit_ = new QComboBox(this);
   fit_->setObjectName("fit");
-  fit_->addItems({"stiffness", "stiffness length_scale", "stiffness length_scale placement"});
+  fit_->addItems({"stiffness", "stiffness length_scale", "stiffness length_scale placement",
+                  "response stiffness length_scale"});
   fit_->setToolTip("What is fitted");
   fit_->setFocusPolicy(Qt::ClickFocus);
   start_ = new QPushButton("Start", this);

@@ -162,6 +162,28 @@ TEST(ResponseFit, SeveralPlaysOfTheThresholdsAreFound) {
   EXPECT_GE(right, 18);
 }
 
+TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
+  const Response truth = withPlay(lagOf(0.5, 1.0), 3e4, 0.6);
+  Series series = levels(truth, 3, 1200);
+  Random random(4);
+  model::ResponseState state(truth);
+  Eigen::MatrixXd position(series.history.rows(), 2);
+  for (Eigen::Index row = 0; row < position.rows(); ++row) {
+    state.step(series.history.input(row, 0), row == 0 ? 0 : kStep);
+    const double angle = 2 * state.felt() / kMost;  // [rad]
+    position.row(row) << 0.4 * std::cos(angle) + kNoise * random.normal(),
+        0.4 * std::sin(angle) + kNoise * random.normal();
+  }
+  const ResponseFit fit = fitResponseToPositions(series.history, position);
+  ASSERT_TRUE(fit.fitted()) << fit.failure;
+  // A parabola leaves several millimetres.
+  EXPECT_LT(fit.rms, 2 * kNoise);
+  EXPECT_NEAR(fit.rise_time.value, 0.5, 0.03);
+  EXPECT_NEAR(fit.fall_time.value, 1.0, 0.06);
+  EXPECT_EQ(fit.play, ResponseVerdict::kFound);
+  EXPECT_NEAR(fit.response.halfWidth(), truth.halfWidth(), 2e3);
+}
+
 TEST(ResponseFit, TooFewReadingsAreNamed) {
   Series series = levels({}, 1, 10);
   const ResponseFit fit = fitResponse(series.history, series.shortening);

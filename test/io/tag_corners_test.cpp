@@ -73,6 +73,18 @@ TEST(TagCorners, WrittenCornersReadBackToTheLastBit) {
   EXPECT_THROW(tagCornerCsv(captures, 3, ""), std::invalid_argument);
 }
 
+TEST(TagCorners, OfKnownTimesAreWrittenWithThemAndReadBack) {
+  TagCorners tag{3, {}};
+  tag.corners.setZero();
+  std::vector<TagCornerCapture> captures{{1, Eigen::Vector2d(0, 0), {tag}, 1.7e9 + 0.25},
+                                         {2, Eigen::Vector2d(1e3, 0), {tag}, 1.7e9 + 3.5}};
+  const auto read = load(tagCornerCsv(captures, 2, ""));
+  ASSERT_EQ(read.size(), 2u);
+  for (std::size_t c = 0; c < read.size(); ++c) EXPECT_EQ(read[c].time, captures[c].time);
+  captures[1].time.reset();
+  for (const TagCornerCapture& one : load(tagCornerCsv(captures, 2, ""))) EXPECT_FALSE(one.time);
+}
+
 TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
   EXPECT_EQ(faultsOf(kHeader + "1,0,0,3,1,2,3,4,5,6,7,8\n"
                                "1,0,0,3,1,2,3,4,5,6,7,8\n"

@@ -35,6 +35,33 @@ TEST(PressurePlan, IsReadRowByRow) {
   EXPECT_EQ(plan(1, 0), 3);
 }
 
+TEST(PressurePlan, ThereAndBackReachesEveryPressureFromBelowAndFromAbove) {
+  const Eigen::MatrixXd loop = std::get<Eigen::MatrixXd>(checkPlan(kArm, {}, true));
+  ASSERT_EQ(loop.rows(), 23);
+  EXPECT_EQ(loop, loop.colwise().reverse());
+  for (const auto& level : defaultPressurePlan(kArm).rowwise()) {
+    Eigen::Index actuator = 0;
+    const double pressure = level.maxCoeff(&actuator);
+    if (pressure == 0) continue;
+    int from_below = 0, from_above = 0;
+    for (Eigen::Index step = 1; step < loop.rows(); ++step) {
+      if (loop.row(step) != level) continue;
+      from_below += loop(step - 1, actuator) < pressure;
+      from_above += loop(step - 1, actuator) > pressure;
+    }
+    EXPECT_GE(from_below, 1) << level;
+    // The largest of each actuator has nothing above it.
+    const bool largest = defaultPressurePlan(kArm).col(actuator).maxCoeff() == pressure;
+    EXPECT_EQ(from_above, largest ? 0 : 1) << level;
+  }
+}
+
+TEST(PressurePlan, OfRowsGoesThereAndBackInTheirOrder) {
+  const auto plan = std::get<Eigen::MatrixXd>(checkPlan(kArm, {0, 1, 2, 3, 4, 5, 6, 7, 8}, true));
+  ASSERT_EQ(plan.rows(), 5);
+  EXPECT_EQ(plan.col(0), (Eigen::VectorXd(5) << 0, 3, 6, 3, 0).finished());
+}
+
 TEST(PressurePlan, ThatTheArmCannotFollowIsRefusedWithTheReason) {
   const auto faultOf = [](const std::vector<double>& rows) {
     return std::get<control::Refusal>(checkPlan(kArm, rows));

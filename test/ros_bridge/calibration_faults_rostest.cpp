@@ -107,6 +107,9 @@ TEST_F(CalibrationFaults, InvalidRequestsAreAnsweredWithTheFault) {
   goal.captures_per_pressure = 6;
   says(refusedRun(goal), "captures is 6");
   goal.captures_per_pressure = 1;
+  goal.fit = {"response"};
+  says(refusedRun(goal), "set loop: true");
+  goal.fit = {"stiffness"};
   goal.plan = {1, 2, 3, 4};
   says(refusedRun(goal), "4 pressures for 3 actuators");
   goal.plan = {0, 0, 0, 9e5, 0, 0};

@@ -168,6 +168,72 @@ TEST_F(WholeCalibration, FitsFreeLengthsAndPutsTheCurveIntoTheScene) {
   }
 }
 
+class LoopCalibration : public CalibrationRig {
+ protected:
+  LoopCalibration() : CalibrationRig(kLaggingRig.path()) {}
+
+  static const TemporaryFile kLaggingRig;
+};
+const TemporaryFile LoopCalibration::kLaggingRig(
+    io::sceneText(kDemo, {{"simulation.arm.response",
+                           "{rise_time_constant_s: 0.3, fall_time_constant_s: 0.6, play_kpa: [8], "
+                           "play_weight: [0.6]}"}}));
+
+TEST_F(LoopCalibration, RunsThereAndBackAndFitsTheResponse) {
+  const TemporaryFolder folder;
+  RunCalibrationGoal goal;
+  goal.fit = {"response", "stiffness", "length_scale"};
+  goal.captures_per_pressure = 1;
+  goal.loop = true;
+  goal.plan = {0, 0, 0, 1.5e5, 0, 0, 3.5e5, 0, 0, 0, 3e5, 0};
+  goal.out = folder / "calibrated.yaml";
+  const std::size_t first_target = targets_.all().size();
+  std::vector<RunCalibrationFeedback> progress;
+  client_->sendGoal(goal, {}, {},
+                    [&](const RunCalibrationFeedbackConstPtr& f) { progress.push_back(*f); });
+  ASSERT_TRUE(ends()) << calibration_->output();
+  const RunCalibrationResult result = *client_->getResult();
+  ASSERT_EQ(ending(), "SUCCEEDED") << result.message;
+  ASSERT_FALSE(progress.empty());
+  EXPECT_EQ(progress.back().steps, 7u);
+  EXPECT_EQ(progress.back().samples, 7u);
+  EXPECT_TRUE(atRest());
+  EXPECT_TRUE(restsWithoutAFault()) << calibration_->outputNow();
+  expectRamps(first_target);
+  const auto valueOf = [](const auto& answer, const std::string& name) {
+    const auto place = std::find(answer.names.begin(), answer.names.end(), name);
+    EXPECT_NE(place, answer.names.end()) << name;
+    return place == answer.names.end()
+               ? 0.0
+               : answer.values[static_cast<std::size_t>(place - answer.names.begin())];
+  };
+  EXPECT_NEAR(valueOf(result, "rise_time_constant"), 0.3, 0.15);
+  EXPECT_NEAR(valueOf(result, "fall_time_constant"), 0.6, 0.3);
+  const io::Scene calibrated = io::loadScene(goal.out);
+  EXPECT_GT(calibrated.contractions.at("fig3_muscle").rise_time, 0.1);
+
+  // Samples and series, saved and read again, tell the same.
+  Save::Request save;
+  save.path = folder / "samples.csv";
+  const Save::Response saved = call<Save>("save", save);
+  ASSERT_TRUE(saved.success) << saved.message;
+  EXPECT_NE(saved.message.find("samples_series.csv"), std::string::npos) << saved.message;
+  Calibrate::Request again;
+  again.fit = goal.fit;
+  for (const std::vector<std::string>& data :
+       {std::vector<std::string>{},
+        std::vector<std::string>{save.path, folder / "samples_series.csv"}}) {
+    again.data = data;
+    const Calibrate::Response response = call<Calibrate>("calibrate", again);
+    ASSERT_TRUE(response.success) << response.message;
+    EXPECT_EQ(response.names, result.names);
+    for (const char* name : {"rise_time_constant", "fall_time_constant", "length_scale"}) {
+      EXPECT_NEAR(valueOf(response, name), valueOf(result, name),
+                  0.02 * std::abs(valueOf(result, name)));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace helix_arm::test
 

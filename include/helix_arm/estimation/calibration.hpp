@@ -36,6 +36,7 @@ struct Capture {
   int number;                ///< number in its data set
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
   Reading reading;
+  std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
 };
 
 /// A contraction curve that is fitted together with the arm.

@@ -56,9 +56,10 @@ struct ResponseFit {
 /// @param shortening  (rows x actuators) in any unit; NaN where there is no reading.
 ResponseFit fitResponse(const model::InputHistory& history, const Eigen::MatrixXd& shortening);
 
-/// The same from positions of one point of an arm, as quadratic functions of the pressures that
-/// move: those with at least a tenth of the largest range. The weights start from each threshold
-/// in turn.
+/// The same from positions of one point of an arm, as polynomials of the pressures that move: those
+/// with at least a tenth of the largest range. Their degree is 2, or 3 or 4 where that explains
+/// enough more of the readings for its coefficients, and predicts trials that were left out better.
+/// The weights start from each threshold in turn.
 ///
 /// @param position  (rows x 1 to 3) [m]; NaN where there is no reading.
 ResponseFit fitResponseToPositions(const model::InputHistory& history,

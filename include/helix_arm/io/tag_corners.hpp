@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,10 +22,12 @@ struct TagCornerCapture {
   int number;                ///< number in the file, >= 0
   Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
   std::vector<TagCorners> tags;
+  std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
 };
 
 /// The captures of a data set with columns capture, pressure_1_kpa .., tag, x1_px, y1_px .. x4_px
-/// and y4_px, in the order in which each appears first.
+/// and y4_px and, optionally, time_s, in the order in which each appears first. The time of a
+/// capture is that of its first row.
 /// @throws DocumentError with all faults: a missing column, a capture or tag that is no whole
 /// number >= 0, a tag twice in one capture, pressures that change within a capture.
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators);

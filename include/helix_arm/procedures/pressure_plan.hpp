@@ -13,10 +13,19 @@ namespace helix_arm::procedures {
 /// lower limits.
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm);
 
-/// The plan (steps x actuators) [Pa] from a row-by-row list; the default plan if it is empty.
+/// The same pressures actuator by actuator, ascending in each.
+Eigen::MatrixXd risingPressurePlan(const model::Arm& arm);
+
+/// The steps of a plan and then the same in reverse; the last one is not repeated.
+Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan);
+
+/// The plan (steps x actuators) [Pa] from a row-by-row list; the default plan if it is empty. With
+/// `loop` there and back, by default that of risingPressurePlan(), so that each pressure is reached
+/// from below and from above.
 ///
 /// A list is refused if its size is not a multiple of the number of actuators, a pressure is
 /// outside the limits, or no two pressures differ.
-control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows);
+control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::vector<double>& rows,
+                                            bool loop = false);
 
 }  // namespace helix_arm::procedures

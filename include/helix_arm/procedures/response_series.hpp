@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -14,7 +15,8 @@ namespace helix_arm::procedures {
 /// Readings in the order in which they were taken.
 struct ResponseSeries {
   model::InputHistory history;  ///< measured pressures
-  Eigen::MatrixXd reading;      ///< (rows x 1) free lengths, or (rows x 3) positions of the tip [m]
+  /// (rows x 1) free lengths, or (rows x 3) positions of the tip [m]; NaN where none was measured.
+  Eigen::MatrixXd reading;
 
   bool empty() const { return history.rows() == 0; }
 };
@@ -25,9 +27,17 @@ struct ResponseSeries {
 ResponseSeries lengthSeriesOf(const io::DataSet& data);
 
 /// Positions of one point of an arm, such as its tip, in any frame that does not move; columns
-/// time_s, pressure_1_kpa .., x_m, y_m, z_m and, optionally, trial.
+/// time_s, pressure_1_kpa .., x_m, y_m, z_m and, optionally, seen (0: only the pressures of the row
+/// count) and trial.
 /// @throws DocumentError as lengthSeriesOf(), or on a pressure beyond the last actuator.
 ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
+
+/// Columns of such a data set besides the pressures: time_s, three positions, seen and trial.
+inline constexpr std::size_t kTipSeriesColumns = 6;
+
+/// The text of such a data set, to 0.1 us, 0.1 mPa and 0.1 um.
+/// @param comment  initial comment line, without #.
+std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment);
 
 /// Appends another file's series, which begins a new trial.
 /// @throws DocumentError if only one of them has times.

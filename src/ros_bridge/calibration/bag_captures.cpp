@@ -88,6 +88,7 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>
     io::TagCornerCapture& capture = out.emplace_back();
     capture.number = static_cast<int>(out.size());
     capture.pressure = arm.clamped(sample.pressure);
+    capture.time = sample.time;
     for (const procedures::TagSighting& tag : sample.tags) {
       capture.tags.push_back({tag.id, tag.corners});
     }

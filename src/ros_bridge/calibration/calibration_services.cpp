@@ -48,8 +48,8 @@ procedures::CalibrationRequest requestOf(const FitContraction::Request& request)
   procedures::CalibrationRequest out;
   out.fit = {"contraction"};
   out.contraction = request.contraction;
-  out.curve = wordOf<CurveKind>(
-      "kind", request.kind, {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
+  out.curve = wordOf<CurveKind>("kind", request.kind,
+                                {{"quintic", CurveKind::kQuintic}, {"table", CurveKind::kTable}});
   out.branch = wordOf<Branch>(
       "branch", request.branch,
       {{"both", Branch::kBoth}, {"rising", Branch::kRising}, {"falling", Branch::kFalling}});
@@ -124,6 +124,13 @@ bool CalibrationServices::onSave(Save::Request& request, Save::Response& respons
                       "no sample was recorded; call record_sample first");
       text = recording.table();
       response.message = std::to_string(recording.samples.size()) + " samples in " + path;
+      if (!recording.series.empty()) {
+        const std::string beside = calibrator_.savePath(
+            std::filesystem::path(path).replace_extension().string() + "_series.csv");
+        io::writeFileAtomically(beside, recording.seriesTable());
+        response.message += " and a series of " + std::to_string(recording.series.history.rows()) +
+                            " rows in " + beside;
+      }
     } else {
       basics::require(last.has_value(), "nothing was calibrated; call calibrate first");
       text = *last;

@@ -36,12 +36,19 @@ Recorder::Recorder(ros::NodeHandle& node, io::Scene scene, const procedures::Set
       measured_subscriber_(
           listen(node, names::kPressureMeasured, 100, &Recorder::onMeasured, this)),
       command_subscriber_(listen(node, names::kPressureCommand, 100, &Recorder::onCommand, this)),
+      shape_subscriber_(listen(node, names::kMeasured, 100, &Recorder::onShape, this)),
       vision_subscriber_(listen(node, names::kVisionStatus, 100, &Recorder::onVision, this)),
       watch_timer_(repeat(node, "the watch", kWatchPeriod, &Recorder::onWatch, this)) {}
 
 void Recorder::onDetections(const TagDetectionsConstPtr& detections) {
   const basics::MutexLock lock(mutex_);
   watch_.seen(detections->header.stamp.toSec(), sightingsOf(*detections, scene_));
+}
+
+void Recorder::onShape(const ArmShapeConstPtr& shape) {
+  const geometry_msgs::Point& tip = shape->tip.position;
+  const basics::MutexLock lock(mutex_);
+  if (records_series_) series_->seen(shape->header.stamp.toSec(), {tip.x, tip.y, tip.z});
 }
 
 void Recorder::take(const PressureArray& message, const char* topic, Input input) {
@@ -51,7 +58,10 @@ void Recorder::take(const PressureArray& message, const char* topic, Input input
     const basics::MutexLock lock(mutex_);
     const auto checked = control::checkReading(scene_.arm, message.name, message.pressure);
     if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
-      (watch_.*input)(message.header.stamp.toSec(), *pressure);
+      const double time = message.header.stamp.toSec();
+      (watch_.*input)(time, *pressure);
+      const bool reading = input == &procedures::SettleWatch::measured;
+      if (records_series_ && reading) series_->measured(time, *pressure);
       return;
     }
     if (!foreign_pressures_.add()) return;
@@ -124,7 +134,20 @@ std::size_t Recorder::clear() {
   const basics::MutexLock lock(mutex_);
   const std::size_t out = samples_.size();
   samples_.clear();
+  series_.reset();
+  records_series_ = false;
   return out;
+}
+
+void Recorder::startSeries() {
+  const basics::MutexLock lock(mutex_);
+  series_.emplace(scene_.arm.actuatorCount());
+  records_series_ = true;
+}
+
+void Recorder::stopSeries() {
+  const basics::MutexLock lock(mutex_);
+  records_series_ = false;
 }
 
 io::Scene Recorder::scene() const {
@@ -134,7 +157,12 @@ io::Scene Recorder::scene() const {
 
 Recording Recorder::recording() const {
   const basics::MutexLock lock(mutex_);
-  return {scene_, samples_};
+  Recording out{scene_, samples_, {}, 0};
+  if (series_) {
+    out.series = series_->series();
+    out.left_out = series_->leftOut();
+  }
+  return out;
 }
 
 void Recorder::adopt(io::Scene next) {

@@ -18,6 +18,7 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/end_request.hpp"
@@ -95,6 +96,7 @@ void RunAction::onGoal(const RunCalibrationGoal& goal) {
           "",
           [&] {
             const auto ending = play();
+            recorder_.stopSeries();
             if (!ending) return;
             rest();
             conclude(goal, *ending);
@@ -114,13 +116,18 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
   procedures::RunRules rules = rules_;
   rules.captures = goal.captures_per_pressure == 0 ? kUsualCaptures : goal.captures_per_pressure;
   rules.validate();
+  const bool fits_response =
+      estimation::fitParametersOf(goal.fit, true).count(estimation::FitParameter::kResponse) > 0;
+  basics::require(
+      goal.loop || !fits_response,
+      "response is fitted to a series that only a run with loop records; set loop: true");
   basics::require(target_publisher_.getNumSubscribers() > 0,
                   "pressure_target has no subscriber; is pressure_command running?");
   basics::require(!EndRequest::made(), "the node is shutting down");
   const io::Scene scene = recorder_.scene();
   basics::require(scene.camera && scene.tags, "scene ", scene.name,
                   " has no `camera` or no `tags`, so nothing can be recorded; add them to it");
-  const auto plan = procedures::checkPlan(scene.arm, goal.plan);
+  const auto plan = procedures::checkPlan(scene.arm, goal.plan, goal.loop);
   if (const auto* refusal = std::get_if<control::Refusal>(&plan)) {
     throw std::invalid_argument(refusal->message);
   }
@@ -134,6 +141,7 @@ void RunAction::begin(const RunCalibrationGoal& goal) {
                           scene.arm.inputAt(0), rules}});
   trace_ = {};
   recorder_.clear();
+  if (goal.loop) recorder_.startSeries();
   calibrator_.forgetLast();
 }
 

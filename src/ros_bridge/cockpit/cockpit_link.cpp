@@ -238,6 +238,7 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   }
   RunCalibrationGoal goal;
   goal.fit = fit;
+  goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();
   client_->sendGoal(
       goal,
       [this](const actionlib::SimpleClientGoalState& state,

@@ -42,7 +42,7 @@ struct CalibrationNodeOptions {
 /// data sets.
 ///
 /// Subscribes
-/// - tag_detections (TagDetections), vision_status (VisionStatus): of vision
+/// - tag_detections (TagDetections), vision_status (VisionStatus), measured (ArmShape): of vision
 /// - pressure_measured, pressure_command (PressureArray); target_status (TargetStatus)
 ///
 /// Publishes

@@ -8,12 +8,14 @@
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
 
+#include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/sample.hpp"
+#include "helix_arm/procedures/series_record.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "helix_arm/ros_bridge/calibration/recording.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -24,7 +26,7 @@ namespace helix_arm::ros_bridge {
 /// Listens to what is measured of an arm, tells whether it stands still and whether measurements
 /// are fresh, and holds the samples. From any thread.
 ///
-/// Subscribes to tag_detections, vision_status, pressure_measured and pressure_command.
+/// Subscribes to tag_detections, vision_status, measured, pressure_measured and pressure_command.
 ///
 /// Ages and windows go by the stamps of messages and ROS time; where ROS time stands still, by a
 /// steady clock (MovingClock).
@@ -52,9 +54,12 @@ class Recorder {
   procedures::Sample record() HELIX_ARM_EXCLUDES(mutex_);
   void add(procedures::Sample sample) HELIX_ARM_EXCLUDES(mutex_);
   std::size_t count() const HELIX_ARM_EXCLUDES(mutex_);  ///< of the samples
-  /// Forgets the samples.
-  /// @return how many there were.
+  /// Forgets the samples and the series.
+  /// @return how many samples there were.
   std::size_t clear() HELIX_ARM_EXCLUDES(mutex_);
+  /// Records a series of pressures and tips, until it is stopped; forgets the one before.
+  void startSeries() HELIX_ARM_EXCLUDES(mutex_);
+  void stopSeries() HELIX_ARM_EXCLUDES(mutex_);
 
   io::Scene scene() const HELIX_ARM_EXCLUDES(mutex_);
   Recording recording() const HELIX_ARM_EXCLUDES(mutex_);
@@ -68,6 +73,7 @@ class Recorder {
   void onDetections(const TagDetectionsConstPtr& detections) HELIX_ARM_EXCLUDES(mutex_);
   void onMeasured(const PressureArrayConstPtr& measured) HELIX_ARM_EXCLUDES(mutex_);
   void onCommand(const PressureArrayConstPtr& command) HELIX_ARM_EXCLUDES(mutex_);
+  void onShape(const ArmShapeConstPtr& shape) HELIX_ARM_EXCLUDES(mutex_);
   void onVision(const VisionStatusConstPtr& status) HELIX_ARM_EXCLUDES(mutex_);
   void onWatch(const ros::SteadyTimerEvent& event) HELIX_ARM_EXCLUDES(mutex_);
 
@@ -85,8 +91,11 @@ class Recorder {
   FaultCount foreign_pressures_ HELIX_ARM_GUARDED_BY(mutex_);
   std::vector<procedures::Sample> samples_ HELIX_ARM_GUARDED_BY(mutex_);
 
+  std::optional<procedures::SeriesRecord> series_ HELIX_ARM_GUARDED_BY(mutex_);
+  bool records_series_ HELIX_ARM_GUARDED_BY(mutex_) = false;
+
   ros::Subscriber detections_subscriber_, measured_subscriber_, command_subscriber_;
-  ros::Subscriber vision_subscriber_;
+  ros::Subscriber shape_subscriber_, vision_subscriber_;
   ros::SteadyTimer watch_timer_;
 };
 

@@ -1,0 +1,207 @@
+// A calibration run there and back on a simulated rig whose actuators lag and rub, without ROS:
+// regulators with lag and noise, tags with noise, pictures that arrive late.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <deque>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/model/curve.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/calibration_run.hpp"
+#include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/procedures/pressure_tour.hpp"
+#include "helix_arm/procedures/series_record.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
+#include "helix_arm/simulation/simulated_sight.hpp"
+#include "support/random.hpp"
+#include "support/temporary_file.hpp"
+
+namespace helix_arm {
+namespace {
+
+const std::string kScene = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
+constexpr double kStep = 0.01;        // of time [s]
+constexpr int kPicture = 3;           // steps from picture to picture
+constexpr double kLatency = 0.06;     // of a picture [s]
+constexpr double kCornerNoise = 0.3;  // [px]
+
+model::Response truth() {
+  model::Response out;
+  out.rise_time = 0.3;
+  out.fall_time = 0.6;
+  out.play_count = 1;
+  out.plays[0] = {8e3, 0.6};
+  return out;
+}
+
+simulation::SimulatedRig makeRig(const io::Scene& scene, std::uint32_t seed) {
+  simulation::ArmDeviation deviation = scene.simulation.arm;
+  deviation.response = truth();
+  auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
+  regulator.seed = seed;
+  return {scene.model, regulator, deviation};
+}
+
+// What a run of the calibration node leaves.
+struct Recorded {
+  procedures::CalibrationData data;
+  Eigen::MatrixXd plan;
+  std::vector<Eigen::Vector3d> tips;  // true ones at each step's end
+};
+
+Recorded record(const io::Scene& scene, bool loop) {
+  Recorded out;
+  out.plan = std::get<Eigen::MatrixXd>(procedures::checkPlan(scene.arm, {}, loop));
+  simulation::SimulatedRig rig = makeRig(scene, 4);
+  simulation::SimulatedSight sight(*scene.cameraSetup(), scene.view(), scene.vision,
+                                   {simulation::SightKind::kCorners, kCornerNoise, 5});
+  test::Random random(6);
+  std::vector<std::string> names;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) names.push_back(scene.arm.actuator(i).name);
+  procedures::SettleWatch watch(names, {});
+  procedures::SeriesRecord series(scene.arm.actuatorCount());
+  const Eigen::VectorXd rest = scene.arm.inputAt(0);
+  procedures::CalibrationRun run(out.plan, rest, rest, {});
+
+  struct Picture {
+    double time;
+    std::vector<procedures::TagSighting> tags;
+    std::optional<simulation::MeasuredShape> shape;
+  };
+  std::deque<Picture> pictures;
+  std::vector<procedures::Sample> captures;
+  std::vector<io::TagCornerCapture> samples;
+  Eigen::VectorXd command = rest;
+  for (int step = 1; !run.ended(); ++step) {
+    const double now = kStep * step;
+    rig.command(command);
+    rig.step(kStep);
+    const Eigen::VectorXd reading = rig.measure();
+    watch.command(now, command);
+    watch.measured(now, reading);
+    series.measured(now, reading);
+    if (step % kPicture == 0) {
+      const model::Shape shape = rig.shape();
+      Picture picture{now, {}, {}};
+      for (const estimation::TagSight& tag : estimation::visibleTags(scene.view(), shape)) {
+        procedures::TagSighting& seen = picture.tags.emplace_back();
+        seen.id = scene.tags->tags[static_cast<std::size_t>(tag.tag)].id;
+        seen.corners = tag.corners;
+        for (double& value : seen.corners.reshaped()) value += kCornerNoise * random.normal();
+      }
+      std::sort(picture.tags.begin(), picture.tags.end(),
+                [](const auto& a, const auto& b) { return a.id < b.id; });
+      picture.shape = sight.look(shape, shape);
+      pictures.push_back(std::move(picture));
+    }
+    while (!pictures.empty() && pictures.front().time + kLatency <= now) {
+      const Picture& picture = pictures.front();
+      watch.seen(picture.time, picture.tags);
+      if (picture.shape) series.seen(picture.time, picture.shape->tip.translation);
+      pictures.pop_front();
+    }
+    const auto order = run.advance(now, watch.at(now));
+    command = order.pressure;
+    if (order.capture) captures.push_back(*order.capture);
+    if (!order.step_done) continue;
+    const procedures::Sample median = medianOf(captures);
+    captures.clear();
+    io::TagCornerCapture& sample = samples.emplace_back();
+    sample.number = static_cast<int>(samples.size());
+    sample.pressure = scene.arm.clamped(median.pressure);
+    sample.time = median.time;
+    for (const auto& tag : median.tags) sample.tags.push_back({tag.id, tag.corners});
+    out.tips.push_back(model::tipPose(rig.twists()).translation);
+  }
+  EXPECT_EQ(run.verdict(), procedures::RunEnd::kCompleted) << run.reason();
+  out.data.captures = procedures::makeCaptures(scene, samples, "samples").captures;
+  out.data.sources.push_back({"samples", loop ? "loop" : "up", static_cast<int>(samples.size())});
+  if (loop) out.data.tips = series.series();
+  return out;
+}
+
+procedures::CalibrationOutcome calibrate(const procedures::CalibrationData& data,
+                                         const std::vector<std::string>& fit) {
+  procedures::CalibrationRequest request;
+  request.fit = fit;
+  request.date = "2026-01-01T00:00:00Z";
+  return procedures::runCalibration(kScene, {}, request, data);
+}
+
+// RMS distance of the tip that a scene predicts from the true one, through a round trip [m].
+double cycleError(const io::Scene& predicted, const io::Scene& scene) {
+  simulation::SimulatedRig rig = makeRig(scene, 7);
+  model::ArmResponse response(predicted.arm);
+  const Eigen::MatrixXd tour = procedures::pressureTour(scene.arm);
+  Eigen::VectorXd command = scene.arm.inputAt(0);
+  double sum = 0;
+  int count = 0, held = 0;
+  for (Eigen::Index stop = 0; stop < tour.rows();) {
+    const double most = procedures::RunRules().ramp * kStep;
+    const Eigen::VectorXd target = tour.row(stop).transpose();
+    command += (target - command).cwiseMax(-most).cwiseMin(most);
+    rig.command(command);
+    rig.step(kStep);
+    response.follow(kStep * ++count, rig.pressure());
+    const Eigen::Vector3d tip =
+        predicted.arm.tip(predicted.arm.clamped(response.felt())).translation;
+    sum += (tip - model::tipPose(rig.twists()).translation).squaredNorm();
+    if (command == target && ++held * kStep > 0.5) {
+      held = 0;
+      ++stop;
+    }
+  }
+  return std::sqrt(sum / count);
+}
+
+TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
+  const io::Scene scene = io::loadScene(kScene);
+  const Recorded up = record(scene, false), loop = record(scene, true);
+
+  // Up against down at the same pressures.
+  double apart = 0;
+  for (Eigen::Index step = 0; step < loop.plan.rows(); ++step) {
+    const Eigen::Index back = loop.plan.rows() - 1 - step;
+    apart = std::max(apart, (loop.tips.at(static_cast<std::size_t>(step)) -
+                             loop.tips.at(static_cast<std::size_t>(back)))
+                                .norm());
+  }
+
+  const auto without = calibrate(up.data, {"stiffness", "length_scale"});
+  ASSERT_TRUE(without.success) << without.message;
+  const std::vector<std::string> fit{"response", "stiffness", "length_scale"};
+  const auto with = calibrate(loop.data, fit);
+  ASSERT_TRUE(with.success) << with.message;
+  procedures::CalibrationData untimed = loop.data;
+  for (estimation::Capture& capture : untimed.captures) capture.time.reset();
+  const auto measured = calibrate(untimed, fit);
+  ASSERT_TRUE(measured.success) << measured.message;
+
+  const auto errorOf = [&](const procedures::CalibrationOutcome& outcome) {
+    return cycleError(io::sceneOfText(outcome.scene_text, kScene), scene);
+  };
+  const double before = cycleError(scene, scene), static_error = errorOf(without),
+               error = errorOf(with), unfelt = errorOf(measured);
+  const estimation::ResponseFit& response = with.response->fit;
+  std::printf(
+      "[  FIGURE  ] tip up against down at the same pressures: up to %.2f mm\n"
+      "[  FIGURE  ] lag %.3f and %.3f s, half width of the loop %.2f kPa; series %.2f mm RMS, %.2f "
+      "mm without a response; tip of the samples from %.2f to %.2f mm, median\n"
+      "[  FIGURE  ] tip through a cycle, RMS: %.2f mm before, %.2f calibrated up alone, %.2f "
+      "calibrated there and back (%.2f with measured in place of felt pressures)\n",
+      1e3 * apart, response.rise_time.value, response.fall_time.value,
+      1e-3 * response.response.halfWidth(), 1e3 * response.rms, 1e3 * response.static_rms,
+      1e3 * with.tip_error_before.value(), 1e3 * with.tip_error_after.value(), 1e3 * before,
+      1e3 * static_error, 1e3 * error, 1e3 * unfelt);
+  for (const std::string& warning : with.warnings) std::printf("%s\n", warning.c_str());
+}
+
+}  // namespace
+}  // namespace helix_arm
