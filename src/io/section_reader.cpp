@@ -99,13 +99,9 @@ void addActuator(const std::optional<std::string>& name, const std::vector<lie::
                  const InheritedStiffness& stiffness, const Fitting& fitting, double length_scale,
                  model::Section& section) {
   if (!name || !stiffness.value || fitting.contraction == nullptr || !fitting.limits) return;
-  section.actuators.push_back({*name,
-                               along.front(),
-                               *stiffness.value,
-                               fitting.contraction->curve.scaledBy(length_scale),
-                               *fitting.limits,
-                               fitting.contraction->drive,
-                               fitting.contraction->response});
+  section.actuators.push_back({*name, along.front(), *stiffness.value,
+                               fitting.contraction->curve.scaledBy(length_scale), *fitting.limits,
+                               fitting.contraction->drive, fitting.contraction->response});
   if (along.size() > 1) section.actuators.back().taper = along;
 }
 

@@ -46,8 +46,8 @@ class Shape {
   /// a section, that is beyond its link.
   lie::SE3 beyond(const lie::SE3& X, int j) const {
     const lie::SE3 end = X * lie::SE3::exp(pieces_.col(j));
-    if (!links_ || (j + 1) % pieces_per_section_ != 0) return end;
-    return end * (*links_)[j / pieces_per_section_];
+    const bool last = (j + 1) % pieces_per_section_ == 0;
+    return links_ && last ? end * (*links_)[j / pieces_per_section_] : end;
   }
 
   /// Mean twist of each section over its length (6 x sections): the sum of its pieces. Without
