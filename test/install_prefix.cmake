@@ -1,6 +1,11 @@
-# Installs a finished build to a folder of its own: run with -DBUILD=<build> -DSCRATCH=<folder> -P.
+# Installs a finished build to a folder of its own: run with -DBUILD=<build> -P. That folder is outside of the package, below which
+# roslaunch would find its launch files too.
 cmake_minimum_required(VERSION 3.16)
-file(REMOVE_RECURSE ${SCRATCH})
+execute_process(COMMAND mktemp -d -t "helix_arm prefix.XXXXXX"
+  RESULT_VARIABLE result OUTPUT_VARIABLE SCRATCH OUTPUT_STRIP_TRAILING_WHITESPACE)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "no temporary folder: ${result}")
+endif()
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${SCRATCH}
   RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
 if(NOT result EQUAL 0)

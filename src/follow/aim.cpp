@@ -119,7 +119,10 @@ const Eigen::VectorXd& Aim::led(const Eigen::Vector3d& velocity, double time_con
   square.diagonal().array() += kLeadDamping * square.trace() / 3.0;
   const Eigen::Vector3d weight = square.ldlt().solve(time_constant * velocity);
   for (int i = 0; i < arm_.actuatorCount(); ++i) {
-    led_[i] = std::clamp(pressure_[i] + by_pressure_.col(i).dot(weight), lower_[i], upper_[i]);
+    const double change = by_pressure_.col(i).dot(weight);
+    const model::Response& response = arm_.actuator(i).response;
+    const double lag = change > 0 ? response.rise_time : response.fall_time;
+    led_[i] = std::clamp(pressure_[i] + (1.0 + lag / time_constant) * change, lower_[i], upper_[i]);
   }
   return led_;
 }

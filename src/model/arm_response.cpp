@@ -104,6 +104,15 @@ void ArmResponse::feltLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
   }
 }
 
+Eigen::VectorXd ArmResponse::feltAt(const InputRef& input) const {
+  requireSize(input.size());
+  Eigen::VectorXd out = input;
+  for (int i = 0; i < size(); ++i) {
+    if (state(i).started()) out[i] = state(i).feltAt(input[i]);
+  }
+  return out;
+}
+
 void ArmResponse::inputsFor(const Arm& arm, const InputRef& felt,
                             Eigen::Ref<Eigen::VectorXd> input) const noexcept {
   for (int i = 0; i < size(); ++i) {

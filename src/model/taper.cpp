@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 
@@ -51,24 +52,28 @@ std::vector<Value> modesOf(const std::vector<Value>& values) {
   return out;
 }
 
-// Largest difference of two matrices, relative to the largest entry of each block of rows and
-// columns with one unit.
-template <class Group, class Value>
-double apart(const Value& found, const Value& expected, bool square) {
-  constexpr int kSpace = Group::kSpace, kRotations = Group::kRotations;
-  const Eigen::MatrixXd off = (found - expected).cwiseAbs(), all = expected.cwiseAbs();
-  const auto n = static_cast<int>(off.cols());
-  const int split = square ? kSpace : n;
-  double worst = 0.0;
-  for (const auto& [row, rows] : {std::pair{0, kSpace}, std::pair{kSpace, kRotations}}) {
-    for (const auto& [column, columns] : {std::pair{0, split}, std::pair{split, n - split}}) {
-      if (columns == 0) continue;
-      const double largest = all.block(row, column, rows, columns).maxCoeff();
-      const double error = off.block(row, column, rows, columns).maxCoeff();
-      if (largest > 0) worst = std::max(worst, error / largest);
-    }
-  }
-  return worst;
+// Largest difference of two maps (dof x n), relative to the largest entry of the rows of one unit.
+template <class Group, class Map>
+double mapsApart(const Map& found, const Map& expected) {
+  const auto worst = [&](auto rows) {
+    return (found(rows, Eigen::all) - expected(rows, Eigen::all)).cwiseAbs().maxCoeff() /
+           expected(rows, Eigen::all).cwiseAbs().maxCoeff();
+  };
+  return std::max(worst(Eigen::seqN(0, Group::kSpace)),
+                  worst(Eigen::seqN(Group::kSpace, Group::kRotations)));
+}
+
+// Largest difference of two compliances (dof x dof), relative to the largest entry that their
+// diagonals allow among the entries of one unit: symmetry makes whole blocks of them 0.
+template <class Group, class Matrix>
+double compliancesApart(const Matrix& found, const Matrix& expected) {
+  const auto diagonal = expected.diagonal();
+  const double along = std::sqrt(diagonal.template head<Group::kSpace>().maxCoeff()),
+               about = std::sqrt(diagonal.template tail<Group::kRotations>().maxCoeff());
+  typename Group::Tangent scale;
+  scale.template head<Group::kSpace>().setConstant(along);
+  scale.template tail<Group::kRotations>().setConstant(about);
+  return ((found - expected).cwiseAbs().array() / (scale * scale.transpose()).array()).maxCoeff();
 }
 
 struct CellPlace {
@@ -102,10 +107,11 @@ Group poseAlong(const ActuatorOf<Group>& actuator, double s) {
 
 template <class Group>
 TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators) {
+  bool first = true;
   for (const ActuatorOf<Group>& actuator : actuators) {
     const int cells = static_cast<int>(actuator.taper.size()) - 1;
     if (cells < 1) continue;
-    if (cells_ > 1 && cells != cells_) {
+    if (!std::exchange(first, false) && cells != cells_) {
       throw std::invalid_argument(actuator.name + " has " + std::to_string(cells + 1) +
                                   " poses along the section; expected " +
                                   std::to_string(cells_ + 1) + ", as another actuator has");
@@ -140,8 +146,8 @@ TaperOf<Group>::TaperOf(const std::vector<ActuatorOf<Group>>& actuators) {
     for (int i = 0; i <= 8 * cells_; ++i) {
       const double s = std::clamp(i / (8.0 * cells_), 0.0, 1.0);
       const Equilibrium<Group> at = balanceAt(actuators, s);
-      worst = std::max({worst, apart<Group>(mapAt(s), at.map, false),
-                        apart<Group>(complianceAt(s), at.compliance, true)});
+      worst = std::max({worst, mapsApart<Group>(mapAt(s), at.map),
+                        compliancesApart<Group>(complianceAt(s), at.compliance)});
     }
     return worst;
   };

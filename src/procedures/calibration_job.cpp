@@ -123,6 +123,18 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
   return out;
 }
 
+// Captures of a scene, with the poses of tags seen from the base that another scene knows.
+std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scene& scene,
+                                          std::vector<estimation::Capture> captures) {
+  const lie::SE3 X_B1B = other.X_BF * scene.X_BF.inverse();
+  for (estimation::Capture& capture : captures) {
+    auto* const poses = std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
+    if (poses == nullptr) continue;
+    for (estimation::PoseObservation& one : *poses) one.X_BT = X_B1B * one.X_BT;
+  }
+  return captures;
+}
+
 // Adds the captures of another arm, without those that show no tag of it.
 void addArm(const io::Scene& scene, const std::vector<estimation::Capture>& captures,
             CalibrationOutcome& outcome) {
@@ -313,6 +325,7 @@ CalibrationOutcome runCalibration(const std::string& path,
   if (fits_arm) {
     outcome.tip_error_before = medianTipError(scene, data.captures);
     const io::Scene calibrated = io::sceneOfText(outcome.scene_text, path);
+    captures = seenFrom(calibrated, scene, std::move(captures));
     outcome.tip_error_after = medianTipError(calibrated, captures);
     const std::vector<std::string> apart = warningsOfScatter(calibrated, captures);
     outcome.warnings.insert(outcome.warnings.end(), apart.begin(), apart.end());

@@ -60,6 +60,10 @@ Determined determinedOf(const CalibrationOutcome& outcome) {
 }
 
 std::string textOf(const estimation::Parameter& one) {
+  if (one.unit == "Pa") {
+    return textOf({one.name, "kPa", 1e-3 * one.initial, 1e-3 * one.value, 1e-3 * one.standard_error,
+                   one.identifiable});
+  }
   return one.name + format(" = %.*g +- %.2g", digitsOf(one), one.value, one.standard_error) +
          (one.unit.empty() ? "" : " " + one.unit);
 }

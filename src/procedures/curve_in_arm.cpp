@@ -12,6 +12,8 @@ using estimation::Calibration;
 
 // Largest deviation of the curve of a muscle from its free lengths, in their standard errors.
 constexpr double kMostErrors = 3.0;
+// Largest residuals of captures that still tell of a muscle, in standard deviations of their noise.
+constexpr double kMostMisfit = 2.0;
 // Points at which curves are compared.
 constexpr int kCompared = 101;
 // Lengths that differ by less are the same, written with other digits [m].
@@ -81,6 +83,12 @@ std::string reasonAgainst(const CurveInArm& found, const Calibration& with,
         "the free lengths; expected at most %.0f: it describes the arm, not the muscle (unequal "
         "lengths, friction)",
         1e3 * found.deviation, found.pressure / 1e3, found.standard_errors, kMostErrors);
+  }
+  if (with.noise_scale > kMostMisfit) {
+    return phrase(
+        "the residuals of the captures remain %.1f times as large as their noise; expected at most "
+        "%.0f times: the curve describes the arm, not the muscle (unequal lengths, friction)",
+        with.noise_scale, kMostMisfit);
   }
   const auto worse = [](const char* what, const estimation::HeldOut& a,
                         const estimation::HeldOut& b, const std::string& unit) {

@@ -1,5 +1,7 @@
 #include "response_calibration.hpp"
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <utility>
 
 namespace helix_arm::procedures {
@@ -7,6 +9,9 @@ namespace {
 
 using estimation::ResponseFit;
 using estimation::ResponseVerdict;
+
+// Of a direction that counts, relative to the largest motion.
+constexpr double kLeastMotion = 0.5;
 
 // The response as it is written: the fit's, but of the scene what the data do not determine.
 model::Response written(const ResponseFit& fit, const model::Response& before) {
@@ -36,6 +41,28 @@ std::optional<std::string> faultOf(const CalibrationRequest& request, const Cali
            "was chosen";
   }
   return std::nullopt;
+}
+
+// The positions along the directions of the largest motions: across an arm. Those along it vary
+// with the square of its bend and tell little of what muscles remember.
+Eigen::MatrixXd largestMotions(const Eigen::MatrixXd& position) {
+  Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+  Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
+  double rows = 0;
+  for (const auto& row : position.rowwise()) {
+    if (!row.allFinite()) continue;
+    sum += row;
+    square += row.transpose() * row;
+    ++rows;
+  }
+  const Eigen::RowVector3d mean = sum / std::max(rows, 1.0);
+  const Eigen::MatrixXd about = position.rowwise() - mean;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(square -
+                                                            rows * mean.transpose() * mean);
+  const Eigen::Vector3d& squares = axes.eigenvalues();  // ascending
+  const double least = kLeastMotion * kLeastMotion * squares[2];
+  const auto count = (squares.array() >= least).count();
+  return about * axes.eigenvectors().rightCols(count);
 }
 
 // The numbers that were found.
@@ -121,7 +148,8 @@ std::optional<std::string> fitResponseOf(const io::Scene& scene, const Calibrati
     found.fit =
         estimation::fitResponse(data.lengths.history, (length(0, 0) - length.array()).matrix());
   } else {
-    found.fit = estimation::fitResponseToPositions(data.tips.history, data.tips.reading);
+    found.fit =
+        estimation::fitResponseToPositions(data.tips.history, largestMotions(data.tips.reading));
   }
   if (!found.fit.fitted()) return "response: " + found.fit.failure;
   found.response = written(found.fit, before);

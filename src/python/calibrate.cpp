@@ -8,7 +8,7 @@
 namespace helix_arm::python {
 namespace {
 
-py::list parametersOf(const procedures::CalibrationOutcome& outcome) {
+py::list parameterList(const procedures::CalibrationOutcome& outcome) {
   py::list parameters;
   for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
     py::dict entry;
@@ -65,7 +65,7 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
   py::dict out;
   out["success"] = outcome.success;
   out["message"] = outcome.message;
-  out["parameters"] = parametersOf(outcome);
+  out["parameters"] = parameterList(outcome);
   out["correlation"] = py::none();
   out["error_unit"] = "";
   out["rms"] = py::none();

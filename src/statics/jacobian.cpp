@@ -162,6 +162,8 @@ ShapeJacobian withoutLoad(const ArmModel& model, const model::InputRef& q) {
 // About the fifth root of a solution's error: of a section's angle [rad], and of the stiffness.
 constexpr double kAngleStep = 1e-2;
 constexpr double kStiffnessStep = 5e-3;
+// A force that only stretches the arm strains it by less than what buckles a slender one.
+constexpr double kStretchStep = 1e-3;
 
 struct Term {
   double place, weight;
@@ -238,7 +240,8 @@ void differByTipLoad(const ArmModel& model, const Eigen::VectorXd& lengths,
       takesLoad(own.tier) ? own : TierSetting{Tier::kLoaded, kMostOrder};  // of a tapered arm
   for (int j = 0; j < 6; ++j) {
     const double angle = out.tip.col(j).tail<3>().norm();
-    const double turn = std::max(angle, out.tip.col(j).head<3>().norm() / model.arm().restLength());
+    const double strain = out.tip.col(j).head<3>().norm() / model.arm().restLength();
+    const double turn = std::max(angle, kAngleStep / kStretchStep * strain);
     const auto changed = [&](double change) {
       Load load = *model.load();
       PointLoad tip;

@@ -20,6 +20,7 @@ namespace {
 constexpr int kCornerSamples = 40;  // per section
 constexpr int kMostCornerSamples = 160;
 constexpr int kInnerSamples = 16;
+constexpr double kTaperedError = 1e-5;  // at which an arm stops doubling its Magnus steps
 // If none of this many samples has a balance, the others are skipped, since each takes long.
 constexpr int kHopeless = 6;
 
@@ -228,6 +229,10 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
     basics::require(time <= *request.time, "budget.time_us: the cheapest tier, ", setting.name(),
                     ", takes ", microseconds(time),
                     " on average over sampled inputs; allow twice that, since times vary");
+  }
+  if (arm.tapered()) {
+    return {setting, kTaperedError,
+            "the arm has no load, so each of its cross-sections is in balance by itself"};
   }
   if (request.tier) return {setting, 0.0, "requested; the arm has no load"};
   return {setting, 0.0,

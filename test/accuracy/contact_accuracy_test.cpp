@@ -25,10 +25,13 @@ constexpr double kForce = 0.3;        // [N]
 constexpr double kTouched = 14.5;     // time of the force [s]
 constexpr double kLeastScore = 16.0;  // of what nearly is an alarm
 
-io::Scene arm() {
-  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml",
-                       {{"simulation.arm.K_eps_scale", "0.9"}});
+io::Scene arm(std::vector<io::Override> changes = {}) {
+  changes.push_back({"simulation.arm.K_eps_scale", "0.9"});
+  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml", changes);
 }
+
+// Of the true muscles: play of 4 kPa to either side.
+constexpr char kPlay[] = "{play_kpa: [4], play_weight: [0.95]}";
 
 Eigen::VectorXd randomPressure(const model::Arm& arm, test::Random& random) {
   Eigen::VectorXd fraction(arm.actuatorCount());
@@ -167,13 +170,13 @@ void print(const char* what, const Quiet& quiet) {
               quiet.hours, what, quiet.alarms, quiet.highest, quiet.crossings);
 }
 
-Quiet stepsWithoutContact(int runs, double seconds) {
-  const io::Scene scene = arm();
+Quiet stepsWithoutContact(int runs, double seconds, const io::Scene& scene = arm(),
+                          const char* what = "of steps") {
   Quiet quiet;
   for (int run = 0; run < runs; ++run) {
     watch(scene, randomTips(scene, static_cast<int>(seconds / 4), seconds, 200 + run), quiet);
   }
-  print("of steps", quiet);
+  print(what, quiet);
   return quiet;
 }
 
@@ -189,11 +192,23 @@ Quiet restWithoutContact(int runs, double seconds) {
 
 TEST(Contact, StepsAreNoContact) { EXPECT_EQ(stepsWithoutContact(1, 240).alarms, 0); }
 
+TEST(Contact, StepsOfMusclesWithAKnownPlayAreNoContact) {
+  const io::Scene known = arm({{"contractions.fig3_muscle.response", kPlay}});
+  EXPECT_EQ(stepsWithoutContact(1, 240, known, "of steps with a play that is known").alarms, 0);
+}
+
 TEST(Contact, RestIsNoContact) { EXPECT_EQ(restWithoutContact(1, 480).alarms, 0); }
 
 // The whole figures, which take minutes: run with --gtest_also_run_disabled_tests.
 TEST(Contact, DISABLED_AnHourOfStepsIsNoContact) {
   EXPECT_EQ(stepsWithoutContact(12, 310).alarms, 0);
+}
+
+TEST(Contact, DISABLED_HalfAnHourOfStepsWithPlay) {
+  const io::Scene known = arm({{"contractions.fig3_muscle.response", kPlay}}),
+                  unknown = arm({{"simulation.arm.response", kPlay}});
+  const int alarms = stepsWithoutContact(6, 310, known, "of steps, play known").alarms;
+  EXPECT_LT(alarms, stepsWithoutContact(6, 310, unknown, "of steps, play unknown").alarms);
 }
 
 TEST(Contact, DISABLED_ThreeHoursOfRestAreNoContact) {

@@ -441,10 +441,9 @@ TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
   const json in_arm = outcome.json()["contractions"][0]["in_arm"];
   EXPECT_EQ(in_arm["taken"], false);
-  EXPECT_GT(in_arm["standard_errors"].get<double>(), 3);
   EXPECT_NE(in_arm["reason"].get<std::string>().find("the arm, not the muscle"), std::string::npos);
   EXPECT_LT(outcome.json()["contractions"][0]["rms_m"].get<double>(), 0.7e-3);
-  std::printf("spatial_50: %.1f standard errors\n", in_arm["standard_errors"].get<double>());
+  std::printf("spatial_50: %s\n", in_arm["reason"].get<std::string>().c_str());
 }
 
 TEST_F(CalibrateMeasured, HelicalCapturesThatNoShapeExplainsAreNamed) {

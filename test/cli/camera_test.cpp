@@ -193,7 +193,7 @@ struct MovedRig {
     simulation::SimulatedCameraConfig config = scene.simulation.camera;
     config.seed = seed;
     simulation::SimulatedCamera camera(view, vision::TagFamily("36h11"),
-                                       {scene.looks[0].separator_radius}, config);
+                                       {{scene.looks[0].separator_radius}}, config);
     // The true arm of the rig, 1 % longer.
     const simulation::TrueArm arm(scene.model, scene.simulation.arm);
     save(path, camera.render(arm.shape(scene.arm.inputAt(0))));

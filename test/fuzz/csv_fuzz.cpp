@@ -8,6 +8,7 @@
 #include "helix_arm/io/tag_poses.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "memory_file.hpp"
 
 namespace {

@@ -62,7 +62,7 @@ TEST(CalibrationWords, WithoutTagsOrDeterminedParametersItSaysSo) {
   EXPECT_EQ(resultText("demo", curve), "calibrated demo: contraction muscle");
   curve.response = FittedResponse{{"muscle"}, {}, {}, {{"play_1", "Pa", 0, 40123, 812, true}}};
   EXPECT_EQ(resultText("demo", curve),
-            "calibrated demo: contraction muscle, play_1 = 40100 +- 8.1e+02 Pa");
+            "calibrated demo: contraction muscle, play_1 = 40.12 +- 0.81 kPa");
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "support/scene_text.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"

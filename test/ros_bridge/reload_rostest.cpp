@@ -89,6 +89,31 @@ TEST_F(Reloading, AnotherStiffnessIsAnotherModelAtTheSameCommand) {
   EXPECT_TRUE(rig_.model.next([&](const ArmShape& m) { return isModelOf(demo, rig_, m); }));
 }
 
+// Muscles with play that come down feel more than their pressure.
+TEST_F(Reloading, ATipTargetGoesWhereTheNewResponseIsFelt) {
+  const TemporaryFile file(
+      demoWith({{"contractions.fig3_muscle.response", "{play_kpa: [20], play_weight: [0.6]}"}}),
+      ".yaml");
+  const io::Scene scene = io::loadScene(file.path());
+  ASSERT_TRUE(reload(kPressureCommand, file.path()).success);
+  ASSERT_EQ(rig_.sendPressures({3e5, 0, 0}).outcome, TargetStatus::REACHED);
+  ASSERT_TRUE(rig_.measured.next([](const PressureArray& m) { return m.pressure[0] > 2.9e5; }));
+  rig_.fallSilent();
+  const Eigen::Vector3d wanted = scene.model.tip(Eigen::Vector3d(2e5, 2e4, 2e4)).tip.translation;
+  TipTarget target;
+  target.mode = TipTarget::POSITION;
+  target.pose.position.x = wanted.x();
+  target.pose.position.y = wanted.y();
+  target.pose.position.z = wanted.z();
+  EXPECT_TRUE(waitFor([&] {
+    if (rig_.send(target).outcome != TargetStatus::REACHED) return false;
+    const geometry_msgs::Point tip = rig_.model.last().tip.position;
+    return (Eigen::Vector3d(tip.x, tip.y, tip.z) - wanted).norm() < 1e-3;
+  }));
+  const std::vector<double> command = rig_.command.last().pressure;
+  EXPECT_LT(command[0], 2e5 - 0.5 * 0.6 * 2e4) << "less than what it is felt as";
+}
+
 TEST_F(Reloading, AFaultyFileChangesNothing) {
   const io::Scene demo = shippedScene("demo");
   const TemporaryFile faulty(demoWith({}) + "\nnonsense: 1\n", ".yaml"), broken("arm: [", ".yaml");

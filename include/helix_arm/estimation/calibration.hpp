@@ -206,6 +206,8 @@ struct Calibration {
 
   std::string error_unit;  ///< unit of rms and held-out errors: rad, px or m
   double rms = 0;          ///< over the readings that fit
+  /// How many times as large as expected the noise is, by the residuals; at least 1.
+  double noise_scale = 1;
   std::vector<CaptureResidual> captures;
   std::optional<HeldOut> by_pressure, by_arm;
   /// (actuators) of the first arm [Pa]: the most informative next pressures, best first.

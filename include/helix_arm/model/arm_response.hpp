@@ -56,6 +56,8 @@ class ArmResponse {
   /// within those limits. @param lower, upper  (n).
   void feltLimits(const Arm& arm, Eigen::Ref<Eigen::VectorXd> lower,
                   Eigen::Ref<Eigen::VectorXd> upper) const noexcept;
+  /// What inputs (n) come to be felt as when they are reached in one direction from here.
+  Eigen::VectorXd feltAt(const InputRef& input) const;
   /// Inputs (n) within the arm's limits that, reached in one direction from here, feel as wanted.
   void inputsFor(const Arm& arm, const InputRef& felt,
                  Eigen::Ref<Eigen::VectorXd> input) const noexcept;

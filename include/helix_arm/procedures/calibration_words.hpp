@@ -18,7 +18,7 @@ struct Determined {
 };
 Determined determinedOf(const CalibrationOutcome& outcome);
 
-/// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2".
+/// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2". Pressures in kPa.
 std::string textOf(const estimation::Parameter& parameter);
 
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.

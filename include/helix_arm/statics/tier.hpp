@@ -67,7 +67,7 @@ struct TierSetting {
 struct TierChoice {
   TierSetting setting;
   /// Largest tip error against the exact tier over the sampled inputs, as a fraction of the arm's
-  /// length, at least kExactTipError; 0 without load.
+  /// length, at least kExactTipError; without load 0, or that of the steps of a taper.
   double relative_tip_error = 0.0;
   std::string reason;  ///< one sentence
 };

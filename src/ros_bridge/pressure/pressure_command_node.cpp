@@ -27,7 +27,7 @@ PressureCommandNode::PressureCommandNode()
           node_.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)),
       shapes_(node_, scene_, options_,
               [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
-      intake_(node_, scene_, shapes_.baseFrame(),
+      intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(),
               {[this] { return loop_->goal(); },
                [this](const Eigen::VectorXd& pressure) { return loop_->command(pressure); }}),
       model_server_(ros::NodeHandle("~"), scene_.model) {

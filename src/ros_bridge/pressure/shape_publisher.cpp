@@ -114,7 +114,7 @@ std::string ShapePublisher::unmeasuredText() const {
 
 void ShapePublisher::moveHandle(const Eigen::VectorXd& goal) {
   if (!handle_) return;
-  const statics::Tip commanded = scene_.model.tip(goal);
+  const statics::Tip commanded = scene_.model.tip(scene_.arm.clamped(response_.feltAt(goal)));
   if (commanded.converged()) handle_->follow(commanded.tip);
 }
 

@@ -10,11 +10,14 @@
 namespace helix_arm::ros_bridge {
 
 TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
-                           Commands commands)
+                           const model::ArmResponse& response, Commands commands)
     : scene_(scene),
       base_frame_(std::move(base_frame)),
+      response_(response),
       commands_(std::move(commands)),
       solver_(scene.model),
+      lower_(scene.arm.inputAt(0)),
+      upper_(lower_),
       admission_(node, scene),
       pressure_subscriber_(
           listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this)),
@@ -55,7 +58,8 @@ void TargetIntake::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& eve
   const TargetSender sender{names::kShapeTarget, event.getPublisherName(), target.header.stamp};
   const auto checked = admission_.fresh(sender, fromMsg(target, scene_.arm.sectionCount()));
   if (const model::Twists* twists = admission_.admit(sender, checked)) {
-    follow(sender, solver_.toTwists(*twists, commands_.goal()));
+    const Eigen::VectorXd from = beginSearch();
+    follow(sender, solver_.toTwists(*twists, from));
   }
 }
 
@@ -67,16 +71,25 @@ void TargetIntake::onTipTarget(const ros::MessageEvent<const TipTarget>& event) 
 
 void TargetIntake::aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked) {
   if (const TipGoal* goal = admission_.admit(sender, checked)) {
-    const Eigen::VectorXd from = commands_.goal();
+    const Eigen::VectorXd from = beginSearch();
     follow(sender, goal->with_rotation ? solver_.toPose(goal->X_BT, from)
                                        : solver_.toPosition(goal->X_BT.translation, from));
   }
 }
 
+Eigen::VectorXd TargetIntake::beginSearch() {
+  if (response_.instant()) return commands_.goal();
+  response_.feltLimits(scene_.arm, lower_, upper_);
+  solver_.limit(lower_, upper_);
+  return response_.feltAt(commands_.goal()).cwiseMax(lower_).cwiseMin(upper_);
+}
+
 void TargetIntake::follow(const TargetSender& sender, const statics::InverseResult& result) {
+  Eigen::VectorXd pressure = result.input;
+  if (!response_.instant()) response_.inputsFor(scene_.arm, result.input, pressure);
   if (!result.converged()) {
     admission_.drop(sender, notConverged());
-  } else if (command(sender, result.input)) {
+  } else if (command(sender, pressure)) {
     admission_.accept(sender,
                       {result.status, result.residual, result.position_error, result.limits});
   }

@@ -43,7 +43,8 @@ class ShapePublisher {
   /// @param measured  (n) gauge [Pa]
   void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
 
-  /// Brings the handle, if there is one, to the model's tip at these pressures, if it finds one.
+  /// Brings the handle, if there is one, to the model's tip at these pressures once they are felt,
+  /// if it finds one.
   /// @param goal  (n) gauge [Pa]
   void moveHandle(const Eigen::VectorXd& goal);
   /// The state of the arm, drawn above its base from the next drawing on.
@@ -52,6 +53,9 @@ class ShapePublisher {
   }
   /// Draws the shape at the last reading, or removes it if that is stale or has no shape.
   void draw();
+
+  /// What the actuators remember of their measured pressures.
+  const model::ArmResponse& response() const { return response_; }
 
   const std::string& baseFrame() const { return frames_.base; }
 

@@ -14,6 +14,7 @@
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/pressure/target_admission.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -38,8 +39,9 @@ class TargetIntake {
   /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
   ///                    to it, call adopt() before the next target.
   /// @param base_frame  Frame of tip targets.
+  /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
   TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
-               Commands commands);
+               const model::ArmResponse& response, Commands commands);
 
   /// A target from the interactive marker, whose stamp is not checked.
   void takeFromHandle(const TipTarget& target);
@@ -59,14 +61,20 @@ class TargetIntake {
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
   void aimTip(const TargetSender& sender, const control::Checked<TipGoal>& checked);
 
+  /// Where the search begins: the present command, as it comes to be felt. Limits the search to
+  /// what can be felt.
+  Eigen::VectorXd beginSearch();
+  /// Goes where the result's pressures are felt.
   void follow(const TargetSender& sender, const statics::InverseResult& result);
   /// Commands it; else drops the target and returns false.
   bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
 
   const io::Scene& scene_;
   const std::string base_frame_;
+  const model::ArmResponse& response_;
   const Commands commands_;
   statics::InverseSolver solver_;
+  Eigen::VectorXd lower_, upper_;  // of what can be felt
   TargetAdmission admission_;
   control::UnitWatch units_;
   ros::Subscriber pressure_subscriber_, shape_subscriber_, tip_subscriber_;
