@@ -39,7 +39,9 @@ TEST(PressurePlan, ThereAndBackReachesEveryPressureFromBelowAndFromAbove) {
   const Eigen::MatrixXd loop = std::get<Eigen::MatrixXd>(checkPlan(kArm, {}, true));
   ASSERT_EQ(loop.rows(), 23);
   EXPECT_EQ(loop, loop.colwise().reverse());
-  for (const auto& level : defaultPressurePlan(kArm).rowwise()) {
+  const Eigen::MatrixXd plan = defaultPressurePlan(kArm);
+  for (Eigen::Index k = 0; k < plan.rows(); ++k) {
+    const Eigen::RowVectorXd level = plan.row(k);
     Eigen::Index actuator = 0;
     const double pressure = level.maxCoeff(&actuator);
     if (pressure == 0) continue;
@@ -51,7 +53,7 @@ TEST(PressurePlan, ThereAndBackReachesEveryPressureFromBelowAndFromAbove) {
     }
     EXPECT_GE(from_below, 1) << level;
     // The largest of each actuator has nothing above it.
-    const bool largest = defaultPressurePlan(kArm).col(actuator).maxCoeff() == pressure;
+    const bool largest = plan.col(actuator).maxCoeff() == pressure;
     EXPECT_EQ(from_above, largest ? 0 : 1) << level;
   }
 }
