@@ -109,18 +109,20 @@ Combination combinationAlong(const LogErrors& errors, const std::vector<int>& me
   return out;
 }
 
-// Combinations of one group; none if each of them is one parameter to two digits.
+// Combinations of one group; none if each of them is one parameter to two digits, or if the data
+// determine none: then the parameters alone say more.
 std::vector<Combination> combinationsAmong(const LogErrors& errors,
                                            const std::vector<int>& members) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(
       Eigen::MatrixXd(errors.covariance(members, members)));
   std::vector<Combination> out;
-  bool mixed = false;
+  bool mixed = false, known = false;
   for (Eigen::Index j = 0; j < axes.eigenvectors().cols(); ++j) {
     out.push_back(combinationAlong(errors, members, axes.eigenvectors().col(j)));
     mixed = mixed || std::abs(out.back().powers[1].exponent) >= kPureExponent;
+    known = known || out.back().identifiable;
   }
-  if (!mixed) out.clear();
+  if (!mixed || !known) out.clear();
   return out;
 }
 

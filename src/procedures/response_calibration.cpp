@@ -47,7 +47,6 @@ std::optional<std::string> faultOf(const CalibrationRequest& request, const Cali
 // The positions along the directions of the largest motions: across an arm. Those along it vary
 // with the square of its bend and tell little of what muscles remember. NaN where there is none.
 Eigen::MatrixXd largestMotions(const Eigen::MatrixXd& position) {
-<<<<<<< HEAD
   std::vector<Eigen::Index> seen;
   for (Eigen::Index row = 0; row < position.rows(); ++row) {
     if (position.row(row).allFinite()) seen.push_back(row);
@@ -56,21 +55,6 @@ Eigen::MatrixXd largestMotions(const Eigen::MatrixXd& position) {
   const Eigen::RowVectorXd mean = position(seen, Eigen::all).colwise().mean();
   const Eigen::MatrixXd about = position(seen, Eigen::all).rowwise() - mean;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(about.transpose() * about);
-=======
-  Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-  Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
-  double rows = 0;
-  for (const auto& row : position.rowwise()) {
-    if (!row.allFinite()) continue;
-    sum += row;
-    square += row.transpose() * row;
-    ++rows;
-  }
-  const Eigen::RowVector3d mean = sum / std::max(rows, 1.0);
-  const Eigen::MatrixXd about = position.rowwise() - mean;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(square -
-                                                            rows * mean.transpose() * mean);
->>>>>>> looprun
   const Eigen::Vector3d& squares = axes.eigenvalues();  // ascending
   const double least = kLeastMotion * kLeastMotion * squares[2];
   const auto count = (squares.array() >= least).count();

@@ -211,8 +211,8 @@ struct Calibration {
   std::vector<Parameter> parameters;
   /// (parameters x parameters); rows of parameters that are not fitted are 0.
   Eigen::MatrixXd correlation;
-  /// Of stiffness parameters, the best known first. As many as parameters that are correlated by
-  /// kLeastCorrelation or more with another one; empty if there are none.
+  /// Of stiffness parameters, best known first: as many as are correlated by kLeastCorrelation or
+  /// more with another; empty if none are, none is identifiable, or the fit of all does not converge.
   std::vector<Combination> combinations;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
