@@ -212,7 +212,7 @@ struct Calibration {
   /// (parameters x parameters); rows of parameters that are not fitted are 0.
   Eigen::MatrixXd correlation;
   /// Of stiffness parameters, best known first: as many as are correlated by kLeastCorrelation or
-  /// more with another; empty if none are, none is identifiable, or the fit of all does not converge.
+  /// more with another; empty if none are, none is identifiable, or the fit of all did not end.
   std::vector<Combination> combinations;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
