@@ -321,7 +321,8 @@ TEST(ArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
   EXPECT_EQ(together.parameterPrior(), prior);
 
-  const Eigen::VectorXd pressure = model.arm().inputAt(0.7);
+  const Eigen::VectorXd pressure =
+      model.arm().inputAt(Eigen::VectorXd(Eigen::Vector3d(0.9, 0.1, 0.3)));
   const Eigen::MatrixXd by_theta = together.linearise(pressure)->by_theta;
   Bench bench(model, Correction(model.arm()), 5);
   const auto varianceOfTwists = [&](ArmFilter& filter) {
