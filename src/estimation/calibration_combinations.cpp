@@ -100,7 +100,9 @@ Combination combinationAlong(const LogErrors& errors, const std::vector<int>& me
   out.value = std::exp(log);
   double variance = direction.dot(errors.covariance * direction);
   if (errors.spread.rows() > 0) {
-    variance = std::max(variance, (errors.spread * direction).squaredNorm());
+    // Along a valley, each fit without a pressure ends elsewhere: nothing is less known than
+    // before.
+    variance = std::max(variance, std::min(prior, (errors.spread * direction).squaredNorm()));
   }
   out.relative_error = std::sqrt(variance);
   ParameterInfo info = errors.infos[static_cast<std::size_t>(members.front())];

@@ -173,7 +173,7 @@ struct Combination {
   std::vector<Power> powers;  ///< at least two: a unit vector, the largest first and > 0
   double value;               ///< of the reported parameters, in their units
   /// Standard deviation of its logarithm: as for a parameter, the larger of the error due to noise
-  /// and the variation when one pressure at a time is omitted.
+  /// and the variation when one pressure at a time is omitted, but that at most the prior's.
   double relative_error;
   bool identifiable;  ///< by the rule of a stiffness: see Parameter::identifiable
 };
