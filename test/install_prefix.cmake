@@ -93,6 +93,30 @@ if(at EQUAL -1 OR libraries MATCHES "not found|opencv|modbus|turbojpeg|ceres|ros
   message(FATAL_ERROR "examples/forward needs more than helix_arm_core, Eigen and yaml-cpp: ${libraries}")
 endif()
 
+# The Python package finds its libraries and scenes there, and gives the same tip.
+execute_process(
+  COMMAND ${CMAKE_COMMAND} -E env --unset=CMAKE_PREFIX_PATH --unset=PYTHONPATH PYTHONDONTWRITEBYTECODE=1
+    sh -c ". \"$0/setup.sh\"; \"$1\" -c 'import helix_arm
+scene = helix_arm.Scene.load(\"helical_50\")
+print(scene.path, helix_arm.__file__, *scene.tips([200e3, 0.0, 50e3]))'"
+    ${SCRATCH} ${PYTHON}
+  RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
+string(FIND "${output}" "${scene} ${SCRATCH}/" at)
+if(NOT result EQUAL 0 OR NOT at EQUAL 0)
+  message(FATAL_ERROR "the installed Python package ended with ${result}: ${output}${message}")
+endif()
+string(REGEX REPLACE "^.*__init__.py" "" output "${output}")
+string(REGEX MATCHALL "-?[0-9.]+(e-?[0-9]+)?" output "${output}")
+foreach(i RANGE 2)
+  list(GET output ${i} one)
+  list(GET expected ${i} other)
+  string(SUBSTRING "${other}" 0 11 other)
+  string(FIND "${one}" "${other}" at)
+  if(NOT at EQUAL 0)
+    message(FATAL_ERROR "the installed Python package says ${output}; the command says ${expected}")
+  endif()
+endforeach()
+
 # A catkin workspace on top of it finds it, too.
 find_program(isolated catkin_make_isolated)
 if(isolated)

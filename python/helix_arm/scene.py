@@ -16,20 +16,14 @@ Data = Union[PathLike, Mapping[str, Numbers]]
 
 def shipped_scenes() -> List[str]:
     """Names of the shipped scenes, for Scene.load()."""
-    return sorted(name[:-5] for name in os.listdir(_core.scene_folder()) if name.endswith(".yaml"))
+    return _core.shipped_scenes()
 
 
 def _path_of(path_or_name: PathLike) -> str:
-    """A shipped scene by its name, or a path: with a / or ending in .yaml."""
     text = os.fspath(path_or_name)
     if not isinstance(text, str):
         raise TypeError(f"path_or_name is {type(path_or_name).__name__}; expected str or os.PathLike of str")
-    if os.sep in text or text.endswith(".yaml"):
-        return text
-    if text not in shipped_scenes():
-        raise ValueError(f"path_or_name is {text!r}; expected one of {', '.join(shipped_scenes())}, "
-                         "or a path (with a / or ending in .yaml)")
-    return os.path.join(_core.scene_folder(), text + ".yaml")
+    return _core.scene_path(text)
 
 
 def _data_of(data: Any) -> Any:
@@ -55,7 +49,7 @@ class Scene(_core.Scene):
     def load(cls, path_or_name: PathLike, overrides: Mapping[str, Any] = {}) -> "Scene":
         """Reads and checks a scene file.
 
-        path_or_name: name of a shipped scene, or a path (with a / or ending in .yaml).
+        path_or_name: path of a scene file, or name of a shipped scene.
         overrides: values by dotted key, as of --set: {"arm.stiffness.K_gamma": 100}. Text counts as YAML.
         Raises DocumentError, a ValueError, with all faults: `file:line key value rule`.
         """

@@ -2,6 +2,7 @@
 
 #include "bindings.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/shipped_files.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -76,7 +77,10 @@ PYBIND11_MODULE(_core, module) {
   bindFit(scene);
   bindFollow(scene);
   bindLocalize(scene);
-  module.def("scene_folder", &sceneFolder, "Folder of the shipped scenes.");
+  module.def(
+      "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
+      "Names of the shipped scenes.");
+  module.def("scene_path", &io::scenePath, "Path of a scene file, or of a shipped scene by name.");
 }
 
 }  // namespace helix_arm::python

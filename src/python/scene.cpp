@@ -1,10 +1,7 @@
 #include "scene.hpp"
 
-#include <filesystem>
 #include <sstream>
 #include <thread>
-
-#include <dlfcn.h>
 
 #include "helix_arm/basics/requirement.hpp"
 
@@ -54,20 +51,6 @@ std::size_t threadCount(int threads) {
                   "; expected 1 to ", kMostThreads, ", or 0 for all cores");
   if (threads > 0) return static_cast<std::size_t>(threads);
   return std::max(1u, std::thread::hardware_concurrency());
-}
-
-std::string sceneFolder() {
-  namespace fs = std::filesystem;
-  Dl_info library{};
-  std::error_code error;
-  if (dladdr(reinterpret_cast<const void*>(&sceneFolder), &library) != 0) {
-    // PREFIX/lib/python3/dist-packages/helix_arm/_core.so
-    fs::path prefix = fs::weakly_canonical(library.dli_fname, error);
-    for (int i = 0; i < 5; ++i) prefix = prefix.parent_path();
-    const fs::path installed = prefix / "share/helix_arm/config/scenes";
-    if (fs::is_directory(installed, error)) return installed;
-  }
-  return HELIX_ARM_SCENES_DIR;
 }
 
 }  // namespace helix_arm::python

@@ -40,7 +40,4 @@ class Scene {
 /// Number of threads of an argument: 0 stands for all cores.
 std::size_t threadCount(int threads);
 
-/// Folder of the shipped scenes.
-std::string sceneFolder();
-
 }  // namespace helix_arm::python

@@ -15,7 +15,7 @@ const Media& load() {
   if (symbol == nullptr) {
     const char* fault = dlerror();
     throw std::runtime_error(
-        std::string("videos, webcams and pictures other than JPEG need ") + kLibrary +
+        std::string("videos, webcams and pictures other than JPEG and PNG need ") + kLibrary +
         ", which does not load: " + (fault == nullptr ? "it is empty" : fault) +
         "; build or install helix_arm again");
   }

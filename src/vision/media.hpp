@@ -12,9 +12,9 @@
 
 namespace helix_arm::vision {
 
-/// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG. They
-/// bring 200 shared libraries along, so that they are in a library of their own, which is loaded at
-/// the first use.
+/// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG and PNG.
+/// They bring 200 shared libraries along, so that they are in a library of their own, which is
+/// loaded at the first use.
 struct Media {
   std::unique_ptr<VideoDevice> (*webcam)(const WebcamConfig& config);
   /// See FrameSource::files().

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <initializer_list>
 #include <utility>
 #include <variant>
 
@@ -10,6 +11,7 @@
 #include "helix_arm/vision/jpeg.hpp"
 #include "media.hpp"
 #include "picture_header.hpp"
+#include "png.hpp"
 
 namespace helix_arm::vision {
 namespace {
@@ -20,10 +22,14 @@ std::string sizeText(const cv::Size& size) {
   return std::to_string(size.width) + " x " + std::to_string(size.height);
 }
 
+bool startsWith(const std::vector<std::uint8_t>& bytes, std::initializer_list<std::uint8_t> mark) {
+  return bytes.size() >= mark.size() && std::equal(mark.begin(), mark.end(), bytes.begin());
+}
+
 // @return the fault; absent on success.
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
-  const bool jpeg = bytes.size() >= 2 && bytes[0] == 0xff && bytes[1] == 0xd8;
-  if (jpeg) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  if (startsWith(bytes, {0xff, 0xd8})) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  if (startsWith(bytes, {0x89, 'P', 'N', 'G'})) return decodePng(bytes.data(), bytes.size(), gray);
   return media().decode(bytes, gray);
 }
 
