@@ -23,7 +23,10 @@ def _path_of(path_or_name: PathLike) -> str:
     text = os.fspath(path_or_name)
     if not isinstance(text, str):
         raise TypeError(f"path_or_name is {type(path_or_name).__name__}; expected str or os.PathLike of str")
-    return _core.scene_path(text)
+    try:
+        return _core.scene_path(text)
+    except ValueError as error:
+        raise ValueError(f"path_or_name: {error}") from None
 
 
 def _data_of(data: Any) -> Any:

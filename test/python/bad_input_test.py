@@ -70,7 +70,7 @@ class RuleTest(unittest.TestCase):
 
     def test_scenes(self):
         load = helix_arm.Scene.load
-        self.refuses(ValueError, ['the scene "none" is neither a file nor a shipped scene', "annotated"], load, "none")
+        self.refuses(ValueError, ["path_or_name: the scene none is neither", "or annotated, "], load, "none")
         self.refuses(helix_arm.DocumentError, ["/no/such.yaml"], load, "/no/such.yaml")
         self.refuses(helix_arm.DocumentError, ["arm.stiffness.K_gamma"], load, "demo", {"arm.stiffness.K_gamma": -1})
         self.refuses(TypeError, ["overrides['load']"], load, "demo", {"load": object()})

@@ -112,7 +112,8 @@ TEST(Png, NoBytesCrashTheDecoder) {
     const auto fault = vision::decodePng(bytes.data(), bytes.size(), gray);
     ++(fault ? refused : accepted);
     ASSERT_EQ(gray.empty(), fault.has_value());
-    if (!fault) ASSERT_EQ(gray.size(), cv::Size(37, 29)) << "a checksum guards the header";
+    if (fault) continue;
+    ASSERT_EQ(gray.size(), cv::Size(37, 29)) << "a checksum guards the header";
   }
   std::cout << accepted << " accepted, " << refused << " refused\n";
   EXPECT_GT(refused, kStrings / 2);
