@@ -43,8 +43,8 @@ def main():
         axes.plot(*1e3 * run.true_tips[on_path, 1:].T, label=f"{name}: {1e3 * run.path_rms_m:.2f} mm RMS")
         print(f"{name}: {1e3 * run.path_rms_m:.2f} mm RMS, {1e3 * run.path_max_m:.2f} mm at most")
     axes.set(xlabel="y [mm]", ylabel="z [mm]", aspect="equal")
-    axes.legend()
-    figure.savefig(arguments.out)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    figure.savefig(arguments.out, bbox_inches="tight")
 
 
 if __name__ == "__main__":

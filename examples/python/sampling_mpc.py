@@ -35,7 +35,7 @@ def main():
     lower, upper = model.limits_pa.T
     random = np.random.default_rng(1)
 
-    wanted = model.tips(lower + [0.6, 0.2, 0.3] * (upper - lower))
+    wanted = model.tips(lower + np.resize([0.6, 0.2, 0.3], len(lower)) * (upper - lower))
     pressures = lower.copy()
     plan = np.tile(pressures, (HORIZON, 1))
     offset = np.zeros(3)  # of the true tip from the model's

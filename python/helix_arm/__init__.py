@@ -4,13 +4,13 @@
 >>> scene = helix_arm.Scene.load("helical_50")
 >>> scene.forward(np.array([200e3, 0.0, 50e3])).tips
 
-Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg, helix_arm.srv and helix_arm.action, and need
-the Python packages of ROS.
+Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg (those of actions, too) and helix_arm.srv, and
+need the Python packages of ROS.
 """
-from helix_arm._core import DocumentError, Forward
+from helix_arm._core import DocumentError, Forward, version as __version__
 from helix_arm.results import (Alarm, Calibration, Combination, Contraction, Curve, Fit, FollowRun, Inverse, Jacobian,
                                Parameter, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 
 __all__ = ["Alarm", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Fit", "FollowRun", "Forward",
-           "Inverse", "Jacobian", "Parameter", "Scene", "Sight", "Workspace", "shipped_scenes"]
+           "Inverse", "Jacobian", "Parameter", "Scene", "Sight", "Workspace", "__version__", "shipped_scenes"]

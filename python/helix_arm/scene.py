@@ -20,7 +20,7 @@ def shipped_scenes() -> List[str]:
 
 
 def _path_of(path_or_name: PathLike) -> str:
-    text = os.fspath(path_or_name)
+    text = os.fspath(path_or_name) if isinstance(path_or_name, os.PathLike) else path_or_name
     if not isinstance(text, str):
         raise TypeError(f"path_or_name is {type(path_or_name).__name__}; expected str or os.PathLike of str")
     try:
@@ -46,7 +46,7 @@ def _yaml_of(key: str, value: Any) -> str:
 
 
 class Scene(_core.Scene):
-    """A scene file: an arm and its rig. Immutable; threads may share it."""
+    """A scene file: an arm and its rig. Immutable; threads may share it. Another process reads the file again."""
 
     @classmethod
     def load(cls, path_or_name: PathLike, overrides: Mapping[str, Any] = {}) -> "Scene":
@@ -59,6 +59,28 @@ class Scene(_core.Scene):
         if not isinstance(overrides, Mapping):
             raise TypeError(f"overrides is {type(overrides).__name__}; expected a dict of values by dotted key")
         return cls(_path_of(path_or_name), [(str(key), _yaml_of(key, value)) for key, value in overrides.items()])
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.path, self._overrides)
+
+    def forward(self, pressures_pa: Numbers, threads: int = 1) -> _core.Forward:
+        """Shapes at gauge pressures.
+
+        pressures_pa: (n,) or (N, n) float64 within the limits [Pa]; of tendons, angles [rad].
+        threads: of a batch; 0 for all cores. The result does not depend on it.
+        Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.
+        Raises TypeError or ValueError naming argument and rule.
+        """
+        return self._forward(pressures_pa, threads)
+
+    def tips(self, pressures_pa: Numbers, out: Optional[np.ndarray] = None, threads: int = 1) -> np.ndarray:
+        """Tip positions alone, the fastest way from pressures to tips.
+
+        pressures_pa, threads: as of forward().
+        out: float64 array of the result's shape that is written instead of a new one; it must not overlap the pressures.
+        Returns (3,) or (N, 3), base frame [m]; NaN where no shape balances the load.
+        """
+        return self._tips(pressures_pa, out, threads)
 
     def curve(self, pressures_pa: Numbers, points: int = 50, threads: int = 1) -> results.Curve:
         """Points of the base curve at gauge pressures, evenly along it, with base and tip.
@@ -104,11 +126,11 @@ class Scene(_core.Scene):
         """
         return results.Fit(**self._fit(_data_of(captures)))
 
-    def localize(self, image: np.ndarray, pressures_pa: Numbers) -> Union[results.Sight, List[results.Sight]]:
+    def localize(self, image: np.ndarray, pressures_pa: Optional[Numbers] = None) -> Union[results.Sight, List[results.Sight]]:
         """The arm's shape in a gray picture of the scene's camera, or in each picture of a series.
 
         image: (height, width) or (N, height, width) uint8. A series counts as successive pictures of one camera: tags are
-        tracked. pressures_pa: (n,) or (N, n) [Pa], where the search begins.
+        tracked. pressures_pa: (n,) or (N, n) [Pa], where the search begins; default: the lower limits.
         """
         sights = [results.Sight(**sight) for sight in self._localize(image, pressures_pa)]
         return sights[0] if image.ndim == 2 else sights

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "arguments.hpp"
+
 namespace helix_arm::python {
 namespace {
 
@@ -10,8 +12,6 @@ bool isFloat64(const py::array& array) {
   const py::dtype wanted = py::dtype::of<double>();
   return array.dtype().is(wanted) || array.dtype().equal(wanted);
 }
-
-[[noreturn]] void refuseType(const std::string& message) { throw py::type_error(message); }
 
 }  // namespace
 
@@ -27,8 +27,8 @@ py::array arrayOf(const py::handle& given, const char* name) {
   if (py::isinstance<py::array>(given)) {
     auto array = py::reinterpret_borrow<py::array>(given);
     if (!isFloat64(array)) {
-      refuseType(std::string(name) + " has dtype " + std::string(py::str(array.dtype())) +
-                 "; expected float64, as of " + name + ".astype(float)");
+      throw py::type_error(std::string(name) + " has dtype " + std::string(py::str(array.dtype())) +
+                           "; expected float64, as of " + name + ".astype(float)");
     }
     const bool aligned = (array.flags() & py::detail::npy_api::NPY_ARRAY_ALIGNED_) != 0;
     if (!aligned) return py::array_t<double, py::array::c_style | py::array::forcecast>(array);
@@ -41,13 +41,11 @@ py::array arrayOf(const py::handle& given, const char* name) {
       return py::array_t<double, py::array::c_style | py::array::forcecast>(any);
     }
     PyErr_Clear();
-    refuseType(std::string(name) +
-               " is a list that is no table of numbers; expected equally long "
-               "rows of floats");
+    throw py::type_error(std::string(name) +
+                         " is a list that is no table of numbers; expected equally long rows of "
+                         "floats");
   }
-  refuseType(std::string(name) + " is of type " +
-             std::string(py::str(py::type::of(given).attr("__name__"))) +
-             "; expected a numpy array of float64");
+  refuseType(given, name, "a numpy array of float64");
 }
 
 Rows::Rows(const py::handle& given, const char* name, py::ssize_t columns)

@@ -1,5 +1,4 @@
 #include "bindings.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "parallel.hpp"
 #include "poses.hpp"
 
@@ -10,10 +9,10 @@ constexpr int kMostPoints = 100000;
 constexpr std::size_t kPiece = 64;
 constexpr std::size_t kLoadedPiece = 8;
 
-py::dict curve(const Scene& scene, const py::handle& pressures, int points, int threads) {
+py::dict curve(const Scene& scene, const py::handle& pressures, const py::handle& point_count,
+               const py::handle& threads) {
   const Rows inputs = scene.inputs(pressures, "pressures_pa");
-  basics::require(points >= 2 && points <= kMostPoints, "points is ", points, "; expected 2 to ",
-                  kMostPoints);
+  const auto points = static_cast<int>(integerOf(point_count, "points", 2, kMostPoints));
   const std::size_t thread_count = threadCount(threads);
   py::array_t<double> places(points);
   py::array_t<double> positions(inputs.shapeOf({points, 3}));

@@ -159,11 +159,17 @@ py::dict resultOf(const FollowResult& result, int actuators) {
   return out;
 }
 
-py::dict follow(const Scene& self, const py::object& tips, const py::object& path, double seconds,
-                bool open, const std::string& sight, const py::object& force,
-                const py::object& blind, double latency_s, std::uint32_t seed, const Scene* rig) {
+py::dict follow(const Scene& self, const py::object& tips, const py::object& path,
+                const py::object& seconds, const py::object& open, const py::object& sight,
+                const py::object& force, const py::object& blind, const py::object& latency_s,
+                const py::object& seed, const py::object& rig) {
   const FollowPlan plan =
-      planOf(self.scene(), tips, path, seconds, open, sight, force, blind, latency_s, seed);
+      planOf(self.scene(), tips, path, numberOf(seconds, "seconds"), flagOf(open, "open"),
+             textOf(sight, "sight"), force, blind, numberOf(latency_s, "latency_s"),
+             static_cast<std::uint32_t>(
+                 integerOf(seed, "seed", 0, std::numeric_limits<std::uint32_t>::max())));
+  if (!rig.is_none() && !py::isinstance<Scene>(rig)) refuseType(rig, "rig", "a Scene or None");
+  const Scene& truth = rig.is_none() ? self : rig.cast<const Scene&>();
   bool interrupted = false;
   const auto progress = [&interrupted](double) {
     const py::gil_scoped_acquire python;
@@ -173,8 +179,7 @@ py::dict follow(const Scene& self, const py::object& tips, const py::object& pat
   FollowResult result;
   {
     const py::gil_scoped_release others_run;
-    result =
-        procedures::runFollow(self.scene(), (rig != nullptr ? *rig : self).scene(), plan, progress);
+    result = procedures::runFollow(self.scene(), truth.scene(), plan, progress);
   }
   if (interrupted) throw py::error_already_set();
   return resultOf(result, self.arm().actuatorCount());
@@ -184,7 +189,7 @@ py::dict follow(const Scene& self, const py::object& tips, const py::object& pat
 
 void bindFollow(py::class_<Scene>& scene) {
   scene.def("_follow", follow, py::arg("tips"), py::arg("path"), py::arg("seconds"),
-            py::arg("open").noconvert(), py::arg("sight"), py::arg("force"), py::arg("blind"),
+            py::arg("open"), py::arg("sight"), py::arg("force"), py::arg("blind"),
             py::arg("latency_s"), py::arg("seed"), py::arg("rig"));
 }
 

@@ -84,7 +84,7 @@ py::object Forward::converged() const {
 
 namespace {
 
-Forward forward(const Scene& scene, const py::handle& pressures, int threads) {
+Forward forward(const Scene& scene, const py::handle& pressures, const py::handle& threads) {
   const Rows inputs = scene.inputs(pressures, "pressures_pa");
   const std::size_t count = threadCount(threads);
   // For one row without load, letting others run costs more than the row.
@@ -130,23 +130,15 @@ void bindForward(py::module_& module, py::class_<Scene>& scene) {
         return "<helix_arm.Forward of " + std::to_string(forward.rows()) +
                (forward.rows() == 1 ? " row>" : " rows>");
       });
-  scene.def("forward", forward, py::arg("pressures_pa"), py::arg("threads") = 1,
-            "Shapes at gauge pressures.\n\n"
-            "pressures_pa: (n,) or (N, n) float64 within the limits [Pa]; of tendons, angles "
-            "[rad].\nthreads: of a batch; 0 for all cores. The result does not depend on it.\n"
-            "Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.\n"
-            "Raises TypeError or ValueError naming argument and rule.");
+  scene.def("_forward", forward, py::arg("pressures_pa"), py::arg("threads"));
   scene.def(
-      "tips",
-      [](const Scene& self, const py::handle& pressures, const py::object& out, int threads) {
-        return tips(self, self.inputs(pressures, "pressures_pa"), out, threadCount(threads));
+      "_tips",
+      [](const Scene& self, const py::handle& pressures, const py::object& out,
+         const py::handle& threads) {
+        const Rows inputs = self.inputs(pressures, "pressures_pa");
+        return tips(self, inputs, out, threadCount(threads));
       },
-      py::arg("pressures_pa"), py::arg("out") = py::none(), py::arg("threads") = 1,
-      "Tip positions alone, the fastest way from pressures to tips.\n\n"
-      "pressures_pa, threads: as of forward().\n"
-      "out: float64 array of the result's shape that is written instead of a new one; it must not "
-      "overlap the pressures.\n"
-      "Returns (3,) or (N, 3), base frame [m]; NaN where no shape balances the load.");
+      py::arg("pressures_pa"), py::arg("out"), py::arg("threads"));
 }
 
 }  // namespace helix_arm::python

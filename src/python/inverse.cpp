@@ -17,7 +17,8 @@ using statics::InverseResult;
 using statics::InverseSolver;
 using statics::Preference;
 
-constexpr std::size_t kPiece = 16;
+constexpr std::size_t kPiece = 256;
+constexpr std::size_t kLoadedPiece = 16;
 constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
 
 enum class Target { kTip, kPose, kTwists };
@@ -127,8 +128,9 @@ Targets targetsOf(const Scene& scene, const py::object& tip, const py::object& p
 }
 
 py::dict inverse(const Scene& scene, const py::object& tip, const py::object& pose,
-                 const py::object& twists, const py::object& start, const std::string& prefer,
-                 double cocontraction, double position_tolerance, int threads) {
+                 const py::object& twists, const py::object& start, const py::object& prefer,
+                 const py::object& cocontraction, const py::object& position_tolerance,
+                 const py::object& threads) {
   const Targets targets = targetsOf(scene, tip, pose, twists);
   const char* const name = targets.kind == Target::kTip    ? "tip"
                            : targets.kind == Target::kPose ? "pose"
@@ -136,9 +138,9 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
   const auto count = static_cast<std::size_t>(targets.rows.rows());
   Found found(scene, count);  // first, as rows may be more than the memory holds
   InverseOptions options;
-  options.preference = statics::preferenceOf(prefer);
-  options.cocontraction = cocontraction;
-  options.position_tolerance = position_tolerance;
+  options.preference = statics::preferenceOf(textOf(prefer, "prefer"));
+  options.cocontraction = numberOf(cocontraction, "cocontraction");
+  options.position_tolerance = numberOf(position_tolerance, "position_tolerance_m");
   const std::size_t thread_count = threadCount(threads);
 
   const model::Arm& arm = scene.arm();
@@ -151,14 +153,16 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
                     targets.rows.rows());
   }
   const Eigen::VectorXd usual =
-      arm.inputAt(options.preference == Preference::kCocontraction ? cocontraction : 0.0);
+      arm.inputAt(options.preference == Preference::kCocontraction ? options.cocontraction : 0.0);
 
   requireFinite(targets.rows, name);
   {
     const py::gil_scoped_release others_run;
-    InverseSolver(scene.model(), options);  // checks them, also without rows
-    inPieces(count, kPiece, thread_count, [&](std::size_t first, std::size_t end) {
-      InverseSolver solver(scene.model(), options);
+    scene.solvers().take(options);  // checks them, also without rows
+    const std::size_t piece = scene.isLoaded() ? kLoadedPiece : kPiece;
+    inPieces(count, piece, thread_count, [&](std::size_t first, std::size_t end) {
+      const Solvers::Loan loan = scene.solvers().take(options);
+      InverseSolver& solver = loan.solver();
       for (std::size_t i = first; i < end; ++i) {
         const auto row = static_cast<py::ssize_t>(i);
         const Eigen::VectorXd target = targets.rows.row(row);

@@ -44,7 +44,7 @@ struct Arrays {
   double *tip_data, *twists_data;
 };
 
-py::dict jacobian(const Scene& scene, const py::handle& pressures, int threads) {
+py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::handle& threads) {
   const Rows inputs = scene.inputs(pressures, "pressures_pa");
   const std::size_t thread_count = threadCount(threads);
   const int sections = scene.arm().sectionCount();

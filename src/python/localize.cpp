@@ -69,7 +69,8 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
   basics::require(scene.camera && scene.tags, "localize() needs camera and tags, but scene ",
                   scene.name, " lacks one; expected a scene with sections camera and tags");
   const Pictures pictures(image, scene.camera->model);
-  const Rows inputs = self.inputs(pressures, "pressures_pa");
+  const py::object at = pressures.is_none() ? vectorOf(scene.arm.inputAt(0)) : pressures;
+  const Rows inputs = self.inputs(at, "pressures_pa");
   self.requireWithinLimits(inputs, "pressures_pa");
   basics::require(inputs.single() || inputs.rows() == pictures.count, "pressures_pa has ",
                   inputs.rows(), " rows; expected one per picture: ", pictures.count);

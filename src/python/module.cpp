@@ -14,6 +14,12 @@ std::vector<std::string> actuatorNames(const Scene& scene) {
   return names;
 }
 
+std::vector<std::pair<std::string, std::string>> overridesOf(const Scene& scene) {
+  std::vector<std::pair<std::string, std::string>> out;
+  for (const io::Override& one : scene.overrides()) out.emplace_back(one.key, one.value);
+  return out;
+}
+
 py::array_t<double> limitsOf(const Scene& scene) {
   py::array_t<double> out({scene.arm().actuatorCount(), 2});
   for (int i = 0; i < scene.arm().actuatorCount(); ++i) {
@@ -38,6 +44,10 @@ PYBIND11_MODULE(_core, module) {
       if (exception) std::rethrow_exception(exception);
     } catch (const io::DocumentError& error) {
       document_error(error.what());
+    } catch (const std::bad_alloc&) {
+      PyErr_SetString(PyExc_MemoryError,
+                      "the rows and their results need more memory than there is; pass fewer rows "
+                      "at a time");
     } catch (const std::out_of_range& error) {
       PyErr_SetString(PyExc_ValueError, error.what());
     }
@@ -52,6 +62,7 @@ PYBIND11_MODULE(_core, module) {
            }),
            py::arg("path"), py::arg("overrides"))
       .def_property_readonly("path", &Scene::path, "File of the scene.")
+      .def_property_readonly("_overrides", overridesOf)
       .def_property_readonly(
           "name", [](const Scene& self) { return self.scene().name; }, "Name of the scene.")
       .def_property_readonly("actuators", actuatorNames,
@@ -77,6 +88,7 @@ PYBIND11_MODULE(_core, module) {
   bindFit(scene);
   bindFollow(scene);
   bindLocalize(scene);
+  module.attr("version") = HELIX_ARM_VERSION;
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
       "Names of the shipped scenes.");

@@ -1,14 +1,12 @@
 #include "scene.hpp"
 
+#include <algorithm>
 #include <sstream>
-#include <thread>
 
-#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/unit_watch.hpp"
 
 namespace helix_arm::python {
 namespace {
-
-constexpr int kMostThreads = 1024;
 
 std::vector<io::Override> overridesOf(
     const std::vector<std::pair<std::string, std::string>>& given) {
@@ -21,10 +19,39 @@ std::vector<io::Override> overridesOf(
 
 Scene::Scene(const std::string& path,
              const std::vector<std::pair<std::string, std::string>>& overrides)
-    : path_(path), overrides_(overridesOf(overrides)), scene_(io::loadScene(path, overrides_)) {}
+    : path_(path),
+      overrides_(overridesOf(overrides)),
+      scene_(io::loadScene(path, overrides_)),
+      solvers_(scene_.model) {
+  for (int i = 0; i < arm().actuatorCount(); ++i) {
+    pressure_.push_back(model::unitOf(arm().actuator(i).drive).pressure);
+  }
+}
 
 Rows Scene::inputs(const py::handle& given, const char* name) const {
-  return Rows(given, name, arm().actuatorCount());
+  Rows inputs(given, name, arm().actuatorCount());
+  warnOfKilopascals(inputs, name);
+  return inputs;
+}
+
+void Scene::warnOfKilopascals(const Rows& inputs, const char* name) const {
+  double largest = 0;
+  for (py::ssize_t row = 0; row < inputs.rows(); ++row) {
+    for (py::ssize_t i = 0; i < inputs.columns(); ++i) {
+      if (!pressure_[static_cast<std::size_t>(i)]) continue;
+      const double pressure = inputs(row, i);
+      // Rows of pascals are told by the first of them.
+      if (!(pressure >= 0 && pressure < control::UnitWatch::kSuspicious)) return;
+      largest = std::max(largest, pressure);
+    }
+  }
+  if (largest == 0) return;
+  std::ostringstream message;
+  message << name << " is at most " << largest
+          << " Pa, which looks like kPa; expected gauge pressures in Pa, so 200 kPa are 200e3";
+  if (PyErr_WarnEx(PyExc_UserWarning, message.str().c_str(), 2) != 0) {
+    throw py::error_already_set();
+  }
 }
 
 void Scene::requireWithinLimits(const Rows& inputs, const char* name) const {
@@ -44,13 +71,6 @@ void Scene::requireWithinLimits(const Rows& inputs, const char* name) const {
       throw std::invalid_argument(message.str());
     }
   }
-}
-
-std::size_t threadCount(int threads) {
-  basics::require(threads >= 0 && threads <= kMostThreads, "threads is ", threads,
-                  "; expected 1 to ", kMostThreads, ", or 0 for all cores");
-  if (threads > 0) return static_cast<std::size_t>(threads);
-  return std::max(1u, std::thread::hardware_concurrency());
 }
 
 }  // namespace helix_arm::python

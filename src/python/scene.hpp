@@ -5,8 +5,10 @@
 #include <utility>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "solvers.hpp"
 
 namespace helix_arm::python {
 
@@ -24,20 +26,24 @@ class Scene {
   const model::Arm& arm() const { return scene_.arm; }
   /// Whether shapes are solved, under a load or along tapered sections.
   bool isLoaded() const { return !model().isLinear(); }
+  /// Solvers that calls leave for the next ones.
+  Solvers& solvers() const { return solvers_; }
 
   /// The inputs of an argument, one row per actuator's input.
   /// @throws as Rows does.
   Rows inputs(const py::handle& given, const char* name) const;
   /// @throws ValueError naming argument, row, actuator and limits.
   void requireWithinLimits(const Rows& inputs, const char* name) const;
+  /// Warns where all pressures of an argument are below 1 kPa and not all 0.
+  /// @throws what a caller's filter makes of the warning.
+  void warnOfKilopascals(const Rows& inputs, const char* name) const;
 
  private:
   std::string path_;
   std::vector<io::Override> overrides_;
   io::Scene scene_;
+  std::vector<bool> pressure_;  // whether an actuator's input is one
+  mutable Solvers solvers_;     // guarded by itself
 };
-
-/// Number of threads of an argument: 0 stands for all cores.
-std::size_t threadCount(int threads);
 
 }  // namespace helix_arm::python

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <vector>
 
@@ -87,6 +88,17 @@ void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size
   }
 }
 
+// Whether the memory from the first to the last number of the rows has a part in `out`.
+bool overlap(const Rows& rows, const py::array& out) {
+  if (rows.rows() == 0) return false;
+  const char *begin = rows.data(), *end = begin + sizeof(double);
+  const std::array<py::ssize_t, 2> spans{(rows.rows() - 1) * rows.rowStride(),
+                                         (rows.columns() - 1) * rows.columnStride()};
+  for (const py::ssize_t span : spans) (span < 0 ? begin : end) += span;
+  const char* const first = static_cast<const char*>(out.data());
+  return begin < first + out.nbytes() && first < end;
+}
+
 // The caller's array for the result, or a new one.
 py::array resultFor(const Rows& inputs, const py::object& out) {
   py::array::ShapeContainer shape;
@@ -105,6 +117,9 @@ py::array resultFor(const Rows& inputs, const py::object& out) {
         "out is no array for the result; expected a writeable float64 array of "
         "shape " +
         expected + " in the order of C");
+  }
+  if (overlap(inputs, array)) {
+    throw py::value_error("out overlaps pressures_pa; expected memory of its own");
   }
   return array;
 }

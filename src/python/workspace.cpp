@@ -1,10 +1,11 @@
 #include "helix_arm/statics/workspace.hpp"
 
 #include <algorithm>
+#include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "bindings.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/workspace_extremes.hpp"
 #include "parallel.hpp"
 
@@ -12,18 +13,22 @@ namespace helix_arm::python {
 namespace {
 
 constexpr std::int64_t kMostPoints = 100'000'000;
+constexpr std::int64_t kMostSeed = std::numeric_limits<std::int64_t>::max();
 
-py::dict workspace(const Scene& scene, std::int64_t points, std::uint64_t seed, bool sensitivity,
-                   bool extremes, int threads) {
-  basics::require(points >= 0 && points <= kMostPoints, "points is ", points, "; expected 0 to ",
-                  kMostPoints);
+py::dict workspace(const Scene& scene, const py::handle& point_count, const py::handle& seed,
+                   const py::handle& with_sensitivity, const py::handle& with_extremes,
+                   const py::handle& threads) {
+  const std::int64_t points = integerOf(point_count, "points", 0, kMostPoints);
+  const auto first_seed = static_cast<std::uint64_t>(integerOf(seed, "seed", 0, kMostSeed));
+  const bool sensitivity = flagOf(with_sensitivity, "sensitivity");
+  const bool extremes = flagOf(with_extremes, "extremes");
   const std::size_t thread_count = threadCount(threads);
   const py::ssize_t n = scene.arm().actuatorCount();
   statics::WorkspacePoints all;
   std::optional<statics::WorkspaceExtremes> farthest;
   {
     const py::gil_scoped_release others_run;
-    const statics::Workspace workspace(scene.model(), {seed, sensitivity});
+    const statics::Workspace workspace(scene.model(), {first_seed, sensitivity});
     const auto size = static_cast<std::size_t>(workspace.pieceSize());
     const auto count = static_cast<std::size_t>(points);
     std::vector<statics::WorkspacePoints> pieces((count + size - 1) / size);
@@ -80,9 +85,8 @@ py::dict workspace(const Scene& scene, std::int64_t points, std::uint64_t seed, 
 }  // namespace
 
 void bindWorkspace(py::class_<Scene>& scene) {
-  scene.def("_workspace", workspace, py::arg("points"), py::arg("seed"),
-            py::arg("sensitivity").noconvert(), py::arg("extremes").noconvert(),
-            py::arg("threads"));
+  scene.def("_workspace", workspace, py::arg("points"), py::arg("seed"), py::arg("sensitivity"),
+            py::arg("extremes"), py::arg("threads"));
 }
 
 }  // namespace helix_arm::python

@@ -28,7 +28,8 @@ bool startsWith(const std::vector<std::uint8_t>& bytes, std::initializer_list<st
 
 // @return the fault; absent on success.
 std::optional<std::string> decodePicture(const std::vector<std::uint8_t>& bytes, cv::Mat& gray) {
-  if (startsWith(bytes, {0xff, 0xd8})) return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
+  if (startsWith(bytes, {0xff, 0xd8}))
+    return JpegDecoder().decode(bytes.data(), bytes.size(), gray);
   if (startsWith(bytes, {0x89, 'P', 'N', 'G'})) return decodePng(bytes.data(), bytes.size(), gray);
   return media().decode(bytes, gray);
 }

@@ -1,6 +1,7 @@
 """Whatever is passed in, an exception names argument and rule; the interpreter stays."""
 import pathlib
 import unittest
+import warnings
 
 import helix_arm
 import numpy as np
@@ -60,7 +61,39 @@ class RuleTest(unittest.TestCase):
         self.refuses(ValueError, ["threads is -1", "0 for all cores"], self.scene.tips, GOOD, threads=-1)
         self.refuses(ValueError, ["points is 1", "expected 2 to"], self.scene.curve, GOOD, points=1)
         self.refuses(ValueError, ["points is -5"], self.scene.workspace, -5)
-        self.refuses(TypeError, ["points: int"], self.scene.curve, GOOD, points=2.5)
+        self.refuses(TypeError, ["points is of type float; expected an int"], self.scene.curve, GOOD, points=2.5)
+        self.refuses(ValueError, ["points is 1000000000000; expected 2 to"], self.scene.curve, GOOD, points=10**12)
+        self.refuses(ValueError, ["points is beyond 64 bits"], self.scene.workspace, 10**30)
+        self.refuses(TypeError, ["points is of type bool"], self.scene.workspace, True)
+        for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian]:
+            self.refuses(TypeError, ["threads is of type float"], call, GOOD, threads=1.5)
+            self.refuses(TypeError, ["unexpected keyword argument 'pressures'"], call, pressures=GOOD)
+        self.refuses(ValueError, ["seed is -1; expected 0 to"], self.scene.workspace, 5, seed=-1)
+        self.refuses(TypeError, ["seed is of type str"], self.scene.follow, np.zeros(3), seconds=1, seed="a")
+        self.refuses(TypeError, ["seconds is of type str"], self.scene.follow, np.zeros(3), seconds="1")
+        self.refuses(TypeError, ["rig is of type str; expected a Scene"], self.scene.follow, np.zeros(3), seconds=1, rig="demo")
+        self.refuses(TypeError, ["prefer is of type int; expected a str"], self.scene.inverse, np.zeros(3), prefer=3)
+        self.refuses(TypeError, ["cocontraction is of type NoneType"], self.scene.inverse, np.zeros(3), cocontraction=None)
+        self.refuses(TypeError, ["sensitivity is of type int; expected True or False"], self.scene.workspace, 5, sensitivity=1)
+        np.testing.assert_array_equal(self.scene.tips(GOOD, threads=np.int32(2)), self.scene.tips(GOOD))
+
+    def test_out_that_overlaps(self):
+        memory = np.tile(GOOD, (5, 1))
+        for rows, out in [(memory, memory), (memory[:-1], memory[1:]), (memory[::-1][1:], memory[:-1])]:
+            self.refuses(ValueError, ["out overlaps pressures_pa"], self.scene.tips, rows, out=out)
+        np.testing.assert_array_equal(memory, np.tile(GOOD, (5, 1)))
+        self.scene.tips(memory[:2], out=memory[2:4])
+        np.testing.assert_allclose(memory[3], self.scene.tips(GOOD), atol=1e-15)
+
+    def test_kilopascals(self):
+        with self.assertWarnsRegex(UserWarning, "at most 200 Pa, which looks like kPa") as caught:
+            self.scene.forward([200.0, 0.0, 50.0])
+        self.assertEqual(caught.filename, __file__)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for good in [GOOD, np.zeros(3), np.array([[0, 0, 0], [1, 2, 3], GOOD])]:
+                self.scene.tips(good)
+            self.refuses(UserWarning, ["looks like kPa"], self.scene.tips, np.ones((3, 3)))
 
     def test_out(self):
         read_only = np.zeros(3)
@@ -76,6 +109,7 @@ class RuleTest(unittest.TestCase):
         self.refuses(TypeError, ["overrides['load']"], load, "demo", {"load": object()})
         self.refuses(TypeError, ["overrides is list"], load, "demo", [])
         self.refuses(TypeError, ["path_or_name is bytes"], load, b"demo")
+        self.refuses(TypeError, ["path_or_name is NoneType"], load, None)
         load(pathlib.Path(load("demo").path))
 
     def test_measurements(self):
@@ -104,8 +138,9 @@ class RuleTest(unittest.TestCase):
     def test_more_rows_than_memory(self):
         huge = np.broadcast_to(GOOD, (10**13, 3))
         for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian, self.scene.inverse]:
-            with self.assertRaises(MemoryError):
+            with self.assertRaises(MemoryError) as caught:
                 call(huge)
+            self.assertTrue(str(caught.exception))
         with self.assertRaises(MemoryError):
             self.scene.inverse(huge, start=GOOD)
 

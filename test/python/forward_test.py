@@ -1,4 +1,5 @@
 """Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads."""
+import pickle
 import unittest
 
 import helix_arm
@@ -23,6 +24,14 @@ class ForwardTest(unittest.TestCase):
         np.testing.assert_allclose(result.tips, arm.tips(p), atol=1e-11)
         np.testing.assert_allclose(self.scene.tips(p), arm.tips(p), atol=1e-11)
         self.assertTrue(result.converged.all())
+
+    def test_a_pickled_scene_is_the_same(self):
+        scene = helix_arm.Scene.load("helical_50", {"arm.stiffness.K_gamma": 60})
+        again = pickle.loads(pickle.dumps(scene))
+        p = pressures_of(scene, 5)
+        np.testing.assert_array_equal(again.tips(p), scene.tips(p))
+        self.assertIs(type(again), helix_arm.Scene)
+        self.assertGreater(np.abs(self.scene.tips(p) - scene.tips(p)).max(), 1e-4)
 
     def test_tip_frame_is_exp_of_the_twist(self):
         for p in pressures_of(self.scene, 20):

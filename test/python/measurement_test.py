@@ -61,6 +61,7 @@ class SimulatedRigTest(unittest.TestCase):
         self.assertEqual(one.corners_px.shape, (len(one.tags), 4, 2))
         # The corners are where the picture has them: gray levels there lie between black and white.
         self.assertLess(one.corners_px[..., 0].max(), 1280)
+        np.testing.assert_allclose(self.scene.localize(pictures[0]).tip, one.tip, atol=1e-4)  # started at rest
         series = self.scene.localize(pictures[:2], self.pressures[:2])
         np.testing.assert_allclose(series[0].twists, one.twists, atol=1e-12)
         blank = self.scene.localize(np.zeros((720, 1280), np.uint8), self.pressures[0])

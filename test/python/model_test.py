@@ -32,6 +32,14 @@ class InverseTest(unittest.TestCase):
         self.assertIs(one.reached, True)
         self.assertEqual(one.status, "reached")
 
+    def test_solvers_that_are_used_again_change_nothing(self):
+        tips = self.scene.tips(pressures_of(self.scene, 600))
+        first = self.scene.inverse(tips)
+        for prefer in ["min-change", "min-pressure"]:
+            self.scene.inverse(tips[::7], prefer=prefer, start=self.scene.limits_pa[:, 1])
+        for threads in [2, 1]:
+            np.testing.assert_array_equal(self.scene.inverse(tips, threads=threads).pressures_pa, first.pressures_pa)
+
     def test_poses_and_twists_are_targets_too(self):
         p = pressures_of(self.scene, 5)
         shapes = self.scene.forward(p)
