@@ -11,11 +11,33 @@
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
-#include "relaxation.hpp"
+#include "relaxation_response.hpp"
 
 /// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
 /// slow.
 namespace helix_arm::statics {
+
+/// Change of the unloaded twists along given directions (dof sections x m).
+template <class Group>
+class TwistChange final : public UnloadedChange<Group> {
+ public:
+  using typename UnloadedChange<Group>::Motion;
+  using typename UnloadedChange<Group>::Tangent;
+  /// Keeps a reference.
+  explicit TwistChange(const Eigen::MatrixXd& directions) : directions_(directions) {}
+  int count() const override { return static_cast<int>(directions_.cols()); }
+  int first(int /*k*/) const override { return 0; }
+  int columns(int /*k*/) const override { return count(); }
+  Motion twist(int k, double /*s*/) const override {
+    return directions_.middleRows<Group::kDof>(Group::kDof * k);
+  }
+  Motion strain(int /*k*/, double /*s*/, const Tangent& /*strain*/) const override {
+    return Motion::Zero(Group::kDof, count());
+  }
+
+ private:
+  const Eigen::MatrixXd& directions_;
+};
 
 inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and one radian
 
@@ -166,23 +188,43 @@ std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloade
 }
 
 template <class Group>
-typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
-    const Twists& unloaded, const Eigen::MatrixXd& directions) const {
+ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
+                                                const UnloadedChange<Group>& change) const {
   return withNodes(order_, [&](auto nodes) {
-    using Solver = Relaxation<nodes()>;
-    const Solver here = solved<Solver>(load_, unloaded, nullptr);
-    Response out{here.result(), Motion::Zero(Group::kDof, directions.cols())};
-    for (int d = 0; d < directions.cols(); ++d) {
-      const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
-      const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
-                                   direction.template bottomRows<Group::kRotations>().norm());
-      if (size == 0) continue;
-      const double step = kDifferenceStep / size;
-      out.add(d, step, solved<Solver>(load_, Twists(unloaded - step * direction), &here).result(),
-              solved<Solver>(load_, Twists(unloaded + step * direction), &here).result());
+    const int sections = static_cast<int>(unloaded.twists.cols());
+    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    const TipOf<Group> found = relaxation.result();
+    if (!found.converged()) {
+      return withoutDerivative({relaxation.shape(sections), lie::inSpace(found.tip), found.status,
+                                found.residual, found.iterations},
+                               change.count() + 6);
     }
+    relaxation.polish();
+    const auto response = relaxation.respond(change, true);
+    const model::Shape shape = relaxation.shape(sections);
+    return ShapeResponse{
+        {shape, lie::inSpace(relaxation.result().tip), found.status, found.residual,
+         found.iterations},
+        shapeDerivative(shape, relaxation.pieceMotions(sections, change, response))};
+  });
+}
+
+template <class Group>
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipBy(
+    const Unloaded& unloaded, const UnloadedChange<Group>& change) const {
+  return withNodes(order_, [&](auto nodes) {
+    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    Response out{relaxation.result(), Motion::Zero(Group::kDof, change.count())};
+    if (!out.at.converged()) return out;
+    out.by = out.at.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
     return out;
   });
+}
+
+template <class Group>
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
+    const Twists& unloaded, const Eigen::MatrixXd& directions) const {
+  return tipBy(unloaded, TwistChange<Group>(directions));
 }
 
 template <class Group>
