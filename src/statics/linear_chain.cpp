@@ -46,58 +46,81 @@ LinearChain<Group>::LinearChain(const std::vector<LinearElement<Group>>& element
 
 template <class Group>
 typename LinearChain<Group>::Part LinearChain<Group>::partOf(const LinearElement<Group>& element) {
-  constexpr int kDof = Group::kDof, kSpace = Group::kSpace;
+  constexpr int kDof = Group::kDof, kRotations = Group::kRotations;
+  using Matrix = typename Group::Matrix;
+  using Moments = Eigen::Matrix<double, kRotations, kDof>;
+  using OtherMoments = Eigen::Matrix<double, kRotations, Eigen::Dynamic>;
   const int nodes = static_cast<int>(element.nodes.size());
-  const int own = static_cast<int>(element.end.cols()), unknowns = kDof * nodes;
-  const int start = unknowns, beyond = unknowns + kDof, all = unknowns + 2 * kDof + own;
-  const auto motionOf = [&](const typename Group::Matrix& by_z, const auto& weights,
-                            const Motion& by_own) {
-    Motion out = Motion::Zero(kDof, all);
-    for (int l = 0; l < nodes; ++l) {
-      out.template middleCols<kDof>(kDof * l) = weights[l] * by_z;
-    }
-    out.template middleCols<kDof>(start).setIdentity();
-    out.rightCols(own) = by_own;
-    return out;
+  const int own = static_cast<int>(element.end.cols());
+  const int unknowns = kDof * nodes, others = 2 * kDof + own, all = unknowns + others;
+  Part out{unknowns,          element.first_column,   own, Eigen::MatrixXd(unknowns, all),
+           Motion(kDof, all), Motion::Zero(kDof, all)};
+  // With the start, the wrench beyond and the parameters; the rates come block by block.
+  const auto othersOf = [&](const Motion& by_own) {
+    Motion motion = Motion::Zero(kDof, others);
+    motion.template leftCols<kDof>().setIdentity();
+    motion.rightCols(own) = by_own;
+    return motion;
   };
-  Part out{unknowns, element.first_column, own, Eigen::MatrixXd(unknowns, all), {}, {}};
-  out.end = motionOf(element.end_by_z, element.weights, element.end);
-  std::vector<Motion> motions;
-  using Displacement = Eigen::Matrix<double, kSpace, Eigen::Dynamic>;
-  std::vector<Displacement> moved;
-  for (int j = 0; j < nodes; ++j) {
-    const LinearNode<Group>& node = element.nodes[j];
-    motions.push_back(motionOf(node.motion_by_z, element.before.col(j), node.motion));
-    moved.push_back(displacementOf(node.X.translation) * motions[j]);
+  for (int l = 0; l < nodes; ++l) {
+    out.end.template middleCols<kDof>(kDof * l) = element.weights[l] * element.end_by_z;
   }
-  const auto addMoments = [&](const auto& weights, Motion& wrench) {
-    Displacement sum = Displacement::Zero(kSpace, all);
-    for (int l = 0; l < nodes; ++l) sum += weights[l] * moved[l];
-    wrench.template bottomRows<Group::kRotations>() += momentsOf(element.weight) * sum;
-  };
-  out.wrench = Motion::Zero(kDof, all);
-  out.wrench.template middleCols<kDof>(beyond).setIdentity();
+  out.end.rightCols(others) = othersOf(element.end);
+
+  // Moments at the element's end by z there, and by the others.
+  Moments pulled = Moments::Zero();
+  OtherMoments pulled_others = OtherMoments::Zero(kRotations, others);
   for (const auto& pull : element.pulls) {
-    out.wrench.template bottomRows<Group::kRotations>() +=
-        momentsOf(pull.force) * (displacementOf(pull.at) * out.end);
+    const Moments by_motion = momentsOf(pull.force) * displacementOf(pull.at);
+    pulled += by_motion * element.end_by_z;
+    pulled_others += by_motion * out.end.rightCols(others);
   }
+  // Moments of the weight at each node, as integrals of these.
+  std::vector<Moments> weighed;
+  std::vector<OtherMoments> weighed_others;
+  std::vector<Motion> motions;
+  for (const LinearNode<Group>& node : element.nodes) {
+    const Moments by_motion = momentsOf(element.weight) * displacementOf(node.X.translation);
+    motions.push_back(othersOf(node.motion));
+    weighed.push_back(by_motion * node.motion_by_z);
+    weighed_others.push_back(by_motion * motions.back());
+  }
+  const auto moments = [&](const auto& weights, int l) {
+    Moments sum = element.weights[l] * pulled;
+    for (int k = 0; k < nodes; ++k) sum += weights[k] * element.before(l, k) * weighed[k];
+    return sum;
+  };
+  const auto otherMoments = [&](const auto& weights) {
+    OtherMoments sum = pulled_others;
+    for (int k = 0; k < nodes; ++k) sum += weights[k] * weighed_others[k];
+    return sum;
+  };
   for (int j = 0; j < nodes; ++j) {
     const LinearNode<Group>& node = element.nodes[j];
-    const typename Group::Matrix Ad_inverse = node.X.inverse().adjoint();
+    const Matrix by_wrench = node.rate_by_wrench * node.X.adjoint().transpose();
     // A motion turns the point against the wrench.
-    const typename Group::Matrix by_wrench = node.rate_by_wrench * node.X.adjoint().transpose();
-    const typename Group::Matrix by_motion = node.rate_by_wrench * turned(node.wrench) * Ad_inverse;
-    Motion wrench = out.wrench;
-    addMoments(element.after.col(j), wrench);
+    const Matrix by_motion = node.rate_by_wrench * turned(node.wrench) * node.X.inverse().adjoint();
+    const Matrix by_z = by_motion * node.motion_by_z + node.rate_by_z;
+    const Eigen::Matrix<double, kDof, kRotations> by_moment =
+        by_wrench.template rightCols<kRotations>();
+    const Eigen::VectorXd beyond = element.after.col(j);
     auto rate = out.rates.template middleRows<kDof>(kDof * j);
-    rate.noalias() = by_wrench * wrench;
-    rate.noalias() += by_motion * motions[j];
     for (int l = 0; l < nodes; ++l) {
-      rate.template middleCols<kDof>(kDof * l) += element.before(l, j) * node.rate_by_z;
+      rate.template middleCols<kDof>(kDof * l) =
+          element.before(l, j) * by_z + by_moment * moments(beyond, l);
     }
-    rate.rightCols(own) += node.rate;
+    auto other = rate.rightCols(others);
+    other.noalias() = by_motion * motions[j];
+    other.noalias() += by_moment * otherMoments(beyond);
+    other.template middleCols<kDof>(kDof) += by_wrench;
+    other.rightCols(own) += node.rate;
   }
-  addMoments(element.weights, out.wrench);
+  out.wrench.template middleCols<kDof>(unknowns + kDof).setIdentity();
+  auto at_start = out.wrench.template bottomRows<kRotations>();
+  for (int l = 0; l < nodes; ++l) {
+    at_start.template middleCols<kDof>(kDof * l) = moments(element.weights, l);
+  }
+  at_start.rightCols(others) += otherMoments(element.weights);
   return out;
 }
 
