@@ -17,28 +17,6 @@
 /// slow.
 namespace helix_arm::statics {
 
-/// Change of the unloaded twists along given directions (dof sections x m).
-template <class Group>
-class TwistChange final : public UnloadedChange<Group> {
- public:
-  using typename UnloadedChange<Group>::Motion;
-  using typename UnloadedChange<Group>::Tangent;
-  /// Keeps a reference.
-  explicit TwistChange(const Eigen::MatrixXd& directions) : directions_(directions) {}
-  int count() const override { return static_cast<int>(directions_.cols()); }
-  int first(int /*k*/) const override { return 0; }
-  int columns(int /*k*/) const override { return count(); }
-  Motion twist(int k, double /*s*/) const override {
-    return directions_.middleRows<Group::kDof>(Group::kDof * k);
-  }
-  Motion strain(int /*k*/, double /*s*/, const Tangent& /*strain*/) const override {
-    return Motion::Zero(Group::kDof, count());
-  }
-
- private:
-  const Eigen::MatrixXd& directions_;
-};
-
 inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and one radian
 
 /// Calls f with the number of nodes for an order as a compile-time constant.
@@ -224,7 +202,21 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipBy(
 template <class Group>
 typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
     const Twists& unloaded, const Eigen::MatrixXd& directions) const {
-  return tipBy(unloaded, TwistChange<Group>(directions));
+  return withNodes(order_, [&](auto nodes) {
+    using Solver = Relaxation<nodes()>;
+    const Solver here = solved<Solver>(load_, unloaded, nullptr);
+    Response out{here.result(), Motion::Zero(Group::kDof, directions.cols())};
+    for (int d = 0; d < directions.cols(); ++d) {
+      const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
+      const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
+                                   direction.template bottomRows<Group::kRotations>().norm());
+      if (size == 0) continue;
+      const double step = kDifferenceStep / size;
+      out.add(d, step, solved<Solver>(load_, Twists(unloaded - step * direction), &here).result(),
+              solved<Solver>(load_, Twists(unloaded + step * direction), &here).result());
+    }
+    return out;
+  });
 }
 
 template <class Group>

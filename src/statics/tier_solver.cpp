@@ -9,6 +9,22 @@
 namespace helix_arm::statics {
 namespace {
 
+// Up to as many, differences of tips that start at the solution take less time than the linear
+// equations of their derivative (loaded_benchmark); of the lowest order, for any number.
+constexpr int kFewActuators = 5;
+
+// The maps of all sections (dof * sections x n): derivatives of the twists by each free length.
+template <class Group>
+Eigen::MatrixXd mapOf(const model::ArmOf<Group>& arm) {
+  Eigen::MatrixXd map =
+      Eigen::MatrixXd::Zero(Group::kDof * arm.sectionCount(), arm.actuatorCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const auto& block = arm.equilibrium(k).map;
+    map.block(Group::kDof * k, arm.firstActuator(k), Group::kDof, block.cols()) = block;
+  }
+  return map;
+}
+
 template <class Group>
 Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(
     const model::ArmOf<Group>& arm, const model::UnloadedOf<Group>& unloaded) {
@@ -32,7 +48,11 @@ ActuatorChange<Group> byLengths(const model::ArmOf<Group>& arm, const Load* load
 
 TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                        const std::optional<Load>& load, const TierSetting& setting)
-    : arm_(arm), plane_(nullptr), load_(takesLoad(setting.tier) ? &*load : nullptr) {
+    : arm_(arm),
+      plane_(nullptr),
+      load_(takesLoad(setting.tier) ? &*load : nullptr),
+      differs_(setting.tier == Tier::kLoaded && !arm.tapered() && load->tables.empty() &&
+               (setting.order == kLeastOrder || arm.actuatorCount() <= kFewActuators)) {
   switch (setting.tier) {
     case Tier::kPlanar:
       plane_ = &*planar;
@@ -127,6 +147,15 @@ std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
+  if (loaded_ && differs_) {
+    const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
+    return {found.at.tip, found.at.status, found.by};
+  }
+  if (planar_loaded_ && differs_) {
+    const auto found =
+        planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
+    return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
+  }
   if (loaded_) {
     const auto found =
         loaded_->tipBy(unloadedOfLengths(arm_, lengths), byLengths(arm_, load_, lengths));

@@ -62,8 +62,8 @@ class LoadedArmOf {
 
   /// A tip and its derivatives.
   struct Response {
-    TipOf<Group> at;
-    Motion by;  ///< (dof x m) body twist of the tip per unit of each of m changes
+    TipOf<Group> at;  ///< its status also covers the nearby tips of differences
+    Motion by;        ///< (dof x m) body twist of the tip per unit of each of m changes
 
     // Fills a column with the central difference of the tips one step below and above.
     void add(int column, double step, const TipOf<Group>& below, const TipOf<Group>& above);
@@ -100,8 +100,9 @@ class LoadedArmOf {
 
   /// Tip and its derivative when the unloaded twists change along each of m directions (dof *
   /// sections x m). With an actuator's map and the slope of its contraction as direction, this is
-  /// the derivative with respect to its input. For arms without taper and loads without
-  /// StiffnessTables.
+  /// the derivative with respect to its input. Central differences of solutions, accurate to 1e-6
+  /// of the largest column: faster than tipBy() for few directions. For arms without taper and
+  /// loads without StiffnessTables.
   Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
 
   /// Tip and its derivative with respect to the load: one column for the mass of each section
