@@ -105,7 +105,8 @@ class Scene(_core.Scene):
     def jacobian(self, pressures_pa: Numbers, threads: int = 1) -> results.Jacobian:
         """Derivatives of tip and twists with respect to pressures, free lengths, stiffness and a load at the tip.
 
-        pressures_pa: (n,) or (N, n) [Pa]. Analytic without load; under load, differences of fourth order.
+        pressures_pa: (n,) or (N, n) [Pa]. Analytic; under load, by the implicit function theorem at
+        the tier's own equilibrium.
         """
         return results.Jacobian(**self._jacobian(pressures_pa, threads))
 

@@ -42,4 +42,15 @@ LogCoefficient logCoefficientAndSlope(double x) {
   return {sum, slope};
 }
 
+double logCoefficientCurvature(double x) {
+  if (x >= kLogSeriesLimit) {
+    // From its differential equation, x g' = x g^2 / 2 - 3 g / 2 + 1 / 8.
+    const auto [g, slope] = logCoefficientAndSlope(x);
+    return (0.5 * g * g - 2.5 * slope) / x + g * slope;
+  }
+  double sum = 0.0;
+  for (int k = 13; k >= 2; --k) sum = sum * x + k * (k - 1) * kCoefficients[k];
+  return sum;
+}
+
 }  // namespace helix_arm::lie

@@ -17,4 +17,7 @@ struct LogCoefficient {
 };
 LogCoefficient logCoefficientAndSlope(double x);
 
+/// Its second derivative with respect to x [1/rad^4].
+double logCoefficientCurvature(double x);
+
 }  // namespace helix_arm::lie

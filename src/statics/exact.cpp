@@ -5,11 +5,14 @@
 #include <limits>
 #include <utility>
 
+#include "gauss_rule.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve_place.hpp"
+#include "linear_chain.hpp"
 #include "load_steps.hpp"
 #include "multiple_shooting.hpp"
 #include "rod.hpp"
+#include "shape_motion.hpp"
 #include "twist_near.hpp"
 
 namespace helix_arm::statics {
@@ -22,6 +25,10 @@ using lie::Vector6;
 // this multiple of the tolerance, it counts as zero.
 constexpr double kNoWork = 1e-8;
 constexpr double kNoWorkTolerances = 10;
+// Gauss points of a panel of the derivatives, and its largest turn [rad] and e-fold growth, which
+// they resolve to 1e-12.
+constexpr int kPanelNodes = 8;
+constexpr double kPanelTurn = 1.2;
 
 // Checks the options, which must suit the arm and its load.
 const ExactOptions& checked(const model::Arm& arm, const Load& load, const ExactOptions& options) {
@@ -51,21 +58,33 @@ class ExactArm::Statics {
  public:
   Statics(const model::Arm& arm, const Load& load, const ExactOptions& options);
   Solution solve(const model::Unloaded& unloaded) const;
+  ShapeResponse differentiate(const model::Unloaded& unloaded,
+                              const UnloadedChange<lie::SE3>& change) const;
   std::vector<model::CurvePoint<lie::SE3>> curve(const model::Unloaded& unloaded, int count) const;
 
  private:
+  // Part of a segment on which the linear equations are solved at Gauss points.
+  struct Panel {
+    int segment;
+    double begin, end;  // s of the section
+    bool ends_segment, ends_piece;
+  };
+
   // Counters and faults of an integration along the arm.
   struct Trace {
     bool finite = true;
     bool supported = true;
   };
 
-  // Calls visit(X, turned) at each of the stops, which are non-decreasing s over the whole arm,
-  // with the pose there and the integral of the angular strain up to it.
+  // Calls visit(X, turned, wrench) at each of the stops, which are non-decreasing s over the whole
+  // arm, with the pose there, the integral of the angular strain up to it and the body wrench.
   template <class Visit>
   Trace trace(const Reached& reached, const model::Unloaded& unloaded,
               const std::vector<double>& stops, const Visit& visit) const;
   void check(const model::Unloaded& unloaded) const;
+  Reached reach(const model::Unloaded& unloaded) const;
+  Solution solutionOf(const Reached& reached, const model::Unloaded& unloaded) const;
+  std::vector<Panel> panels(const model::Unloaded& unloaded) const;
   model::Shape unloadedShape(const model::Unloaded& unloaded) const;
 
   ExactOptions options_;
@@ -114,7 +133,8 @@ ExactArm::Statics::Trace ExactArm::Statics::trace(const Reached& reached,
       s = to;
       checkSupport(s);
       if (next == stops.size() || s < stop) continue;
-      visit(lie::SE3{Flow<0>::rotation(y), y.segment<3>(7)}, Vector3d(y.tail<3>()));
+      visit(lie::SE3{Flow<0>::rotation(y), y.segment<3>(7)}, Vector3d(y.tail<3>()),
+            part.wrench(s, y));
       ++next;
     }
     if (const lie::SE3* link = rod_.linkAfter(static_cast<int>(j))) {
@@ -150,8 +170,20 @@ void ExactArm::Statics::check(const model::Unloaded& unloaded) const {
                   "exact tier: a twist of the unloaded arm is not finite");
 }
 
+// Without load, the unloaded shape.
+Reached ExactArm::Statics::reach(const model::Unloaded& unloaded) const {
+  const MultipleShooting shooting(rod_, unloaded, options_);
+  if (!empty_) return stepLoad(shooting, options_);
+  return {shooting.unloadedNodes(), 1.0, 0.0, 0};
+}
+
 Solution ExactArm::Statics::solve(const model::Unloaded& unloaded) const {
   check(unloaded);
+  return solutionOf(empty_ ? Reached{} : reach(unloaded), unloaded);
+}
+
+Solution ExactArm::Statics::solutionOf(const Reached& reached,
+                                       const model::Unloaded& unloaded) const {
   Solution solution;
   solution.shape = unloadedShape(unloaded);
   for (int k = 0; k < unloaded.twists.cols(); ++k) {
@@ -160,13 +192,11 @@ Solution ExactArm::Statics::solve(const model::Unloaded& unloaded) const {
   }
   if (empty_) return solution;
 
-  const MultipleShooting shooting(rod_, unloaded, options_);
-  const Reached reached = stepLoad(shooting, options_);
   solution.iterations = reached.iterations;
   solution.residual = reached.residual;
   if (reached.share < 1.0) {
     solution.status = SolveStatus::kNotConverged;
-    solution.residual = shooting.residualOf(reached.nodes, 1.0);
+    solution.residual = MultipleShooting(rod_, unloaded, options_).residualOf(reached.nodes, 1.0);
   }
   if (reached.share == 0.0) return solution;
   const int per_section = options_.pieces_per_section;
@@ -181,8 +211,8 @@ Solution ExactArm::Statics::solve(const model::Unloaded& unloaded) const {
   lie::SE3 X_start;
   Vector3d turned_start = Vector3d::Zero();
   int piece = 0;
-  const Trace found =
-      trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d& turned) {
+  const Trace found = trace(
+      reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d& turned, const Vector6&) {
         pieces.col(piece++) = twistNear(X_start.inverse() * X, turned - turned_start);
         X_start = X;
         turned_start = turned;
@@ -201,6 +231,97 @@ Solution ExactArm::Statics::solve(const model::Unloaded& unloaded) const {
   return solution;
 }
 
+// Between the ends of segments and of the shape's pieces, evenly.
+std::vector<ExactArm::Statics::Panel> ExactArm::Statics::panels(
+    const model::Unloaded& unloaded) const {
+  std::vector<Panel> out;
+  const int pieces = options_.pieces_per_section;
+  for (std::size_t j = 0; j < rod_.segments().size(); ++j) {
+    const Segment& segment = rod_.segments()[j];
+    const double turn = unloaded.twists.col(segment.section).tail<3>().norm();
+    double begin = segment.begin;
+    while (begin < segment.end) {
+      int piece = static_cast<int>(begin * pieces);
+      if ((piece + 1.0) / pieces <= begin) ++piece;
+      const double piece_end = (piece + 1.0) / pieces;
+      const double end = std::min(segment.end, piece_end);
+      const double size = (end - begin) * (turn + segment.growth / (segment.end - segment.begin));
+      const int parts = std::max(1, static_cast<int>(std::ceil(size / kPanelTurn)));
+      for (int i = 0; i < parts; ++i) {
+        const bool last = i + 1 == parts;
+        const double from = begin + (end - begin) * i / parts;
+        const double to = last ? end : begin + (end - begin) * (i + 1) / parts;
+        out.push_back(
+            {static_cast<int>(j), from, to, last && end == segment.end, last && end == piece_end});
+      }
+      begin = end;
+    }
+  }
+  return out;
+}
+
+ShapeResponse ExactArm::Statics::differentiate(const model::Unloaded& unloaded,
+                                               const UnloadedChange<lie::SE3>& change) const {
+  check(unloaded);
+  const Reached reached = reach(unloaded);
+  Solution solution = solutionOf(reached, unloaded);
+  if (!solution.converged()) return withoutDerivative(std::move(solution), change.count() + 6);
+  const auto& rule = GaussRule<kPanelNodes>::get();
+  const std::vector<Panel> parts = panels(unloaded);
+  std::vector<double> stops;
+  for (const Panel& panel : parts) {
+    const int k = rod_.segments()[panel.segment].section;
+    for (const double t : rule.nodes()) {
+      stops.push_back(k + panel.begin + t * (panel.end - panel.begin));
+    }
+    stops.push_back(k + panel.end);
+  }
+  std::vector<LinearElement<lie::SE3>> elements(parts.size());
+  std::size_t place = 0;
+  const Trace found = trace(
+      reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&, const Vector6& wrench) {
+        const Panel& panel = parts[place / (kPanelNodes + 1)];
+        LinearElement<lie::SE3>& element = elements[place / (kPanelNodes + 1)];
+        const std::size_t node = place++ % (kPanelNodes + 1);
+        const Segment& segment = rod_.segments()[panel.segment];
+        const double h = panel.end - panel.begin;
+        const auto own = static_cast<Eigen::Index>(change.columns(segment.section));
+        if (node < kPanelNodes) {
+          const double s = panel.begin + rule.nodes()[static_cast<Eigen::Index>(node)] * h;
+          const lie::Matrix6 C = rod_.compliance(segment.section, s, unloaded);
+          const lie::Matrix6 Ad = h * X.adjoint();
+          // The rate is the strain, seen from the base.
+          element.nodes.push_back({X, wrench, lie::Matrix6::Identity(), Motions::Zero(6, own),
+                                   Ad * C, lie::Matrix6::Zero(),
+                                   Ad * (change.twist(segment.section, s) +
+                                         change.strain(segment.section, s, C * wrench))});
+          return;
+        }
+        element.before = rule.before();
+        element.after = rule.after();
+        element.weights = rule.weights();
+        element.first_column = change.first(segment.section);
+        element.end_by_z.setIdentity();
+        element.end = Motions::Zero(6, own);
+        element.weight = h * segment.weight;
+        if (!panel.ends_segment) return;
+        for (const Pull& pull : segment.pulls)
+          element.pulls.push_back({X * pull.offset, pull.force});
+      });
+  if (!found.finite) {
+    solution.status = SolveStatus::kNotConverged;
+    return withoutDerivative(std::move(solution), change.count() + 6);
+  }
+  const auto response = LinearChain<lie::SE3>(elements).balanced(
+      wrenchesAt<lie::SE3>(solution.tip.translation, change.count(), true));
+  std::vector<Motions> ends;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (parts[i].ends_piece) ends.push_back(response.starts[i + 1]);
+  }
+  const ShapeDerivative by = shapeDerivative(solution.shape, ends);
+  return {std::move(solution), by};
+}
+
 std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::Unloaded& unloaded,
                                                                   int count) const {
   model::requireCurve(count);
@@ -212,13 +333,14 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::U
   for (int i = 0; i < count; ++i) stops.push_back(model::curvePlace(sections, i, count));
   std::vector<model::CurvePoint<lie::SE3>> out;
   out.reserve(count);
-  const Trace found = trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&) {
-    const double s = stops[out.size()];
-    const int k = static_cast<int>(s);
-    // Where two sections meet, the curve continues beyond the link.
-    const bool joint = rod_.links() && k > 0 && k < sections && s == k;
-    out.push_back({s, joint ? X * (*rod_.links())[k - 1] : X});
-  });
+  const Trace found =
+      trace(reached, unloaded, stops, [&](const lie::SE3& X, const Vector3d&, const Vector6&) {
+        const double s = stops[out.size()];
+        const int k = static_cast<int>(s);
+        // Where two sections meet, the curve continues beyond the link.
+        const bool joint = rod_.links() && k > 0 && k < sections && s == k;
+        out.push_back({s, joint ? X * (*rod_.links())[k - 1] : X});
+      });
   return found.finite ? out : model::sampleCurve(solve(unloaded).shape, count);
 }
 
@@ -227,6 +349,11 @@ ExactArm::ExactArm(const model::Arm& arm, const Load& load, const ExactOptions& 
 
 Solution ExactArm::solve(const model::Unloaded& unloaded) const {
   return statics_->solve(unloaded);
+}
+
+ShapeResponse ExactArm::differentiate(const model::Unloaded& unloaded,
+                                      const UnloadedChange<lie::SE3>& change) const {
+  return statics_->differentiate(unloaded, change);
 }
 
 std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Unloaded& unloaded,

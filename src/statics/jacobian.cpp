@@ -1,117 +1,56 @@
 #include "helix_arm/statics/jacobian.hpp"
 
-#include <algorithm>
 #include <limits>
 #include <utility>
 #include <vector>
 
 #include "gauss_rule.hpp"
+#include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "wrench.hpp"
+#include "helix_arm/statics/stiffness_by_input.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
+#include "shape_motion.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
 using lie::SE3;
 using lie::Vector6;
+using Change = ActuatorChange<SE3>;
 
-constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 constexpr int kStiffnessEntries = 3;
-// A motion that costs less than this fraction of another one is free of cost.
-constexpr double kFreeOfCost = 1e-9;
 
-ShapeDerivative emptyDerivative(int sections, int columns, double value) {
-  return {Eigen::MatrixXd::Constant(6, columns, value),
+ShapeDerivative constantDerivative(int sections, int columns, double value) {
+  return {Motions::Constant(6, columns, value),
           Eigen::MatrixXd::Constant(6 * sections, columns, value)};
 }
 
-// Turns the columns from the tip's frame to that of the base.
-void turnToBase(const SE3& tip, ShapeDerivative& derivative) {
-  derivative.tip.topRows<3>() = (tip.rotation * derivative.tip.topRows<3>()).eval();
-  derivative.tip.bottomRows<3>() = (tip.rotation * derivative.tip.bottomRows<3>()).eval();
+void setColumn(ShapeDerivative& to, int column, const ShapeDerivative& from, int source) {
+  to.tip.col(column) = from.tip.col(source);
+  to.twists.col(column) = from.twists.col(source);
 }
 
-// Pose of the tip seen from the end of each section, and the motion of the tip, in its own frame,
-// by a change of that section's twist.
-struct Chain {
-  Chain(const model::Arm& arm, const model::Twists& twists)
-      : after(static_cast<std::size_t>(arm.sectionCount())), by_twist(after.size()) {
-    SE3 beyond;
-    for (int k = arm.sectionCount() - 1; k >= 0; --k) {
-      const auto at = static_cast<std::size_t>(k);
-      if (arm.links()) beyond = arm.link(k) * beyond;
-      after[at] = beyond;
-      by_twist[at] = beyond.inverse().adjoint() * SE3::rightJacobian(twists.col(k));
-      beyond = SE3::exp(twists.col(k)) * beyond;
-    }
-    tip = beyond;
+// Pose of the tip seen from the end of each section.
+std::vector<SE3> tipSeenFromEnds(const model::Arm& arm, const model::Twists& twists) {
+  std::vector<SE3> out(static_cast<std::size_t>(arm.sectionCount()));
+  SE3 beyond;
+  for (int k = arm.sectionCount() - 1; k >= 0; --k) {
+    beyond = arm.link(k) * beyond;
+    out[static_cast<std::size_t>(k)] = beyond;
+    beyond = SE3::exp(twists.col(k)) * beyond;
   }
-  std::vector<SE3> after;
-  std::vector<lie::Matrix6> by_twist;
-  SE3 tip;
-};
-
-ShapeDerivative byLengths(const model::Arm& arm, const Chain& chain) {
-  ShapeDerivative out = emptyDerivative(arm.sectionCount(), arm.actuatorCount(), 0.0);
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const auto& map = arm.equilibrium(k).map;
-    const int first = arm.firstActuator(k);
-    out.twists.block(6 * k, first, 6, map.cols()) = map;
-    out.tip.middleCols(first, map.cols()) = chain.by_twist[static_cast<std::size_t>(k)] * map;
-  }
-  turnToBase(chain.tip, out);
-  return out;
-}
-
-// The entries of K that belong to one component of a stiffness, as a diagonal.
-Vector6 entriesOf(int component) {
-  model::Stiffness unit{0.0, 0.0, 0.0};
-  (component == 0 ? unit.gamma : component == 1 ? unit.tau : unit.kappa) = 1.0;
-  Vector6 out = unit.diagonal<SE3>();
-  out[0] = 0.0;  // K is normalised by it
-  return out;
-}
-
-bool costsNothing(const Eigen::MatrixXd& motions, double scale) {
-  return motions.cols() == 0 || motions.cwiseAbs().maxCoeff() <= kFreeOfCost * scale;
-}
-
-// From A g = D l: A dg = sum Ad_i^-T dK_i (l_i e1 - Ad_i^-1 g), where A keeps its rank.
-ShapeDerivative byStiffness(const model::Arm& arm, const Eigen::VectorXd& lengths,
-                            const model::Twists& twists, const Chain& chain) {
-  ShapeDerivative out =
-      emptyDerivative(arm.sectionCount(), kStiffnessEntries * arm.actuatorCount(), 0.0);
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const auto& equilibrium = arm.equilibrium(k);
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      const lie::Matrix6 to_actuator = arm.actuator(i).X_O.inverse().adjoint();
-      const Vector6 strain = lengths[i] * Vector6::Unit(0) - to_actuator * twists.col(k);
-      const Eigen::MatrixXd free = to_actuator * equilibrium.null_space;
-      for (int component = 0; component < kStiffnessEntries; ++component) {
-        const Vector6 entries = entriesOf(component);
-        const int column = kStiffnessEntries * i + component;
-        const bool keeps_rank = costsNothing(entries.asDiagonal() * free, 1.0);
-        const Vector6 change =
-            keeps_rank ? Vector6(equilibrium.compliance *
-                                 (to_actuator.transpose() * entries.cwiseProduct(strain)))
-                       : Vector6(Vector6::Constant(kNoNumber));
-        out.twists.block<6, 1>(6 * k, column) = change;
-        out.tip.col(column) = chain.by_twist[static_cast<std::size_t>(k)] * change;
-      }
-    }
-  }
-  turnToBase(chain.tip, out);
   return out;
 }
 
 // Each point of a section strains by C Ad_Y^-T F under a wrench F at the tip, seen from the tip;
 // Y is the tip seen from that point. Section by section, in the pieces of a loaded arm's shape.
-ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::Twists& twists,
-                          const Chain& chain) {
+ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::Twists& twists) {
   constexpr int kNodes = 16;  // more turns per piece than any arm has
   const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
-  ShapeDerivative out = emptyDerivative(arm.sectionCount(), 6, 0.0);
+  ShapeDerivative out = constantDerivative(arm.sectionCount(), 6, 0.0);
   const double step = 1.0 / kLoadedPieces;
+  const std::vector<SE3> ends = tipSeenFromEnds(arm, twists);
+  const SE3 tip_here = SE3::exp(twists.col(0)) * ends[0];
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const lie::Matrix6 compliance =
         arm.freeLength(k) / load.K_eps[static_cast<std::size_t>(k)] * arm.equilibrium(k).compliance;
@@ -121,8 +60,8 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
       for (int node = 0; node < kNodes; ++node) {
         const double rest = step * (1.0 - rule.nodes()[node]);  // of the piece, beyond the node
         const SE3 end = SE3::exp(rest * g);
-        const SE3 tip = end * SE3::exp((1.0 - step * (piece + 1)) * g) *
-                        chain.after[static_cast<std::size_t>(k)];
+        const SE3 tip =
+            end * SE3::exp((1.0 - step * (piece + 1)) * g) * ends[static_cast<std::size_t>(k)];
         // A wrench seen from the tip, seen from the node.
         const lie::Matrix6 wrench = tip.inverse().adjoint().transpose();
         motion += step * rule.weights()[node] * end.inverse().adjoint() * compliance * wrench;
@@ -132,172 +71,113 @@ ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::
             SE3::solveRightJacobian(step * g, Vector6(motion.col(j)));
       }
       const SE3 beyond =
-          SE3::exp((1.0 - step * (piece + 1)) * g) * chain.after[static_cast<std::size_t>(k)];
+          SE3::exp((1.0 - step * (piece + 1)) * g) * ends[static_cast<std::size_t>(k)];
       out.tip += beyond.inverse().adjoint() * motion;
     }
   }
   // Force and moment are given in the base frame.
   lie::Matrix6 turned = lie::Matrix6::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = chain.tip.rotation.transpose();
-  out.tip = (out.tip * turned).eval();
+  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = tip_here.rotation.transpose();
+  out.tip = (turned.transpose() * out.tip * turned).eval();
   out.twists = (out.twists * turned).eval();
-  turnToBase(chain.tip, out);
   return out;
 }
 
-ShapeJacobian withoutLoad(const ArmModel& model, const model::InputRef& q) {
-  const model::Arm& arm = model.arm();
-  ShapeJacobian out;
-  out.twists = arm.twists(q);
-  const Chain chain(arm, out.twists);
-  out.tip = chain.tip;
-  out.by_lengths = byLengths(arm, chain);
-  out.by_stiffness = byStiffness(arm, arm.lengths(q), out.twists, chain);
-  if (model.load()) out.by_load = byTipLoad(arm, *model.load(), out.twists, chain);
-  return out;
-}
-
-// ---- Under load, or tapered: differences of fourth order ---------------------------------------
-
-// About the fifth root of a solution's error: of a section's angle [rad], and of the stiffness.
-constexpr double kAngleStep = 1e-2;
-constexpr double kStiffnessStep = 5e-3;
-// A force that only stretches the arm strains it by less than what buckles a slender one.
-constexpr double kStretchStep = 1e-3;
-
-struct Term {
-  double place, weight;
-};
-constexpr Term kCentral[] = {{-2.0, 1.0 / 12}, {-1.0, -2.0 / 3}, {1.0, 2.0 / 3}, {2.0, -1.0 / 12}};
-// Of an entry that cannot be less.
-constexpr Term kForward[] = {{1.0, 4.0}, {2.0, -3.0}, {3.0, 4.0 / 3}, {4.0, -0.25}};
-
-class Differences {
- public:
-  explicit Differences(const Solution& here) : here_(here) {}
-
-  /// One column, from the solutions that are some steps away.
-  template <std::size_t kTerms, class Changed>
-  void take(const Term (&terms)[kTerms], double step, int column, const Changed& changed,
-            ShapeDerivative& derivative) {
-    Vector6 tip = Vector6::Zero();
-    Eigen::VectorXd twists = Eigen::VectorXd::Zero(derivative.twists.rows());
-    const model::Twists twists_here = here_.shape.twists();
-    for (const Term& term : terms) {
-      const Solution there = changed(term.place * step);
-      if (!there.converged()) status_ = there.status;
-      tip += term.weight / step * (here_.tip.inverse() * there.tip).log();
-      twists += term.weight / step * (there.shape.twists() - twists_here).reshaped();
+// By the parameters of a change, without load.
+ShapeDerivative unloadedDerivative(const model::Arm& arm, const model::Unloaded& unloaded,
+                                   const Change& change) {
+  ShapeDerivative out = constantDerivative(arm.sectionCount(), change.count(), 0.0);
+  const model::PiecesOf<SE3> pieces = arm.pieces(unloaded);
+  const int per_section = arm.piecesPerSection();
+  Motions motions = Motions::Zero(6, change.count());
+  SE3 X;
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
+    for (int j = 0; j < per_section; ++j) {
+      const Vector6 g = pieces.col(k * per_section + j);
+      Motions by = change.twist(k, 0.0) / per_section;
+      if (arm.taper(k)) {
+        const model::TaperTwist<SE3> profile(*arm.taper(k), unloaded.lengths.segment(first, count));
+        by = taperStep(profile, change, k, static_cast<double>(j) / per_section,
+                       (j + 1.0) / per_section)
+                 .by;
+      }
+      motions.middleCols(change.first(k), change.columns(k)) +=
+          X.adjoint() * SE3::leftJacobian(g) * by;
+      out.twists.block(6 * k, change.first(k), 6, change.columns(k)) += by;
+      X = X * SE3::exp(g);
     }
-    derivative.tip.col(column) = tip;
-    derivative.twists.col(column) = twists;
+    X = X * arm.link(k);
   }
-
-  SolveStatus status() const { return status_; }
-
- private:
-  const Solution& here_;
-  SolveStatus status_ = SolveStatus::kConverged;
-};
-
-double& componentOf(model::Stiffness& stiffness, int component) {
-  if (component == 0) return stiffness.gamma;
-  return component == 1 ? stiffness.tau : stiffness.kappa;
+  out.tip = velocitiesOf(X, motions);
+  return out;
 }
 
-void differByStiffness(const ArmModel& model, const Eigen::VectorXd& lengths,
-                       Differences& differences, ShapeDerivative& out) {
-  const model::Arm& arm = model.arm();
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    for (int component = 0; component < kStiffnessEntries; ++component) {
-      const int column = kStiffnessEntries * i + component;
-      if (out.twists.col(column).hasNaN()) continue;  // the shape jumps
-      const auto changed = [&](double change) {
-        model::Stiffness changed_stiffness = arm.actuator(i).stiffness;
-        componentOf(changed_stiffness, component) += change;
-        std::optional<model::PlanarArm> planar;
-        if (model.planar()) planar = model.planar()->withStiffness(i, changed_stiffness);
-        return ArmModel(arm.withStiffness(i, changed_stiffness), std::move(planar), model.load(),
-                        model.choice().setting)
-            .solveLengths(lengths);
-      };
-      model::Stiffness stiffness = arm.actuator(i).stiffness;
-      const double entry = componentOf(stiffness, component);
-      if (entry > 0) {
-        differences.take(kCentral, kStiffnessStep * entry, column, changed, out);
-      } else {
-        const double like = component == 0 ? 1.0 : stiffness.kappa;
-        differences.take(kForward, kStiffnessStep * like, column, changed, out);
+// By the parameters of a change, then by a load at the tip, at the equilibrium of a tier.
+ShapeResponse loadedResponse(const ArmModel& model, const TierSetting& setting,
+                             const Eigen::VectorXd& lengths, const Change& change) {
+  const model::Unloaded unloaded = unloadedUnderOfLengths(model.arm(), *model.load(), lengths);
+  // In space, even if the arm stays in its plane: the tip's load may leave it.
+  return setting.tier == Tier::kExact
+             ? ExactArm(model.arm(), *model.load()).differentiate(unloaded, change)
+             : LoadedArm(model.arm(), *model.load(), setting.order).differentiate(unloaded, change);
+}
+
+// Splits the columns of a change.
+void split(const model::Arm& arm, const Change& change, const ShapeDerivative& by,
+           ShapeJacobian& out) {
+  const int count = arm.actuatorCount(), sections = arm.sectionCount();
+  out.by_lengths = constantDerivative(sections, count, 0.0);
+  out.by_stiffness = constantDerivative(sections, kStiffnessEntries * count,
+                                        std::numeric_limits<double>::quiet_NaN());
+  for (int k = 0; k < sections; ++k) {
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      setColumn(out.by_lengths, i, by, change.lengthColumn(k, i));
+      for (int component = 0; component < kStiffnessEntries; ++component) {
+        if (change.jumps(i, component)) continue;
+        setColumn(out.by_stiffness, kStiffnessEntries * i + component, by,
+                  change.stiffnessColumn(k, i, component));
       }
     }
   }
 }
 
-void differByTipLoad(const ArmModel& model, const Eigen::VectorXd& lengths,
-                     Differences& differences, ShapeDerivative& out) {
-  const TierSetting& own = model.choice().setting;
-  const TierSetting setting =
-      takesLoad(own.tier) ? own : TierSetting{Tier::kLoaded, kMostOrder};  // of a tapered arm
-  for (int j = 0; j < 6; ++j) {
-    const double angle = out.tip.col(j).tail<3>().norm();
-    const double strain = out.tip.col(j).head<3>().norm() / model.arm().restLength();
-    const double turn = std::max(angle, kAngleStep / kStretchStep * strain);
-    const auto changed = [&](double change) {
-      Load load = *model.load();
-      PointLoad tip;
-      tip.section = model.arm().sectionCount() - 1;
-      tip.offset = model.arm().link(tip.section).translation;
-      (j < 3 ? tip.force : tip.moment)[j % 3] = change;
-      load.points.push_back(tip);
-      return ArmModel(model.arm(), model.planar(), std::move(load), setting).solveLengths(lengths);
-    };
-    if (turn > 0) differences.take(kCentral, kAngleStep / turn, j, changed, out);
-  }
-}
-
-// @param start  the derivatives without load, which set steps and say where the shape jumps.
-ShapeJacobian underLoad(const ArmModel& model, const model::InputRef& q, ShapeJacobian start) {
-  const model::Arm& arm = model.arm();
-  const Eigen::VectorXd lengths = arm.lengths(q);
-  const Solution here = model.solveLengths(lengths);
-  ShapeJacobian out = std::move(start);
-  out.tip = here.tip;
-  out.twists = here.shape.twists();
-  Differences differences(here);
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const double turn = out.by_lengths.tip.col(i).tail<3>().norm();
-    const double step = turn > 0 ? kAngleStep / turn : kAngleStep * arm.restLength();
-    const auto changed = [&](double change) {
-      Eigen::VectorXd there = lengths;
-      there[i] += change;
-      return model.solveLengths(there);
-    };
-    differences.take(kCentral, step, i, changed, out.by_lengths);
-  }
-  differByStiffness(model, lengths, differences, out.by_stiffness);
-  std::vector<ShapeDerivative*> derivatives = {&out.by_lengths, &out.by_stiffness};
-  if (out.by_load) {
-    differByTipLoad(model, lengths, differences, *out.by_load);
-    derivatives.push_back(&*out.by_load);
-  }
-  for (ShapeDerivative* derivative : derivatives) turnToBase(out.tip, *derivative);
-  out.status = here.converged() ? differences.status() : here.status;
-  if (out.status == SolveStatus::kConverged) return out;
-  for (ShapeDerivative* derivative : derivatives) {
-    derivative->tip.setConstant(kNoNumber);
-    derivative->twists.setConstant(kNoNumber);
-  }
-  return out;
+ShapeDerivative byLoad(const ShapeResponse& response) {
+  return {response.by.tip.rightCols<6>(), response.by.twists.rightCols<6>()};
 }
 
 }  // namespace
 
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q) {
-  ShapeJacobian out = withoutLoad(model, q);
-  if (!model.isLinear()) out = underLoad(model, q, std::move(out));
+  const model::Arm& arm = model.arm();
+  const std::optional<Load>& load = model.load();
+  const TierSetting& setting = model.choice().setting;
+  const Eigen::VectorXd lengths = arm.lengths(q);
+  ShapeJacobian out;
+  if (takesLoad(setting.tier)) {
+    const Change change(arm, &*load, lengths, Change::By::kLengthsAndStiffness);
+    const ShapeResponse found = loadedResponse(model, setting, lengths, change);
+    out.status = found.at.status;
+    out.tip = found.at.tip;
+    out.twists = found.at.shape.twists();
+    split(arm, change, found.by, out);
+    out.by_load = byLoad(found);
+  } else {
+    const Change change(arm, nullptr, lengths, Change::By::kLengthsAndStiffness);
+    const Solution found = model.solve(q);
+    out.tip = found.tip;
+    out.twists = found.shape.twists();
+    split(arm, change, unloadedDerivative(arm, arm.unloadedOfLengths(lengths), change), out);
+    if (load && arm.tapered()) {
+      const Change under(arm, &*load, lengths, Change::By::kLengths);
+      out.by_load = byLoad(loadedResponse(model, {Tier::kLoaded, kMostOrder}, lengths, under));
+    } else if (load) {
+      out.by_load = byTipLoad(arm, *load, out.twists);
+    }
+  }
   out.by_inputs = out.by_lengths;
   for (int i = 0; i < q.size(); ++i) {
-    const double slope = model.arm().actuator(i).contraction.slopeInside(q[i]);
+    const double slope = arm.actuator(i).contraction.slopeInside(q[i]);
     out.by_inputs.tip.col(i) *= slope;
     out.by_inputs.twists.col(i) *= slope;
   }

@@ -11,6 +11,7 @@
 namespace helix_arm::statics {
 
 double StiffnessTable::at(double q) const {
+  if (empty()) return 1.0;
   const auto above = std::upper_bound(input.begin(), input.end(), q);
   if (above == input.begin()) return factor.front();
   if (above == input.end()) return factor.back();

@@ -11,7 +11,7 @@
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
-#include "relaxation.hpp"
+#include "relaxation_response.hpp"
 
 /// Definitions of LoadedArmOf. Each group is instantiated in a separate file, since compilation is
 /// slow.
@@ -162,6 +162,40 @@ std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloade
   return withNodes(order_, [&](auto nodes) {
     return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
         .curve(static_cast<int>(unloaded.twists.cols()), count);
+  });
+}
+
+template <class Group>
+ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
+                                                const UnloadedChange<Group>& change) const {
+  return withNodes(order_, [&](auto nodes) {
+    const int sections = static_cast<int>(unloaded.twists.cols());
+    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    const TipOf<Group> found = relaxation.result();
+    if (!found.converged()) {
+      return withoutDerivative({relaxation.shape(sections), lie::inSpace(found.tip), found.status,
+                                found.residual, found.iterations},
+                               change.count() + 6);
+    }
+    relaxation.polish();
+    const auto response = relaxation.respond(change, true);
+    const model::Shape shape = relaxation.shape(sections);
+    return ShapeResponse{
+        {shape, lie::inSpace(relaxation.result().tip), found.status, found.residual,
+         found.iterations},
+        shapeDerivative(shape, relaxation.pieceMotions(sections, change, response))};
+  });
+}
+
+template <class Group>
+typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipBy(
+    const Unloaded& unloaded, const UnloadedChange<Group>& change) const {
+  return withNodes(order_, [&](auto nodes) {
+    auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
+    Response out{relaxation.result(), Motion::Zero(Group::kDof, change.count())};
+    if (!out.at.converged()) return out;
+    out.by = out.at.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
+    return out;
   });
 }
 

@@ -12,40 +12,15 @@
 #include "helix_arm/model/curve_place.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "krylov.hpp"
+#include "linear_chain.hpp"
 #include "loaded_limits.hpp"
+#include "relaxation_limits.hpp"
+#include "shape_motion.hpp"
 #include "twist_near.hpp"
 #include "unloaded_elements.hpp"
 #include "wrench.hpp"
 
 namespace helix_arm::statics {
-
-inline constexpr int kMaxIterations = 100;
-// Largest change at convergence, relative to the arm's size and one radian.
-inline constexpr double kAtRest = 1e-11;
-// The step of the lowest order is accepted if the next step would be shorter by this factor and at
-// most this long, relative to the arm's size and one radian.
-inline constexpr double kContracting = 0.5;
-inline constexpr double kTrustedStep = 0.02;
-// Rotation of a section relative to its unloaded shape beyond which its coordinates are ambiguous
-// [rad].
-inline constexpr double kFarthestTurn = 5.5;
-inline constexpr double kFarthestResidual = 1e6;
-inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
-
-// Fraction of the order's stated error that the error estimate may reach. Beyond it, the shape is
-// compared with a finer solution.
-inline constexpr double kDoubt = 0.25;
-// Limit of the rates in the highest mode, relative to the arm's size and one radian.
-inline constexpr double kLargestTail = 0.065;
-// Turn of an element that is not resolved at all [rad]: per Gauss point, and as a whole for the
-// less accurate single step.
-inline constexpr double kTurnOfNode = 3.0;
-inline constexpr double kTurnOfOneStep = 20.0;
-// Largest turn that the finer solution resolves [rad], and the permitted difference from it as a
-// fraction of the stated error.
-inline constexpr double kFinestTurn = 40.0;
-inline constexpr double kAgreement = 0.7;
-inline constexpr double kLargestAmplification = 1.0 - 1e-9;
 
 /// One solution of the loaded tier, with kNodes Gauss points per element. All data is on the stack.
 template <class Group>
@@ -134,6 +109,16 @@ class LoadedArmOf<Group>::Relaxation {
     residual_ = std::max(residual_, off);
   }
 
+  // Newton's step, which leaves only rounding errors.
+  void polish();
+  // Motions of the elements' starts and of the tip by the change's parameters and, in six more
+  // columns on request, by a force and a moment at the tip.
+  typename LinearChain<Group>::Response respond(const UnloadedChange<Group>& change, bool by_load);
+  // Motions of the ends of the shape's pieces.
+  std::vector<Eigen::Matrix<double, 6, Eigen::Dynamic>> pieceMotions(
+      int sections, const UnloadedChange<Group>& change,
+      const typename LinearChain<Group>::Response& response) const;
+
   TipOf<Group> result() const { return {tip_, status_, residual_, iterations_}; }
 
   // Pose at t in [0, 1] of an element, seen from the base.
@@ -179,15 +164,20 @@ class LoadedArmOf<Group>::Relaxation {
     const Relaxation& shape;
     int e = 0;
 
-    // Pose at s of section k, at or beyond the previous one.
-    lie::SE3 at(int k, double s) {
+    // Goes to s of section k, at or beyond the previous place; its t in [0, 1] of element e.
+    double go(int k, double s) {
       const auto& elements = shape.arm_.elements_;
       while (e + 1 < shape.count_ &&
              (elements[e].section < k || elements[e].begin + elements[e].length < s)) {
         ++e;
       }
       const Element& element = elements[e];
-      return lie::inSpace(shape.poseAt(e, std::min((s - element.begin) / element.length, 1.0)));
+      return std::min((s - element.begin) / element.length, 1.0);
+    }
+    // Pose there.
+    lie::SE3 at(int k, double s) {
+      const double t = go(k, s);
+      return lie::inSpace(shape.poseAt(e, t));
     }
   };
 
@@ -245,6 +235,13 @@ class LoadedArmOf<Group>::Relaxation {
     pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
             W.template tail<Group::kRotations>().norm();
   }
+
+  // The fixed point's derivatives at the last evaluated shape.
+  std::vector<LinearElement<Group>> linearised(const UnloadedChange<Group>& change) const;
+  LinearElement<Group> linearised(int e, const UnloadedChange<Group>& change) const;
+  typename LinearChain<Group>::Motion wrenchAtTip(int parameters, bool by_load) const;
+  typename LinearChain<Group>::Response respondToOneStep(const UnloadedChange<Group>& change,
+                                                         bool by_load);
 
   const Group& linkAfter(int e) const { return (*arm_.links_)[arm_.elements_[e].section]; }
 

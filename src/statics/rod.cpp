@@ -38,6 +38,12 @@ std::optional<model::TaperTwist<lie::SE3>> Rod::profileOf(int section,
       *law.taper, unloaded.lengths.segment(first_[section], first_[section + 1] - first_[section]));
 }
 
+lie::Matrix6 Rod::compliance(int section, double s, const model::Unloaded& unloaded) const {
+  const SectionLaw& law = laws_[section];
+  return law.taper ? lie::Matrix6(law.per_K * law.taper->complianceAt(s))
+                   : constantCompliance(section, unloaded);
+}
+
 lie::SE3 Rod::unloadedMotion(int section, double from, double to,
                              const model::Unloaded& unloaded) const {
   const auto profile = profileOf(section, unloaded);

@@ -39,6 +39,8 @@ class Rod {
   /// Motion of the unloaded arm between two s of a section.
   lie::SE3 unloadedMotion(int section, double from, double to,
                           const model::Unloaded& unloaded) const;
+  /// Twist per body wrench at s of a section.
+  lie::Matrix6 compliance(int section, double s, const model::Unloaded& unloaded) const;
   bool tapered() const { return tapered_; }
   bool hasTables() const { return has_tables_; }
 
@@ -60,6 +62,10 @@ class Rod {
   bool tapered_ = false;
   bool has_tables_ = false;
 
+  lie::Matrix6 constantCompliance(int section, const model::Unloaded& unloaded) const {
+    return has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * section))
+                       : laws_[section].C;
+  }
   std::optional<model::TaperTwist<lie::SE3>> profileOf(int section,
                                                        const model::Unloaded& unloaded) const;
   double size_ = 0.0;  // length of the arm [m]
@@ -77,8 +83,7 @@ Flow<kColumns> Rod::flow(int j, const model::Unloaded& unloaded, double share) c
           segment,
           unloaded.twists.col(segment.section),
           profileOf(segment.section, unloaded),
-          has_tables_ ? lie::Matrix6(unloaded.compliance.middleCols<6>(6 * segment.section))
-                      : laws_[segment.section].C,
+          constantCompliance(segment.section, unloaded),
           share,
           size_,
           moment_unit_,

@@ -2,13 +2,16 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
+#include "shape_motion.hpp"
 #include "tip_motions.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kLengthStep = 3e-5;  // of the differences of the exact tier, of tapered arms under
-                                      // load and of stiffness tables, relative to the arm's length
+// Up to as many, differences of tips that start at the solution take less time than the linear
+// equations of their derivative (loaded_benchmark); of the lowest order, for any number.
+constexpr int kFewActuators = 5;
 
 // The maps of all sections (dof * sections x n): derivatives of the twists by each free length.
 template <class Group>
@@ -35,13 +38,10 @@ Eigen::Matrix<double, Group::kDof, Eigen::Dynamic> linearResponse(
   return out;
 }
 
-Eigen::Matrix<double, 6, Eigen::Dynamic> inSpace(
-    const Eigen::Matrix<double, 3, Eigen::Dynamic>& motions) {
-  Eigen::Matrix<double, 6, Eigen::Dynamic> out(6, motions.cols());
-  for (int i = 0; i < motions.cols(); ++i) {
-    out.col(i) = lie::embed(lie::SE2::Tangent(motions.col(i)));
-  }
-  return out;
+template <class Group>
+ActuatorChange<Group> byLengths(const model::ArmOf<Group>& arm, const Load* load,
+                                const Eigen::VectorXd& lengths) {
+  return {arm, load, lengths, ActuatorChange<Group>::By::kLengths};
 }
 
 }  // namespace
@@ -51,7 +51,8 @@ TierSolver::TierSolver(const model::Arm& arm, const std::optional<model::PlanarA
     : arm_(arm),
       plane_(nullptr),
       load_(takesLoad(setting.tier) ? &*load : nullptr),
-      differs_(arm.tapered() || (load_ != nullptr && !load_->tables.empty())) {
+      differs_(setting.tier == Tier::kLoaded && !arm.tapered() && load->tables.empty() &&
+               (setting.order == kLeastOrder || arm.actuatorCount() <= kFewActuators)) {
   switch (setting.tier) {
     case Tier::kPlanar:
       plane_ = &*planar;
@@ -146,33 +147,44 @@ std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
-  if (loaded_ && !differs_) {
+  if (loaded_ && differs_) {
     const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
     return {found.at.tip, found.at.status, found.by};
   }
-  if (planar_loaded_ && !differs_) {
+  if (planar_loaded_ && differs_) {
     const auto found =
         planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
-    return {lie::embed(found.at.tip), found.at.status, inSpace(found.by)};
+    return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
   }
-  const Tip here = tip(lengths);
-  TipResponse out{here.tip, here.status, {}};
-  if (exact_ || loaded_ || planar_loaded_) {
-    const double size = kLengthStep * arm_.restLength();
-    out.by_lengths.resize(6, lengths.size());
-    for (int i = 0; i < lengths.size(); ++i) {
-      const Eigen::VectorXd step = size * Eigen::VectorXd::Unit(lengths.size(), i);
-      const Tip below = tip(lengths - step), above = tip(lengths + step);
-      if (!below.converged()) out.status = below.status;
-      if (!above.converged()) out.status = above.status;
-      out.by_lengths.col(i) = (below.tip.inverse() * above.tip).log() / (2.0 * size);
+  if (loaded_) {
+    const auto found =
+        loaded_->tipBy(unloadedOfLengths(arm_, lengths), byLengths(arm_, load_, lengths));
+    return {found.at.tip, found.at.status, found.by};
+  }
+  if (planar_loaded_) {
+    const auto found = planar_loaded_->tipBy(unloadedOfLengths(*plane_, lengths),
+                                             byLengths(*plane_, load_, lengths));
+    return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
+  }
+  if (exact_) {
+    const ShapeResponse found =
+        exact_->differentiate(unloadedOfLengths(arm_, lengths), byLengths(arm_, load_, lengths));
+    const Motions velocities = found.by.tip.leftCols(lengths.size());
+    TipResponse out{found.at.tip, found.at.status, velocities};
+    // Velocities are seen from the base; motions of the body, from the tip.
+    for (const int half : {0, 3}) {
+      out.by_lengths.middleRows<3>(half) =
+          found.at.tip.rotation.transpose() * velocities.middleRows<3>(half);
     }
-  } else if (plane_ != nullptr) {
-    out.by_lengths = inSpace(linearResponse(*plane_, plane_->unloadedOfLengths(lengths)));
-  } else {
-    out.by_lengths = linearResponse(arm_, arm_.unloadedOfLengths(lengths));
+    return out;
   }
-  return out;
+  if (plane_ != nullptr) {
+    const auto unloaded = plane_->unloadedOfLengths(lengths);
+    return {lie::embed(plane_->tipOfLengths(lengths)), SolveStatus::kConverged,
+            motionsInSpace(linearResponse(*plane_, unloaded))};
+  }
+  return {arm_.tipOfLengths(lengths), SolveStatus::kConverged,
+          linearResponse(arm_, arm_.unloadedOfLengths(lengths))};
 }
 
 }  // namespace helix_arm::statics

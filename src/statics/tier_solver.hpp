@@ -47,7 +47,7 @@ class TierSolver {
   const model::Arm& arm_;
   const model::PlanarArm* plane_;  // set if the arm is solved in its plane
   const Load* load_;               // null if the tier takes none
-  bool differs_;  // whether loaded tiers differentiate by the lengths, not by constant twists
+  bool differs_;  // whether differences of constant twists are the fastest response of the tip
   std::optional<LoadedArm> loaded_;
   std::optional<PlanarLoadedArm> planar_loaded_;
   std::optional<ExactArm> exact_;

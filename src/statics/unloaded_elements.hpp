@@ -4,6 +4,7 @@
 
 #include "gauss_rule.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 #include "loaded_limits.hpp"
 
 namespace helix_arm::statics {
@@ -16,6 +17,7 @@ class LoadedArmOf<Group>::UnloadedElements {
  public:
   using Tangent = typename Group::Tangent;
   using Matrix = typename Group::Matrix;
+  using Motion = typename UnloadedChange<Group>::Motion;
 
   /// Keeps references to the arm and to the unloaded state.
   UnloadedElements(const LoadedArmOf& arm, const Unloaded& unloaded)
@@ -62,6 +64,25 @@ class LoadedArmOf<Group>::UnloadedElements {
                               .step(element.begin + from * element.length,
                                     element.begin + t * element.length));
   }
+  /// Motions (dof x m) of the poses at the nodes and at the end by parameters of the section, seen
+  /// from the element's start.
+  std::vector<Motion> changes(int e, const UnloadedChange<Group>& change) const {
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    std::vector<Motion> out;
+    for (int j = 0; j <= kNodes; ++j) {
+      out.push_back(changeAt(e, j < kNodes ? rule.nodes()[j] : 1.0, j, change, out));
+    }
+    return out;
+  }
+  /// The same at t in [0, 1], from changes().
+  Motion changeAt(int e, double t, const UnloadedChange<Group>& change,
+                  const std::vector<Motion>& at_nodes) const {
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    int before = 0;
+    while (before < kNodes && rule.nodes()[before] <= t) ++before;
+    return changeAt(e, t, before, change, at_nodes);
+  }
+
   /// Twist per wrench, both seen from the node's frame.
   const Matrix& compliance(int e, int j) const {
     if (!compliance_.empty()) return compliance_[e * kNodes + j];
@@ -77,6 +98,24 @@ class LoadedArmOf<Group>::UnloadedElements {
     const int first = arm_.first_[section];
     return {*arm_.tapers_[section],
             unloaded_.lengths.segment(first, arm_.first_[section + 1] - first)};
+  }
+
+  // At t, with `before` nodes before it.
+  Motion changeAt(int e, double t, int before, const UnloadedChange<Group>& change,
+                  const std::vector<Motion>& at_nodes) const {
+    const Element& element = arm_.elements_[e];
+    if (!isTapered(e)) {
+      return Group::leftJacobian(t * twist_[e]) *
+             (t * element.length * change.twist(element.section, 0.0));
+    }
+    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+    const double from = before > 0 ? rule.nodes()[before - 1] : 0.0;
+    const TaperStep<Group> step =
+        taperStep(profileOf(element.section), change, element.section,
+                  element.begin + from * element.length, element.begin + t * element.length);
+    const Motion moved = Group::leftJacobian(step.twist) * step.by;
+    if (before == 0) return moved;
+    return at_nodes[before - 1] + atNode(e * kNodes + before - 1).adjoint() * moved;
   }
 
   // Magnus steps from Gauss point to Gauss point.

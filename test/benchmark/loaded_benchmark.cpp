@@ -11,8 +11,9 @@
 #include <benchmark/benchmark.h>
 
 #include "helix_arm/statics/exact.hpp"
+#include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "support/loaded_arm.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::benchmark {
 namespace {
@@ -169,7 +170,57 @@ void loadedOfPeer(::benchmark::State& state, const model::Arm& arm, Posture post
   });
 }
 
+// Derivatives of one case: the tip's by the lengths, as the inverse takes them, and those of the
+// whole shape by lengths, stiffness and a load at the tip. Order 0 is the exact tier.
+statics::ArmModel modelOf(const model::Arm& arm, int order) {
+  const test::LoadedCase loaded = test::loadedCases(Posture::kHorizontal)[3];
+  statics::Load load = loaded.load;
+  load.mass.assign(static_cast<std::size_t>(arm.sectionCount()), load.mass[0]);
+  load.K_eps.assign(static_cast<std::size_t>(arm.sectionCount()), load.K_eps[0]);
+  const statics::TierSetting setting = order > 0
+                                           ? statics::TierSetting{statics::Tier::kLoaded, order}
+                                           : statics::TierSetting{statics::Tier::kExact, 0};
+  return {arm, std::nullopt, load, setting};
+}
+
+void tipResponse(::benchmark::State& state, const model::Arm& arm) {
+  const statics::ArmModel model = modelOf(arm, static_cast<int>(state.range(0)));
+  const Eigen::VectorXd lengths = arm.lengths(arm.inputAt(0.4));
+  for (auto _ : state) {
+    const statics::TipResponse found = model.tipResponse(lengths);
+    if (found.status != statics::SolveStatus::kConverged) state.SkipWithError("not solved");
+  }
+}
+
+void jacobian(::benchmark::State& state, const model::Arm& arm) {
+  const statics::ArmModel model = modelOf(arm, static_cast<int>(state.range(0)));
+  const Eigen::VectorXd q = arm.inputAt(0.4);
+  for (auto _ : state) {
+    const statics::ShapeJacobian found = statics::jacobianAt(model, q);
+    if (found.status != statics::SolveStatus::kConverged) state.SkipWithError("not solved");
+  }
+}
+
 model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
+
+#define HELIX_ARM_DERIVATIVES(name, arm)    \
+  BENCHMARK_CAPTURE(tipResponse, name, arm) \
+      ->Arg(2)                              \
+      ->Arg(5)                              \
+      ->Arg(8)                              \
+      ->Arg(0)                              \
+      ->Unit(::benchmark::kMicrosecond);    \
+  BENCHMARK_CAPTURE(jacobian, name, arm)    \
+      ->Arg(2)                              \
+      ->Arg(5)                              \
+      ->Arg(8)                              \
+      ->Arg(0)                              \
+      ->Unit(::benchmark::kMicrosecond)
+
+HELIX_ARM_DERIVATIVES(one_section, sceneArm());
+HELIX_ARM_DERIVATIVES(six_muscles, test::ringArm(test::helicalRing(6)));
+HELIX_ARM_DERIVATIVES(two_sections, test::ringArm(test::helicalRing(), 2));
+HELIX_ARM_DERIVATIVES(tapered, test::taperedArm(0.26));
 
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \
   BENCHMARK_CAPTURE(linear, name, arm, posture);                                 \

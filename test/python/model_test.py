@@ -105,6 +105,16 @@ class JacobianTest(unittest.TestCase):
                 self.check(found.tip_by_pressures[:3], difference(lambda q: scene.forward(q).tips, p, 3e3))
                 self.check(found.twists_by_pressures, difference(lambda q: scene.forward(q).twists, p, 3e3))
 
+    def test_under_load_it_is_that_of_the_tier(self):
+        for tier in [{"tier": "loaded", "order": 5}, {"tier": "exact"}]:
+            scene = helix_arm.Scene.load("loaded", tier)
+            for p in 2e4 + 0.85 * pressures_of(scene, 2):
+                found = scene.jacobian(p)
+                self.assertTrue(found.converged)
+                self.check(found.tip_by_pressures[:3], difference(lambda q: scene.forward(q).tips, p, 3e3))
+                self.check(found.twists_by_pressures, difference(lambda q: scene.forward(q).twists, p, 3e3))
+            self.assertEqual(found.tip_by_load.shape, (6, 6))
+
     def test_by_stiffness_is_the_derivative_by_the_key_of_the_scene(self):
         key = "arm.stiffness.K_kappa_m2"
         p = np.array([3e5, 1e5, 0.0])

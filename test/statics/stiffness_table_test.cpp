@@ -36,6 +36,8 @@ TEST(StiffnessTable, IsLinearBetweenItsInputsAndConstantBeyond) {
   EXPECT_EQ(kTable.at(1e5), 1);
   EXPECT_NEAR(kTable.at(1.5e5), 0.5 * (1 + 37 / 14.), 1e-14);
   EXPECT_EQ(kTable.at(1e7), 52 / 14.);
+  // That of a section whose K_eps is constant, beside one with a table.
+  EXPECT_EQ(StiffnessTable().at(1e5), 1);
 }
 
 // The definition: an arm whose stiffness entries are those at the inputs.

@@ -6,7 +6,8 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/load.hpp"
-#include "helix_arm/statics/solution.hpp"
+#include "helix_arm/statics/shape_derivative.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 
@@ -47,6 +48,13 @@ class ExactArm {
   ///     that was reached, with the Newton step towards the full load as residual.
   /// @throws std::invalid_argument on a wrong number of sections or twists that are not finite.
   Solution solve(const model::Unloaded& unloaded) const;
+
+  /// Shape and its derivatives with respect to the parameters of `change`, then to a force (3)
+  /// [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame. They solve
+  /// the linear differential equations about the shape, on Gauss points.
+  /// @throws as solve() does.
+  ShapeResponse differentiate(const model::Unloaded& unloaded,
+                              const UnloadedChange<lie::SE3>& change) const;
 
   /// Points of the base curve at `count` >= 2 evenly spaced s, including base and tip. Each point
   /// is integrated like the tip, whereas the pieces of solve() are helices between their ends. If

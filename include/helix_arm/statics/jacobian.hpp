@@ -4,16 +4,9 @@
 #include <optional>
 
 #include "helix_arm/statics/arm_model.hpp"
+#include "helix_arm/statics/shape_derivative.hpp"
 
 namespace helix_arm::statics {
-
-/// Derivatives of tip and twists with respect to m quantities.
-struct ShapeDerivative {
-  /// (6 x m) motion of the tip: its velocity and its angular velocity, base frame [m; rad].
-  Eigen::Matrix<double, 6, Eigen::Dynamic> tip;
-  /// (6 sections x m) mean twists of the sections, v [m], w [rad].
-  Eigen::MatrixXd twists;
-};
 
 /// Tip and twists of an arm, and their derivatives.
 struct ShapeJacobian {
@@ -31,12 +24,9 @@ struct ShapeJacobian {
   std::optional<ShapeDerivative> by_load;
 };
 
-/// Derivatives at inputs q (n).
-///
-/// Without load they are analytic; that with respect to a load is the integral of the sections'
-/// compliances along the curve. Under load, or of a tapered arm, they are differences of fourth
-/// order of the model's own solutions, within 1e-6 of the largest column.
-/// @throws as Arm::lengths() does. The derivatives are NaN unless all solutions converged.
+/// Derivatives at inputs q (n), analytic. Under load they follow from the implicit function theorem
+/// at the tier's own equilibrium.
+/// @throws as Arm::lengths() does. The derivatives are NaN unless the solution converged.
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q);
 
 }  // namespace helix_arm::statics

@@ -7,7 +7,8 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/load.hpp"
-#include "helix_arm/statics/solution.hpp"
+#include "helix_arm/statics/shape_derivative.hpp"
+#include "helix_arm/statics/unloaded_change.hpp"
 
 namespace helix_arm::statics {
 
@@ -61,7 +62,7 @@ class LoadedArmOf {
 
   /// A tip and its derivatives.
   struct Response {
-    TipOf<Group> at;  ///< its status also covers the nearby tips of the differences
+    TipOf<Group> at;  ///< its status also covers the nearby tips of differences
     Motion by;        ///< (dof x m) body twist of the tip per unit of each of m changes
 
     // Fills a column with the central difference of the tips one step below and above.
@@ -89,15 +90,25 @@ class LoadedArmOf {
   /// @throws std::invalid_argument when count < 2.
   std::vector<model::CurvePoint<lie::SE3>> curve(const Unloaded& unloaded, int count) const;
 
+  /// Shape and its derivatives with respect to the parameters of `change`, then to a force (3)
+  /// [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame. From the
+  /// implicit function theorem at the equilibrium of this order; of the lowest order, of its steps.
+  ShapeResponse differentiate(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;
+
+  /// Tip and its derivative with respect to the parameters of `change`, in the same manner.
+  Response tipBy(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;
+
   /// Tip and its derivative when the unloaded twists change along each of m directions (dof *
   /// sections x m). With an actuator's map and the slope of its contraction as direction, this is
   /// the derivative with respect to its input. Central differences of solutions, accurate to 1e-6
-  /// of the largest column. For arms without taper and loads without StiffnessTables.
+  /// of the largest column: faster than tipBy() for few directions. For arms without taper and
+  /// loads without StiffnessTables.
   Response tipByUnloaded(const Twists& unloaded, const Eigen::MatrixXd& directions) const;
 
   /// Tip and its derivative with respect to the load: one column for the mass of each section
   /// [1/kg], then for each point load its mass, its force (3) [1/N] and its moment (3) [1/(N m)],
-  /// in the order of Load.
+  /// in the order of Load. Central differences of solutions, accurate to 1e-6 of the largest
+  /// column; the status also covers the nearby tips.
   Response tipByLoad(const Twists& unloaded) const;
 
  private:

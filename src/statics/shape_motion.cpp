@@ -1,0 +1,39 @@
+#include "shape_motion.hpp"
+
+#include <limits>
+#include <utility>
+
+namespace helix_arm::statics {
+
+Motions velocitiesOf(const lie::SE3& tip, const Motions& motions) {
+  Motions out = motions;
+  out.topRows<3>() -= lie::skew(tip.translation) * motions.bottomRows<3>();
+  return out;
+}
+
+ShapeDerivative shapeDerivative(const model::Shape& shape, const std::vector<Motions>& ends) {
+  const Eigen::Index columns = ends.front().cols();
+  ShapeDerivative out{Motions(), Eigen::MatrixXd::Zero(6 * shape.sectionCount(), columns)};
+  lie::SE3 X;
+  for (int j = 0; j < shape.pieces().cols(); ++j) {
+    const lie::Vector6 g = shape.pieces().col(j);
+    const lie::SE3 end = X * lie::SE3::exp(g);
+    Motions relative = ends[j];
+    if (j > 0) relative -= ends[j - 1];
+    out.twists.middleRows<6>(6 * (j / shape.piecesPerSection())) +=
+        lie::SE3::rightJacobianInverse(g) * end.inverse().adjoint() * relative;
+    X = shape.beyond(X, j);
+  }
+  out.tip = velocitiesOf(X, ends.back());
+  return out;
+}
+
+ShapeResponse withoutDerivative(Solution at, int columns) {
+  constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+  const int sections = at.shape.sectionCount();
+  return {std::move(at),
+          {Motions::Constant(6, columns, kNoNumber),
+           Eigen::MatrixXd::Constant(6 * sections, columns, kNoNumber)}};
+}
+
+}  // namespace helix_arm::statics
