@@ -1,0 +1,123 @@
+#include "upper_root.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+// As in model/batch.cpp: Debian compiles for baseline x86-64, so the loops are cloned per
+// instruction set and selected at load time. Not under the thread sanitizer, which starts after the
+// selection.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
+#define HELIX_ARM_ROOT_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
+#else
+#define HELIX_ARM_ROOT_CLONES
+#endif
+
+namespace helix_arm::estimation {
+namespace {
+
+// Rows per pass over the rest of a matrix: each of its entries is then read and written once for
+// several products.
+constexpr int kRowsAtOnce = 4;
+
+// to[j] -= sum_k factor[k] rows[k][j]
+inline __attribute__((always_inline)) void subtractRows(const double* rows, std::ptrdiff_t stride,
+                                                        const double* factor, int size,
+                                                        double* __restrict to) {
+  const double *const a = rows, *const b = a + stride, *const c = b + stride, *const d = c + stride;
+  const double fa = factor[0], fb = factor[1], fc = factor[2], fd = factor[3];
+  for (int j = 0; j < size; ++j) to[j] -= fa * a[j] + fb * b[j] + fc * c[j] + fd * d[j];
+}
+
+inline __attribute__((always_inline)) void subtractRow(const double* row, double factor, int size,
+                                                       double* __restrict to) {
+  for (int j = 0; j < size; ++j) to[j] -= factor * row[j];
+}
+
+HELIX_ARM_ROOT_CLONES bool factorRows(double* S, int n) {
+  for (int first = 0; first < n; first += kRowsAtOnce) {
+    const int end = std::min(first + kRowsAtOnce, n);
+    for (int k = first; k < end; ++k) {
+      double* const row = S + static_cast<std::ptrdiff_t>(k) * n;
+      for (int i = first; i < k; ++i) {
+        const double* const above = S + static_cast<std::ptrdiff_t>(i) * n;
+        subtractRow(above + k, above[k], n - k, row + k);
+      }
+      if (!(row[k] > 0)) return false;
+      const double scale = 1 / std::sqrt(row[k]);
+      for (int j = k; j < n; ++j) row[j] *= scale;
+    }
+    if (end - first < kRowsAtOnce) break;
+    const double* const done = S + static_cast<std::ptrdiff_t>(first) * n;
+    for (int i = end; i < n; ++i) {
+      const double factor[kRowsAtOnce] = {done[i], done[n + i], done[2 * n + i], done[3 * n + i]};
+      subtractRows(done + i, n, factor, n - i, S + static_cast<std::ptrdiff_t>(i) * n + i);
+    }
+  }
+  return true;
+}
+
+// From the last row on: (U C)_ij = 0 for j > i and 1 / U_ii for j = i.
+HELIX_ARM_ROOT_CLONES void invertRows(const double* U, double* C, int n) {
+  for (int i = n - 1; i >= 0; --i) {
+    const double* const u = U + static_cast<std::ptrdiff_t>(i) * n;
+    double* const c = C + static_cast<std::ptrdiff_t>(i) * n;
+    std::fill(c + i, c + n, 0.0);
+    int k = i + 1;
+    for (; k + kRowsAtOnce <= n; k += kRowsAtOnce) {
+      subtractRows(C + static_cast<std::ptrdiff_t>(k) * n + i + 1, n, u + k, n - i - 1, c + i + 1);
+    }
+    for (; k < n; ++k) {
+      subtractRow(C + static_cast<std::ptrdiff_t>(k) * n + i + 1, u[k], n - i - 1, c + i + 1);
+    }
+    const double scale = 1 / u[i];
+    double diagonal = scale;
+    for (int j = i + 1; j < n; ++j) {
+      c[j] *= scale;
+      C[static_cast<std::ptrdiff_t>(j) * n + i] = c[j];
+      diagonal -= u[j] * c[j];
+    }
+    c[i] = diagonal * scale;
+  }
+}
+
+HELIX_ARM_ROOT_CLONES void addSquareRows(const double* W, int rows, int columns, double factor,
+                                         const int* at, double* S, int n, double* sum) {
+  for (int i = 0; i < columns; ++i) {
+    std::fill(sum, sum + columns - i, 0.0);
+    for (int k = 0; k < rows; ++k) {
+      const double* const row = W + static_cast<std::ptrdiff_t>(k) * columns + i;
+      subtractRow(row, -factor * row[0], columns - i, sum);
+    }
+    double* const out = S + static_cast<std::ptrdiff_t>(at[i]) * n;
+    for (int j = i; j < columns; ++j) out[at[j]] += sum[j - i];
+  }
+}
+
+}  // namespace
+
+bool factorUpper(RowMajor& S) { return factorRows(S.data(), static_cast<int>(S.rows())); }
+
+void solveUpper(const RowMajor& U, Eigen::VectorXd& x) {
+  const Eigen::Index n = U.rows();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    x[i] /= U(i, i);
+    x.tail(n - i - 1) -= x[i] * U.row(i).tail(n - i - 1).transpose();
+  }
+  for (Eigen::Index i = n; i-- > 0;) {
+    x[i] = (x[i] - U.row(i).tail(n - i - 1).dot(x.tail(n - i - 1))) / U(i, i);
+  }
+}
+
+RowMajor inverseOfUpper(const RowMajor& U) {
+  RowMajor C(U.rows(), U.cols());
+  invertRows(U.data(), C.data(), static_cast<int>(U.rows()));
+  return C;
+}
+
+void addSquare(const RowMajor& W, double factor, const std::vector<int>& at, RowMajor& S) {
+  std::vector<double> sum(at.size());
+  addSquareRows(W.data(), static_cast<int>(W.rows()), static_cast<int>(at.size()), factor,
+                at.data(), S.data(), static_cast<int>(S.cols()), sum.data());
+}
+
+}  // namespace helix_arm::estimation
