@@ -76,7 +76,7 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
     std::sort(one.at.begin(), one.at.end());
     one.at.erase(std::unique(one.at.begin(), one.at.end()), one.at.end());
     one.own.resize(one.size, one.size);
-    one.cross.resize(one.size, static_cast<Eigen::Index>(one.at.size()));
+    one.cross.resize(one.size, padded(static_cast<int>(one.at.size())));
     one.gradient.resize(one.size);
   }
   for (TermParts& term : terms_) {
@@ -87,8 +87,7 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
           static_cast<int>(std::lower_bound(at.begin(), at.end(), part.at) - at.begin());
     }
   }
-  square_.resize(static_cast<std::size_t>(most * most));
-  products_.resize(static_cast<std::size_t>(most));
+  largest_ = static_cast<std::size_t>(most * padded(most + 1));
 }
 
 void ArrowEquations::clear(const std::function<bool(const ParameterBlocks::Block&)>& active) {
@@ -123,29 +122,17 @@ void ArrowEquations::addDirection(std::size_t b, const Eigen::VectorXd& directio
   gradient_.segment(at_[b], size) += precision * offset * direction;
 }
 
-void ArrowEquations::addTerm(std::size_t t, const double* J, const double* residual,
-                             double weight) {
+void ArrowEquations::addTerm(std::size_t t, const double* J, double weight) {
   const TermParts& term = terms_[t];
-  const int n = term.size;
-  std::fill_n(square_.begin(), n * n, 0.0);
-  std::fill_n(products_.begin(), n, 0.0);
-  for (int r = 0; r < term.residuals; ++r) {
-    const double* const row = J + r * n;
-    const double weighted = weight * residual[r];
-    for (int i = 0; i < n; ++i) {
-      const double factor = weight * row[i];
-      double* const out = &square_[static_cast<std::size_t>(i * n)];
-      for (int j = i; j < n; ++j) out[j] += factor * row[j];
-    }
-    for (int j = 0; j < n; ++j) products_[j] += weighted * row[j];
-  }
-  const Eigen::Map<const RowMajor> square(square_.data(), n, n);
-  const Eigen::Map<const Eigen::VectorXd> products(products_.data(), n);
+  const int stride = padded(term.size + 1);
+  square_.resize(std::max(square_.size(), largest_));
+  squareRows(J, term.residuals, stride, term.size, weight, square_.data());
+  const Eigen::Map<const RowMajor> square(square_.data(), term.size, stride);
   Eliminated* const first = term.eliminated < 0 ? nullptr : &shapes_or_tags_[term.eliminated];
   for (std::size_t i = 0; i < term.parts.size(); ++i) {
     const Part& a = term.parts[i];
     (a.at < 0 ? first->gradient : gradient_).segment(std::max(a.at, 0), a.size) +=
-        products.segment(a.column, a.size);
+        square.col(term.size).segment(a.column, a.size);
     for (std::size_t j = i; j < term.parts.size(); ++j) {
       const Part& b = term.parts[j];
       const auto block = square.block(a.column, b.column, a.size, b.size);
@@ -217,8 +204,8 @@ bool ArrowEquations::factor(const Eigen::VectorXd& damping) {
     divideByRoot(one.root, one.scaled_cross);
     one.scaled_gradient = one.gradient;
     divideByRoot(one.root, one.scaled_gradient);
-    addSquare(one.scaled_cross, -1, one.at, root_);
-    scaled_gradient_(one.at) -= one.scaled_cross.transpose() * one.scaled_gradient;
+    subtractSquare(one.scaled_cross, one.at, square_, root_);
+    scaled_gradient_(one.at) -= one.scaledCross().transpose() * one.scaled_gradient;
   }
   return factorUpper(root_);
 }
@@ -233,7 +220,7 @@ Eigen::VectorXd ArrowEquations::step() const {
   for (const Eliminated& one : shapes_or_tags_) {
     if (!one.active) continue;
     Eigen::VectorXd own = -one.scaled_gradient;
-    own.noalias() -= one.scaled_cross * rest(one.at);
+    own.noalias() -= one.scaledCross() * rest(one.at);
     divideByRootOnly(one.root, own);
     out.segment(one.column, one.size) = own;
   }
@@ -251,7 +238,7 @@ double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
   }
   for (const Eliminated& one : shapes_or_tags_) {
     if (!one.active) continue;
-    RowMajor by_rest = one.scaled_cross;
+    RowMajor by_rest = one.scaledCross();
     divideByRootOnly(one.root, by_rest);
     const RowMajor own = inverseOfUpper(one.root);
     const RowMajor spread = by_rest * reduced(one.at, one.at);
@@ -264,8 +251,9 @@ double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
 
 Eigen::MatrixXd ArrowEquations::reduced() const {
   RowMajor out = rest_;
+  std::vector<double> square;
   for (const Eliminated& one : shapes_or_tags_) {
-    if (one.active) addSquare(one.scaled_cross, -1, one.at, out);
+    if (one.active) subtractSquare(one.scaled_cross, one.at, square, out);
   }
   return out.selfadjointView<Eigen::Upper>();
 }

@@ -24,8 +24,8 @@ class ArrowEquations {
   void clear(const std::function<bool(const ParameterBlocks::Block&)>& active);
   /// @param offset  of the values from the mean of their prior.
   void addPrior(std::size_t block, const Eigen::VectorXd& offset);
-  /// @param J  (residuals x columns) row major.
-  void addTerm(std::size_t term, const double* J, const double* residual, double weight);
+  /// @param J  (residuals x stride) row major: derivatives, residual, zeros.
+  void addTerm(std::size_t term, const double* J, double weight);
   /// A prior of the value along a direction of a block that is not eliminated.
   ///
   /// @param offset  of that value from its mean.
@@ -66,12 +66,16 @@ class ArrowEquations {
     std::size_t block;
     int column, size;
     bool active = true;
-    std::vector<int> at;  // (columns of cross) among those that are not eliminated
+    std::vector<int> at;  // (columns of cross before its padding) among those not eliminated
     RowMajor own, cross;
     Eigen::VectorXd gradient;
     // Factors: own + damping = root'root; root'^-1 cross, root'^-1 gradient.
     RowMajor root, scaled_cross;
     Eigen::VectorXd scaled_gradient;
+
+    auto scaledCross() const {
+      return scaled_cross.leftCols(static_cast<Eigen::Index>(at.size()));
+    }
   };
 
   std::vector<int> at_;          // (blocks) first row among those not eliminated, or -1
@@ -83,7 +87,8 @@ class ArrowEquations {
   const ParameterBlocks& blocks_;
   RowMajor rest_, root_;  // upper triangles
   Eigen::VectorXd gradient_, scaled_gradient_;
-  std::vector<double> square_, products_;  // workspaces of a term
+  std::size_t largest_ = 0;     // square of a term
+  std::vector<double> square_;  // workspace
 };
 
 }  // namespace helix_arm::estimation

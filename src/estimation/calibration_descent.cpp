@@ -101,8 +101,7 @@ void CalibrationDescent::assemble(const DescentTask& task, const LinearisedReadi
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const double square = inverse2 * readings.square(t);
     if (!task.included(terms_[t].cost->place().capture) || !std::isfinite(square)) continue;
-    equations_.addTerm(t, readings.jacobian(t), readings.residual(t),
-                       inverse2 * terms_[t].weight(square));
+    equations_.addTerm(t, readings.jacobian(t), inverse2 * terms_[t].weight(square));
   }
 }
 

@@ -144,7 +144,7 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
        expectedTerms(work.shared, work.shared.arms.front(), place, state, work.blocks)) {
     const ReadingCost& cost = *term.cost;
     residual.resize(static_cast<std::size_t>(cost.residuals()));
-    J.resize(static_cast<std::size_t>(cost.residuals() * cost.columns()) + 1);
+    J.resize(static_cast<std::size_t>(cost.residuals() * cost.stride()));
     if (!cost.evaluate(state, values, residual.data(), J.data(), by_pieces)) continue;
     addInformation(term, work.blocks, J.data(), 1 / (noise_scale * noise_scale), H);
   }

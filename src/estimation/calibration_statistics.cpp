@@ -15,7 +15,7 @@ constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
 // A rough solution ends once a step lowers the cost by less than this fraction, which changes the
 // noise by half as much.
-constexpr double kRoughTolerance = 1e-3;
+constexpr double kRoughTolerance = 5e-3;
 // Weight of the expected noise, in residuals.
 constexpr double kNoisePrior = 1.0;
 // Squared residuals beyond this multiple of the outlier limit are ignored for the noise.

@@ -24,13 +24,13 @@ LinearisedReadings::LinearisedReadings(Shared& shared, ReadingKind kind,
     first_residual_.push_back(residuals);
     first_entry_.push_back(entries);
     residuals += static_cast<std::size_t>(cost.residuals());
-    entries += static_cast<std::size_t>(cost.residuals() * cost.columns());
+    entries += static_cast<std::size_t>(cost.residuals() * cost.stride());
   }
   for (std::size_t c = places.size(); c-- > 0;) {
     first_term_[c] = std::min(first_term_[c], first_term_[c + 1]);
   }
   residuals_.resize(residuals);
-  jacobians_.resize(entries + 1);  // a term may have no columns
+  jacobians_.resize(entries, 0.0);
 }
 
 void LinearisedReadings::update(const Values& values, const Eigen::VectorXd& numbers,
@@ -57,6 +57,9 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
     squares_[t] = std::numeric_limits<double>::infinity();
     if (found) {
       squares_[t] = Eigen::Map<const Eigen::VectorXd>(residual, cost.residuals()).squaredNorm();
+    }
+    for (int r = 0; derivatives && r < cost.residuals(); ++r) {
+      jacobian[r * cost.stride() + cost.columns()] = residual[r];
     }
   }
   known_[capture] = derivatives ? kDerivatives : kResiduals;

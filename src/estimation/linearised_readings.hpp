@@ -30,8 +30,7 @@ class LinearisedReadings {
   // deviations.
   /// Squared residuals; infinite if the term has none there.
   double square(std::size_t term) const { return squares_[term]; }
-  const double* residual(std::size_t term) const { return &residuals_[first_residual_[term]]; }
-  /// (residuals x columns) row major.
+  /// (residuals x stride) row major: derivatives, residual, zeros.
   const double* jacobian(std::size_t term) const { return &jacobians_[first_entry_[term]]; }
   const CaptureState& state(int capture) const { return states_[capture]; }
 

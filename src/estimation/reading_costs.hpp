@@ -12,11 +12,10 @@
 #include "reading_place.hpp"
 #include "shape_model.hpp"
 #include "tag_models.hpp"
+#include "upper_root.hpp"
 
 /// Residuals of a calibration's readings, in expected standard deviations, and their derivatives.
 namespace helix_arm::estimation {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // What all readings of a capture share at given values of the parameters.
 struct CaptureState {
@@ -68,10 +67,12 @@ class ReadingCost {
   const Place& place() const { return place_; }
   int residuals() const { return residuals_; }
   int columns() const { return columns_.count; }
+  // Length of a row of the derivatives: the residual follows them, then padding.
+  int stride() const { return padded(columns_.count + 1); }
   virtual int tag() const { return -1; }
 
   // False if it has no residuals there.
-  // @param J  (residuals x columns) row major; null: without derivatives, which the state then
+  // @param J  (residuals x stride) row major, of which the columns are written; null: without derivatives, which the state then
   // lacks, too.
   // @param by_pieces  workspace.
   virtual bool evaluate(const CaptureState& state, const Values& values, double* residual,
@@ -80,7 +81,10 @@ class ReadingCost {
   virtual double shown(const CaptureState& state, const Values& values, double square) const = 0;
 
  protected:
-  using Jacobian = Eigen::Map<RowMajor>;
+  using Jacobian = Eigen::Map<RowMajor, 0, Eigen::OuterStride<>>;
+  Jacobian jacobian(double* J) const {
+    return {J, residuals_, columns_.count, Eigen::OuterStride<>(stride())};
+  }
 
   // Converts derivatives with respect to mean twists to derivatives with respect to the pieces,
   // whose sums are the mean twists.
@@ -142,7 +146,7 @@ class CurvatureCost final : public ReadingCost {
     Eigen::MatrixXd by_twists = Eigen::MatrixXd::Zero(1, 6);
     // A straight arm has no preferred direction of bending, so its derivative stays zero.
     if (curvature > 0) by_twists.rightCols(2) = weight / curvature * twist.tail<2>().transpose();
-    Jacobian out(J, 1, columns());
+    Jacobian out = jacobian(J);
     passOn(overPieces(by_twists, shape), state.shape, out);
     return true;
   }
@@ -172,7 +176,7 @@ class TwistCost final : public ReadingCost {
     Eigen::Map<Eigen::VectorXd>(residual, residuals()) =
         whitening_ * Eigen::Map<const Eigen::VectorXd>(difference.data(), difference.size());
     if (J == nullptr) return true;
-    Jacobian out(J, residuals(), columns());
+    Jacobian out = jacobian(J);
     passOn(overPieces(whitening_, shape), state.shape, out);
     return true;
   }
@@ -215,7 +219,7 @@ class TagCost final : public ReadingCost {
     const int m = residuals();
     Eigen::Map<Eigen::VectorXd>(residual, m) = rows.residual.head(m);
     if (J == nullptr) return true;
-    Jacobian out(J, m, columns());
+    Jacobian out = jacobian(J);
     const model::Shape::Pieces& pieces = state.shape.shape.pieces();
     by_pieces.setZero(Rows::kCount, pieces.size());
     for (int j = 0; j < pose.place.piece; ++j) state.whole[j].fill(rows, 6 * j, by_pieces);

@@ -134,7 +134,8 @@ std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& 
 void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks, const double* J,
                     double weight, Eigen::MatrixXd& H) {
   const int columns = term.cost->columns();
-  const Eigen::Map<const RowMajor> jacobian(J, term.cost->residuals(), columns);
+  const Eigen::Map<const RowMajor, 0, Eigen::OuterStride<>> jacobian(
+      J, term.cost->residuals(), columns, Eigen::OuterStride<>(term.cost->stride()));
   const Eigen::MatrixXd square = weight * (jacobian.transpose() * jacobian);
   int i = 0;
   for (const int row : term.blocks) {

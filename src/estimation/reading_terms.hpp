@@ -48,7 +48,7 @@ std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& 
 
 /// Adds the weighted J'J of a term to that of all free parameters.
 ///
-/// @param J  (residuals x columns) row major.
+/// @param J  (residuals x stride) row major.
 void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks, const double* J,
                     double weight, Eigen::MatrixXd& H);
 

@@ -80,16 +80,20 @@ HELIX_ARM_ROOT_CLONES void invertRows(const double* U, double* C, int n) {
   }
 }
 
-HELIX_ARM_ROOT_CLONES void addSquareRows(const double* W, int rows, int columns, double factor,
-                                         const int* at, double* S, int n, double* sum) {
-  for (int i = 0; i < columns; ++i) {
-    std::fill(sum, sum + columns - i, 0.0);
-    for (int k = 0; k < rows; ++k) {
-      const double* const row = W + static_cast<std::ptrdiff_t>(k) * columns + i;
-      subtractRow(row, -factor * row[0], columns - i, sum);
+// As many as kRowPadding, in as few registers as the processor needs.
+typedef double Chunk __attribute__((vector_size(8 * kRowPadding), aligned(8), may_alias));
+
+HELIX_ARM_ROOT_CLONES void squarePaddedRows(const double* W, int rows, int stride, int count,
+                                            double weight, double* square) {
+  for (int first = 0; first < stride; first += kRowPadding) {
+    for (int i = 0; i < count; ++i) {
+      Chunk sum = {};
+      for (int r = 0; r < rows; ++r) {
+        const double* const row = W + r * stride;
+        sum += row[i] * *reinterpret_cast<const Chunk*>(row + first);
+      }
+      *reinterpret_cast<Chunk*>(square + i * stride + first) = weight * sum;
     }
-    double* const out = S + static_cast<std::ptrdiff_t>(at[i]) * n;
-    for (int j = i; j < columns; ++j) out[at[j]] += sum[j - i];
   }
 }
 
@@ -114,10 +118,20 @@ RowMajor inverseOfUpper(const RowMajor& U) {
   return C;
 }
 
-void addSquare(const RowMajor& W, double factor, const std::vector<int>& at, RowMajor& S) {
-  std::vector<double> sum(at.size());
-  addSquareRows(W.data(), static_cast<int>(W.rows()), static_cast<int>(at.size()), factor,
-                at.data(), S.data(), static_cast<int>(S.cols()), sum.data());
+void squareRows(const double* W, int rows, int stride, int count, double weight, double* square) {
+  squarePaddedRows(W, rows, stride, count, weight, square);
+}
+
+void subtractSquare(const RowMajor& W, const std::vector<int>& at, std::vector<double>& square,
+                    RowMajor& S) {
+  const int count = static_cast<int>(at.size()), stride = static_cast<int>(W.cols());
+  square.resize(static_cast<std::size_t>(count * stride));
+  squareRows(W.data(), static_cast<int>(W.rows()), stride, count, 1, square.data());
+  for (int i = 0; i < count; ++i) {
+    double* const out = &S(at[i], 0);
+    const double* const row = &square[static_cast<std::size_t>(i * stride)];
+    for (int j = i; j < count; ++j) out[at[j]] -= row[j];
+  }
 }
 
 }  // namespace helix_arm::estimation

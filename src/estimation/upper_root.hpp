@@ -19,10 +19,19 @@ void solveUpper(const RowMajor& U, Eigen::VectorXd& x);
 /// (U'U)^-1, both triangles.
 RowMajor inverseOfUpper(const RowMajor& U);
 
-/// Adds factor * W'W to a square matrix: in its row and column `at[i]`, row and column i of W'W.
-/// Upper triangle alone.
+/// Columns of matrices of which squares are formed are padded with zeros to a multiple of this.
+inline constexpr int kRowPadding = 8;
+inline int padded(int columns) { return (columns + kRowPadding - 1) / kRowPadding * kRowPadding; }
+
+/// Replaces the first `count` rows of `square` by those of weight * W'W.
 ///
-/// @param at  (columns of W) ascending.
-void addSquare(const RowMajor& W, double factor, const std::vector<int>& at, RowMajor& S);
+/// @param W  (rows x stride) row major. @param stride  padded(). @param square  (count x stride).
+void squareRows(const double* W, int rows, int stride, int count, double weight, double* square);
+
+/// Subtracts W'W from the upper triangle of S: row and column i of W'W from row and column at[i].
+///
+/// @param W  (rows x padded columns). @param at  (columns) ascending. @param square  workspace.
+void subtractSquare(const RowMajor& W, const std::vector<int>& at, std::vector<double>& square,
+                    RowMajor& S);
 
 }  // namespace helix_arm::estimation

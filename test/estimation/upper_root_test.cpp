@@ -54,12 +54,14 @@ TEST(UpperRootOf, AMatrixThatIsNotPositiveDefiniteDoesNotExist) {
   EXPECT_FALSE(factorUpper(S));
 }
 
-TEST(AddSquare, GoesToItsRowsAndColumns) {
-  const RowMajor W = RowMajor::Random(2, 3);
+TEST(SubtractSquare, GoesToItsRowsAndColumns) {
+  RowMajor W = RowMajor::Zero(2, padded(3));
+  W.leftCols(3) = RowMajor::Random(2, 3);
   RowMajor S = RowMajor::Zero(5, 5);
   const std::vector<int> at = {0, 2, 3};
-  addSquare(W, -2, at, S);
-  const Eigen::MatrixXd expected = -2 * W.transpose() * W;
+  std::vector<double> workspace;
+  subtractSquare(W, at, workspace, S);
+  const Eigen::MatrixXd expected = -W.transpose() * W;
   for (int i = 0; i < 3; ++i) {
     for (int j = i; j < 3; ++j) EXPECT_NEAR(S(at[i], at[j]), expected(i, j), 1e-15);
   }
