@@ -60,7 +60,12 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
     for (const int b : term.blocks) {
       const int size = blocks.all()[b].size();
       if (eliminated_[b] >= 0) parts.eliminated = eliminated_[b];
-      parts.parts.push_back({parts.size, size, at_[b], -1});
+      Part* const last = parts.parts.empty() ? nullptr : &parts.parts.back();
+      if (last != nullptr && last->at >= 0 && at_[b] == last->at + last->size) {
+        last->size += size;
+      } else {
+        parts.parts.push_back({parts.size, size, at_[b], -1});
+      }
       parts.size += size;
     }
     most = std::max(most, parts.size);
@@ -227,10 +232,10 @@ Eigen::VectorXd ArrowEquations::step() const {
   return out;
 }
 
-Eigen::MatrixXd ArrowEquations::reducedInverse() const { return inverseOfUpper(root_); }
+RowMajor ArrowEquations::reducedInverse() const { return inverseOfUpper(root_); }
 
 double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
-                                    const Eigen::MatrixXd& reduced) const {
+                                    const RowMajor& reduced) const {
   double trace = 0;
   for (std::size_t i = 0; i < columns_.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
@@ -241,7 +246,8 @@ double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
     RowMajor by_rest = one.scaledCross();
     divideByRootOnly(one.root, by_rest);
     const RowMajor own = inverseOfUpper(one.root);
-    const RowMajor spread = by_rest * reduced(one.at, one.at);
+    const RowMajor own_reduced = reduced(one.at, one.at);
+    const RowMajor spread = by_rest * own_reduced;
     const Eigen::VectorXd variances =
         own.diagonal() + spread.cwiseProduct(by_rest).rowwise().sum();
     trace += variances.dot(weights.segment(one.column, one.size));

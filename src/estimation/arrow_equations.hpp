@@ -43,14 +43,14 @@ class ArrowEquations {
   /// Solution of (J'WJ + diag(damping)) x = -J'Wr.
   Eigen::VectorXd step() const;
   /// Inverse of the Schur complement, in the order of the blocks that are not eliminated.
-  Eigen::MatrixXd reducedInverse() const;
+  RowMajor reducedInverse() const;
   /// Trace of (J'WJ + diag(damping))^-1 diag(weights). @param reduced  reducedInverse().
-  double inverseTrace(const Eigen::VectorXd& weights, const Eigen::MatrixXd& reduced) const;
+  double inverseTrace(const Eigen::VectorXd& weights, const RowMajor& reduced) const;
   /// The Schur complement, if the damping was 0, in that order.
   Eigen::MatrixXd reduced() const;
 
  private:
-  // A block of a term.
+  // A block of a term, or several that follow each other there and among all.
   struct Part {
     int column, size;  // among the term's
     int at;            // first row among those that are not eliminated; -1 if it is

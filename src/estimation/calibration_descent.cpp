@@ -141,6 +141,10 @@ Solved CalibrationDescent::solve(const DescentTask& task) {
       continue;
     }
     invalid = 0;
+    if (expected <= task.tolerance * out.cost) {
+      out.converged = true;
+      break;
+    }
     const Eigen::VectorXd next = now + step;
     blocks_.setNumbers(next);
     const bool derivatives = expected > kLastStep * out.cost;

@@ -13,9 +13,9 @@ namespace {
 // The noise has converged if an iteration changes it by less than this fraction.
 constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
-// A rough solution ends once a step lowers the cost by less than this fraction, which changes the
-// noise by half as much.
-constexpr double kRoughTolerance = 5e-3;
+// A rough solution ends once a step lowers the cost by less than this fraction; what is left then
+// changes the noise by far less.
+constexpr double kRoughTolerance = 0.1;
 // Weight of the expected noise, in residuals.
 constexpr double kNoisePrior = 1.0;
 // Squared residuals beyond this multiple of the outlier limit are ignored for the noise.
@@ -109,6 +109,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   // The noise that follows from a solution is known long before the solution is exact, so only the
   // rounds at the final noise are solved to the end.
   bool exact = false;
+  double data_parameters = 0, counted_at = 0;
   for (int round = 0; round < kMostRounds; ++round) {
     exact = exact || round + 1 == kMostRounds;
     const double before = estimate.noise_scale;
@@ -117,8 +118,10 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
     estimate.converged = solved.converged;
     estimate.cost = solved.cost;
     estimate.solved_scale = before;
-    const double seen = noiseScaleOf(problem.compareSquares(before),
-                                     dataParameters(problem, before), before);
+    // They hardly change between a rough and an exact solution at one noise.
+    if (before != counted_at) data_parameters = dataParameters(problem, before);
+    counted_at = before;
+    const double seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
     const double now = std::hypot(seen, bias);
     const bool settled = std::abs(now / before - 1) < kNoiseSettled;
     if (!settled || exact) estimate.noise_scale = now;

@@ -17,15 +17,19 @@ namespace {
 
 // Rows per pass over the rest of a matrix: each of its entries is then read and written once for
 // several products.
-constexpr int kRowsAtOnce = 4;
+constexpr int kRowsAtOnce = 8;
 
 // to[j] -= sum_k factor[k] rows[k][j]
 inline __attribute__((always_inline)) void subtractRows(const double* rows, std::ptrdiff_t stride,
                                                         const double* factor, int size,
                                                         double* __restrict to) {
   const double *const a = rows, *const b = a + stride, *const c = b + stride, *const d = c + stride;
-  const double fa = factor[0], fb = factor[1], fc = factor[2], fd = factor[3];
-  for (int j = 0; j < size; ++j) to[j] -= fa * a[j] + fb * b[j] + fc * c[j] + fd * d[j];
+  const double *const e = d + stride, *const f = e + stride, *const g = f + stride,
+                      *const h = g + stride;
+  for (int j = 0; j < size; ++j) {
+    to[j] -= (factor[0] * a[j] + factor[1] * b[j] + factor[2] * c[j] + factor[3] * d[j]) +
+             (factor[4] * e[j] + factor[5] * f[j] + factor[6] * g[j] + factor[7] * h[j]);
+  }
 }
 
 inline __attribute__((always_inline)) void subtractRow(const double* row, double factor, int size,
@@ -49,7 +53,8 @@ HELIX_ARM_ROOT_CLONES bool factorRows(double* S, int n) {
     if (end - first < kRowsAtOnce) break;
     const double* const done = S + static_cast<std::ptrdiff_t>(first) * n;
     for (int i = end; i < n; ++i) {
-      const double factor[kRowsAtOnce] = {done[i], done[n + i], done[2 * n + i], done[3 * n + i]};
+      double factor[kRowsAtOnce];
+      for (int k = 0; k < kRowsAtOnce; ++k) factor[k] = done[k * n + i];
       subtractRows(done + i, n, factor, n - i, S + static_cast<std::ptrdiff_t>(i) * n + i);
     }
   }
@@ -86,7 +91,8 @@ typedef double Chunk __attribute__((vector_size(8 * kRowPadding), aligned(8), ma
 HELIX_ARM_ROOT_CLONES void squarePaddedRows(const double* W, int rows, int stride, int count,
                                             double weight, double* square) {
   for (int first = 0; first < stride; first += kRowPadding) {
-    for (int i = 0; i < count; ++i) {
+    const int end = std::min(count, first + kRowPadding);
+    for (int i = 0; i < end; ++i) {
       Chunk sum = {};
       for (int r = 0; r < rows; ++r) {
         const double* const row = W + r * stride;

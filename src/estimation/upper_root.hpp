@@ -23,7 +23,7 @@ RowMajor inverseOfUpper(const RowMajor& U);
 inline constexpr int kRowPadding = 8;
 inline int padded(int columns) { return (columns + kRowPadding - 1) / kRowPadding * kRowPadding; }
 
-/// Replaces the first `count` rows of `square` by those of weight * W'W.
+/// Replaces the first `count` rows of `square`, from their diagonal on, by those of weight * W'W.
 ///
 /// @param W  (rows x stride) row major. @param stride  padded(). @param square  (count x stride).
 void squareRows(const double* W, int rows, int stride, int count, double weight, double* square);
