@@ -5,18 +5,26 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Divides by the transposed factor: U'^-1 X.
-void divideByRoot(const RowMajor& U, RowMajor& X) {
-  for (Eigen::Index i = 0; i < U.rows(); ++i) {
-    for (Eigen::Index k = 0; k < i; ++k) X.row(i) -= U(k, i) * X.row(k);
-    X.row(i) /= U(i, i);
-  }
-}
-
+// U'^-1 x.
 void divideByRoot(const RowMajor& U, Eigen::VectorXd& x) {
   for (Eigen::Index i = 0; i < U.rows(); ++i) {
     for (Eigen::Index k = 0; k < i; ++k) x[i] -= U(k, i) * x[k];
     x[i] /= U(i, i);
+  }
+}
+
+// Blocks of some rows and columns, too small for the overhead of general ones.
+void addBlock(const double* from, int stride, int rows, int columns, double* to,
+              Eigen::Index to_stride) {
+  for (int i = 0; i < rows; ++i, from += stride, to += to_stride) {
+    for (int j = 0; j < columns; ++j) to[j] += from[j];
+  }
+}
+
+void addTransposed(const double* from, int stride, int rows, int columns, double* to,
+                   Eigen::Index to_stride) {
+  for (int i = 0; i < rows; ++i, from += stride) {
+    for (int j = 0; j < columns; ++j) to[j * to_stride + i] += from[j];
   }
 }
 
@@ -88,8 +96,7 @@ ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<
     if (term.eliminated < 0) continue;
     const std::vector<int>& at = shapes_or_tags_[term.eliminated].at;
     for (Part& part : term.parts) {
-      part.local =
-          static_cast<int>(std::lower_bound(at.begin(), at.end(), part.at) - at.begin());
+      part.local = static_cast<int>(std::lower_bound(at.begin(), at.end(), part.at) - at.begin());
     }
   }
   largest_ = static_cast<std::size_t>(most * padded(most + 1));
@@ -119,8 +126,8 @@ void ArrowEquations::addPrior(std::size_t b, const Eigen::VectorXd& offset) {
   }
 }
 
-void ArrowEquations::addDirection(std::size_t b, const Eigen::VectorXd& direction,
-                                  double deviation, double offset) {
+void ArrowEquations::addDirection(std::size_t b, const Eigen::VectorXd& direction, double deviation,
+                                  double offset) {
   const double precision = 1 / (deviation * deviation);
   const Eigen::Index size = direction.size();
   rest_.block(at_[b], at_[b], size, size) += precision * direction * direction.transpose();
@@ -132,25 +139,26 @@ void ArrowEquations::addTerm(std::size_t t, const double* J, double weight) {
   const int stride = padded(term.size + 1);
   square_.resize(std::max(square_.size(), largest_));
   squareRows(J, term.residuals, stride, term.size, weight, square_.data());
-  const Eigen::Map<const RowMajor> square(square_.data(), term.size, stride);
   Eliminated* const first = term.eliminated < 0 ? nullptr : &shapes_or_tags_[term.eliminated];
   for (std::size_t i = 0; i < term.parts.size(); ++i) {
     const Part& a = term.parts[i];
-    (a.at < 0 ? first->gradient : gradient_).segment(std::max(a.at, 0), a.size) +=
-        square.col(term.size).segment(a.column, a.size);
+    const double* const rows = &square_[static_cast<std::size_t>(a.column * stride)];
+    double* const gradient = a.at < 0 ? first->gradient.data() : &gradient_[a.at];
+    for (int row = 0; row < a.size; ++row) gradient[row] += rows[row * stride + term.size];
     for (std::size_t j = i; j < term.parts.size(); ++j) {
       const Part& b = term.parts[j];
-      const auto block = square.block(a.column, b.column, a.size, b.size);
+      const double* const block = rows + b.column;
       if (a.at < 0 && b.at < 0) {
-        first->own += block;
+        addBlock(block, stride, a.size, b.size, first->own.data(), first->own.cols());
       } else if (a.at < 0) {
-        first->cross.middleCols(b.local, b.size) += block;
+        addBlock(block, stride, a.size, b.size, &first->cross(0, b.local), first->cross.cols());
       } else if (b.at < 0) {
-        first->cross.middleCols(a.local, a.size) += block.transpose();
+        addTransposed(block, stride, a.size, b.size, &first->cross(0, a.local),
+                      first->cross.cols());
       } else if (a.at <= b.at) {
-        rest_.block(a.at, b.at, a.size, b.size) += block;
+        addBlock(block, stride, a.size, b.size, &rest_(a.at, b.at), rest_.cols());
       } else {
-        rest_.block(b.at, a.at, b.size, a.size) += block.transpose();
+        addTransposed(block, stride, a.size, b.size, &rest_(b.at, a.at), rest_.cols());
       }
     }
   }
@@ -181,8 +189,7 @@ Eigen::MatrixXd ArrowEquations::dense() const {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(count_, count_);
   out(columns_, columns_) = Eigen::MatrixXd(rest_.selfadjointView<Eigen::Upper>());
   for (const Eliminated& one : shapes_or_tags_) {
-    out.block(one.column, one.column, one.size, one.size) =
-        one.own.selfadjointView<Eigen::Upper>();
+    out.block(one.column, one.column, one.size, one.size) = one.own.selfadjointView<Eigen::Upper>();
     for (std::size_t j = 0; j < one.at.size(); ++j) {
       const int column = columns_[one.at[j]];
       const auto cross = one.cross.col(static_cast<Eigen::Index>(j));
@@ -206,7 +213,7 @@ bool ArrowEquations::factor(const Eigen::VectorXd& damping) {
     one.root.diagonal() += damping.segment(one.column, one.size);
     if (!factorUpper(one.root)) return false;
     one.scaled_cross = one.cross;
-    divideByRoot(one.root, one.scaled_cross);
+    divideByTransposed(one.root, one.scaled_cross);
     one.scaled_gradient = one.gradient;
     divideByRoot(one.root, one.scaled_gradient);
     subtractSquare(one.scaled_cross, one.at, square_, root_);
@@ -234,8 +241,7 @@ Eigen::VectorXd ArrowEquations::step() const {
 
 RowMajor ArrowEquations::reducedInverse() const { return inverseOfUpper(root_); }
 
-double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
-                                    const RowMajor& reduced) const {
+double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights, const RowMajor& reduced) const {
   double trace = 0;
   for (std::size_t i = 0; i < columns_.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
@@ -248,8 +254,7 @@ double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights,
     const RowMajor own = inverseOfUpper(one.root);
     const RowMajor own_reduced = reduced(one.at, one.at);
     const RowMajor spread = by_rest * own_reduced;
-    const Eigen::VectorXd variances =
-        own.diagonal() + spread.cwiseProduct(by_rest).rowwise().sum();
+    const Eigen::VectorXd variances = own.diagonal() + spread.cwiseProduct(by_rest).rowwise().sum();
     trace += variances.dot(weights.segment(one.column, one.size));
   }
   return trace;

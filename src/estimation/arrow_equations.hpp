@@ -11,8 +11,8 @@
 namespace helix_arm::estimation {
 
 /// J'WJ and J'Wr of readings and priors, as an arrow: each reading depends on at most one of the
-/// blocks that are eliminated first, the shape of its capture or, if shapes come from the model, its
-/// tag. Only the Schur complement of the remaining blocks is factored as a whole.
+/// blocks that are eliminated first, the shape of its capture or, if shapes come from the model,
+/// its tag. Only the Schur complement of the remaining blocks is factored as a whole.
 class ArrowEquations {
  public:
   ArrowEquations(const ParameterBlocks& blocks, const std::vector<ReadingTerm>& terms,
@@ -73,9 +73,7 @@ class ArrowEquations {
     RowMajor root, scaled_cross;
     Eigen::VectorXd scaled_gradient;
 
-    auto scaledCross() const {
-      return scaled_cross.leftCols(static_cast<Eigen::Index>(at.size()));
-    }
+    auto scaledCross() const { return scaled_cross.leftCols(static_cast<Eigen::Index>(at.size())); }
   };
 
   std::vector<int> at_;          // (blocks) first row among those not eliminated, or -1

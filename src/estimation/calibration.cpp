@@ -51,8 +51,12 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
     if (held.count(infos[i].name) > 0 || !infos[i].reported) continue;
     const double value =
         infos[i].logarithmic ? infos[i].reference * std::exp(values[i]) : values[i];
-    Parameter one{infos[i].name, infos[i].unit, infos[i].initial, value,
-                  std::numeric_limits<double>::quiet_NaN(), false};
+    Parameter one{infos[i].name,
+                  infos[i].unit,
+                  infos[i].initial,
+                  value,
+                  std::numeric_limits<double>::quiet_NaN(),
+                  false};
     if (fit.covariance.size() > 0) {
       one.standard_error = standardErrorOf(infos[i], value, std::sqrt(fit.covariance(i, i)));
       one.identifiable = fit.identified[i];
@@ -320,9 +324,8 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
            stiffnessHolds(*one.problem, left_out.variance);
   };
   const Selection wanted = wantedOf(options);
-  const CalibrationFit fit = options.errors
-                                 ? fitIdentified(read, options, wanted, kind, holdsUp)
-                                 : fitRequested(read, options, wanted, kind);
+  const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, holdsUp)
+                                            : fitRequested(read, options, wanted, kind);
   if (!fit.converged) {
     return refused(
         std::move(out),

@@ -56,8 +56,7 @@ CalibrationDescent::CalibrationDescent(Shared& shared, ReadingKind kind,
       here_(std::make_unique<LinearisedReadings>(shared, kind, places, terms)),
       there_(std::make_unique<LinearisedReadings>(shared, kind, places, terms)) {}
 
-const LinearisedReadings& CalibrationDescent::readings(const Included& included,
-                                                       bool derivatives) {
+const LinearisedReadings& CalibrationDescent::readings(const Included& included, bool derivatives) {
   here_->update(blocks_.values(), blocks_.numbers(), included, derivatives);
   return *here_;
 }
@@ -151,9 +150,8 @@ Solved CalibrationDescent::solve(const DescentTask& task) {
     there_->update(blocks_.values(), next, task.included, derivatives);
     const double cost_there = cost(task, *there_, next);
     const double decrease = out.cost - cost_there;
-    const bool at_end =
-        step.norm() <= kParameterTolerance * (now.norm() + kParameterTolerance) ||
-        std::abs(decrease) <= task.tolerance * out.cost;
+    const bool at_end = step.norm() <= kParameterTolerance * (now.norm() + kParameterTolerance) ||
+                        std::abs(decrease) <= task.tolerance * out.cost;
     // Without derivatives there, the end is here, where they are known.
     const bool better = decrease > kLeastDecrease * expected && (derivatives || !at_end);
     if (!better) {

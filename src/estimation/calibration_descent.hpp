@@ -57,7 +57,7 @@ class CalibrationDescent {
   ParameterBlocks& blocks_;
   ArrowEquations equations_;
   std::unique_ptr<LinearisedReadings> here_, there_;  // there: after a step
-  Eigen::VectorXd start_;  // of a solution
+  Eigen::VectorXd start_;                             // of a solution
 };
 
 }  // namespace helix_arm::estimation

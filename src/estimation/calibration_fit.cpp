@@ -253,9 +253,8 @@ bool hasOthers(const Selection& selection) {
 
 }  // namespace
 
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms,
-                            const CalibrationOptions& options, const Selection& wanted,
-                            ReadingKind kind) {
+CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                            const Selection& wanted, ReadingKind kind) {
   CalibrationFit fit;
   fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
   const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));

@@ -34,9 +34,8 @@ bool isIdentified(const ParameterInfo& info, double variance);
 /// Fits all requested parameters, without errors and verdicts.
 ///
 /// The fit keeps references to arms and options.
-CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms,
-                            const CalibrationOptions& options, const Selection& wanted,
-                            ReadingKind kind);
+CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                            const Selection& wanted, ReadingKind kind);
 
 /// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
 /// best-determined entries are fitted. The others keep their values.

@@ -104,8 +104,8 @@ std::vector<Comparison> CalibrationProblem::compare(double noise_scale) {
   const LinearisedReadings& readings = work.descent->readings(everyCapture, false);
   for (std::size_t t = 0; t < work.terms.size(); ++t) {
     const ReadingCost& cost = *work.terms[t].cost;
-    out[t].error = cost.shown(readings.state(cost.place().capture), work.blocks.values(),
-                              readings.square(t));
+    out[t].error =
+        cost.shown(readings.state(cost.place().capture), work.blocks.values(), readings.square(t));
   }
   return out;
 }

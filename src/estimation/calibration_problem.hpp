@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "helix_arm/estimation/calibration.hpp"
 #include "calibration_descent.hpp"
+#include "helix_arm/estimation/calibration.hpp"
 #include "parameter_blocks.hpp"
 
 /// The least-squares problem of calibrate(): its parameters, its readings and their information.

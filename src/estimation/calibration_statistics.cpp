@@ -13,9 +13,9 @@ namespace {
 // The noise has converged if an iteration changes it by less than this fraction.
 constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
-// A rough solution ends once a step lowers the cost by less than this fraction; what is left then
-// changes the noise by far less.
-constexpr double kRoughTolerance = 0.1;
+// A rough solution ends once a step lowers the cost by less than this fraction. What is left then
+// changes the noise by less than half as much; with much more, a few outliers could end as noise.
+constexpr double kRoughTolerance = 1e-3;
 // Weight of the expected noise, in residuals.
 constexpr double kNoisePrior = 1.0;
 // Squared residuals beyond this multiple of the outlier limit are ignored for the noise.
@@ -113,8 +113,8 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   for (int round = 0; round < kMostRounds; ++round) {
     exact = exact || round + 1 == kMostRounds;
     const double before = estimate.noise_scale;
-    const Solved solved = problem.solve(before, everyCapture, nullptr,
-                                        exact ? kSolvedTolerance : kRoughTolerance);
+    const Solved solved =
+        problem.solve(before, everyCapture, nullptr, exact ? kSolvedTolerance : kRoughTolerance);
     estimate.converged = solved.converged;
     estimate.cost = solved.cost;
     estimate.solved_scale = before;

@@ -186,7 +186,8 @@ class Problem {
     out.gradient[entry] += off / prior;
   }
 
-  Vector8 difference(std::size_t i, const PlacementEstimate& low, const PlacementEstimate& high) const {
+  Vector8 difference(std::size_t i, const PlacementEstimate& low,
+                     const PlacementEstimate& high) const {
     const auto at = [&](const PlacementEstimate& one) {
       return corners(i, one.X_CB, one.bleed, shape_.about(one.twists), one.moved[i]);
     };

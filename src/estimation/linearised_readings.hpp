@@ -43,7 +43,7 @@ class LinearisedReadings {
   const ReadingKind kind_;
   const std::vector<Place>& places_;
   const std::vector<ReadingTerm>& terms_;
-  std::vector<std::size_t> first_term_;  // (captures + 1)
+  std::vector<std::size_t> first_term_;                    // (captures + 1)
   std::vector<std::size_t> first_residual_, first_entry_;  // (terms)
   Eigen::VectorXd at_;
   std::vector<Known> known_;          // (captures)

@@ -72,8 +72,8 @@ class ReadingCost {
   virtual int tag() const { return -1; }
 
   // False if it has no residuals there.
-  // @param J  (residuals x stride) row major, of which the columns are written; null: without derivatives, which the state then
-  // lacks, too.
+  // @param J  (residuals x stride) row major, of which the columns are written; null: without
+  // derivatives, which the state then lacks, too.
   // @param by_pieces  workspace.
   virtual bool evaluate(const CaptureState& state, const Values& values, double* residual,
                         double* J, Eigen::MatrixXd& by_pieces) const = 0;
@@ -272,9 +272,8 @@ class TagCost final : public ReadingCost {
   const TagPlacement& placement() const { return shared_.arms[place_.arm].layout.tags[seen_.tag]; }
 
   Pose poseAt(const CaptureState& state, const Values& values) const {
-    const TagPlacement tag = columns_.tag < 0
-                                 ? placement()
-                                 : movedBy(placement(), values.tags[seen_.tag], rest_length_);
+    const TagPlacement tag =
+        columns_.tag < 0 ? placement() : movedBy(placement(), values.tags[seen_.tag], rest_length_);
     const model::Shape& shape = state.shape.shape;
     Pose pose;
     pose.s = tag.s;

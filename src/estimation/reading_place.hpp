@@ -87,8 +87,7 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
   if (shared.selection.free_shapes) {
     model::Twists twists = model::Twists::Zero(6, shared.arms[place.arm].arm.sectionCount());
     for (std::size_t i = 0; i < place.entries.size(); ++i) {
-      twists.data()[place.entries[i]] =
-          values.shapes[place.capture][static_cast<Eigen::Index>(i)];
+      twists.data()[place.entries[i]] = values.shapes[place.capture][static_cast<Eigen::Index>(i)];
     }
     ShapeThere shape;
     shape.shape = shared.expected_shapes[place.capture].about(twists);
@@ -102,8 +101,8 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
     return shared.model.at(place.arm, lengths, stiffness, shared.scales(), derivatives);
   }
   // The derivatives with respect to each length give those with respect to scales and curve.
-  ShapeThere shape = shared.model.at(place.arm, lengths, stiffness,
-                                     static_cast<int>(lengths.size()), derivatives);
+  ShapeThere shape =
+      shared.model.at(place.arm, lengths, stiffness, static_cast<int>(lengths.size()), derivatives);
   if (!derivatives) return shape;
   shape.by_curve = shape.by_scale * unscaled.cwiseInverse().asDiagonal() * place.by_curve;
   if (shared.scales() == 1) shape.by_scale = shape.by_scale.rowwise().sum().eval();

@@ -10,7 +10,8 @@ namespace helix_arm::estimation {
 namespace {
 
 template <class Observation>
-std::unique_ptr<ReadingCost> tagCost(const Shared& shared, const Place& place, const Observation& seen) {
+std::unique_ptr<ReadingCost> tagCost(const Shared& shared, const Place& place,
+                                     const Observation& seen) {
   const ArmCaptures& data = shared.arms[place.arm];
   const bool free = seen.tag != shared.held_tag;
   if constexpr (std::is_same_v<Observation, CornerObservation>) {

@@ -12,7 +12,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Step of the central differences of the logs, for arms with pieces; their error is of second order.
+// Step of the central differences of the logs, for arms with pieces; their error is of second
+// order.
 constexpr double kStep = 1e-4;
 // Initial bending stiffness of an arm without one, in squares of its actuators' offset.
 constexpr double kLikelyBending = 0.2;

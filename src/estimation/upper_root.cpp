@@ -103,6 +103,19 @@ HELIX_ARM_ROOT_CLONES void squarePaddedRows(const double* W, int rows, int strid
   }
 }
 
+HELIX_ARM_ROOT_CLONES void divideRows(const double* U, int n, double* X, int stride) {
+  for (int first = 0; first < stride; first += kRowPadding) {
+    for (int i = 0; i < n; ++i) {
+      Chunk& row = *reinterpret_cast<Chunk*>(X + i * stride + first);
+      Chunk rest = row;
+      for (int k = 0; k < i; ++k) {
+        rest -= U[k * n + i] * *reinterpret_cast<const Chunk*>(X + k * stride + first);
+      }
+      row = rest * (1 / U[i * n + i]);
+    }
+  }
+}
+
 }  // namespace
 
 bool factorUpper(RowMajor& S) { return factorRows(S.data(), static_cast<int>(S.rows())); }
@@ -116,6 +129,10 @@ void solveUpper(const RowMajor& U, Eigen::VectorXd& x) {
   for (Eigen::Index i = n; i-- > 0;) {
     x[i] = (x[i] - U.row(i).tail(n - i - 1).dot(x.tail(n - i - 1))) / U(i, i);
   }
+}
+
+void divideByTransposed(const RowMajor& U, RowMajor& X) {
+  divideRows(U.data(), static_cast<int>(U.rows()), X.data(), static_cast<int>(X.cols()));
 }
 
 RowMajor inverseOfUpper(const RowMajor& U) {

@@ -9,6 +9,10 @@ namespace helix_arm::estimation {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+/// Columns of some matrices are padded with zeros to a multiple of this.
+inline constexpr int kRowPadding = 8;
+inline int padded(int columns) { return (columns + kRowPadding - 1) / kRowPadding * kRowPadding; }
+
 /// Replaces the upper triangle of S by U, S = U'U. The rest stays.
 /// @return false if S is not positive definite.
 bool factorUpper(RowMajor& S);
@@ -16,12 +20,13 @@ bool factorUpper(RowMajor& S);
 /// Replaces x by the solution of U'U x = b.
 void solveUpper(const RowMajor& U, Eigen::VectorXd& x);
 
+/// Replaces X by U'^-1 X.
+///
+/// @param X  (any x padded columns).
+void divideByTransposed(const RowMajor& U, RowMajor& X);
+
 /// (U'U)^-1, both triangles.
 RowMajor inverseOfUpper(const RowMajor& U);
-
-/// Columns of matrices of which squares are formed are padded with zeros to a multiple of this.
-inline constexpr int kRowPadding = 8;
-inline int padded(int columns) { return (columns + kRowPadding - 1) / kRowPadding * kRowPadding; }
 
 /// Replaces the first `count` rows of `square`, from their diagonal on, by those of weight * W'W.
 ///

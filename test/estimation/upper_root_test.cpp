@@ -1,10 +1,10 @@
 #include "upper_root.hpp"
 
+#include <Eigen/LU>
 #include <limits>
 #include <random>
 #include <vector>
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 namespace helix_arm::estimation {
@@ -52,6 +52,17 @@ TEST(UpperRootOf, AMatrixThatIsNotPositiveDefiniteDoesNotExist) {
   EXPECT_FALSE(factorUpper(S));
   S(4, 4) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(factorUpper(S));
+}
+
+TEST(DivideByTransposed, SolvesForEveryColumn) {
+  const RowMajor S = positive(6, 4);
+  RowMajor U = S;
+  ASSERT_TRUE(factorUpper(U));
+  const RowMajor B = RowMajor::Random(6, padded(11));
+  RowMajor X = B;
+  divideByTransposed(U, X);
+  const Eigen::MatrixXd upper = U.triangularView<Eigen::Upper>();
+  EXPECT_LT((upper.transpose() * X - B).norm(), 1e-13 * B.norm());
 }
 
 TEST(SubtractSquare, GoesToItsRowsAndColumns) {

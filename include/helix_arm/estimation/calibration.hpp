@@ -113,9 +113,9 @@ struct CalibrationOptions {
   ModelPrior model_prior;       ///< prior of free shapes
 
   /// Standard errors and everything that follows from them: verdicts, correlations, combinations,
-  /// gains, held-out fits and suggestions. Without, the fit takes the least time, and every requested
-  /// parameter has its value at the optimum. These are the values with errors, unless a verdict holds
-  /// a parameter that the captures do not determine.
+  /// gains, held-out fits and suggestions. Without, the fit takes the least time, and every
+  /// requested parameter has its value at the optimum. These are the values with errors, unless a
+  /// verdict holds a parameter that the captures do not determine.
   bool errors = true;
   bool held_out = true;      ///< refit without each pressure, and without each arm, in turn
   int next_pressures = 3;    ///< number of pressures to suggest
