@@ -26,11 +26,10 @@ set(below_nodes "ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bri
 set(below_cli "${below_procedures}|procedures|ros_bridge/calibration")  # its reader of recordings
 set(below_python "${below_cli}")
 
-foreach(layer basics lie model statics control follow procedures)
+foreach(layer basics lie model statics estimation control follow procedures)
   set(others_${layer} "Eigen")
 endforeach()
 set(others_regulator "Eigen|modbus")
-set(others_estimation "Eigen|ceres")
 set(others_vision "Eigen|opencv2|apriltag")
 set(others_simulation "Eigen|modbus|opencv2")
 set(others_io "Eigen|openssl|yaml-cpp")

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <set>
 #include <utility>
@@ -48,11 +49,19 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   std::vector<Parameter> out;
   for (std::size_t i = 0; i < infos.size(); ++i) {
     if (held.count(infos[i].name) > 0 || !infos[i].reported) continue;
-    const double variance = fit.covariance(i, i);
     const double value =
         infos[i].logarithmic ? infos[i].reference * std::exp(values[i]) : values[i];
-    out.push_back({infos[i].name, infos[i].unit, infos[i].initial, value,
-                   standardErrorOf(infos[i], value, std::sqrt(variance)), fit.identified[i]});
+    Parameter one{infos[i].name,
+                  infos[i].unit,
+                  infos[i].initial,
+                  value,
+                  std::numeric_limits<double>::quiet_NaN(),
+                  false};
+    if (fit.covariance.size() > 0) {
+      one.standard_error = standardErrorOf(infos[i], value, std::sqrt(fit.covariance(i, i)));
+      one.identifiable = fit.identified[i];
+    }
+    out.push_back(std::move(one));
   }
   return out;
 }
@@ -73,7 +82,10 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   out.parameters = fittedParameters(fit);
   const int fitted = static_cast<int>(out.parameters.size());
   out.parameters.insert(out.parameters.end(), fit.held.begin(), fit.held.end());
-  out.correlation = correlationOf(fit.covariance, fitted, static_cast<int>(out.parameters.size()));
+  if (fit.covariance.size() > 0) {
+    out.correlation =
+        correlationOf(fit.covariance, fitted, static_cast<int>(out.parameters.size()));
+  }
   CalibrationProblem& problem = *fit.problem;
   if (!problem.selection().stiffness.empty()) out.stiffness = problem.stiffness();
   out.K_eps = problem.K_eps();
@@ -126,7 +138,7 @@ void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem
       Sum& sum = sums[index++];
       std::sort(sum.tags.begin(), sum.tags.end());
       out.captures.push_back({static_cast<int>(a), capture.number, sum.rms(), std::move(sum.tags),
-                              sum.outliers > sum.fitting, 0.0});
+                              sum.outliers > sum.fitting, std::nullopt});
     }
   }
 }
@@ -175,7 +187,7 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
                                     const Gains& gains) {
   std::vector<std::string> warnings;
   const std::size_t pressures = groups.pressure.size();
-  if (pressures < kFewestPressures) {
+  if (pressures < kFewestPressures && fit.covariance.size() > 0) {
     warnings.push_back(text("there are captures at only ", pressures,
                             " pressures: standard errors reflect the noise alone"));
   }
@@ -298,20 +310,22 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
 
   const Groups groups = groupByPressure(read);
   // Free shapes predict nothing, so no pressure would be more informative than another.
-  const bool predicts = !options.free_shapes;
+  const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
   std::vector<Comparison> comparisons;
   CrossValidation left_out;
   std::optional<Jackknife> of_asked;  // if its stiffness seemed to be identified
-  const CalibrationFit fit =
-      fitIdentified(read, options, wantedOf(options), kind, [&](const CalibrationFit& one) {
-        comparisons = one.problem->compare(one.noise_scale);
-        if (!leave_out || unexplained(comparisons, options.robust_scale)) return true;
-        left_out = crossValidate(read, groups, kind, *one.problem, one.noise_scale, comparisons);
-        if (one.problem == one.asked) of_asked = left_out.jackknife;
-        return groups.pressure.size() < kFewestPressures ||
-               stiffnessHolds(*one.problem, left_out.variance);
-      });
+  const auto holdsUp = [&](const CalibrationFit& one) {
+    comparisons = one.problem->compare(one.noise_scale);
+    if (!leave_out || unexplained(comparisons, options.robust_scale)) return true;
+    left_out = crossValidate(read, groups, kind, *one.problem, one.noise_scale, comparisons);
+    if (one.problem == one.asked) of_asked = left_out.jackknife;
+    return groups.pressure.size() < kFewestPressures ||
+           stiffnessHolds(*one.problem, left_out.variance);
+  };
+  const Selection wanted = wantedOf(options);
+  const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, holdsUp)
+                                            : fitRequested(read, options, wanted, kind);
   if (!fit.converged) {
     return refused(
         std::move(out),
@@ -326,14 +340,17 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
     return refused(std::move(out), *verdict);
   }
-  if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
+  const auto nothing = options.errors ? unidentified(out.parameters) : std::nullopt;
+  if (nothing) return refused(std::move(out), *nothing);
   std::vector<Jackknife> jackknives;
   if (leave_out && groups.pressure.size() >= kFewestPressures) {
     if (of_asked && fit.problem != fit.asked) jackknives.push_back(std::move(*of_asked));
     jackknives.push_back(left_out.jackknife);
   }
-  if (leave_out) addHeldOut(fit, groups, std::move(left_out), out);
-  if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
+  if (leave_out) {
+    addHeldOut(fit, groups, std::move(left_out), out);
+    if (const auto verdict = unidentified(out.parameters)) return refused(std::move(out), *verdict);
+  }
   Gains gains;
   if (predicts) {
     gains = gainsOf(fit, groups);

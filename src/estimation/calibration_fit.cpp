@@ -28,8 +28,6 @@ constexpr double kLeastMix = 0.005;
 constexpr double kValleyStep = 1.5;
 constexpr int kValleySteps = 2;  // to either side
 
-bool everyCapture(int) { return true; }
-
 Parameter heldParameter(const ParameterInfo& info) {
   return {info.name,
           info.unit,
@@ -202,12 +200,19 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.covariance = statistics.covariance;
   judge(fit.covariance);
   if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
-  CalibrationProblem everything(arms, options, all);
-  fit.covariance =
-      withUncertaintyOfHeld(statistics.covariance, *fit.problem, everything, fit.noise_scale);
+  if (all.stiffness.size() > selection.stiffness.size() || all.rig != selection.rig) {
+    CalibrationProblem everything(arms, options, all);
+    fit.covariance =
+        withUncertaintyOfHeld(statistics.covariance, *fit.problem, everything, fit.noise_scale);
+  }
   fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
   judge(fit.covariance);
   return candidate;
+}
+
+// Error of the readings that the residuals do not show, in expected standard deviations.
+double noiseBias(const CalibrationOptions& options, ReadingKind kind) {
+  return kind == ReadingKind::kCorners ? options.corner_floor / options.corner_noise : 0.0;
 }
 
 // A division of some entries into fitted and held ones; held entries keep their priors.
@@ -248,6 +253,16 @@ bool hasOthers(const Selection& selection) {
 
 }  // namespace
 
+CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                            const Selection& wanted, ReadingKind kind) {
+  CalibrationFit fit;
+  fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
+  const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
+  fit.converged = estimate.converged;
+  fit.noise_scale = estimate.noise_scale;
+  return fit;
+}
+
 bool isIdentified(const ParameterInfo& info, double variance) {
   const bool known = !info.logarithmic || variance <= kLargestRelativeError * kLargestRelativeError;
   return known && variance <= (1 - kLeastGain) * info.deviation * info.deviation;
@@ -257,8 +272,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, const Selection& wanted,
                              ReadingKind kind,
                              const std::function<bool(const CalibrationFit&)>& holds_up) {
-  const double bias =
-      kind == ReadingKind::kCorners ? options.corner_floor / options.corner_noise : 0.0;
+  const double bias = noiseBias(options, kind);
   const Selection all = allOf(wanted, arms, kind);
   const auto isGood = [&](const CalibrationFit& fit) {
     return fit.converged && stiffnessIsIdentified(fit) && holds_up(fit);

@@ -15,7 +15,7 @@ struct CalibrationFit {
   std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
   bool converged = false;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
-  // The sizes are those of the problem's parameters.
+  // The sizes are those of the problem's parameters; empty after fitRequested().
   Eigen::MatrixXd information;  ///< from readings and priors
   Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted
   std::vector<bool> identified;
@@ -30,6 +30,12 @@ struct CalibrationFit {
 
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
+
+/// Fits all requested parameters, without errors and verdicts.
+///
+/// The fit keeps references to arms and options.
+CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                            const Selection& wanted, ReadingKind kind);
 
 /// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
 /// best-determined entries are fitted. The others keep their values.

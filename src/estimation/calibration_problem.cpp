@@ -5,108 +5,61 @@
 #include <limits>
 #include <utility>
 
-#include <ceres/ceres.h>
-#include <ceres/normal_prior.h>
-
+#include "calibration_checks.hpp"
 #include "reading_costs.hpp"
 #include "reading_terms.hpp"
 
 namespace helix_arm::estimation {
-namespace {
-
-// Prior of a direction of the stiffness logs that is held: Ceres 1 and 2 have no common way to fix
-// part of a block.
-constexpr double kHeldDeviation = 1e-4;
-// Convergence: the last step lowers the cost by less. A parameter that is off by its standard error
-// costs 0.5. With the robust loss, steps may shrink slowly long after they matter.
-constexpr double kSettledStep = 1e-4;
-
-bool isAtItsEnd(const ceres::Solver::Summary& summary) {
-  if (summary.termination_type == ceres::CONVERGENCE) return true;
-  const ceres::IterationSummary& last = summary.iterations.back();
-  return summary.termination_type == ceres::NO_CONVERGENCE && last.step_is_successful &&
-         last.cost_change < kSettledStep;
-}
-
-}  // namespace
-
 struct CalibrationProblem::Workspace {
   Shared shared;
   ParameterBlocks blocks;
+  ReadingKind kind;
+  std::vector<Place> places;  // (captures)
   std::vector<ReadingTerm> terms;
-  std::vector<std::pair<int, int>> places;  // arm and index of each capture
+  std::optional<CalibrationDescent> descent;
 
   Workspace(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
             const Selection& selection)
-      : shared(arms, options, selection), blocks(arms, options, selection, shared.model) {
+      : shared(arms, options, selection),
+        blocks(arms, options, selection, shared.model),
+        kind(kindOf(firstReading(arms))) {
     for (std::size_t a = 0; a < arms.size(); ++a) {
-      for (std::size_t c = 0; c < arms[a].captures.size(); ++c) {
-        places.emplace_back(static_cast<int>(a), static_cast<int>(c));
+      for (const Capture& capture : arms[a].captures) {
+        places.push_back(placeAt(shared, static_cast<int>(a), static_cast<int>(places.size()),
+                                 capture.pressure));
       }
     }
     if (selection.free_shapes) addShapes();
-    for (int c = 0; c < static_cast<int>(places.size()); ++c) addTerms(c);
-  }
-
-  const ArmCaptures& armOf(int capture) const { return shared.arms[places[capture].first]; }
-  const Capture& captureOf(int capture) const {
-    return armOf(capture).captures[places[capture].second];
+    std::size_t place = 0;
+    for (const ArmCaptures& arm : arms) {
+      for (const Capture& capture : arm.captures) {
+        for (ReadingTerm& term : termsOf(shared, places[place], capture.reading, blocks)) {
+          terms.push_back(std::move(term));
+        }
+        ++place;
+      }
+    }
+    descent.emplace(shared, kind, places, terms, blocks);
   }
 
   void addShapes() {
     const ModelPrior& prior = shared.options.model_prior;
-    for (int c = 0; c < static_cast<int>(places.size()); ++c) {
-      const std::vector<int> entries = freeEntries(armOf(c));
-      shared.expected_shapes.push_back(modelShape(c));
+    for (const Place& place : places) {
+      // Before there are shapes to fit, the model's.
+      shared.expected_shapes.push_back(
+          shared.model.at(place.arm, place.lengths, blocks.values().stiffness.data()).shape);
       const model::Twists model = shared.expected_shapes.back().twists();
-      Eigen::VectorXd mean(entries.size()), deviation(entries.size());
-      for (std::size_t i = 0; i < entries.size(); ++i) {
-        mean[i] = model.data()[entries[i]];
-        deviation[i] = entries[i] % 6 < 3 ? prior.translation : prior.rotation;
+      Eigen::VectorXd mean(place.entries.size()), deviation(place.entries.size());
+      for (std::size_t i = 0; i < place.entries.size(); ++i) {
+        mean[i] = model.data()[place.entries[i]];
+        deviation[i] = place.entries[i] % 6 < 3 ? prior.translation : prior.rotation;
       }
       blocks.addShape(mean, deviation);
     }
   }
 
-  void addTerms(int capture) {
-    const Capture& measured = captureOf(capture);
-    const Place place = placeAt(shared, places[capture].first, capture, measured.pressure);
-    for (ReadingTerm& term : termsOf(shared, place, measured.reading, blocks)) {
-      terms.push_back(std::move(term));
-    }
-  }
-
-  model::Shape freeShape(int capture) const {
-    model::Twists twists(6, armOf(capture).arm.sectionCount());
-    twists.setZero();
-    const std::vector<int> entries = freeEntries(armOf(capture));
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      twists.data()[entries[i]] = blocks.values().shapes[capture][static_cast<Eigen::Index>(i)];
-    }
-    return shared.expected_shapes[capture].about(twists);
-  }
-
-  model::Shape modelShape(int capture) {
-    const Values& values = blocks.values();
-    const Place place =
-        placeAt(shared, places[capture].first, capture, captureOf(capture).pressure);
-    Eigen::VectorXd lengths = place.lengthsAt(values.curve.data());
-    for (int i = 0; i < lengths.size(); ++i) {
-      lengths[i] *= shared.scaleOf(values.length_scale.data(), i);
-    }
-    return shared.model.at(places[capture].first, lengths, values.stiffness.data()).shape;
-  }
-
   Elasticity elasticity() const {
     return shared.model.elasticityAt(blocks.values().stiffness.data(), shared.model.initial());
-  }
-
-  // Blocks that only one reading depends on are eliminated first: the shape of its capture or, if
-  // shapes come from the model, its tag.
-  int eliminationGroup(const ParameterBlocks::Block& block) const {
-    const ParameterBlock first =
-        shared.selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag;
-    return block.kind == first ? 0 : 1;
   }
 };
 
@@ -118,7 +71,7 @@ CalibrationProblem::~CalibrationProblem() = default;
 
 const Selection& CalibrationProblem::selection() const { return work().shared.selection; }
 int CalibrationProblem::captures() const { return static_cast<int>(work().places.size()); }
-int CalibrationProblem::armOf(int capture) const { return work().places[capture].first; }
+int CalibrationProblem::armOf(int capture) const { return work().places[capture].arm; }
 const std::vector<ParameterInfo>& CalibrationProblem::parameters() const {
   return work().blocks.infos();
 }
@@ -127,68 +80,51 @@ Values& CalibrationProblem::values() { return work().blocks.values(); }
 Eigen::VectorXd CalibrationProblem::vector() const { return work().blocks.vector(); }
 
 Solved CalibrationProblem::solve(double noise_scale, const Included& included,
-                                 const Eigen::VectorXd* held) {
-  Workspace& work = this->work();
-  work.shared.inverse_noise = 1 / noise_scale;
-  ceres::Problem::Options options;
-  options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ceres::Problem problem(options);
-  std::vector<std::unique_ptr<ceres::NormalPrior>> priors;
-  ceres::Solver::Options solver;
-  solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  for (const ParameterBlocks::Block& block : work.blocks.all()) {
-    if (block.kind == ParameterBlock::kShape && !included(block.of)) continue;
-    double* const data = work.blocks.data(block);
-    const ceres::Matrix precision = block.deviation.cwiseInverse().asDiagonal();
-    priors.push_back(std::make_unique<ceres::NormalPrior>(precision, block.mean));
-    problem.AddResidualBlock(priors.back().get(), nullptr, data);
-    solver.linear_solver_ordering->AddElementToGroup(data, work.eliminationGroup(block));
-  }
-  if (held != nullptr) {
-    Eigen::VectorXd& at = work.blocks.values().stiffness;
-    const ceres::Matrix precision = (1 / kHeldDeviation) * held->transpose();
-    priors.push_back(std::make_unique<ceres::NormalPrior>(precision, at));
-    problem.AddResidualBlock(priors.back().get(), nullptr, at.data());
-  }
-  for (const ReadingTerm& term : work.terms) {
-    if (!included(term.cost->place().capture)) continue;
-    problem.AddResidualBlock(term.cost.get(), term.loss.get(), work.blocks.data(term.blocks));
-  }
-  solver.linear_solver_type = ceres::SPARSE_SCHUR;
-  solver.max_num_iterations = work.shared.options.max_iterations;
-  solver.function_tolerance = 1e-9;
-  solver.parameter_tolerance = 1e-10;
-  solver.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  return {isAtItsEnd(summary), summary.final_cost};
+                                 const Eigen::VectorXd* held, double tolerance) {
+  return work().descent->solve(
+      {noise_scale, included, held, work().shared.options.max_iterations, tolerance});
 }
 
-std::vector<Comparison> CalibrationProblem::compare(double noise_scale) {
+std::vector<Comparison> CalibrationProblem::compareSquares(double noise_scale) {
   Workspace& work = this->work();
-  work.shared.inverse_noise = 1 / noise_scale;
-  const ParameterBlocks& blocks = work.blocks;
+  const LinearisedReadings& readings = work.descent->readings(everyCapture, false);
   std::vector<Comparison> out;
-  for (const ReadingTerm& term : work.terms) {
-    const double square = term.square(blocks);
-    const double limit = term.loss ? term.limit : std::numeric_limits<double>::infinity();
-    out.push_back({term.cost->place().capture, term.cost->tag(), term.cost->num_residuals(), square,
-                   limit, term.cost->shown(blocks.data(term.blocks).data(), square),
-                   term.weight(square)});
+  out.reserve(work.terms.size());
+  for (std::size_t t = 0; t < work.terms.size(); ++t) {
+    const ReadingTerm& term = work.terms[t];
+    out.push_back({term.cost->place().capture, term.cost->tag(), term.cost->residuals(),
+                   readings.square(t) / (noise_scale * noise_scale), term.limit, 0});
   }
   return out;
 }
 
+std::vector<Comparison> CalibrationProblem::compare(double noise_scale) {
+  Workspace& work = this->work();
+  std::vector<Comparison> out = compareSquares(noise_scale);
+  const LinearisedReadings& readings = work.descent->readings(everyCapture, false);
+  for (std::size_t t = 0; t < work.terms.size(); ++t) {
+    const ReadingCost& cost = *work.terms[t].cost;
+    out[t].error =
+        cost.shown(readings.state(cost.place().capture), work.blocks.values(), readings.square(t));
+  }
+  return out;
+}
+
+ArrowEquations& CalibrationProblem::equations(double noise_scale) {
+  return work().descent->equations(noise_scale, everyCapture);
+}
+
 Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Included& included) {
   Workspace& work = this->work();
-  work.shared.inverse_noise = 1 / noise_scale;
+  const double inverse2 = 1 / (noise_scale * noise_scale);
+  const LinearisedReadings& readings = work.descent->readings(included, true);
   const int columns = work.blocks.columns();
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(columns, columns);
-  for (const ReadingTerm& term : work.terms) {
-    if (!included(term.cost->place().capture)) continue;
-    addInformation(
-        term, work.blocks, [&](double square) { return term.weight(square); }, H);
+  for (std::size_t t = 0; t < work.terms.size(); ++t) {
+    const ReadingTerm& term = work.terms[t];
+    const double square = inverse2 * readings.square(t);
+    if (!included(term.cost->place().capture) || !std::isfinite(square)) continue;
+    addInformation(term, work.blocks, readings.jacobian(t), inverse2 * term.weight(square), H);
   }
   return H;
 }
@@ -196,23 +132,23 @@ Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Includ
 Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& pressure,
                                                         double noise_scale) {
   Workspace& work = this->work();
-  work.shared.inverse_noise = 1 / noise_scale;
+  const Values& values = work.blocks.values();
   const int columns = work.blocks.columns();
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(columns, columns);
+  const Place place = placeAt(work.shared, 0, 0, pressure);
+  const CaptureState state = stateAt(work.shared, place, work.kind, values, true);
+  if (!state.shape.found) return H;
+  Eigen::MatrixXd by_pieces;
+  std::vector<double> residual, J;
   for (const ReadingTerm& term :
-       expectedTerms(work.shared, work.shared.arms.front(), pressure, work.blocks)) {
-    addInformation(
-        term, work.blocks, [](double) { return 1.0; }, H);
+       expectedTerms(work.shared, work.shared.arms.front(), place, state, work.blocks)) {
+    const ReadingCost& cost = *term.cost;
+    residual.resize(static_cast<std::size_t>(cost.residuals()));
+    J.resize(static_cast<std::size_t>(cost.residuals() * cost.stride()));
+    if (!cost.evaluate(state, values, residual.data(), J.data(), by_pieces)) continue;
+    addInformation(term, work.blocks, J.data(), 1 / (noise_scale * noise_scale), H);
   }
   return H;
-}
-
-std::vector<int> CalibrationProblem::shapeSizes() const {
-  std::vector<int> sizes;
-  for (const ParameterBlocks::Block& block : work().blocks.all()) {
-    if (block.kind == ParameterBlock::kShape) sizes.push_back(block.size());
-  }
-  return sizes;
 }
 
 Eigen::VectorXd CalibrationProblem::priorInformation() const {
@@ -237,7 +173,7 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
   const Shared& shared = work().shared;
   Eigen::VectorXd out(shared.arms.front().arm.actuatorCount());
   for (int i = 0; i < out.size(); ++i) {
-    out[i] = shared.scaleOf(values().length_scale.data(), i);
+    out[i] = shared.scaleOf(values().length_scale, i);
   }
   return out;
 }
@@ -266,7 +202,7 @@ TagLayout CalibrationProblem::layout() const {
 }
 
 model::Shape CalibrationProblem::shape(int capture) {
-  return selection().free_shapes ? work().freeShape(capture) : work().modelShape(capture);
+  return shapeAt(work().shared, work().places[capture], values(), false).shape;
 }
 
 }  // namespace helix_arm::estimation

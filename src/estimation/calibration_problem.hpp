@@ -6,17 +6,12 @@
 #include <optional>
 #include <vector>
 
+#include "calibration_descent.hpp"
 #include "helix_arm/estimation/calibration.hpp"
 #include "parameter_blocks.hpp"
 
 /// The least-squares problem of calibrate(): its parameters, its readings and their information.
 namespace helix_arm::estimation {
-
-/// Result of a least-squares solution.
-struct Solved {
-  bool converged = false;
-  double cost = 0;  ///< readings and priors: half the robust sum of squares
-};
 
 /// Residual of one tag, curvature or twist.
 struct Comparison {
@@ -26,13 +21,14 @@ struct Comparison {
   double square;  ///< sum of squared residuals, in expected variances
   double limit;   ///< value of `square` beyond which it is an outlier; infinite if it cannot be one
   double error;   ///< error for reports [rad, px or m]
-  double weight;  ///< weight from the robust loss, in (0, 1]
 };
+
+/// A least squares ends once a step lowers its cost by less than this fraction.
+constexpr double kSolvedTolerance = 1e-9;
 
 /// Arms, their readings and the values of the fitted parameters.
 ///
-/// Functions that evaluate readings or shapes are not const: they set the noise scale and cache the
-/// last shapes.
+/// Functions that evaluate readings or shapes are not const: they cache what they evaluated.
 class CalibrationProblem {
  public:
   /// Requires sound data. Keeps references to arms and options.
@@ -55,21 +51,25 @@ class CalibrationProblem {
   /// Multiplies the standard errors of the free lengths.
   void loosenCurve(double factor);
 
-  using Included = std::function<bool(int capture)>;
   /// Least squares over the included captures, starting from the current values.
   ///
   /// @param noise_scale  noise as a multiple of the expected noise.
   /// @param held  direction in the space of the selected stiffness logs along which they keep their
   /// value; null: none.
-  Solved solve(double noise_scale, const Included& included, const Eigen::VectorXd* held = nullptr);
+  /// @param tolerance  ends once a step lowers the cost by less than this fraction.
+  Solved solve(double noise_scale, const Included& included, const Eigen::VectorXd* held = nullptr,
+               double tolerance = kSolvedTolerance);
 
   /// Compares all readings with the current values.
   std::vector<Comparison> compare(double noise_scale);
+  /// Likewise without `error`.
+  std::vector<Comparison> compareSquares(double noise_scale);
 
+  /// Equations of all readings and priors at the current values, until the next call of any
+  /// function that is not const.
+  ArrowEquations& equations(double noise_scale);
   /// Weighted J'J of the included readings, without priors: all free parameters, then shapes.
   Eigen::MatrixXd information(double noise_scale, const Included& included);
-  /// Number of free parameters of each shape; empty if the shapes are the model's.
-  std::vector<int> shapeSizes() const;
   /// Likewise for the readings that the arm is expected to give at these pressures.
   Eigen::MatrixXd expectedInformation(const Eigen::VectorXd& pressure, double noise_scale);
   /// Diagonal matrix of the priors' information.

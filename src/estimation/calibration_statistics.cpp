@@ -13,6 +13,9 @@ namespace {
 // The noise has converged if an iteration changes it by less than this fraction.
 constexpr double kNoiseSettled = 0.01;
 constexpr int kMostRounds = 15;
+// A rough solution ends once a step lowers the cost by less than this fraction. What is left then
+// changes the noise by less than half as much; with much more, a few outliers could end as noise.
+constexpr double kRoughTolerance = 1e-3;
 // Weight of the expected noise, in residuals.
 constexpr double kNoisePrior = 1.0;
 // Squared residuals beyond this multiple of the outlier limit are ignored for the noise.
@@ -22,8 +25,6 @@ constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
 // Factor on the standard errors of free lengths while the noise of captures is estimated.
 constexpr double kLooseCurve = 10.0;
-
-bool eachCapture(int) { return true; }
 
 // Median of the squared norm of this many standard normal residuals (Wilson and Hilferty).
 double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
@@ -63,41 +64,31 @@ double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_para
   return scale * std::sqrt(variance);
 }
 
+// Number of free parameters that the readings determine: the trace of the covariance times their
+// information, which is what the priors do not determine.
+double dataParameters(CalibrationProblem& problem, double noise_scale) {
+  ArrowEquations& equations = problem.equations(noise_scale);
+  const Eigen::VectorXd prior = problem.priorInformation();
+  equations.factor(Eigen::VectorXd::Zero(prior.size()));
+  return static_cast<double>(prior.size()) -
+         equations.inverseTrace(prior, equations.reducedInverse());
+}
+
 }  // namespace
 
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
-  const Eigen::VectorXd prior = problem.priorInformation();
-  Eigen::MatrixXd all = problem.information(noise_scale, eachCapture);
-  all.diagonal() += prior;
+  ArrowEquations& equations = problem.equations(noise_scale);
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
   Statistics out;
-  out.information = all.topLeftCorner(count, count);
-  // Readings of a capture depend on no other capture's shape, so shapes are eliminated one by one.
-  struct Shape {
-    Eigen::MatrixXd covariance, by_rest;  // given the rest, and the derivative by the rest
-    Eigen::Index first;
-  };
-  std::vector<Shape> shapes;
-  Eigen::Index first = count;
-  for (const int size : problem.shapeSizes()) {
-    const Eigen::LLT<Eigen::MatrixXd> factors(all.block(first, first, size, size));
-    const auto cross = all.block(first, 0, size, count);
-    shapes.push_back(
-        {factors.solve(Eigen::MatrixXd::Identity(size, size)), factors.solve(cross), first});
-    out.information.noalias() -= cross.transpose() * shapes.back().by_rest;
-    first += size;
+  if (problem.selection().free_shapes) {
+    equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
+    out.information = equations.reduced();
+    out.covariance = equations.reducedInverse();
+    return out;
   }
+  out.information = equations.dense();
   out.covariance =
       Eigen::LLT<Eigen::MatrixXd>(out.information).solve(Eigen::MatrixXd::Identity(count, count));
-  // Trace of covariance times information of the readings: what the priors do not determine.
-  double held = out.covariance.diagonal().dot(prior.head(count));
-  for (const Shape& shape : shapes) {
-    const Eigen::VectorXd variances =
-        shape.covariance.diagonal() +
-        (shape.by_rest * out.covariance).cwiseProduct(shape.by_rest).rowwise().sum();
-    held += variances.dot(prior.segment(shape.first, variances.size()));
-  }
-  out.data_parameters = static_cast<double>(all.rows()) - held;
   return out;
 }
 
@@ -106,7 +97,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   // Uncalibrated placements are off by far more than the noise, so the scale starts at the initial
   // residuals; otherwise the robust loss would discard all readings.
   std::vector<double> errors;
-  for (const Comparison& one : problem.compare(1.0)) {
+  for (const Comparison& one : problem.compareSquares(1.0)) {
     if (std::isfinite(one.square)) errors.push_back(std::sqrt(one.square / one.residuals));
   }
   if (errors.empty()) return estimate;
@@ -115,20 +106,31 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
   // hide themselves by giving the captures less weight.
   const bool has_curve = problem.selection().has(ParameterBlock::kCurve);
   if (has_curve) problem.loosenCurve(kLooseCurve);
+  // The noise that follows from a solution is known long before the solution is exact, so only the
+  // rounds at the final noise are solved to the end.
+  bool exact = false;
+  double data_parameters = 0, counted_at = 0;
   for (int round = 0; round < kMostRounds; ++round) {
+    exact = exact || round + 1 == kMostRounds;
     const double before = estimate.noise_scale;
-    const Solved solved = problem.solve(before, eachCapture);
+    const Solved solved =
+        problem.solve(before, everyCapture, nullptr, exact ? kSolvedTolerance : kRoughTolerance);
     estimate.converged = solved.converged;
     estimate.cost = solved.cost;
     estimate.solved_scale = before;
-    const Statistics statistics = statisticsOf(problem, before);
-    const double seen = noiseScaleOf(problem.compare(before), statistics.data_parameters, before);
-    estimate.noise_scale = std::hypot(seen, bias);
-    if (std::abs(estimate.noise_scale / before - 1) < kNoiseSettled) break;
+    // They hardly change between a rough and an exact solution at one noise.
+    if (before != counted_at) data_parameters = dataParameters(problem, before);
+    counted_at = before;
+    const double seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
+    const double now = std::hypot(seen, bias);
+    const bool settled = std::abs(now / before - 1) < kNoiseSettled;
+    if (!settled || exact) estimate.noise_scale = now;
+    if (settled && exact) break;
+    exact = settled;
   }
   if (has_curve) {
     problem.loosenCurve(1 / kLooseCurve);
-    const Solved solved = problem.solve(estimate.noise_scale, eachCapture);
+    const Solved solved = problem.solve(estimate.noise_scale, everyCapture);
     estimate.converged = solved.converged;
     estimate.cost = solved.cost;
     estimate.solved_scale = estimate.noise_scale;

@@ -11,7 +11,6 @@ namespace helix_arm::estimation {
 /// over the shapes.
 struct Statistics {
   Eigen::MatrixXd information, covariance;  ///< (parameters x parameters)
-  double data_parameters;  ///< number of free parameters that the readings determine
 };
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
 

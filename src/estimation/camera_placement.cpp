@@ -41,7 +41,7 @@ lie::SE3 displaced(const lie::SE3& X_ST, const lie::Vector6& moved) {
 }
 
 // An estimate of everything that is fitted.
-struct Estimate {
+struct PlacementEstimate {
   lie::SE3 X_CB;
   double bleed = 0;
   model::Twists twists;             // (6 x sections)
@@ -67,13 +67,13 @@ class Problem {
 
   int size() const { return firstMoved() + 6 * static_cast<int>(seen_.size()); }
 
-  Estimate start(const lie::SE3& X_CB) const {
+  PlacementEstimate start(const lie::SE3& X_CB) const {
     return {X_CB, 0.0, shape_.twists(),
             std::vector<lie::Vector6>(seen_.size(), lie::Vector6::Zero())};
   }
 
-  Estimate moved(const Estimate& from, const Eigen::VectorXd& step) const {
-    Estimate to = from;
+  PlacementEstimate moved(const PlacementEstimate& from, const Eigen::VectorXd& step) const {
+    PlacementEstimate to = from;
     to.X_CB = from.X_CB * lie::SE3::exp(step.head<6>());
     to.bleed += step[kBleed];
     for (int k = 0; k < to.twists.cols(); ++k) to.twists.col(k) += step.segment<6>(kTwists + 6 * k);
@@ -100,25 +100,25 @@ class Problem {
   }
 
   // Cost of one tag before the loss: its corners and its displacement.
-  std::optional<double> tagCost(std::size_t i, const Estimate& at,
+  std::optional<double> tagCost(std::size_t i, const PlacementEstimate& at,
                                 const model::Shape& shape) const {
     const auto error = corners(i, at.X_CB, at.bleed, shape, at.moved[i]);
     if (!error) return std::nullopt;
     return error->squaredNorm() + at.moved[i].cwiseQuotient(per_tag_).squaredNorm();
   }
 
-  double priorCost(const Estimate& at) const {
+  double priorCost(const PlacementEstimate& at) const {
     double cost = std::pow(at.bleed / options_.bleed_prior, 2);
     for (int k = 0; k < at.twists.cols(); ++k) cost += twistDeviations(at, k).squaredNorm();
     return cost;
   }
 
-  lie::Vector6 twistDeviations(const Estimate& at, int k) const {
+  lie::Vector6 twistDeviations(const PlacementEstimate& at, int k) const {
     return (at.twists.col(k) - shape_.twists().col(k)).cwiseQuotient(twistPrior(k));
   }
 
   // Cauchy loss; infinite if a corner is behind the camera.
-  double cost(const Estimate& at) const {
+  double cost(const PlacementEstimate& at) const {
     const model::Shape shape = shape_.about(at.twists);
     double sum = priorCost(at);
     for (std::size_t i = 0; i < seen_.size(); ++i) {
@@ -138,7 +138,7 @@ class Problem {
   };
 
   // Of half the cost, with the weights of this estimate. Every corner must be in front.
-  Normal linearise(const Estimate& at) const {
+  Normal linearise(const PlacementEstimate& at) const {
     const int n = size(), twists = 6 * static_cast<int>(at.twists.cols());
     Normal out{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)};
     addPrior(kBleed, at.bleed / options_.bleed_prior, options_.bleed_prior, out);
@@ -186,8 +186,9 @@ class Problem {
     out.gradient[entry] += off / prior;
   }
 
-  Vector8 difference(std::size_t i, const Estimate& low, const Estimate& high) const {
-    const auto at = [&](const Estimate& one) {
+  Vector8 difference(std::size_t i, const PlacementEstimate& low,
+                     const PlacementEstimate& high) const {
+    const auto at = [&](const PlacementEstimate& one) {
       return corners(i, one.X_CB, one.bleed, shape_.about(one.twists), one.moved[i]);
     };
     const auto from = at(low), to = at(high);
@@ -195,7 +196,7 @@ class Problem {
   }
 
   // By pose, bleed and twists.
-  Eigen::MatrixXd byCommon(std::size_t i, const Estimate& at) const {
+  Eigen::MatrixXd byCommon(std::size_t i, const PlacementEstimate& at) const {
     Eigen::MatrixXd J(kRows, kTwists + 6 * at.twists.cols());
     for (Eigen::Index j = 0; j < J.cols(); ++j) {
       Eigen::VectorXd step = Eigen::VectorXd::Zero(size());
@@ -206,7 +207,7 @@ class Problem {
   }
 
   // Zero for the tag that defines the base.
-  Eigen::Matrix<double, kRows, 6> byMoved(std::size_t i, const Estimate& at,
+  Eigen::Matrix<double, kRows, 6> byMoved(std::size_t i, const PlacementEstimate& at,
                                           const model::Shape& shape) const {
     Eigen::Matrix<double, kRows, 6> J = Eigen::Matrix<double, kRows, 6>::Zero();
     if (seen_[i].tag == base_tag_) return J;
@@ -230,7 +231,7 @@ class Problem {
 };
 
 // The result at an estimate.
-void describe(const Problem& problem, const Estimate& at, const TagLayout& layout,
+void describe(const Problem& problem, const PlacementEstimate& at, const TagLayout& layout,
               const model::Shape& model, const std::vector<CornerObservation>& seen,
               const CameraPlacementOptions& options, CameraPlacement& out) {
   const model::Shape shape = model.about(at.twists);
@@ -308,7 +309,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
   out.twists = shape.twists();
   if (seen.size() < kLeastTags) return out;
   const Problem problem(arm, layout, shape, seen, focal, options);
-  Estimate at = problem.start(start);
+  PlacementEstimate at = problem.start(start);
   double cost = problem.cost(at);
   out.status = PlacementStatus::kNotConverged;
   if (!std::isfinite(cost)) return out;
@@ -319,7 +320,7 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
     for (; damping < kMostDamping; damping *= 10) {
       Eigen::MatrixXd damped = normal.hessian;
       damped.diagonal() *= 1 + damping;
-      const Estimate next = problem.moved(at, -damped.ldlt().solve(normal.gradient));
+      const PlacementEstimate next = problem.moved(at, -damped.ldlt().solve(normal.gradient));
       const double lower = problem.cost(next);
       if (!(lower <= cost)) continue;
       if (cost - lower <= kPlacedDecrease * (1 + cost)) out.status = PlacementStatus::kPlaced;

@@ -16,6 +16,8 @@ constexpr double kNothingNew = 0.02;
 constexpr double kLeastGainNats = 1e-3;
 // Fractions of each actuator's range at which candidate captures are evaluated.
 constexpr double kLevels[] = {0.0, 0.5, 1.0};
+// Candidates of a symmetric arm differ by rounding alone: the first of them is taken [nats].
+constexpr double kSameEntropy = 1e-9;
 // Up to this many actuators, all combinations of levels are candidates; beyond, one actuator at a
 // time and pairs.
 constexpr int kMostCombined = 4;
@@ -118,7 +120,7 @@ std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const mode
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (taken[i]) continue;
       const double entropy = entropyOf(information + says[i], columns);
-      if (entropy < least) {
+      if (entropy < least - kSameEntropy) {
         least = entropy;
         best = i;
       }

@@ -189,19 +189,23 @@ Eigen::VectorXd ParameterBlocks::vector() const {
   return out;
 }
 
+Eigen::VectorXd ParameterBlocks::numbers() const {
+  Eigen::VectorXd out(columns());
+  for (const Block& block : blocks_) {
+    out.segment(block.column, block.size()) =
+        Eigen::Map<const Eigen::VectorXd>(data(block), block.size());
+  }
+  return out;
+}
+
+void ParameterBlocks::setNumbers(const Eigen::VectorXd& numbers) {
+  for (const Block& block : blocks_) {
+    Eigen::Map<Eigen::VectorXd>(data(block), block.size()) =
+        numbers.segment(block.column, block.size());
+  }
+}
+
 double* ParameterBlocks::data(const Block& block) { return dataOf(block, values_); }
 const double* ParameterBlocks::data(const Block& block) const { return dataOf(block, values_); }
-
-std::vector<double*> ParameterBlocks::data(const std::vector<int>& indices) {
-  std::vector<double*> out;
-  for (const int index : indices) out.push_back(data(blocks_[index]));
-  return out;
-}
-
-std::vector<const double*> ParameterBlocks::data(const std::vector<int>& indices) const {
-  std::vector<const double*> out;
-  for (const int index : indices) out.push_back(data(blocks_[index]));
-  return out;
-}
 
 }  // namespace helix_arm::estimation

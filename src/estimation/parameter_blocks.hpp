@@ -89,6 +89,9 @@ class ParameterBlocks {
   const std::vector<ParameterInfo>& infos() const { return infos_; }
   /// Values of the free parameters in the order of infos().
   Eigen::VectorXd vector() const;
+  /// Values of all free parameters, by their columns.
+  Eigen::VectorXd numbers() const;
+  void setNumbers(const Eigen::VectorXd& numbers);
 
   const Values& values() const { return values_; }
   Values& values() { return values_; }
@@ -96,9 +99,6 @@ class ParameterBlocks {
   /// The numbers of a block within the values; valid until the values are replaced.
   double* data(const Block& block);
   const double* data(const Block& block) const;
-  /// Likewise for several blocks, by their indices.
-  std::vector<double*> data(const std::vector<int>& indices);
-  std::vector<const double*> data(const std::vector<int>& indices) const;
 
  private:
   void add(ParameterBlock kind, int of, Eigen::VectorXd mean, Eigen::VectorXd deviation);

@@ -27,7 +27,6 @@ struct Shared {
   const CalibrationOptions& options;
   Selection selection;
   ShapeModel model;
-  double inverse_noise = 1;  // 1 / scale of the expected noise
   // (captures) shapes of the model before the search, for free shapes: the deviations of a
   // section's pieces from its mean are the model's.
   std::vector<model::Shape> expected_shapes;
@@ -47,28 +46,29 @@ struct Shared {
   }
 
   int scales() const { return lengthScales(selection, arms.front().arm); }
-  double scaleOf(const double* logs, int actuator) const {
-    if (scales() == 0) return 1;
-    return std::exp(logs[scales() == 1 ? 0 : actuator]);
+  double scaleOf(const Eigen::VectorXd& logs, int actuator) const {
+    if (logs.size() == 0) return 1;
+    return std::exp(logs[logs.size() == 1 ? 0 : actuator]);
   }
 };
 
-// Arm, capture and lengths of a reading.
+// Arm, capture and lengths of readings.
 struct Place {
   int arm, capture;          // capture: index over all arms
   Eigen::VectorXd lengths;   // at its pressures [m]
+  std::vector<int> entries;  // free entries of the twists, for free shapes
   Eigen::MatrixXd by_curve;  // (actuators x numbers of the curve), if one is fitted [m]
 
   // With these values of the curve's numbers.
-  Eigen::VectorXd lengthsAt(const double* curve) const {
+  Eigen::VectorXd lengthsAt(const Eigen::VectorXd& curve) const {
     if (by_curve.size() == 0) return lengths;
-    return lengths + by_curve * Eigen::Map<const Eigen::VectorXd>(curve, by_curve.cols());
+    return lengths + by_curve * curve;
   }
 };
 
 inline Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd& pressure) {
   const ArmCaptures& data = shared.arms[arm];
-  Place place{arm, capture, data.arm.lengths(pressure), {}};
+  Place place{arm, capture, data.arm.lengths(pressure), freeEntries(data), {}};
   if (!shared.selection.has(ParameterBlock::kCurve)) return place;
   place.by_curve.setZero(pressure.size(), shared.arms.front().free_curve->spline.lengths.size());
   for (int i = 0; data.free_curve && i < pressure.size(); ++i) {
@@ -79,6 +79,34 @@ inline Place placeAt(const Shared& shared, int arm, int capture, const Eigen::Ve
     place.by_curve.row(i) = weights * spline.root;
   }
   return place;
+}
+
+// The shape of a capture and, if the model determines it, its derivatives.
+inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& values,
+                          bool derivatives) {
+  if (shared.selection.free_shapes) {
+    model::Twists twists = model::Twists::Zero(6, shared.arms[place.arm].arm.sectionCount());
+    for (std::size_t i = 0; i < place.entries.size(); ++i) {
+      twists.data()[place.entries[i]] = values.shapes[place.capture][static_cast<Eigen::Index>(i)];
+    }
+    ShapeThere shape;
+    shape.shape = shared.expected_shapes[place.capture].about(twists);
+    return shape;
+  }
+  const Eigen::VectorXd unscaled = place.lengthsAt(values.curve);
+  Eigen::VectorXd lengths = unscaled;
+  for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared.scaleOf(values.length_scale, i);
+  const double* const stiffness = values.stiffness.data();
+  if (place.by_curve.size() == 0) {
+    return shared.model.at(place.arm, lengths, stiffness, shared.scales(), derivatives);
+  }
+  // The derivatives with respect to each length give those with respect to scales and curve.
+  ShapeThere shape =
+      shared.model.at(place.arm, lengths, stiffness, static_cast<int>(lengths.size()), derivatives);
+  if (!derivatives) return shape;
+  shape.by_curve = shape.by_scale * unscaled.cwiseInverse().asDiagonal() * place.by_curve;
+  if (shared.scales() == 1) shape.by_scale = shape.by_scale.rowwise().sum().eval();
+  return shape;
 }
 
 }  // namespace helix_arm::estimation

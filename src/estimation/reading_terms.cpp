@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -11,7 +10,8 @@ namespace helix_arm::estimation {
 namespace {
 
 template <class Observation>
-std::unique_ptr<ReadingCost> tagCost(Shared& shared, const Place& place, const Observation& seen) {
+std::unique_ptr<ReadingCost> tagCost(const Shared& shared, const Place& place,
+                                     const Observation& seen) {
   const ArmCaptures& data = shared.arms[place.arm];
   const bool free = seen.tag != shared.held_tag;
   if constexpr (std::is_same_v<Observation, CornerObservation>) {
@@ -23,7 +23,7 @@ std::unique_ptr<ReadingCost> tagCost(Shared& shared, const Place& place, const O
   }
 }
 
-std::vector<std::unique_ptr<ReadingCost>> costsOf(Shared& shared, const Place& place,
+std::vector<std::unique_ptr<ReadingCost>> costsOf(const Shared& shared, const Place& place,
                                                   const Reading& reading) {
   std::vector<std::unique_ptr<ReadingCost>> costs;
   if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
@@ -53,25 +53,18 @@ std::vector<int> blocksOf(const ReadingCost& cost, const ParameterBlocks& blocks
 
 }  // namespace
 
-double ReadingTerm::square(const ParameterBlocks& all) const {
-  Eigen::VectorXd residuals(cost->num_residuals());
-  if (!cost->Evaluate(all.data(blocks).data(), residuals.data(), nullptr)) {
-    return std::numeric_limits<double>::infinity();
-  }
-  return residuals.squaredNorm();
+double ReadingTerm::loss(double square) const {
+  return isRobust() ? limit * std::log1p(square / limit) : square;
 }
 
-double ReadingTerm::weight(double square) const { return loss ? 1 / (1 + square / limit) : 1.0; }
-
-std::vector<ReadingTerm> termsOf(Shared& shared, const Place& place, const Reading& reading,
+std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
                                  const ParameterBlocks& blocks) {
   const bool robust = !std::holds_alternative<TwistReading>(reading);
   std::vector<ReadingTerm> terms;
   for (std::unique_ptr<ReadingCost>& cost : costsOf(shared, place, reading)) {
     ReadingTerm term;
-    const double scale = shared.options.robust_scale * std::sqrt(cost->num_residuals());
-    term.limit = scale * scale;
-    if (robust) term.loss = std::make_unique<ceres::CauchyLoss>(scale);
+    const double scale = shared.options.robust_scale * std::sqrt(cost->residuals());
+    if (robust) term.limit = scale * scale;
     term.blocks = blocksOf(*cost, blocks);
     term.cost = std::move(cost);
     terms.push_back(std::move(term));
@@ -79,16 +72,37 @@ std::vector<ReadingTerm> termsOf(Shared& shared, const Place& place, const Readi
   return terms;
 }
 
-std::vector<ReadingTerm> expectedTerms(Shared& shared, const ArmCaptures& arm,
-                                       const Eigen::VectorXd& pressure,
+CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,
+                     bool derivatives) {
+  CaptureState state;
+  state.shape = shapeAt(shared, place, values, derivatives);
+  if (!isMet(FitNeed::kTags, kind)) return state;
+  const model::Shape& shape = state.shape.shape;
+  const lie::Vector6 base = values.rig.at(ParameterBlock::kBase);
+  state.corners = shared.arms[place.arm].layout.corners(values.rig.at(ParameterBlock::kBleed)[0]);
+  lie::SE3 X_B0j = lie::SE3::exp(base);
+  const int pieces = static_cast<int>(shape.pieces().cols());
+  for (int j = 0; j < pieces; ++j) {
+    state.starts.push_back(X_B0j);
+    if (j + 1 < pieces) X_B0j = shape.beyond(X_B0j, j);
+  }
+  if (!derivatives) return state;
+  if (shared.selection.has(ParameterBlock::kBase)) state.base.emplace_back(lie::SE3(), base, 1.0);
+  for (int j = 0; j + 1 < pieces; ++j) {
+    state.whole.emplace_back(state.starts[j], shape.pieces().col(j), 1.0);
+  }
+  return state;
+}
+
+std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& arm,
+                                       const Place& place, const CaptureState& state,
                                        const ParameterBlocks& blocks) {
-  const Place place = placeAt(shared, 0, 0, pressure);
   std::vector<ReadingTerm> terms;
   std::vector<bool> seen(arm.layout.tags.size(), false);
   const auto add = [&](const Reading& reading) {
     for (ReadingTerm& term : termsOf(shared, place, reading, blocks)) {
       if (const auto* tag = dynamic_cast<const TagCost<CornerModel>*>(term.cost.get())) {
-        if (!tag->faces(blocks.data(term.blocks).data())) continue;
+        if (!tag->faces(state, blocks.values())) continue;
       }
       terms.push_back(std::move(term));
     }
@@ -118,25 +132,22 @@ std::vector<ReadingTerm> expectedTerms(Shared& shared, const ArmCaptures& arm,
   return terms;
 }
 
-void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks,
-                    const std::function<double(double)>& weigh, Eigen::MatrixXd& H) {
-  const ReadingCost& cost = *term.cost;
-  Eigen::VectorXd residuals(cost.num_residuals());
-  std::vector<RowMajor> jacobians;
-  std::vector<double*> pointers;
-  for (const int size : cost.parameter_block_sizes()) {
-    jacobians.emplace_back(cost.num_residuals(), size);
-  }
-  for (RowMajor& jacobian : jacobians) pointers.push_back(jacobian.data());
-  if (!cost.Evaluate(blocks.data(term.blocks).data(), residuals.data(), pointers.data())) return;
-  const double weight = weigh(residuals.squaredNorm());
-  for (std::size_t i = 0; i < jacobians.size(); ++i) {
-    const int row = blocks.all()[term.blocks[i]].column;
-    for (std::size_t j = 0; j < jacobians.size(); ++j) {
-      const int column = blocks.all()[term.blocks[j]].column;
-      H.block(row, column, jacobians[i].cols(), jacobians[j].cols()) +=
-          weight * (jacobians[i].transpose() * jacobians[j]);
+void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks, const double* J,
+                    double weight, Eigen::MatrixXd& H) {
+  const int columns = term.cost->columns();
+  const Eigen::Map<const RowMajor, 0, Eigen::OuterStride<>> jacobian(
+      J, term.cost->residuals(), columns, Eigen::OuterStride<>(term.cost->stride()));
+  const Eigen::MatrixXd square = weight * (jacobian.transpose() * jacobian);
+  int i = 0;
+  for (const int row : term.blocks) {
+    const ParameterBlocks::Block& a = blocks.all()[row];
+    int j = 0;
+    for (const int column : term.blocks) {
+      const ParameterBlocks::Block& b = blocks.all()[column];
+      H.block(a.column, b.column, a.size(), b.size()) += square.block(i, j, a.size(), b.size());
+      j += b.size();
     }
+    i += a.size();
   }
 }
 

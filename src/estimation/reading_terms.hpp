@@ -1,46 +1,55 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
+#include <limits>
 #include <memory>
 #include <vector>
 
-#include <ceres/loss_function.h>
-
+#include "calibration_checks.hpp"
 #include "parameter_blocks.hpp"
 #include "reading_costs.hpp"
 
-/// Readings of captures as terms of the least-squares problem, and their information about its
-/// parameters.
+/// Readings of captures as terms of the least-squares problem.
 namespace helix_arm::estimation {
 
 struct ReadingTerm {
   std::unique_ptr<ReadingCost> cost;
-  std::vector<int> blocks;  ///< indices of its parameter blocks, in the order of the cost
-  /// Absent for twists, whose covariance is given.
-  std::unique_ptr<ceres::LossFunction> loss;
-  double limit;  ///< squared residuals beyond which the reading is an outlier
+  std::vector<int> blocks;  ///< indices of its parameter blocks, in the order of its columns
+  /// Squared residuals beyond which the reading is an outlier; infinite for twists, whose
+  /// covariance is given.
+  double limit = std::numeric_limits<double>::infinity();
 
-  /// Squared residuals at the current values; infinite if they have no shape.
-  double square(const ParameterBlocks& blocks) const;
-  /// Weight of a square from the robust loss, in (0, 1].
-  double weight(double square) const;
+  bool isRobust() const { return limit < std::numeric_limits<double>::infinity(); }
+  /// Part of the robust sum of squares (Cauchy) that a square contributes.
+  double loss(double square) const;
+  /// Weight of a square from the robust loss, its derivative, in (0, 1].
+  double weight(double square) const { return 1 / (1 + square / limit); }
 };
 
 /// The terms of one reading.
-std::vector<ReadingTerm> termsOf(Shared& shared, const Place& place, const Reading& reading,
+///
+/// @param place  must outlive them.
+std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
                                  const ParameterBlocks& blocks);
+
+/// What the readings of a capture share at these values.
+///
+/// @param kind  of its readings.
+CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,
+                     bool derivatives);
 
 /// The readings that an arm is expected to give at these pressures: those of its captures, each tag
 /// once, if it faces the camera.
-std::vector<ReadingTerm> expectedTerms(Shared& shared, const ArmCaptures& arm,
-                                       const Eigen::VectorXd& pressure,
+///
+/// @param place  must outlive them. @param state  there, at the current values.
+std::vector<ReadingTerm> expectedTerms(const Shared& shared, const ArmCaptures& arm,
+                                       const Place& place, const CaptureState& state,
                                        const ParameterBlocks& blocks);
 
 /// Adds the weighted J'J of a term to that of all free parameters.
 ///
-/// @param weigh  returns the weight of a term with this square.
-void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks,
-                    const std::function<double(double)>& weigh, Eigen::MatrixXd& H);
+/// @param J  (residuals x stride) row major.
+void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks, const double* J,
+                    double weight, Eigen::MatrixXd& H);
 
 }  // namespace helix_arm::estimation

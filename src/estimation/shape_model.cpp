@@ -12,7 +12,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Step of the central differences of the logs; their error is of second order.
+// Step of the central differences of the logs, for arms with pieces; their error is of second
+// order.
 constexpr double kStep = 1e-4;
 // Initial bending stiffness of an arm without one, in squares of its actuators' offset.
 constexpr double kLikelyBending = 0.2;
@@ -98,13 +99,13 @@ ShapeThere ShapeModel::unloaded(int a, const Eigen::VectorXd& lengths, int scale
   }
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto l = lengths.segment(arm.firstActuator(k), count(arm, k));
-    twists.col(k) = maps_[a][k] * l;
+    twists.col(k) = maps_[a][k].map * l;
     for (int e = 0; derivatives && e < size(); ++e) {
       out.by_stiffness.block<6, 1>(6 * k, e) = changes_[a][k][e] * l;
     }
     for (int j = 0; derivatives && scales > 0 && j < l.size(); ++j) {
       out.by_scale.block<6, 1>(6 * k, scales == 1 ? 0 : arm.firstActuator(k) + j) +=
-          maps_[a][k].col(j) * l[j];
+          maps_[a][k].map.col(j) * l[j];
     }
   }
   out.shape = model::shapeOf(arm, twists);
@@ -150,22 +151,41 @@ ShapeThere ShapeModel::loaded(int a, const Eigen::VectorXd& lengths, int scales,
   return out;
 }
 
-ShapeModel::Maps ShapeModel::mapsAt(const Eigen::VectorXd& logs) const {
-  Maps maps(arms_.size());
-  for (std::size_t a = 0; a < arms_.size(); ++a) {
-    const model::Arm& arm = arms_[a].arm;
-    for (int k = 0; k < arm.sectionCount(); ++k) {
-      std::vector<model::Strand<lie::SE3>> strands;
-      for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-        const model::Actuator& actuator = arm.actuator(i);
-        strands.push_back(
-            {actuator.X_O,
-             elasticityAt(logs.data(), {actuator.stiffness, 0}).ratios.diagonal<lie::SE3>()});
-      }
-      maps[a].emplace_back(model::solveEquilibrium(strands).map);
+std::vector<model::Strand<lie::SE3>> ShapeModel::strandsAt(int a, int k,
+                                                           const Eigen::VectorXd& logs) const {
+  const model::Arm& arm = arms_[a].arm;
+  std::vector<model::Strand<lie::SE3>> strands;
+  for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+    const model::Actuator& actuator = arm.actuator(i);
+    strands.push_back(
+        {actuator.X_O,
+         elasticityAt(logs.data(), {actuator.stiffness, 0}).ratios.diagonal<lie::SE3>()});
+  }
+  return strands;
+}
+
+ShapeModel::Changes ShapeModel::changesAt(int a, int k) const {
+  // A map = D, and D does not depend on the stiffness. Neither does the null space of A, since no
+  // entry vanishes.
+  const model::Arm& arm = arms_[a].arm;
+  const model::Equilibrium<lie::SE3>& equilibrium = maps_[a][k];
+  std::vector<lie::Matrix6> A(fitted_.size(), lie::Matrix6::Zero());
+  for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+    const lie::Matrix6 Ad = arm.actuator(i).X_O.inverse().adjoint();
+    const Elasticity now = elasticityAt(at_.data(), {arm.actuator(i).stiffness, 0});
+    for (std::size_t e = 0; e < fitted_.size(); ++e) {
+      Elasticity without = now;
+      entryOf(without, fitted_[e]) = 0;
+      const lie::Vector6 change =
+          now.ratios.diagonal<lie::SE3>() - without.ratios.diagonal<lie::SE3>();
+      A[e] += Ad.transpose() * change.asDiagonal() * Ad;
     }
   }
-  return maps;
+  Changes changes;
+  for (const lie::Matrix6& by_log : A) {
+    changes.emplace_back(-equilibrium.compliance * by_log * equilibrium.map);
+  }
+  return changes;
 }
 
 ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
@@ -212,8 +232,11 @@ void ShapeModel::update(const double* logs, bool derivatives) {
   const bool known = !maps_.empty() && at_ == at;
   if (known && (has_changes_ || !derivatives)) return;
   if (!known) {
-    maps_ = mapsAt(at);
+    maps_.assign(arms_.size(), {});
     for (std::size_t a = 0; a < arms_.size(); ++a) {
+      for (int k = 0; k < arms_[a].arm.sectionCount(); ++k) {
+        maps_[a].push_back(model::solveEquilibrium(strandsAt(static_cast<int>(a), k, at)));
+      }
       if (hasPieces(arms_[a])) loaded_[a].there = staticsAt(arms_[a], at);
       loaded_[a].lengths.resize(0);
     }
@@ -223,18 +246,16 @@ void ShapeModel::update(const double* logs, bool derivatives) {
   if (!derivatives) return;
   changes_.assign(arms_.size(), {});
   for (std::size_t a = 0; a < arms_.size(); ++a) {
-    changes_[a].assign(arms_[a].arm.sectionCount(), std::vector<Eigen::MatrixXd>(fitted_.size()));
+    if (!hasPieces(arms_[a])) {
+      for (int k = 0; k < arms_[a].arm.sectionCount(); ++k) {
+        changes_[a].push_back(changesAt(static_cast<int>(a), k));
+      }
+      continue;
+    }
     loaded_[a].above.clear();
     loaded_[a].below.clear();
-  }
-  for (int e = 0; e < size(); ++e) {
-    const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(size(), e);
-    const Maps above = mapsAt(at + step), below = mapsAt(at - step);
-    for (std::size_t a = 0; a < arms_.size(); ++a) {
-      for (std::size_t k = 0; k < above[a].size(); ++k) {
-        changes_[a][k][e] = (above[a][k] - below[a][k]) / (2 * kStep);
-      }
-      if (!hasPieces(arms_[a])) continue;
+    for (int e = 0; e < size(); ++e) {
+      const Eigen::VectorXd step = kStep * Eigen::VectorXd::Unit(size(), e);
       loaded_[a].above.push_back(staticsAt(arms_[a], at + step));
       loaded_[a].below.push_back(staticsAt(arms_[a], at - step));
     }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "helix_arm/estimation/calibration_parameters.hpp"
+#include "helix_arm/model/equilibrium.hpp"
 #include "helix_arm/statics/solution.hpp"
 
 /// Shapes of arms as a function of the stiffness, for calibration.
@@ -26,7 +27,8 @@ struct ShapeThere {
 };
 
 /// Shapes of all arms at a given stiffness, and their derivatives with respect to it. Without load,
-/// these are linear maps of the lengths; for loaded arms, solutions and central differences.
+/// these are linear maps of the lengths, with analytic derivatives; for arms with pieces, solutions
+/// and central differences.
 class ShapeModel {
  public:
   ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted);
@@ -47,7 +49,8 @@ class ShapeModel {
                 bool derivatives = false);
 
  private:
-  using Maps = std::vector<std::vector<Eigen::MatrixXd>>;  // [arm][section]
+  using Maps = std::vector<std::vector<model::Equilibrium<lie::SE3>>>;  // [arm][section]
+  using Changes = std::vector<Eigen::MatrixXd>;  // [entry] of a section's map by the logs
   using Statics = std::function<statics::Solution(const Eigen::VectorXd& lengths)>;
   // A loaded arm at the logs and one step to either side of them.
   struct Loaded {
@@ -61,7 +64,8 @@ class ShapeModel {
 
   int size() const { return static_cast<int>(fitted_.size()); }
 
-  Maps mapsAt(const Eigen::VectorXd& logs) const;
+  std::vector<model::Strand<lie::SE3>> strandsAt(int a, int k, const Eigen::VectorXd& logs) const;
+  Changes changesAt(int a, int k) const;
   Statics staticsAt(const ArmCaptures& data, const Eigen::VectorXd& logs) const;
 
   void update(const double* logs, bool derivatives);
@@ -74,8 +78,8 @@ class ShapeModel {
   Eigen::VectorXd at_;
   bool has_changes_ = false;
   Maps maps_;
-  std::vector<std::vector<std::vector<Eigen::MatrixXd>>> changes_;  // [arm][section][entry]
-  std::vector<Loaded> loaded_;                                      // [arm]
+  std::vector<std::vector<Changes>> changes_;  // [arm][section]
+  std::vector<Loaded> loaded_;                 // [arm]
 };
 
 }  // namespace helix_arm::estimation

@@ -67,11 +67,20 @@ const ArmCaptures& placementData() {
   return the_data;
 }
 
-// The fit alone: without what is said about it afterwards.
-CalibrationOptions fitAlone() {
+// What a calibration adds to the parameters, each with what precedes it.
+enum class Until { kParameters, kErrors, kHeldOut, kSuggestions };
+
+CalibrationOptions upTo(Until last, CalibrationOptions options) {
+  options.errors = last >= Until::kErrors;
+  options.held_out = last >= Until::kHeldOut;
+  if (last < Until::kSuggestions) options.next_pressures = 0;
+  return options;
+}
+
+CalibrationOptions placementOptions() {
   CalibrationOptions options;
-  options.held_out = false;
-  options.next_pressures = 0;
+  options.base = options.tags = options.bleed = options.free_shapes = true;
+  options.base_prior = {0.1, 0.5};
   return options;
 }
 
@@ -85,16 +94,32 @@ void run(::benchmark::State& state, const ArmCaptures& data, const CalibrationOp
   state.counters["rms"] = error;
 }
 
-void stiffnessFit(::benchmark::State& state) { run(state, stiffnessData(), fitAlone()); }
-void stiffnessWithHeldOut(::benchmark::State& state) { run(state, stiffnessData(), {}); }
-
-CalibrationOptions placement() {
-  CalibrationOptions options = fitAlone();
-  options.base = options.tags = options.bleed = options.free_shapes = true;
-  options.base_prior = {0.1, 0.5};
-  return options;
+void stiffness(::benchmark::State& state, Until last) {
+  run(state, stiffnessData(), upTo(last, {}));
 }
-void placementFit(::benchmark::State& state) { run(state, placementData(), placement()); }
+void placement(::benchmark::State& state, Until last) {
+  run(state, placementData(), upTo(last, placementOptions()));
+}
+
+// The parameters alone. The peers are told the noise that it finds, and must end where their
+// objective is as low as here.
+const Calibration& stiffnessFound() {
+  static const Calibration found = calibrate({stiffnessData()}, upTo(Until::kParameters, {}));
+  return found;
+}
+const Calibration& placementFound() {
+  static const Calibration found =
+      calibrate({placementData()}, upTo(Until::kParameters, placementOptions()));
+  return found;
+}
+
+// Half a robust sum of squares. One parameter that is off by its standard error costs 0.5.
+constexpr double kEqualCost = 0.005;
+
+void compareCosts(::benchmark::State& state, double ours, double of_peer) {
+  state.counters["excess"] = of_peer - ours;
+  if (!(std::abs(of_peer - ours) <= kEqualCost)) state.SkipWithError("not the same answer");
+}
 
 // Robust cost of the poses at logs of K_kappa and K_gamma over the known ones.
 double costOf(const gsl_vector* x, void*) {
@@ -105,6 +130,7 @@ double costOf(const gsl_vector* x, void*) {
   const model::Arm arm = data.arm.withStiffness(stiffness);
   const CalibrationOptions options;
   const double limit = 3 * options.robust_scale * options.robust_scale;
+  const double noise = kPoseNoise * stiffnessFound().noise_scale;
   double cost = 0;
   for (int i = 0; i < 2; ++i) {
     cost += std::pow(gsl_vector_get(x, i) / options.stiffness_prior, 2);
@@ -112,21 +138,22 @@ double costOf(const gsl_vector* x, void*) {
   for (const Capture& capture : data.captures) {
     const auto model = estimation::tagPoses(data.layout, arm.twists(capture.pressure));
     for (const auto& seen : std::get<std::vector<estimation::PoseObservation>>(capture.reading)) {
-      const double square = (model[seen.tag].translation - seen.X_BT.translation).squaredNorm() /
-                            (kPoseNoise * kPoseNoise);
+      const double square =
+          (model[seen.tag].translation - seen.X_BT.translation).squaredNorm() / (noise * noise);
       cost += limit * std::log1p(square / limit);
     }
   }
-  return cost;
+  return cost / 2;
 }
 
-void stiffnessFitOfPeer(::benchmark::State& state) {
+void stiffnessOfPeer(::benchmark::State& state) {
   gsl_multimin_fminimizer* simplex =
       gsl_multimin_fminimizer_alloc(gsl_multimin_fminimizer_nmsimplex2, 2);
   gsl_vector* start = gsl_vector_calloc(2);
   gsl_vector* step = gsl_vector_alloc(2);
   gsl_vector_set_all(step, 0.3);
   gsl_multimin_function function{&costOf, 2, nullptr};
+  stiffnessFound();
   double iterations = 0, runs = 0;
   for (auto _ : state) {
     gsl_multimin_fminimizer_set(simplex, &function, start, step);
@@ -138,6 +165,13 @@ void stiffnessFitOfPeer(::benchmark::State& state) {
     runs += 1;
   }
   state.counters["iterations"] = iterations / runs;
+  gsl_vector* ours = gsl_vector_alloc(2);
+  for (int i = 0; i < 2; ++i) {
+    const estimation::Parameter& one = stiffnessFound().parameters[i];
+    gsl_vector_set(ours, i, std::log(one.value / one.initial));
+  }
+  compareCosts(state, costOf(ours, nullptr), costOf(gsl_multimin_fminimizer_x(simplex), nullptr));
+  gsl_vector_free(ours);
   gsl_vector_free(step);
   gsl_vector_free(start);
   gsl_multimin_fminimizer_free(simplex);
@@ -147,6 +181,7 @@ void stiffnessFitOfPeer(::benchmark::State& state) {
 struct TagResidual {
   const ArmCaptures& data;
   estimation::CornerObservation seen;
+  double noise;  // [px]
 
   bool operator()(const double* twist, const double* base, const double* bleed, const double* moved,
                   double* residual) const {
@@ -159,70 +194,114 @@ struct TagResidual {
       const Eigen::Vector3d p = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0);
       if (!(p.z() > 0)) return false;
       Eigen::Map<Eigen::Vector2d>(residual + 2 * c) =
-          data.focal / kCornerNoise * (p.head<2>() / p.z() - seen.direction.col(c));
+          data.focal / noise * (p.head<2>() / p.z() - seen.direction.col(c));
     }
     return true;
   }
 };
 
 // Holds a parameter near where it is thought to be.
+template <int kSize>
 struct Prior {
-  std::array<double, 6> mean, deviation;
+  std::array<double, kSize> mean, deviation;
   bool operator()(const double* x, double* residual) const {
-    for (int i = 0; i < 6; ++i) residual[i] = (x[i] - mean[i]) / deviation[i];
+    for (int i = 0; i < kSize; ++i) residual[i] = (x[i] - mean[i]) / deviation[i];
     return true;
   }
 };
+template <int kSize>
+void hold(ceres::Problem& problem, double* x, const Prior<kSize>& prior) {
+  problem.AddResidualBlock(
+      new ceres::NumericDiffCostFunction<Prior<kSize>, ceres::CENTRAL, kSize, kSize>(
+          new Prior<kSize>(prior)),
+      nullptr, x);
+}
 
-void placementFitOfPeer(::benchmark::State& state) {
-  const ArmCaptures& data = placementData();
-  const CalibrationOptions options = placement();
+// The parameters of a placement, and the peer's problem of them.
+struct PlacementProblem {
   using Six = std::array<double, 6>;
-  for (auto _ : state) {
-    std::vector<Six> twists(data.captures.size()), tags(data.layout.tags.size(), Six{});
-    Six base{}, held{};
-    double bleed = 0;
-    ceres::Problem problem;
-    const auto hold = [&problem](Six& x, double translation, double rotation) {
-      const Prior prior{x, {translation, translation, translation, rotation, rotation, rotation}};
-      problem.AddResidualBlock(
-          new ceres::NumericDiffCostFunction<Prior, ceres::CENTRAL, 6, 6>(new Prior(prior)),
-          nullptr, x.data());
+  std::vector<Six> twists, tags;
+  Six base{}, held{};
+  double bleed = 0;
+  ceres::Problem problem;
+
+  PlacementProblem() {
+    const ArmCaptures& data = placementData();
+    const CalibrationOptions options = placementOptions();
+    const double noise = kCornerNoise * placementFound().noise_scale;
+    twists.resize(data.captures.size());
+    tags.resize(data.layout.tags.size(), Six{});
+    const auto holdPose = [this](Six& x, double translation, double rotation) {
+      hold<6>(problem, x.data(),
+              {x, {translation, translation, translation, rotation, rotation, rotation}});
     };
     for (std::size_t c = 0; c < data.captures.size(); ++c) {
       const model::Twists start = data.arm.twists(data.captures[c].pressure);
       for (int i = 0; i < 6; ++i) twists[c][i] = start(i, 0);
-      hold(twists[c], options.model_prior.translation, options.model_prior.rotation);
+      holdPose(twists[c], options.model_prior.translation, options.model_prior.rotation);
       for (const auto& seen :
            std::get<std::vector<estimation::CornerObservation>>(data.captures[c].reading)) {
         auto* cost = new ceres::NumericDiffCostFunction<TagResidual, ceres::CENTRAL, 8, 6, 6, 1, 6>(
-            new TagResidual{data, seen});
+            new TagResidual{data, seen, noise});
         double* const tag = seen.tag == 0 ? held.data() : tags[seen.tag].data();
         problem.AddResidualBlock(cost, new ceres::CauchyLoss(options.robust_scale * std::sqrt(8.0)),
                                  twists[c].data(), base.data(), &bleed, tag);
       }
     }
-    hold(base, options.base_prior.translation, options.base_prior.rotation);
+    holdPose(base, options.base_prior.translation, options.base_prior.rotation);
+    hold<1>(problem, &bleed, {{0.0}, {options.bleed_prior}});
     for (std::size_t i = 1; i < tags.size(); ++i) {
-      hold(tags[i], options.tag_prior.translation, options.tag_prior.rotation);
+      holdPose(tags[i], options.tag_prior.translation, options.tag_prior.rotation);
     }
     if (problem.HasParameterBlock(held.data())) problem.SetParameterBlockConstant(held.data());
+  }
+
+  // The values of a calibration: base, bleed, tags but the first, as it lists them.
+  void set(const Calibration& found) {
+    for (std::size_t c = 0; c < twists.size(); ++c) {
+      for (int i = 0; i < 6; ++i) twists[c][i] = found.shapes[c](i, 0);
+    }
+    for (int i = 0; i < 6; ++i) base[i] = found.parameters[i].value;
+    bleed = found.parameters[6].value;
+    for (std::size_t t = 1; t < tags.size(); ++t) {
+      for (int i = 0; i < 6; ++i) tags[t][i] = found.parameters[7 + 6 * (t - 1) + i].value;
+    }
+  }
+
+  double cost() {
+    double cost = 0;
+    problem.Evaluate(ceres::Problem::EvaluateOptions(), &cost, nullptr, nullptr, nullptr);
+    return cost;
+  }
+};
+
+void placementOfPeer(::benchmark::State& state) {
+  PlacementProblem known;
+  known.set(placementFound());
+  double cost = 0;
+  for (auto _ : state) {
+    PlacementProblem fit;
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::SPARSE_SCHUR;
     solver.max_num_iterations = 100;
     solver.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
-    ceres::Solve(solver, &problem, &summary);
+    ceres::Solve(solver, &fit.problem, &summary);
     if (summary.termination_type != ceres::CONVERGENCE) state.SkipWithError("not converged");
     state.counters["iterations"] = static_cast<double>(summary.iterations.size());
+    cost = summary.final_cost;
   }
+  compareCosts(state, known.cost(), cost);
 }
 
-BENCHMARK(stiffnessFit)->Unit(::benchmark::kMillisecond);
-BENCHMARK(stiffnessWithHeldOut)->Unit(::benchmark::kMillisecond);
-BENCHMARK(stiffnessFitOfPeer)->Unit(::benchmark::kMillisecond);
-BENCHMARK(placementFit)->Unit(::benchmark::kMillisecond);
-BENCHMARK(placementFitOfPeer)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(stiffness, parameters, Until::kParameters)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(stiffness, errors, Until::kErrors)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(stiffness, held_out, Until::kHeldOut)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(stiffness, suggestions, Until::kSuggestions)->Unit(::benchmark::kMillisecond);
+BENCHMARK(stiffnessOfPeer)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(placement, parameters, Until::kParameters)->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(placement, errors, Until::kErrors)->Unit(::benchmark::kMillisecond);
+BENCHMARK(placementOfPeer)->Unit(::benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace helix_arm::benchmark

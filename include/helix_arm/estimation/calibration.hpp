@@ -112,6 +112,11 @@ struct CalibrationOptions {
   double bleed_prior = 0.0005;  ///< [m]
   ModelPrior model_prior;       ///< prior of free shapes
 
+  /// Standard errors and everything that follows from them: verdicts, correlations, combinations,
+  /// gains, held-out fits and suggestions. Without, the fit takes the least time, and every
+  /// requested parameter has its value at the optimum. These are the values with errors, unless a
+  /// verdict holds a parameter that the captures do not determine.
+  bool errors = true;
   bool held_out = true;      ///< refit without each pressure, and without each arm, in turn
   int next_pressures = 3;    ///< number of pressures to suggest
   int max_iterations = 100;  ///< per least squares
@@ -145,11 +150,11 @@ struct Parameter {
   /// The larger of two estimates: the error due to noise, including the prior uncertainty of tags,
   /// bleeding and stiffness ratios that are not fitted; and the variation when one pressure at a
   /// time is omitted. Base, length scales and K_eps count as exact unless fitted. If the parameter
-  /// is not identifiable, its remaining uncertainty.
+  /// is not identifiable, its remaining uncertainty. NaN without CalibrationOptions::errors.
   double standard_error;
   /// True if the error due to noise is at most half of the prior's standard deviation. For a
   /// stiffness or a length scale, this holds for the whole standard error, which must also be at
-  /// most kLargestRelativeError of the value.
+  /// most kLargestRelativeError of the value. False without CalibrationOptions::errors.
   bool identifiable;
 };
 
@@ -186,7 +191,7 @@ struct CaptureResidual {
   std::vector<int> outlier_tags;  ///< ids of the tags that do not fit, ascending
   bool outlier;                   ///< whether more than half of the capture does not fit
   /// Information that the captures at its pressure add about stiffness and length scales or, if
-  /// none are fitted, about all parameters [nats]. Absent with free shapes.
+  /// none are fitted, about all parameters [nats]. Absent with free shapes and without errors.
   std::optional<double> gain;
 };
 
@@ -209,7 +214,7 @@ struct Calibration {
   CalibrationStatus status = CalibrationStatus::kNoCaptures;
   std::string reason;  ///< cause and remedy; empty if calibrated
   std::vector<Parameter> parameters;
-  /// (parameters x parameters); rows of parameters that are not fitted are 0.
+  /// (parameters x parameters); rows of parameters that are not fitted are 0. Empty without errors.
   Eigen::MatrixXd correlation;
   /// Of stiffness parameters, best known first: as many as are correlated by kLeastCorrelation or
   /// more with another; empty if none are, none is identifiable, or the fit of all did not end.
