@@ -298,10 +298,12 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
     }
   };
   constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-  const bool dense = inputs.column_stride == kNumber && inputs.row_stride == 3 * kNumber;
+  const bool by_columns = inputs.row_stride == kNumber;
+  const bool dense =
+      by_columns || (inputs.column_stride == kNumber && inputs.row_stride == 3 * kNumber);
   const std::size_t head = std::min(count, beforeLine(tips, 3));
   const bool streamed = std::max(count, total) >= kLargeBatch && isLine(tips + 3 * head);
-  const batch::RowKernel kernel = plan.kernels.rows[streamed ? 1 : 0];
+  const batch::RowKernel kernel = plan.kernels.rows[by_columns ? 1 : 0][streamed ? 1 : 0];
   if (!plan.direct || plan.arm.actuatorCount() != 3 || !dense || kernel == nullptr) {
     inBlocks(0, count);
     return inside;
@@ -310,8 +312,10 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
   inBlocks(0, begin);
   for (std::size_t first = begin; first < end; first += kSpan) {
     const std::size_t size = std::min(kSpan, end - first);
-    const batch::RowsFound found = kernel(plan.actuators.data(), plan.arm.restTwist(0).data(),
-                                          inputs.place(first, 0), size, tips + 3 * first);
+    const double* const from[] = {inputs.place(first, 0), inputs.place(first, 1),
+                                  inputs.place(first, 2)};
+    const batch::RowsFound found =
+        kernel(plan.actuators.data(), plan.arm.restTwist(0).data(), from, size, tips + 3 * first);
     inside &= found.inside;
     if (!found.near) inBlocks(first, first + size);
   }

@@ -222,13 +222,14 @@ HELIX_ARM_INLINE bool moveTips(const Pass& given, std::size_t count) {
 #define HELIX_ARM_HALF __attribute__((target("avx2,fma")))
 
 // Eight rows of three are three vectors. The compiler does not find these permutations by itself.
-template <bool kStream>
+template <bool kColumns, bool kStream>
 HELIX_ARM_WIDE RowsFound moveRows(const FlatActuator* actuators, const double* rest,
-                                  const double* inputs, std::size_t count, double* tips) {
+                                  const double* const* inputs, std::size_t count, double* tips) {
   using Value = Vector<8>::Value;
   using Memory = Vector<8>::Memory;
   using Mask = Vector<8>::Mask;
   const SectionVectors<8, 3> section(actuators, rest);
+  const double* const columns[] = {inputs[0], inputs[kColumns ? 1 : 0], inputs[kColumns ? 2 : 0]};
   Value lower[3], upper[3];
   for (int i = 0; i < 3; ++i) {
     lower[i] = Value{} + actuators[i].limits.lower;
@@ -237,21 +238,32 @@ HELIX_ARM_WIDE RowsFound moveRows(const FlatActuator* actuators, const double* r
   Value farthest{};
   Mask inside = Mask{} - 1;
 #pragma GCC unroll 1
-  for (std::size_t j = 0; j < 3 * count; j += 3 * kStep) {
+  for (std::size_t j = 0; j < count; j += kStep) {
+    constexpr std::size_t kLineNumbers = kLine / sizeof(double);
+    Value q[3];
+    if constexpr (kColumns) {
 #pragma GCC unroll 3
-    for (std::size_t i = 0; i < 3; ++i) {
-      fetch(inputs + j + 3 * kAhead + i * kLine / sizeof(double));
-      if (!kStream) fetch(tips + j + 3 * kAhead + i * kLine / sizeof(double));
+      for (int i = 0; i < 3; ++i) {
+        fetch(columns[i] + j + kAhead);
+        q[i] = *reinterpret_cast<const Memory*>(columns[i] + j);
+      }
+    } else {
+#pragma GCC unroll 3
+      for (std::size_t i = 0; i < 3; ++i) fetch(columns[0] + 3 * (j + kAhead) + i * kLineNumbers);
+      const auto* const from = reinterpret_cast<const Memory*>(columns[0] + 3 * j);
+      Value a = from[0], b = from[1], c = from[2];
+      __asm__("" : "+v"(a), "+v"(b), "+v"(c));  // so that each is loaded once
+      const Value ab[] = {__builtin_shuffle(a, b, Mask{0, 3, 6, 9, 12, 15, 0, 0}),
+                          __builtin_shuffle(a, b, Mask{1, 4, 7, 10, 13, 0, 0, 0}),
+                          __builtin_shuffle(a, b, Mask{2, 5, 8, 11, 14, 0, 0, 0})};
+      q[0] = __builtin_shuffle(ab[0], c, Mask{0, 1, 2, 3, 4, 5, 10, 13});
+      q[1] = __builtin_shuffle(ab[1], c, Mask{0, 1, 2, 3, 4, 8, 11, 14});
+      q[2] = __builtin_shuffle(ab[2], c, Mask{0, 1, 2, 3, 4, 9, 12, 15});
     }
-    const auto* const from = reinterpret_cast<const Memory*>(inputs + j);
-    Value a = from[0], b = from[1], c = from[2];
-    __asm__("" : "+v"(a), "+v"(b), "+v"(c));  // so that each is loaded once
-    const Value ab[] = {__builtin_shuffle(a, b, Mask{0, 3, 6, 9, 12, 15, 0, 0}),
-                        __builtin_shuffle(a, b, Mask{1, 4, 7, 10, 13, 0, 0, 0}),
-                        __builtin_shuffle(a, b, Mask{2, 5, 8, 11, 14, 0, 0, 0})};
-    const Value q[] = {__builtin_shuffle(ab[0], c, Mask{0, 1, 2, 3, 4, 5, 10, 13}),
-                       __builtin_shuffle(ab[1], c, Mask{0, 1, 2, 3, 4, 8, 11, 14}),
-                       __builtin_shuffle(ab[2], c, Mask{0, 1, 2, 3, 4, 9, 12, 15})};
+    if constexpr (!kStream) {
+#pragma GCC unroll 3
+      for (std::size_t i = 0; i < 3; ++i) fetch(tips + 3 * (j + kAhead) + i * kLineNumbers);
+    }
     inside = (q[0] >= lower[0]) & (q[0] <= upper[0]) & (q[1] >= lower[1]) & (q[1] <= upper[1]) &
              (q[2] >= lower[2]) & (q[2] <= upper[2]) & inside;
     Value twist[6], tip[3];
@@ -261,11 +273,11 @@ HELIX_ARM_WIDE RowsFound moveRows(const FlatActuator* actuators, const double* r
                         __builtin_shuffle(tip[0], tip[1], Mask{0, 3, 11, 0, 4, 12, 0, 5}),
                         __builtin_shuffle(tip[0], tip[1], Mask{13, 0, 6, 14, 0, 7, 15, 0})};
     store<kStream, Memory>(__builtin_shuffle(xy[0], tip[2], Mask{0, 1, 8, 3, 4, 9, 6, 7}),
-                           tips + j);
+                           tips + 3 * j);
     store<kStream, Memory>(__builtin_shuffle(xy[1], tip[2], Mask{10, 1, 2, 11, 4, 5, 12, 7}),
-                           tips + j + 8);
+                           tips + 3 * j + 8);
     store<kStream, Memory>(__builtin_shuffle(xy[2], tip[2], Mask{0, 13, 2, 3, 14, 5, 6, 15}),
-                           tips + j + 16);
+                           tips + 3 * j + 16);
   }
   long long all = -1;
   for (int lane = 0; lane < 8; ++lane) all &= inside[lane];
@@ -309,7 +321,9 @@ const Kernels& kernelsOf(InstructionSet set) {
   static const Kernels kBaseline{HELIX_ARM_KERNELS(moveBaseline), {}};
 #ifdef HELIX_ARM_X86
   static const Kernels kHalf{HELIX_ARM_KERNELS(moveHalf), {}};
-  static const Kernels kWide{HELIX_ARM_KERNELS(moveWide), {moveRows<false>, moveRows<true>}};
+  static const Kernels kWide{HELIX_ARM_KERNELS(moveWide),
+                             {{moveRows<false, false>, moveRows<false, true>},
+                              {moveRows<true, false>, moveRows<true, true>}}};
   if (set == InstructionSet::kAvx512) return kWide;
   if (set == InstructionSet::kAvx2) return kHalf;
 #endif

@@ -40,9 +40,10 @@ struct RowsFound {
   bool inside;  ///< whether all inputs are within the limits
   bool near;    ///< whether all angles are within lie::kSeriesLimit
 };
-/// An arm of one section with three actuators: from rows to rows.
+/// An arm of one section with three actuators, to rows.
+/// @param inputs  (3) columns, or (1) rows.
 using RowKernel = RowsFound (*)(const FlatActuator* actuators, const double* rest,
-                                const double* inputs, std::size_t count, double* tips);
+                                const double* const* inputs, std::size_t count, double* tips);
 
 struct Kernels {
   /// By the number of actuators, 0 where twists are given; and whether the section's end is the
@@ -51,8 +52,9 @@ struct Kernels {
   /// By the number of actuators; the section's end is the tip. Tips are written to memory past the
   /// caches; their addresses are multiples of kLine.
   Kernel streamed[kGroup + 1];
-  /// Whether tips are written past the caches; null where there are none.
-  RowKernel rows[2];
+  /// Whether inputs are columns, and whether tips are written past the caches; null where there are
+  /// none.
+  RowKernel rows[2][2];
 };
 const Kernels& kernelsOf(InstructionSet set);
 

@@ -57,14 +57,17 @@ class MedianReporter : public benchmark::ConsoleReporter {
                 100 * std::max(memory, fma->second) / time->second);
   }
 
-  // How elapsed time falls with the number of threads.
+  // How time falls with the number of threads: elapsed, and of the processor for the share of one
+  // thread, which other programs on the machine disturb less.
   void printScaling(const std::string& claim, const std::string& name) const {
     const auto one = elapsed_.find(name + "/1");
     for (int threads = 1; one != elapsed_.end(); ++threads) {
-      const auto many = elapsed_.find(name + "/" + std::to_string(threads));
+      const std::string key = name + "/" + std::to_string(threads);
+      const auto many = elapsed_.find(key);
       if (many == elapsed_.end()) return;
-      std::printf("%-48s %12.1f ns   in %d threads: %7.2f\n", claim.c_str(), many->second, threads,
-                  one->second / many->second);
+      std::printf("%-48s %12.1f ns   in %d threads: %5.2f elapsed, %5.2f by processor time\n",
+                  claim.c_str(), many->second, threads, one->second / many->second,
+                  medians_.at(name + "/1") / medians_.at(key));
     }
   }
 
@@ -112,7 +115,7 @@ int main(int argc, char** argv) {
     reporter.printRoof("batch of 1e6, " + arm, "batch/" + arm);
   }
   reporter.printRoof("batch of 1e6, helical, rows to rows", "batchRows/helical");
-  reporter.printScaling("batch of 1e6, helical, elapsed", "batchThreads");
+  reporter.printScaling("batch of 1e6, helical, over threads", "batchThreads");
   reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");
   for (const std::string size : {"720p", "1080p"}) {
     reporter.printRatio("JPEG " + size + " to twist, against the colour chain",

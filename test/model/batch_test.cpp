@@ -55,6 +55,12 @@ InputArray arrayOf(const std::vector<double>& rows, std::ptrdiff_t columns, std:
   return {rows.data() + static_cast<std::ptrdiff_t>(first) * columns, columns * kNumber, kNumber};
 }
 
+// The numbers as columns of `rows` each.
+InputArray columnsOf(const std::vector<double>& numbers, std::ptrdiff_t rows) {
+  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+  return {numbers.data(), kNumber, rows * kNumber};
+}
+
 // Tips by columns, one row each.
 std::vector<double> tipsOf(const TipBatch& batch, const std::vector<std::vector<double>>& columns) {
   const std::size_t count = columns[0].size();
@@ -202,6 +208,9 @@ TEST(Batch, LargeBatchesPastTheCachesAreTheSame) {
   const Arm arm = test::ringArm(test::helicalRing());
   const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 80);
   const std::vector<double> rows = rowsOf(q);
+  std::vector<double> by_columns;
+  for (const std::vector<double>& column : q)
+    by_columns.insert(by_columns.end(), column.begin(), column.end());
   for (const InstructionSet set : setsOfThisMachine()) {
     const TipBatch batch(arm, set);
     std::vector<double> expected(3 * kCount);
@@ -213,6 +222,9 @@ TEST(Batch, LargeBatchesPastTheCachesAreTheSame) {
     for (std::size_t shift = 0; shift < 8; ++shift) {
       std::vector<double> tips(3 * kCount + 16, -7);
       EXPECT_TRUE(batch.rows(arrayOf(rows, 3), kCount, &tips[shift]));
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
+      std::fill(tips.begin(), tips.end(), -7);
+      EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, &tips[shift]));
       EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
       EXPECT_EQ(tips[shift + 3 * kCount], -7);
       for (const std::size_t apart : {0, 3}) {
@@ -249,7 +261,7 @@ TEST(Batch, RowsAreReadWhateverTheirStrides) {
     EXPECT_TRUE(TipBatch(arm).rows({&wide[2 * (actuators - 1)], width * kNumber, -2 * kNumber}, 700,
                                    tips.data()));
     EXPECT_EQ(tips, expected) << actuators;
-    EXPECT_TRUE(TipBatch(arm).rows({by_columns.data(), kNumber, 700 * kNumber}, 700, tips.data()));
+    EXPECT_TRUE(TipBatch(arm).rows(columnsOf(by_columns, 700), 700, tips.data()));
     EXPECT_EQ(tips, expected) << actuators;
   }
 }
@@ -263,15 +275,16 @@ TEST(Batch, RowsTellWhetherAllInputsAreInside) {
       std::vector<double> rows(static_cast<std::size_t>(actuators) * 21, limits.upper), tips(63);
       rows[0] = limits.lower;
       ASSERT_TRUE(batch.rows(arrayOf(rows, actuators), 21, tips.data()));
-      for (double& number : rows) {
-        const double kept = number;
+      for (std::size_t at = 0; at < rows.size(); ++at) {
         for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
                                  std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
-          number = bad;
-          EXPECT_FALSE(batch.rows(arrayOf(rows, actuators), 21, tips.data()))
-              << bad << " at " << &number - rows.data() << ", " << nameOf(set);
+          std::vector<double> numbers = rows;
+          numbers[at] = bad;
+          EXPECT_FALSE(batch.rows(arrayOf(numbers, actuators), 21, tips.data()))
+              << bad << " at " << at << ", " << nameOf(set);
+          EXPECT_FALSE(batch.rows(columnsOf(numbers, 21), 21, tips.data()))
+              << bad << " at " << at << ", by columns, " << nameOf(set);
         }
-        number = kept;
       }
     }
   }
