@@ -76,8 +76,8 @@ HELIX_ARM_INLINE void store(const Value& value, double* to) {
   }
 }
 
-// Coefficients of exp about the middle of the series' range (lie::ExpCoefficients): errors below
-// 0.5 eps / theta and 0.5 eps / theta^2.
+// Coefficients of exp about the middle of the series' range (lie::ExpCoefficients): without
+// rounding, b theta and c theta^2 are within 1 eps.
 constexpr double kCentre = lie::kSeriesLimit / 2;
 constexpr int kDegreeB = 11, kDegreeC = 10;
 constexpr auto kB = economised<kDegreeB>(2, kCentre);
