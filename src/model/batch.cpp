@@ -1,125 +1,28 @@
 #include "helix_arm/model/batch.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
+#include <vector>
 
-#include "helix_arm/lie/coefficients.hpp"
-
-// Debian compiles for baseline x86-64, so the loops below are cloned per instruction set and
-// selected at load time. Not under the thread sanitizer, which starts after the selection.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
-#define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
-#else
-#define HELIX_ARM_CLONES
-#endif
+#include "batch_loops.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::model {
 namespace {
 
-// Twists of a block (6 x 8 B each) stay in the first-level cache.
-constexpr std::size_t kBlock = kBatchBlock;
+using batch::Block;
+using batch::Columns;
+using batch::FlatActuator;
+using batch::FlatLink;
+using batch::kBlock;
+using batch::kGroup;
+using batch::kStep;
+using batch::Pass;
 
-struct alignas(64) Block {
-  double twist[6][kBlock];
-  double tip[3][kBlock];
-  double change[3][kBlock];
-};
-
-// An actuator in the form that the loops need: its length change as a polynomial of the input, and
-// its column of the map.
-struct FlatActuator {
-  double coefficients[6];  // the first is zero
-  double column[6];
-};
-
-// Actuators per pass over the inputs; more would not fit the vector registers.
-constexpr int kGroup = 3;
-
-// twist = rest + sum_i column_i (l_i(q_i) - rest length) for kCount actuators; with kAdd, the sum
-// is added to the previous content.
-template <int kCount, bool kAdd>
-inline __attribute__((always_inline)) void sumActuators(const FlatActuator* actuators,
-                                                        const double* const* q, std::size_t count,
-                                                        const double* rest,
-                                                        Block* __restrict block) {
-  for (std::size_t j = 0; j < count; ++j) {
-    double twist[6];
-    for (int r = 0; r < 6; ++r) twist[r] = kAdd ? block->twist[r][j] : rest[r];
-    for (int i = 0; i < kCount; ++i) {
-      const double* c = actuators[i].coefficients;
-      const double u = q[i][j];
-      const double change = ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u;
-      for (int r = 0; r < 6; ++r) twist[r] += actuators[i].column[r] * change;
-    }
-    for (int r = 0; r < 6; ++r) block->twist[r][j] = twist[r];
-  }
-}
-
-template <bool kAdd>
-inline __attribute__((always_inline)) void sumGroup(const FlatActuator* actuators, int size,
-                                                    const double* const* q, std::size_t count,
-                                                    const double* rest, Block* __restrict block) {
-  static_assert(kGroup == 3);
-  if (size == 3) return sumActuators<3, kAdd>(actuators, q, count, rest, block);
-  if (size == 2) return sumActuators<2, kAdd>(actuators, q, count, rest, block);
-  sumActuators<1, kAdd>(actuators, q, count, rest, block);
-}
-
-HELIX_ARM_CLONES
-void setTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count,
-               const double* rest, Block* block) {
-  sumGroup<false>(actuators, size, q, count, rest, block);
-}
-
-HELIX_ARM_CLONES
-void addTwists(const FlatActuator* actuators, int size, const double* const* q, std::size_t count,
-               Block* block) {
-  sumGroup<true>(actuators, size, q, count, nullptr, block);
-}
-
-// Where tips are read from and written to: the same arrays, except for the section at the base,
-// which writes to the caller's.
-struct Tips {
-  const double* from[3];
-  double* to[3];
-};
-
-// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v), for sample j; p = 0 where
-// the tip begins
-template <bool kFirst>
-inline __attribute__((always_inline)) void moveTip(const lie::ExpCoefficients& f, std::size_t j,
-                                                   const Block& block, const Tips& tips) {
-  const double vx = block.twist[0][j], vy = block.twist[1][j], vz = block.twist[2][j];
-  const double wx = block.twist[3][j], wy = block.twist[4][j], wz = block.twist[5][j];
-  double ux = f.b * vx, uy = f.b * vy, uz = f.b * vz;
-  double along = f.c * (wx * vx + wy * vy + wz * vz);
-  double x = f.a * vx, y = f.a * vy, z = f.a * vz;
-  if constexpr (!kFirst) {
-    const double px = tips.from[0][j], py = tips.from[1][j], pz = tips.from[2][j];
-    ux += f.a * px;
-    uy += f.a * py;
-    uz += f.a * pz;
-    along += f.b * (wx * px + wy * py + wz * pz);
-    x += f.cosine * px;
-    y += f.cosine * py;
-    z += f.cosine * pz;
-  }
-  tips.to[0][j] = x + (wy * uz - wz * uy) + along * wx;
-  tips.to[1][j] = y + (wz * ux - wx * uz) + along * wy;
-  tips.to[2][j] = z + (wx * uy - wy * ux) + along * wz;
-}
-
-inline double squaredAngle(std::size_t j, const Block& block) {
-  return block.twist[3][j] * block.twist[3][j] + block.twist[4][j] * block.twist[4][j] +
-         block.twist[5][j] * block.twist[5][j];
-}
-
-// Rigid link between two sections, or beyond the last one.
-struct FlatLink {
-  double R[3][3];
-  double t[3];
-};
+// A batch whose tips do not stay in a core's caches.
+constexpr std::size_t kLargeBatch = 100'000;
+// Samples from one look at their angles to the next, of an arm that needs no block.
+constexpr std::size_t kSpan = 16 * kBlock;
 
 FlatLink flatten(const lie::SE3& link) {
   FlatLink flat;
@@ -130,154 +33,300 @@ FlatLink flatten(const lie::SE3& link) {
   return flat;
 }
 
-HELIX_ARM_CLONES
-void startTips(const FlatLink& link, std::size_t count, Block* block) {
-  for (int r = 0; r < 3; ++r) std::fill_n(block->tip[r], count, link.t[r]);
-}
-
-// tip = link * tip.
-HELIX_ARM_CLONES
-void moveTips(const FlatLink& link, std::size_t count, Block* block) {
-  for (std::size_t j = 0; j < count; ++j) {
-    const double p[3] = {block->tip[0][j], block->tip[1][j], block->tip[2][j]};
-    for (int r = 0; r < 3; ++r) {
-      block->tip[r][j] =
-          link.R[r][0] * p[0] + link.R[r][1] * p[1] + link.R[r][2] * p[2] + link.t[r];
-    }
-  }
-}
-
-// Number of samples beyond the series; a maximum of doubles would not vectorise.
-HELIX_ARM_CLONES
-std::int64_t countFar(std::size_t count, const Block& block) {
-  std::int64_t far = 0;
-  for (std::size_t j = 0; j < count; ++j) far += squaredAngle(j, block) > lie::kSeriesLimit ? 1 : 0;
-  return far;
-}
-
-// tip = exp(twist) * tip; all samples are within the series.
-template <bool kFirst>
-inline __attribute__((always_inline)) void moveNear(std::size_t count, const Block& block,
-                                                    const Tips& tips) {
-#pragma GCC ivdep
-  for (std::size_t j = 0; j < count; ++j) {
-    moveTip<kFirst>(lie::detail::expCoefficientsBySeries(squaredAngle(j, block)), j, block, tips);
-  }
-}
-
-HELIX_ARM_CLONES
-void moveTipsNear(std::size_t count, bool first, const Block& block, const Tips& tips) {
-  first ? moveNear<true>(count, block, tips) : moveNear<false>(count, block, tips);
-}
-
-// The same if some samples are beyond the series: both forms are computed and selected by a factor
-// of 0 or 1, since a branch would not vectorise.
-template <bool kFirst>
-inline __attribute__((always_inline)) void moveFar(std::size_t count, const Block& block,
-                                                   const Tips& tips) {
-#pragma GCC ivdep
-  for (std::size_t j = 0; j < count; ++j) {
-    const double x = squaredAngle(j, block);
-    const lie::ExpCoefficients near =
-        lie::detail::expCoefficientsBySeries(std::min(x, lie::kSeriesLimit));
-    const lie::ExpCoefficients far = lie::detail::expCoefficientsByReduction(x, 0.0);
-    const double n = static_cast<double>(x <= lie::kSeriesLimit), f = 1.0 - n;
-    moveTip<kFirst>({n * near.a + f * far.a, n * near.b + f * far.b, n * near.c + f * far.c,
-                     n * near.cosine + f * far.cosine},
-                    j, block, tips);
-  }
-}
-
-HELIX_ARM_CLONES
-void moveTipsFar(std::size_t count, bool first, const Block& block, const Tips& tips) {
-  first ? moveFar<true>(count, block, tips) : moveFar<false>(count, block, tips);
-}
-
-FlatActuator flatten(const Contraction& contraction, const double* column) {
+FlatActuator flatten(const Actuator& actuator, const double* column) {
   FlatActuator flat{};
   std::copy_n(column, 6, flat.column);
-  if (contraction.pieces().size() == 1) {
-    // Curves of one piece start at zero, so only the scale is folded in.
-    const Contraction::Piece& piece = contraction.pieces().front();
-    double power = 1.0;
-    for (int k = 0; k < 6; ++k, power *= piece.inverse_scale)
-      flat.coefficients[k] = piece.coefficients[k] * power;
-  } else {
+  flat.limits = actuator.limits;
+  const auto& pieces = actuator.contraction.pieces();
+  if (pieces.size() > 1) {
     flat.coefficients[1] = 1.0;  // the change itself, evaluated before
+    return flat;
   }
+  // Curves of one piece start at zero, so only the scale is folded in.
+  double power = 1.0;
+  for (int k = 0; k < 6; ++k, power *= pieces.front().inverse_scale)
+    flat.coefficients[k] = pieces.front().coefficients[k] * power;
   return flat;
 }
 
-// Products of exponentials are not vectorised.
-void batchTapered(const Arm& arm, const double* const* inputs, std::size_t count, double* x,
-                  double* y, double* z) {
-  Eigen::VectorXd q(arm.actuatorCount());
-  for (std::size_t j = 0; j < count; ++j) {
-    for (int i = 0; i < q.size(); ++i) q[i] = inputs[i][j];
-    const Eigen::Vector3d tip = arm.tipInside(q).translation;
-    x[j] = tip.x();
-    y[j] = tip.y();
-    z[j] = tip.z();
+// Inputs of a block, one actuator after the other, as many as a kernel takes. `buffer` is for what
+// does not lie in memory like that.
+class ColumnInputs {
+ public:
+  ColumnInputs(const double* const* columns, std::size_t first)
+      : columns_(columns), first_(first) {}
+  const double* column(int actuator, const Range&, std::size_t count, double* buffer) {
+    const double* const from = columns_[actuator] + first_;
+    if (count % kStep == 0) return from;
+    std::fill(std::copy_n(from, count, buffer), buffer + kBlock, from[0]);
+    return buffer;
   }
+
+ private:
+  const double* const* columns_;
+  std::size_t first_;
+};
+
+class RowInputs {
+ public:
+  RowInputs(const InputArray& array, std::size_t first) : array_(array), first_(first) {}
+  bool inside() const { return inside_; }
+  const double* column(int actuator, const Range& limits, std::size_t count, double* buffer) {
+    constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+    const double* const from = array_.place(first_, actuator);
+    const double* column = buffer;
+    if (array_.row_stride == kNumber && count % kStep == 0) {
+      column = from;
+    } else if (array_.row_stride % kNumber == 0) {
+      batch::gather(from, array_.row_stride / kNumber, count, buffer);
+    } else {
+      for (std::size_t j = 0; j < count; ++j) buffer[j] = array_.at(first_ + j, actuator);
+    }
+    inside_ &= batch::countInside(column, count, limits.lower, limits.upper) ==
+               static_cast<std::int64_t>(count);
+    if (count % kStep != 0) std::fill(buffer + count, buffer + kBlock, limits.lower);
+    return column;
+  }
+
+ private:
+  InputArray array_;
+  std::size_t first_;
+  bool inside_ = true;
+};
+
+bool isLine(const double* place) {
+  return reinterpret_cast<std::uintptr_t>(place) % batch::kLine == 0;
+}
+// Samples of this many numbers before the first one that begins at a line of the caches.
+std::size_t beforeLine(const double* place, std::size_t numbers) {
+  std::size_t out = 0;
+  while (out < kStep && !isLine(place + numbers * out)) ++out;
+  return out;
 }
 
 }  // namespace
 
-void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
-               double* z) {
-  if (arm.tapered()) return batchTapered(arm, inputs, count, x, y, z);
-  std::array<FlatActuator, kMaxSections * kMaxActuators> flat;
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      flat[i] = flatten(arm.actuator(i).contraction,
-                        arm.equilibrium(k).map.col(i - arm.firstActuator(k)).data());
+struct TipBatch::Plan {
+  const Arm& arm;
+  const batch::Kernels& kernels;
+  std::vector<FlatActuator> actuators;
+  std::vector<FlatLink> links;  // empty if there are none
+  // One section of actuators whose lengths are polynomials: nothing is kept between two passes.
+  bool direct = false;
+
+  Plan(const Arm& of, const batch::Kernels& with) : arm(of), kernels(with) {
+    direct = arm.sectionCount() == 1 && arm.links() == nullptr && arm.actuatorCount() <= kGroup;
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      const int begin = arm.firstActuator(k);
+      for (int i = begin; i < arm.firstActuator(k + 1); ++i) {
+        const double* const column = arm.equilibrium(k).map.col(i - begin).data();
+        actuators.push_back(flatten(arm.actuator(i), column));
+        direct = direct && isPolynomial(i);
+      }
+      if (arm.links() != nullptr) links.push_back(flatten(arm.link(k)));
     }
   }
-  std::array<FlatLink, kMaxSections> links;
-  const bool linked = arm.links() != nullptr;
-  for (int k = 0; linked && k < arm.sectionCount(); ++k) links[k] = flatten(arm.link(k));
-  Block block;
-  for (std::size_t first = 0; first < count; first += kBlock) {
-    const std::size_t size = std::min(kBlock, count - first);
+
+  bool isPolynomial(int actuator) const {
+    return arm.actuator(actuator).contraction.pieces().size() == 1;
+  }
+
+  template <class Inputs>
+  void setChanges(Inputs& inputs, int begin, int members, std::size_t count, Block* block,
+                  const double** out) const {
+    for (int m = 0; m < members; ++m) {
+      const int i = begin + m;
+      double* const buffer = block->inputs[m];
+      out[m] = inputs.column(i, actuators[i].limits, count, buffer);
+      if (isPolynomial(i)) continue;
+      const Contraction& contraction = arm.actuator(i).contraction;
+      for (std::size_t j = 0; j < count; ++j) buffer[j] = contraction.changeInside(out[m][j]);
+      std::fill(buffer + count, buffer + kBlock, 0.0);
+      out[m] = buffer;
+    }
+  }
+
+  // The twists of a section.
+  template <class Inputs>
+  void setTwistsOf(int k, Inputs& inputs, std::size_t count, Block* block) const {
+    const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
+    const std::size_t whole = (count + kStep - 1) / kStep * kStep;
+    for (int i = begin; i < end; i += kGroup) {
+      const int members = std::min(kGroup, end - i);
+      const double* q[kGroup];
+      setChanges(inputs, i, members, count, block, q);
+      if (i == begin) {
+        batch::setTwists(&actuators[i], members, q, whole, arm.restTwist(k).data(), block);
+      } else {
+        batch::addTwists(&actuators[i], members, q, whole, block);
+      }
+    }
+  }
+
+  // `out` takes whole steps.
+  template <class Inputs>
+  void block(Inputs& inputs, std::size_t count, Block* block, double* const* out) const {
+    const std::size_t whole = (count + kStep - 1) / kStep * kStep;
+    int present = 0;  // of block->tips
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
-      const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
-      for (int i = begin; i < end; i += kGroup) {
-        const int members = std::min(kGroup, end - i);
-        const double* q[kGroup];
-        for (int m = 0; m < members; ++m) {
-          q[m] = inputs[i + m] + first;
-          const Contraction& contraction = arm.actuator(i + m).contraction;
-          if (contraction.pieces().size() == 1) continue;
-          for (std::size_t j = 0; j < size; ++j)
-            block.change[m][j] = contraction.changeInside(q[m][j]);
-          q[m] = block.change[m];
-        }
-        if (i == begin) {
-          setTwists(&flat[i], members, q, size, arm.restTwist(k).data(), &block);
+      const bool at_end = k == arm.sectionCount() - 1;
+      if (!links.empty()) {
+        if (at_end) {
+          for (int r = 0; r < 3; ++r) std::fill_n(block->tips[present][r], whole, links[k].t[r]);
         } else {
-          addTwists(&flat[i], members, q, size, &block);
+          batch::moveTips(links[k], whole, block->tips[present]);
         }
       }
-      const bool at_end = k == arm.sectionCount() - 1, at_base = k == 0;
-      if (linked && at_end) startTips(links[k], size, &block);
-      if (linked && !at_end) moveTips(links[k], size, &block);
-      const Tips tips = {{block.tip[0], block.tip[1], block.tip[2]},
-                         {at_base ? x + first : block.tip[0], at_base ? y + first : block.tip[1],
-                          at_base ? z + first : block.tip[2]}};
-      (countFar(size, block) == 0 ? moveTipsNear : moveTipsFar)(size, at_end && !linked, block,
-                                                                tips);
+      Pass pass{};
+      pass.rest = arm.restTwist(k).data();
+      for (int r = 0; r < 3; ++r) {
+        pass.from[r] = block->tips[present][r];
+        pass.to[r] = k == 0 ? out[r] : block->tips[1 - present][r];
+      }
+      const int begin = arm.firstActuator(k), size = arm.firstActuator(k + 1) - begin;
+      const bool first = at_end && links.empty(), few = size <= kGroup;
+      if (few) {
+        pass.actuators = &actuators[begin];
+        setChanges(inputs, begin, size, count, block, pass.inputs);
+      } else {
+        setTwistsOf(k, inputs, count, block);
+        for (int r = 0; r < 6; ++r) pass.twists[r] = block->twist[r];
+      }
+      if (!kernels.section[few ? size : 0][first ? 1 : 0](pass, whole)) {
+        if (few) batch::setTwists(pass.actuators, size, pass.inputs, whole, pass.rest, block);
+        batch::moveTipsFar(whole, first, *block, pass.from, pass.to);
+      }
+      present = 1 - present;
     }
   }
+
+  // Products of exponentials are not vectorised.
+  template <class Input, class Output>
+  void tapered(std::size_t count, const Input& input, const Output& output) const {
+    Eigen::VectorXd q(arm.actuatorCount());
+    for (std::size_t j = 0; j < count; ++j) {
+      for (int i = 0; i < q.size(); ++i) q[i] = input(j, i);
+      output(j, arm.tipInside(q).translation);
+    }
+  }
+};
+
+TipBatch::TipBatch(const Arm& arm, InstructionSet set) {
+  basics::require(set <= widestInstructionSet(), "batch: this machine has no ", nameOf(set),
+                  "; its widest vectors are of ", nameOf(widestInstructionSet()));
+  plan_ = std::make_unique<const Plan>(arm, batch::kernelsOf(set));
 }
 
-const char* batchInstructionSet() {
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-  if (__builtin_cpu_supports("avx512f")) return "avx512f";
-  if (__builtin_cpu_supports("avx2")) return "avx2";
-  return "sse2";
-#else
-  return "portable";
-#endif
+TipBatch::~TipBatch() = default;
+
+void TipBatch::columns(const double* const* inputs, std::size_t count, double* x, double* y,
+                       double* z, std::size_t total) const {
+  const Plan& plan = *plan_;
+  if (plan.arm.tapered()) {
+    return plan.tapered(
+        count, [&](std::size_t j, int i) { return inputs[i][j]; },
+        [&](std::size_t j, const Eigen::Vector3d& tip) {
+          x[j] = tip.x();
+          y[j] = tip.y();
+          z[j] = tip.z();
+        });
+  }
+  const auto inBlocks = [&](std::size_t begin, std::size_t end) {
+    Block block;
+    for (std::size_t first = begin; first < end; first += kBlock) {
+      const std::size_t size = std::min(kBlock, end - first);
+      ColumnInputs columns(inputs, first);
+      double* const out[] = {x + first, y + first, z + first};
+      if (size % kStep == 0) {
+        plan.block(columns, size, &block, out);
+      } else {
+        alignas(batch::kLine) Columns last;
+        double* const padded[] = {last[0], last[1], last[2]};
+        plan.block(columns, size, &block, padded);
+        for (int r = 0; r < 3; ++r) std::copy_n(last[r], size, out[r]);
+      }
+    }
+  };
+  if (!plan.direct) return inBlocks(0, count);
+  const std::size_t head = std::min(count, beforeLine(x, 1));
+  const bool streamed = std::max(count, total) >= kLargeBatch && isLine(x + head) &&
+                        isLine(y + head) && isLine(z + head);
+  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
+  const int n = plan.arm.actuatorCount();
+  const batch::Kernel kernel = streamed ? plan.kernels.streamed[n] : plan.kernels.section[n][1];
+  inBlocks(0, begin);
+  for (std::size_t first = begin; first < end; first += kSpan) {
+    const std::size_t size = std::min(kSpan, end - first);
+    Pass pass{};
+    pass.actuators = plan.actuators.data();
+    pass.rest = plan.arm.restTwist(0).data();
+    for (int i = 0; i < n; ++i) pass.inputs[i] = inputs[i] + first;
+    pass.to[0] = x + first, pass.to[1] = y + first, pass.to[2] = z + first;
+    if (!kernel(pass, size)) inBlocks(first, first + size);
+  }
+  if (streamed) batch::finishStreams();
+  inBlocks(end, count);
+}
+
+bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
+                    std::size_t total) const {
+  const Plan& plan = *plan_;
+  bool inside = true;
+  if (plan.arm.tapered()) {
+    plan.tapered(
+        count,
+        [&](std::size_t j, int i) {
+          const double input = inputs.at(j, i);
+          inside &= plan.actuators[i].limits.contains(input);
+          return input;
+        },
+        [&](std::size_t j, const Eigen::Vector3d& tip) {
+          Eigen::Vector3d::Map(tips + 3 * j) = tip;
+        });
+    return inside;
+  }
+  const auto inBlocks = [&](std::size_t begin, std::size_t end) {
+    Block block;
+    alignas(batch::kLine) Columns out;
+    double* const columns[] = {out[0], out[1], out[2]};
+    for (std::size_t first = begin; first < end; first += kBlock) {
+      const std::size_t size = std::min(kBlock, end - first);
+      RowInputs rows(inputs, first);
+      plan.block(rows, size, &block, columns);
+      batch::joinRows(out, size, tips + 3 * first);
+      inside &= rows.inside();
+    }
+  };
+  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+  const bool by_columns = inputs.row_stride == kNumber;
+  const bool dense =
+      by_columns || (inputs.column_stride == kNumber && inputs.row_stride == 3 * kNumber);
+  const std::size_t head = std::min(count, beforeLine(tips, 3));
+  const bool streamed = std::max(count, total) >= kLargeBatch && isLine(tips + 3 * head);
+  const batch::RowKernel kernel = plan.kernels.rows[by_columns ? 1 : 0][streamed ? 1 : 0];
+  if (!plan.direct || plan.arm.actuatorCount() != 3 || !dense || kernel == nullptr) {
+    inBlocks(0, count);
+    return inside;
+  }
+  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
+  inBlocks(0, begin);
+  for (std::size_t first = begin; first < end; first += kSpan) {
+    const std::size_t size = std::min(kSpan, end - first);
+    const double* const from[] = {inputs.place(first, 0), inputs.place(first, 1),
+                                  inputs.place(first, 2)};
+    const batch::RowsFound found =
+        kernel(plan.actuators.data(), plan.arm.restTwist(0).data(), from, size, tips + 3 * first);
+    inside &= found.inside;
+    if (!found.near) inBlocks(first, first + size);
+  }
+  if (streamed) batch::finishStreams();
+  inBlocks(end, count);
+  return inside;
+}
+
+void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
+               double* z) {
+  TipBatch(arm).columns(inputs, count, x, y, z);
 }
 
 }  // namespace helix_arm::model

@@ -3,7 +3,6 @@
 #include <limits>
 #include <vector>
 
-#include "columns.hpp"
 #include "forward.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "parallel.hpp"
@@ -11,71 +10,19 @@
 namespace helix_arm::python {
 namespace {
 
-// Rows that are computed at once: whole blocks, whose columns stay in the innermost caches. Pieces
-// of threads are multiples of it, so that results do not depend on the number of threads.
-constexpr std::size_t kChunk = model::kBatchBlock;
-constexpr std::size_t kPiece = 64 * kChunk;
+// Work of one thread at a time; a tip does not depend on the division.
+constexpr std::size_t kPiece = 16384;
 constexpr std::size_t kLoadedPiece = 16;
-constexpr py::ssize_t kManyRows = 100'000;  // whose tips do not stay in a core's caches
 
-// One column, one number after the other.
-void readColumn(const Rows& rows, py::ssize_t column, std::size_t first, std::size_t count,
-                double* to) {
-  const py::ssize_t stride = rows.rowStride();
-  const char* from =
-      rows.data() + static_cast<py::ssize_t>(first) * stride + column * rows.columnStride();
-  for (std::size_t j = 0; j < count; ++j, from += stride) {
-    to[j] = *reinterpret_cast<const double*>(from);
+void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
+                std::size_t first, std::size_t end, double* out) {
+  model::InputArray array{reinterpret_cast<const double*>(inputs.data()), inputs.rowStride(),
+                          inputs.columnStride()};
+  array.first = array.place(first, 0);
+  const auto rows = static_cast<std::size_t>(inputs.rows());
+  if (!batch.rows(array, end - first, out + 3 * first, rows)) {
+    scene.requireWithinLimits(inputs, "pressures_pa");  // says where
   }
-}
-
-// Memory comes while the chunk before is computed.
-void prefetch(const double* numbers, std::size_t count) {
-  constexpr std::size_t kLine = 64 / sizeof(double);
-  for (std::size_t i = 0; i < count; i += kLine) __builtin_prefetch(numbers + i, 0, 2);
-}
-
-// Without load: the columns of a chunk, and the batch.
-void closedForm(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
-                double* out) {
-  const model::Arm& arm = scene.arm();
-  const auto n = static_cast<std::size_t>(arm.actuatorCount());
-  constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(double));
-  const bool in_columns = inputs.rowStride() == kNumber;
-  const bool in_rows = !in_columns && inputs.columnStride() == kNumber &&
-                       inputs.rowStride() == static_cast<py::ssize_t>(n) * kNumber;
-  const bool past_caches = inputs.rows() >= kManyRows;
-  std::vector<double> memory((n + 3) * kChunk);
-  std::vector<double*> copies(n);
-  for (std::size_t i = 0; i < n; ++i) copies[i] = memory.data() + i * kChunk;
-  std::vector<const double*> columns(copies.begin(), copies.end());
-  double* const x = memory.data() + n * kChunk;
-  double* const y = x + kChunk;
-  double* const z = y + kChunk;
-  for (std::size_t begin = first; begin < end; begin += kChunk) {
-    const std::size_t count = std::min(kChunk, end - begin);
-    if (in_rows) {
-      const double* const rows = reinterpret_cast<const double*>(inputs.data()) + n * begin;
-      splitRows(rows, n, count, copies.data());
-      prefetch(rows + n * kChunk, end - begin > 2 * kChunk ? n * kChunk : 0);
-    }
-    for (std::size_t i = 0; i < n; ++i) {
-      if (in_columns) {
-        columns[i] = reinterpret_cast<const double*>(inputs.data() + static_cast<py::ssize_t>(i) *
-                                                                         inputs.columnStride()) +
-                     begin;
-      } else if (!in_rows) {
-        readColumn(inputs, static_cast<py::ssize_t>(i), begin, count, copies[i]);
-      }
-      const model::Range& limits = arm.actuator(static_cast<int>(i)).limits;
-      if (countOutside(columns[i], count, limits.lower, limits.upper) > 0) {
-        scene.requireWithinLimits(inputs, "pressures_pa");  // says where
-      }
-    }
-    model::batchTips(arm, columns.data(), count, x, y, z);
-    joinRows(x, y, z, count, past_caches, out + 3 * begin);
-  }
-  if (past_caches) finishRows();
 }
 
 void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
@@ -143,8 +90,9 @@ py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, st
         loaded(scene, inputs, first, end, numbers);
       });
     } else {
+      const model::TipBatch batch(scene.arm());
       inPieces(count, kPiece, threads, [&](std::size_t first, std::size_t end) {
-        closedForm(scene, inputs, first, end, numbers);
+        closedForm(scene, batch, inputs, first, end, numbers);
       });
     }
   }

@@ -110,19 +110,12 @@ Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
 }
 
 void Workspace::sampleBatch(std::uint64_t first, int count, WorkspacePoints& out) const {
-  // In whole blocks counted from the first point, so that results do not depend on the division
-  // into pieces.
-  constexpr int kBlock = model::kBatchBlock;
-  const auto before = static_cast<int>(first % kBlock);
-  const int whole = (before + count + kBlock - 1) / kBlock * kBlock;
-  const Eigen::MatrixXd inputs = drawInputs(first - before, whole);
-  Eigen::MatrixX3d tips(whole, 3);
+  out.inputs = drawInputs(first, count);
+  out.tips.resize(count, 3);
   std::vector<const double*> columns;
-  for (int i = 0; i < inputs.cols(); ++i) columns.push_back(inputs.col(i).data());
-  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(whole),
-                   tips.col(0).data(), tips.col(1).data(), tips.col(2).data());
-  out.inputs = inputs.middleRows(before, count);
-  out.tips = tips.middleRows(before, count);
+  for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
+  model::batchTips(model_.arm(), columns.data(), static_cast<std::size_t>(count),
+                   out.tips.col(0).data(), out.tips.col(1).data(), out.tips.col(2).data());
 }
 
 WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {

@@ -1,5 +1,6 @@
 // Runs the benchmarks a few times in random order and prints, from the medians of that one run, how
 // ours stand to the peer's.
+#include <algorithm>
 #include <cstdio>
 #include <map>
 #include <string>
@@ -17,8 +18,9 @@ class MedianReporter : public benchmark::ConsoleReporter {
       if (run.aggregate_name != "median") continue;
       const std::string name =
           run.run_name.function_name + (run.run_name.args.empty() ? "" : "/" + run.run_name.args);
-      medians_[name] =
-          run.GetAdjustedCPUTime() / benchmark::GetTimeUnitMultiplier(run.time_unit) * 1e9;
+      const double unit = 1e9 / benchmark::GetTimeUnitMultiplier(run.time_unit);
+      medians_[name] = run.GetAdjustedCPUTime() * unit;
+      elapsed_[name] = run.GetAdjustedRealTime() * unit;
       const auto error = run.counters.find("error");
       if (error != run.counters.end()) errors_[name] = error->second;
     }
@@ -38,6 +40,37 @@ class MedianReporter : public benchmark::ConsoleReporter {
     std::printf("\n");
   }
 
+  // Which of the machine's limits binds, and how much of it is reached. Memory is read and written
+  // in the faster of two ways.
+  void printRoof(const std::string& claim, const std::string& ours) const {
+    const auto time = medians_.find(ours), fma = medians_.find("fmaRoof");
+    const auto cached = medians_.find("bandwidthRoof/cached"),
+               streamed = medians_.find("bandwidthRoof/streamed");
+    for (const auto& found : {time, fma, cached, streamed}) {
+      if (found == medians_.end()) return;
+    }
+    const double memory = std::min(cached->second, streamed->second);
+    const bool by_memory = memory > fma->second;
+    std::printf("%-48s %12.1f ns   roofs: memory %.1f, fused products %.1f ns; %s binds: %.0f %%\n",
+                claim.c_str(), time->second, memory, fma->second,
+                by_memory ? "memory" : "arithmetic",
+                100 * std::max(memory, fma->second) / time->second);
+  }
+
+  // How time falls with the number of threads: elapsed, and of the processor for the share of one
+  // thread, which other programs on the machine disturb less.
+  void printScaling(const std::string& claim, const std::string& name) const {
+    const auto one = elapsed_.find(name + "/1");
+    for (int threads = 1; one != elapsed_.end(); ++threads) {
+      const std::string key = name + "/" + std::to_string(threads);
+      const auto many = elapsed_.find(key);
+      if (many == elapsed_.end()) return;
+      std::printf("%-48s %12.1f ns   in %d threads: %5.2f elapsed, %5.2f by processor time\n",
+                  claim.c_str(), many->second, threads, one->second / many->second,
+                  medians_.at(name + "/1") / medians_.at(key));
+    }
+  }
+
   // How the error falls from one order of the loaded tier to the next.
   void printConvergence(const std::string& name) const {
     const auto linear = errors_.find("linear/" + name);
@@ -52,7 +85,8 @@ class MedianReporter : public benchmark::ConsoleReporter {
   bool hasErrors() const { return !errors_.empty(); }
 
  private:
-  std::map<std::string, double> medians_;  // [ns]
+  std::map<std::string, double> medians_;  // of processor time [ns]
+  std::map<std::string, double> elapsed_;  // [ns]
   std::map<std::string, double> errors_;   // of the tip, % of the arm's length
 };
 
@@ -78,10 +112,10 @@ int main(int argc, char** argv) {
                         "inverseOfPeerLma");
     reporter.printRatio("warm inverse, " + arm + ", against KDL NR_JL", "inverse/" + arm,
                         "inverseOfPeerNrJl");
-    reporter.printRatio("batch of 1e6, " + arm + ", of the bandwidth roof", "batch/" + arm,
-                        "bandwidthRoof");
-    reporter.printRatio("batch of 1e6, " + arm + ", of the FMA roof", "batch/" + arm, "fmaRoof");
+    reporter.printRoof("batch of 1e6, " + arm, "batch/" + arm);
   }
+  reporter.printRoof("batch of 1e6, helical, rows to rows", "batchRows/helical");
+  reporter.printScaling("batch of 1e6, helical, over threads", "batchThreads");
   reporter.printRatio("planar tip pose, against KDL FK", "forwardPlanar", "forwardOfPeer");
   for (const std::string size : {"720p", "1080p"}) {
     reporter.printRatio("JPEG " + size + " to twist, against the colour chain",

@@ -1,10 +1,13 @@
 #include "helix_arm/model/batch.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/lie/coefficients.hpp"
 #include "support/paper_arm.hpp"
 
 namespace helix_arm::model {
@@ -12,18 +15,74 @@ namespace {
 
 constexpr double kEps = 2.220446049250313e-16;
 
-// Worst distance of the batch's tips from the single call's, in eps of the arm's rest length.
-double worstDifference(const Arm& arm, std::size_t count, unsigned seed) {
-  test::Random random(seed);
-  std::vector<std::vector<double>> q(arm.actuatorCount(), std::vector<double>(count));
-  std::vector<const double*> inputs;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    for (double& value : q[i])
-      value = random.uniform(arm.actuator(i).limits.lower, arm.actuator(i).limits.upper);
-    inputs.push_back(q[i].data());
+std::vector<InstructionSet> setsOfThisMachine() {
+  std::vector<InstructionSet> out;
+  for (const auto set :
+       {InstructionSet::kBaseline, InstructionSet::kAvx2, InstructionSet::kAvx512}) {
+    if (set <= widestInstructionSet()) out.push_back(set);
   }
+  return out;
+}
+
+std::vector<std::vector<double>> randomColumns(const Arm& arm, std::size_t count, unsigned seed) {
+  test::Random random(seed);
+  std::vector<std::vector<double>> out(arm.actuatorCount(), std::vector<double>(count));
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    for (double& value : out[i])
+      value = random.uniform(arm.actuator(i).limits.lower, arm.actuator(i).limits.upper);
+  }
+  return out;
+}
+
+std::vector<const double*> pointersTo(const std::vector<std::vector<double>>& columns,
+                                      std::size_t first = 0) {
+  std::vector<const double*> out;
+  for (const std::vector<double>& column : columns) out.push_back(column.data() + first);
+  return out;
+}
+
+// The same inputs, one row each.
+std::vector<double> rowsOf(const std::vector<std::vector<double>>& columns) {
+  std::vector<double> out;
+  for (std::size_t j = 0; j < columns[0].size(); ++j) {
+    for (const std::vector<double>& column : columns) out.push_back(column[j]);
+  }
+  return out;
+}
+
+InputArray arrayOf(const std::vector<double>& rows, std::ptrdiff_t columns, std::size_t first = 0) {
+  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+  return {rows.data() + static_cast<std::ptrdiff_t>(first) * columns, columns * kNumber, kNumber};
+}
+
+// The numbers as columns of `rows` each.
+InputArray columnsOf(const std::vector<double>& numbers, std::ptrdiff_t rows) {
+  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+  return {numbers.data(), kNumber, rows * kNumber};
+}
+
+// Tips by columns, one row each.
+std::vector<double> tipsOf(const TipBatch& batch, const std::vector<std::vector<double>>& columns) {
+  const std::size_t count = columns[0].size();
+  std::vector<std::vector<double>> tips(3, std::vector<double>(count));
+  batch.columns(pointersTo(columns).data(), count, tips[0].data(), tips[1].data(), tips[2].data());
+  return rowsOf(tips);
+}
+
+// A thin arm: some angles within the series and some beyond.
+Arm thinArm(int actuators = 3, int sections = 1) {
+  test::Ring ring = test::straightRing(actuators);
+  ring.radius = 0.008;
+  ring.stiffness.kappa = 1e-6;
+  return test::ringArm(ring, sections);
+}
+
+// Worst distance of the batch's tips from the single call's, in eps of the arm's rest length.
+double worstDifference(const Arm& arm, std::size_t count, unsigned seed,
+                       InstructionSet set = widestInstructionSet()) {
+  const std::vector<std::vector<double>> q = randomColumns(arm, count, seed);
   std::vector<double> x(count + 1, -7), y(count + 1, -7), z(count + 1, -7);
-  batchTips(arm, inputs.data(), count, x.data(), y.data(), z.data());
+  TipBatch(arm, set).columns(pointersTo(q).data(), count, x.data(), y.data(), z.data());
   EXPECT_EQ(x[count], -7) << "wrote past the end";
   double length = 0;
   for (int k = 0; k < arm.sectionCount(); ++k) length += arm.restTwist(k).head<3>().norm();
@@ -37,18 +96,21 @@ double worstDifference(const Arm& arm, std::size_t count, unsigned seed) {
 }
 
 TEST(Batch, AgreesWithTheSingleCallTo8Eps) {
-  std::printf("instruction set: %s\n", batchInstructionSet());
-  for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
-    const double worst = worstDifference(test::ringArm(ring), 200000, 71);
-    std::printf("batch against single call: %.2f eps of the length\n", worst);
-    EXPECT_LE(worst, 8.0);
+  for (const InstructionSet set : setsOfThisMachine()) {
+    for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
+      const double worst = worstDifference(test::ringArm(ring), 200000, 71, set);
+      std::printf("%s against single call: %.2f eps of the length\n", nameOf(set), worst);
+      EXPECT_LE(worst, 8.0);
+    }
   }
 }
 
 TEST(Batch, HandlesEveryCountAroundItsBlocks) {
   const Arm arm = test::ringArm(test::straightRing());
-  for (const std::size_t count : {0, 1, 7, 8, 9, 127, 128, 129, 255, 256, 257, 1000}) {
-    EXPECT_LE(worstDifference(arm, count, 72), 8.0) << count;
+  for (const InstructionSet set : setsOfThisMachine()) {
+    for (const std::size_t count : {0, 1, 7, 8, 9, 127, 128, 129, 255, 256, 257, 1000, 4103}) {
+      EXPECT_LE(worstDifference(arm, count, 72, set), 8.0) << count << " " << nameOf(set);
+    }
   }
 }
 
@@ -63,11 +125,7 @@ TEST(Batch, HandlesEveryNumberOfActuatorsAndSections) {
 }
 
 TEST(Batch, HandlesAnglesBeyondTheSeries) {
-  // A thin arm: all angles in one block, some within the series and some beyond.
-  test::Ring ring = test::straightRing();
-  ring.radius = 0.008;
-  ring.stiffness.kappa = 1e-6;
-  const Arm arm = test::ringArm(ring);
+  const Arm arm = thinArm();
   test::Random random(74);
   int near = 0, far = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -75,8 +133,167 @@ TEST(Batch, HandlesAnglesBeyondTheSeries) {
   }
   ASSERT_GT(near, 50);
   ASSERT_GT(far, 50);
-  EXPECT_LE(worstDifference(arm, 20000, 75),
-            24.0);  // three times the bending, three times the rounding
+  for (const InstructionSet set : setsOfThisMachine()) {
+    // three times the bending, three times the rounding
+    EXPECT_LE(worstDifference(arm, 20000, 75, set), 24.0) << nameOf(set);
+    EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77, set), 24.0) << nameOf(set);
+  }
+}
+
+TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
+  const Arm arm = thinArm();
+  std::vector<std::vector<double>> q(3);
+  test::Random random(78);
+  int near = 0, far = 0;
+  while (q[0].size() < 2000) {
+    // Along a ray from rest, the pressures where the angle passes the limit.
+    const Eigen::VectorXd end = test::randomInput(arm, random);
+    const auto squaredAngle = [&](double part) {
+      return arm.twists(part * end).bottomRows(3).squaredNorm();
+    };
+    if (squaredAngle(1.0) < 1.001 * lie::kSeriesLimit) continue;
+    double low = 0.0, high = 1.0;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = 0.5 * (low + high);
+      (squaredAngle(middle) < lie::kSeriesLimit ? low : high) = middle;
+    }
+    const double part = low * (1.0 + random.uniform(-1e-6, 1e-6));
+    squaredAngle(part) <= lie::kSeriesLimit ? ++near : ++far;
+    for (int i = 0; i < 3; ++i) q[i].push_back(part * end[i]);
+  }
+  ASSERT_GT(near, 500);
+  ASSERT_GT(far, 500);
+  for (const InstructionSet set : setsOfThisMachine()) {
+    const std::vector<double> tips = tipsOf(TipBatch(arm, set), q);
+    double worst = 0;
+    for (std::size_t j = 0; j < q[0].size(); ++j) {
+      const Eigen::Vector3d one = arm.tip(Eigen::Vector3d(q[0][j], q[1][j], q[2][j])).translation;
+      worst = std::max(worst, (one - Eigen::Vector3d::Map(&tips[3 * j])).norm());
+    }
+    EXPECT_LE(worst, 12.0 * kEps * arm.restLength()) << nameOf(set);
+  }
+}
+
+// All tips of the batch, part by part, in both forms, are bitwise those of the whole batch.
+void expectIndependentOfPlace(const Arm& arm, InstructionSet set) {
+  constexpr std::size_t kCount = 1500;
+  const TipBatch batch(arm, set);
+  const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 79);
+  const std::vector<double> whole = tipsOf(batch, q), rows = rowsOf(q);
+  for (const std::size_t part : {1, 2, 7, 8, 13, 255, 600}) {
+    std::vector<double> parts(3 * kCount), columns[3];
+    for (std::vector<double>& column : columns) column.resize(kCount);
+    for (std::size_t first = 0; first < kCount; first += part) {
+      const std::size_t count = std::min(part, kCount - first);
+      EXPECT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount(), first), count, &parts[3 * first]));
+      batch.columns(pointersTo(q, first).data(), count, &columns[0][first], &columns[1][first],
+                    &columns[2][first]);
+    }
+    EXPECT_EQ(parts, whole) << nameOf(set) << ", rows in parts of " << part;
+    EXPECT_EQ(rowsOf({columns[0], columns[1], columns[2]}), whole)
+        << nameOf(set) << ", columns in parts of " << part;
+  }
+}
+
+TEST(Batch, ATipDoesNotDependOnItsPlace) {
+  for (const Arm& arm : {test::ringArm(test::helicalRing()), test::ringArm(test::straightRing(4)),
+                         test::ringArm(test::straightRing(6), 2), thinArm(), thinArm(3, 2)}) {
+    expectIndependentOfPlace(arm, widestInstructionSet());
+  }
+  expectIndependentOfPlace(test::ringArm(test::helicalRing()), InstructionSet::kBaseline);
+}
+
+TEST(Batch, LargeBatchesPastTheCachesAreTheSame) {
+  constexpr std::size_t kCount = 101'003;
+  const Arm arm = test::ringArm(test::helicalRing());
+  const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 80);
+  const std::vector<double> rows = rowsOf(q);
+  std::vector<double> by_columns;
+  for (const std::vector<double>& column : q)
+    by_columns.insert(by_columns.end(), column.begin(), column.end());
+  for (const InstructionSet set : setsOfThisMachine()) {
+    const TipBatch batch(arm, set);
+    std::vector<double> expected(3 * kCount);
+    for (std::size_t first = 0; first < kCount; first += 1000) {
+      const std::size_t count = std::min<std::size_t>(1000, kCount - first);
+      batch.rows(arrayOf(rows, 3, first), count, &expected[3 * first]);
+    }
+    // At every distance from a line of the caches; y and z at others than x, too.
+    for (std::size_t shift = 0; shift < 8; ++shift) {
+      std::vector<double> tips(3 * kCount + 16, -7);
+      EXPECT_TRUE(batch.rows(arrayOf(rows, 3), kCount, &tips[shift]));
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
+      std::fill(tips.begin(), tips.end(), -7);
+      EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, &tips[shift]));
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
+      EXPECT_EQ(tips[shift + 3 * kCount], -7);
+      for (const std::size_t apart : {0, 3}) {
+        std::vector<double> x(kCount + 16, -7), y(x), z(x);
+        batch.columns(pointersTo(q).data(), kCount, &x[shift], &y[shift + apart], &z[shift]);
+        std::size_t wrong = 0;
+        for (std::size_t j = 0; j < kCount; ++j) {
+          wrong += x[shift + j] != expected[3 * j] || y[shift + apart + j] != expected[3 * j + 1] ||
+                   z[shift + j] != expected[3 * j + 2];
+        }
+        EXPECT_EQ(wrong, 0) << shift << " " << apart;
+        EXPECT_EQ(x[shift + kCount], -7);
+      }
+    }
+  }
+}
+
+TEST(Batch, RowsAreReadWhateverTheirStrides) {
+  for (const int actuators : {1, 2, 3, 4, 5}) {
+    const Arm arm = test::ringArm(test::straightRing(actuators));
+    const std::vector<std::vector<double>> q = randomColumns(arm, 700, 81);
+    const std::vector<double> expected = tipsOf(TipBatch(arm), q);
+    // Columns in reverse order, two numbers apart, with a gap between rows.
+    const int width = 2 * actuators + 3;
+    std::vector<double> wide(700 * width, std::nan("")), by_columns;
+    for (std::size_t j = 0; j < 700; ++j) {
+      for (int i = 0; i < actuators; ++i) wide[j * width + 2 * (actuators - 1 - i)] = q[i][j];
+    }
+    for (const std::vector<double>& column : q) {
+      by_columns.insert(by_columns.end(), column.begin(), column.end());
+    }
+    constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+    std::vector<double> tips(3 * 700);
+    EXPECT_TRUE(TipBatch(arm).rows({&wide[2 * (actuators - 1)], width * kNumber, -2 * kNumber}, 700,
+                                   tips.data()));
+    EXPECT_EQ(tips, expected) << actuators;
+    EXPECT_TRUE(TipBatch(arm).rows(columnsOf(by_columns, 700), 700, tips.data()));
+    EXPECT_EQ(tips, expected) << actuators;
+  }
+}
+
+TEST(Batch, RowsTellWhetherAllInputsAreInside) {
+  for (const InstructionSet set : setsOfThisMachine()) {
+    for (const int actuators : {2, 3}) {
+      const Arm arm = test::ringArm(test::straightRing(actuators));
+      const TipBatch batch(arm, set);
+      const Range limits = arm.actuator(0).limits;
+      std::vector<double> rows(static_cast<std::size_t>(actuators) * 21, limits.upper), tips(63);
+      rows[0] = limits.lower;
+      ASSERT_TRUE(batch.rows(arrayOf(rows, actuators), 21, tips.data()));
+      for (std::size_t at = 0; at < rows.size(); ++at) {
+        for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
+                                 std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
+          std::vector<double> numbers = rows;
+          numbers[at] = bad;
+          EXPECT_FALSE(batch.rows(arrayOf(numbers, actuators), 21, tips.data()))
+              << bad << " at " << at << ", " << nameOf(set);
+          EXPECT_FALSE(batch.rows(columnsOf(numbers, 21), 21, tips.data()))
+              << bad << " at " << at << ", by columns, " << nameOf(set);
+        }
+      }
+    }
+  }
+}
+
+TEST(Batch, RefusesInstructionSetsThatTheMachineDoesNotHave) {
+  if (widestInstructionSet() == InstructionSet::kAvx512) GTEST_SKIP() << "it has all of them";
+  EXPECT_THROW(TipBatch(test::ringArm(test::straightRing()), InstructionSet::kAvx512),
+               std::invalid_argument);
 }
 
 TEST(Batch, HandlesTablesAndTendons) {

@@ -1,29 +1,69 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 
 #include "helix_arm/model/arm.hpp"
 
 namespace helix_arm::model {
 
-/// Number of inputs per block of batchTips. The last bits of a tip depend on its place in its block
-/// and on whether another tip of the block turns by more than 4.5 rad.
-inline constexpr std::size_t kBatchBlock = 256;
+/// Vector units that a batch can use, the narrowest first. kBaseline is what every machine of its
+/// kind has.
+enum class InstructionSet { kBaseline, kAvx2, kAvx512 };
+/// The widest that this machine has.
+InstructionSet widestInstructionSet();
+/// "avx512f", "avx2", "sse2" or "portable".
+const char* nameOf(InstructionSet set);
 
-/// Tip positions of many inputs at once, for point clouds and maps. Structure of arrays, one
-/// thread, the widest vector unit of the machine (chosen at run time).
+/// Many inputs in an array, one row each, whatever its strides.
+struct InputArray {
+  const double* first;           ///< input of actuator 0 in row 0 [Pa or rad]
+  std::ptrdiff_t row_stride;     ///< from one row to the next [bytes]
+  std::ptrdiff_t column_stride;  ///< from one actuator to the next [bytes]
+
+  double at(std::size_t row, int actuator) const { return *place(row, actuator); }
+  const double* place(std::size_t row, int actuator) const {
+    return reinterpret_cast<const double*>(reinterpret_cast<const char*>(first) +
+                                           static_cast<std::ptrdiff_t>(row) * row_stride +
+                                           actuator * column_stride);
+  }
+};
+
+/// Tip positions of many inputs at once, for point clouds and maps, in one thread. Threads may
+/// share it and divide a batch between them: a tip does not depend on the others of its batch.
 ///
 /// Agrees with Arm::tip to 8 eps of the arm's length where no section turns by more than 4.5 rad.
-/// Beyond that, the rounding of the twist grows with the angle (24 eps at 7.5 rad). Contractions
-/// from a table run at scalar speed.
-/// @param inputs  (actuatorCount) pointers to `count` inputs each, inside the limits [Pa or rad];
-///     not checked.
-/// @param x,y,z   `count` tip coordinates each, base frame [m].
+/// Beyond that, the rounding of the twist grows with the angle (24 eps at 7.5 rad), and tips take
+/// four times as long. Contractions from a table, and tapered arms, run at scalar speed.
+class TipBatch {
+ public:
+  /// @param arm  outlives the batch.
+  /// @param set  which this machine has; the widest one is the fastest.
+  explicit TipBatch(const Arm& arm, InstructionSet set = widestInstructionSet());
+  ~TipBatch();
+
+  /// Structure of arrays.
+  /// @param inputs  (actuatorCount) pointers to `count` inputs each, inside the limits [Pa or rad];
+  ///     not checked.
+  /// @param x,y,z   `count` tip coordinates each, base frame [m].
+  /// @param total   size of the batch that this is a part of; the tips of a large one are written
+  ///     past the caches.
+  void columns(const double* const* inputs, std::size_t count, double* x, double* y, double* z,
+               std::size_t total = 0) const;
+
+  /// Array of structures.
+  /// @param inputs  (count, actuatorCount); an array of rows without gaps is the fastest.
+  /// @param tips    (count, 3), base frame [m]; must not overlap the inputs.
+  /// @return whether all inputs are inside their limits; otherwise the tips mean nothing.
+  bool rows(const InputArray& inputs, std::size_t count, double* tips, std::size_t total = 0) const;
+
+ private:
+  struct Plan;
+  std::unique_ptr<const Plan> plan_;
+};
+
+/// TipBatch::columns() of an arm.
 void batchTips(const Arm& arm, const double* const* inputs, std::size_t count, double* x, double* y,
                double* z);
-
-/// The instruction set that batchTips uses on this machine: "avx512f", "avx2", "sse2" or
-/// "portable".
-const char* batchInstructionSet();
 
 }  // namespace helix_arm::model
