@@ -162,8 +162,12 @@ TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
   EXPECT_NE(words.text.find("\nK_kappa"), std::string::npos);
   EXPECT_EQ(words.tone, Tone::kGood);
   view.calibration.success = false;
-  view.calibration.message = "it was cancelled";
-  EXPECT_EQ(calibrationWords(view).text, "failed: it was cancelled");
+  view.calibration.message = "nothing was seen";
+  EXPECT_EQ(calibrationWords(view).text, "failed: nothing was seen");
+  EXPECT_EQ(calibrationWords(view).tone, Tone::kBad);
+  view.calibration.cancelled = true;
+  EXPECT_EQ(calibrationWords(view).text.find("cancelled"), 0U);
+  EXPECT_NE(calibrationWords(view).tone, Tone::kBad);
 }
 
 TEST(Words, OfTheLoopTellStateAndError) {

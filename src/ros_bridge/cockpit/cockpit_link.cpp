@@ -242,9 +242,7 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   client_->sendGoal(
       goal,
       [this](const actionlib::SimpleClientGoalState& state,
-             const RunCalibrationResultConstPtr& result) {
-        onResult(result.get(), state.toString());
-      },
+             const RunCalibrationResultConstPtr& result) { onResult(result.get(), state); },
       Client::SimpleActiveCallback(),
       [this](const RunCalibrationFeedbackConstPtr& feedback) { onFeedback(*feedback); });
 }
@@ -263,12 +261,14 @@ void CockpitLink::onFeedback(const RunCalibrationFeedback& feedback) {
   calibration_.state = shownText(feedback.state);
 }
 
-void CockpitLink::onResult(const RunCalibrationResult* result, const std::string& ending) {
+void CockpitLink::onResult(const RunCalibrationResult* result,
+                           const actionlib::SimpleClientGoalState& ending) {
   const basics::MutexLock lock(mutex_);
   calibration_.running = false;
   calibration_.ended = true;
+  calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
   if (result == nullptr) {
-    calibration_.message = "the calibration node ended (" + ending + ")";
+    calibration_.message = "the calibration node ended (" + ending.toString() + ")";
     return;
   }
   calibration_.success = result->success != 0;

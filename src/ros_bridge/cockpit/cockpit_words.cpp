@@ -159,9 +159,7 @@ Possibility mayAimTip(const CockpitView& view) {
 
 Possibility mayCalibrate(const CockpitView& view) {
   if (!view.calibration.there) {
-    return {
-        "no calibration node is up; start demo.launch with calibration:=true, or "
-        "calibration.launch"};
+    return {"no calibration node is up; start arm.launch or demo.launch with calibration:=true"};
   }
   if (calibrates(view)) return {"a calibration runs already"};
   const std::string out = notEnabled(view);
@@ -202,6 +200,7 @@ Words calibrationWords(const CockpitView& view) {
             Tone::kQuiet};
   }
   if (!run.ended) return {mayCalibrate(view).why_not, Tone::kQuiet};
+  if (run.cancelled) return {"cancelled: the arm ramps down to rest", Tone::kCaution};
   if (!run.success) return {"failed: " + run.message, Tone::kBad};
   std::string text;
   if (std::isfinite(run.tip_error_before) && std::isfinite(run.tip_error_after)) {

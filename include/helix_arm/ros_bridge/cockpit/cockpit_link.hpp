@@ -88,7 +88,7 @@ class CockpitLink {
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
       HELIX_ARM_EXCLUDES(mutex_);
   void onFeedback(const RunCalibrationFeedback& feedback) HELIX_ARM_EXCLUDES(mutex_);
-  void onResult(const RunCalibrationResult* result, const std::string& ending)
+  void onResult(const RunCalibrationResult* result, const actionlib::SimpleClientGoalState& ending)
       HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
 

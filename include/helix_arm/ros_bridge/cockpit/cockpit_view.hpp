@@ -46,6 +46,7 @@ struct CockpitCalibration {
   std::string state;  ///< phase of the run, and what it waits for
   bool ended = false;
   bool success = false;
+  bool cancelled = false;
   std::string message;  ///< of the result
   /// Median tip error of the samples with the present scene and with the calibrated one [m].
   double tip_error_before = kUnknown, tip_error_after = kUnknown;
