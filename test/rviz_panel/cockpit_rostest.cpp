@@ -382,7 +382,7 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   EXPECT_GT(before, 5) << result;
   EXPECT_LT(after, 0.5 * before) << result;
   EXPECT_NE(result.find("\nlength_scale 1 -> 1.0"), std::string::npos) << result;
-  EXPECT_NE(result.find("\nK_kappa "), std::string::npos) << result;
+  EXPECT_NE(result.find("\nK_gamma 100 -> "), std::string::npos) << result;
   ASSERT_TRUE(rests()) << safety_.last().reason;
   ASSERT_TRUE(until([this] { return !errors_.all().empty(); }));
   const double error_before = errors_.last().tip_error;

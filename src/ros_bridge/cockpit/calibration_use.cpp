@@ -39,9 +39,10 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
   for (std::size_t i = 0; i < count; ++i) {
     if (!result.identifiable[i]) continue;
     char numbers[120];
-    std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g ", result.initial[i],
+    std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g", result.initial[i],
                   result.values[i], result.standard_errors[i]);
-    out.push_back(shownText(result.names[i]) + numbers + shownText(result.units[i]));
+    const std::string unit = result.units[i].empty() ? "" : " " + shownText(result.units[i]);
+    out.push_back(shownText(result.names[i]) + numbers + unit);
   }
   return out;
 }
