@@ -9,6 +9,8 @@
 namespace helix_arm::control {
 namespace {
 
+constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
+
 template <class... Arguments>
 std::string format(const char* pattern, Arguments... arguments) {
   char text[400];
@@ -133,6 +135,9 @@ std::string SafetyCore::causeText() const {
     case SafetyCause::kEmergencyStop:
       return "the emergency stop was engaged";
     case SafetyCause::kStaleTarget:
+      if (value < kJustOver * limit) {
+        return format("no target came for %g s (safety.target_timeout_s)", limit);
+      }
       return format("no target came for %.2f s, longer than %g s (safety.target_timeout_s)", value,
                     limit);
     case SafetyCause::kStaleReading:

@@ -19,7 +19,8 @@ CalibrationBox::CalibrationBox(QWidget* parent, Actions actions)
   auto* const grid = new QGridLayout(this);
   fit_ = new QComboBox(this);
   fit_->setObjectName("fit");
-  fit_->addItems({"stiffness", "stiffness length_scale", "stiffness length_scale placement",
+  // The first one is usual: what a built arm and the places of its tags differ in from a scene.
+  fit_->addItems({"stiffness length_scale placement", "stiffness", "stiffness length_scale",
                   "response stiffness length_scale"});
   fit_->setToolTip("What is fitted");
   fit_->setFocusPolicy(Qt::ClickFocus);
@@ -32,13 +33,18 @@ CalibrationBox::CalibrationBox(QWidget* parent, Actions actions)
   for (QPushButton* button : {start_, cancel_, use_}) button->setFocusPolicy(Qt::NoFocus);
   progress_ = new QProgressBar(this);
   progress_->setObjectName("calibration_progress");
+  QSizePolicy keeps = progress_->sizePolicy();
+  keeps.setRetainSizeWhenHidden(true);  // what is below stays where it is
+  progress_->setSizePolicy(keeps);
   text_ = makeText(this, "calibration");
+  warnings_ = makeText(this, "calibration_warnings");
   grid->addWidget(fit_, 0, 0, 1, 3);
   grid->addWidget(start_, 1, 0);
   grid->addWidget(cancel_, 1, 1);
   grid->addWidget(use_, 1, 2);
   grid->addWidget(progress_, 2, 0, 1, 3);
-  grid->addWidget(text_, 3, 0, 1, 3);
+  grid->addWidget(warnings_, 3, 0, 1, 3);
+  grid->addWidget(text_, 4, 0, 1, 3);
   connect(start_, &QPushButton::clicked, this, [this] {
     std::vector<std::string> words;
     for (const QString& word : fit_->currentText().split(' ')) words.push_back(word.toStdString());
@@ -61,6 +67,8 @@ void CalibrationBox::display(const CockpitView& view) {
   }
   const Words words = calibrationWords(view);
   showWords(text_, words.text, words.tone);
+  const Words warnings = calibrationWarnings(view);
+  showWords(warnings_, warnings.text, warnings.tone);
 }
 
 }  // namespace helix_arm::rviz_panel

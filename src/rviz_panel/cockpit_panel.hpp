@@ -31,10 +31,14 @@ class CockpitPanel : public rviz::Panel {
   void save(rviz::Config config) const override;
 
  private:
-  void connectTo(const QString& ns);  ///< begins anew with the arm of this namespace
+  /// Begins anew with the arm of this namespace. If it is no name, the answer says so, and the arm
+  /// stays: its emergency stop must go on working. @return whether it is a name.
+  bool connectTo(const QString& ns);
   void refresh();
-  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix.
-  void lookAt(const std::string& base_frame);
+  void stop(bool engage);
+  /// Once: turns a view that looks at arm_base so that it shows all of this arm from its side,
+  /// whatever its base's frame, pose and length are.
+  void lookAt(const ros_bridge::CockpitView& view);
   /// Runs an action of the link, if there is one.
   template <class Action>
   void with(const Action& action);
@@ -47,6 +51,7 @@ class CockpitPanel : public rviz::Panel {
   StripChart* chart_;
   QTimer* timer_;
   std::string connected_to_;
+  bool looks_ = false;  ///< the view has been turned, or is the user's own
   std::unique_ptr<ros_bridge::CockpitLink> link_;
 };
 

@@ -113,6 +113,7 @@ inline constexpr char kMeasurementStatus[] = "measurement";
 inline constexpr char kCorrectionStatus[] = "correction";
 inline constexpr char kDroppedKey[] = "dropped";  ///< total; per reason `dropped_<fault>`
 inline constexpr char kDroppedPrefix[] = "dropped_";
+inline constexpr char kTargetTimeoutKey[] = "target_timeout_s";  ///< of the safety core
 inline constexpr char kLowerLimitKey[] = "lower_limit_kpa";  ///< of a channel
 inline constexpr char kUpperLimitKey[] = "upper_limit_kpa";
 inline constexpr char kReachedKey[] = "reached";
