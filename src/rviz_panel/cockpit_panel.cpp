@@ -7,11 +7,17 @@
 #include <QScrollArea>
 #include <QTimer>
 #include <QVBoxLayout>
+#include <cmath>
 #include <exception>
+#include <vector>
 
+#include <OgreQuaternion.h>
+#include <OgreVector3.h>
 #include <pluginlib/class_list_macros.hpp>
 #include <ros/time.h>
+#include <rviz/frame_manager.h>
 #include <rviz/properties/property.h>
+#include <rviz/properties/vector_property.h>
 #include <rviz/view_controller.h>
 #include <rviz/view_manager.h>
 #include <rviz/visualization_manager.h>
@@ -28,6 +34,11 @@ namespace {
 
 constexpr int kUpdatePeriod = 100;  // of what is shown [ms]
 constexpr char kNamespaceKey[] = "Namespace";
+constexpr double kSideways = 0.5;        // of a direction: beyond, the arm is beside the base
+constexpr float kTextsHeight = 0.33F;    // above the base and beyond the tip [m]
+constexpr float kTextsWidth = 0.38F;     // behind the base [m]
+constexpr float kViewPerLength = 1.23F;  // distance of the view per height that it shows
+constexpr float kViewPerWidth = 1.4F;    // and per width
 
 }  // namespace
 
@@ -125,17 +136,43 @@ void CockpitPanel::refresh() {
   tip_->display(view);
   calibration_->display(view);
   chart_->add(ros::SteadyTime::now().toSec(), view);
-  lookAt(view.base_frame);
+  lookAt(view);
 }
 
-void CockpitPanel::lookAt(const std::string& base_frame) {
-  if (vis_manager_ == nullptr || base_frame.empty()) return;
+void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
+  if (vis_manager_ == nullptr || view.base_frame.empty() || !view.model_tip) return;
   rviz::ViewController* const camera = vis_manager_->getViewManager()->getCurrent();
   if (camera == nullptr) return;
   rviz::Property* const target = camera->subProp("Target Frame");
-  if (target->getValue().toString() != ros_bridge::names::kBaseFrame) return;
-  const QString frame = QString::fromStdString(base_frame);
-  if (frame != ros_bridge::names::kBaseFrame) target->setValue(frame);
+  const QString frame = QString::fromStdString(view.base_frame);
+  const QString looked_at = target->getValue().toString();
+  if (looked_at != frame && looked_at != ros_bridge::names::kBaseFrame) return;
+  auto* const focus = dynamic_cast<rviz::VectorProperty*>(camera->subProp("Focal Point"));
+  const bool placed = focus == nullptr || focus->getVector() != Ogre::Vector3::ZERO;
+  if (placed && looked_at == frame) return;
+  Ogre::Vector3 base;
+  Ogre::Quaternion turn;
+  if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, ros::Time(), base, turn)) {
+    return;
+  }
+  const Ogre::Vector3 from_base = placed ? focus->getVector() : Ogre::Vector3::ZERO;
+  target->setValue(frame);  // moves the focal point
+  if (placed) {
+    if (focus != nullptr) focus->setVector(from_base);
+    return;
+  }
+  const std::vector<double>& tip = *view.model_tip;
+  const auto length = static_cast<float>(std::hypot(tip[0], std::hypot(tip[1], tip[2])));
+  const Ogre::Vector3 along = turn * Ogre::Vector3::UNIT_X;
+  // With the texts, which are above the base and on both sides of it, or behind it.
+  if (std::hypot(along.x, along.y) > kSideways) {
+    camera->subProp("Yaw")->setValue(std::atan2(-along.x, along.y));
+    camera->subProp("Distance")->setValue(kViewPerWidth * (length + kTextsWidth));
+    focus->setVector(along * 0.5F * (length - kTextsWidth));
+  } else {
+    camera->subProp("Distance")->setValue(kViewPerLength * (length + kTextsHeight));
+    focus->setVector(along * 0.5F * length);
+  }
 }
 
 template <class Action>

@@ -33,8 +33,9 @@ class CockpitPanel : public rviz::Panel {
  private:
   void connectTo(const QString& ns);  ///< begins anew with the arm of this namespace
   void refresh();
-  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix.
-  void lookAt(const std::string& base_frame);
+  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix,
+  /// and places one that looks exactly at the base so that it shows the whole arm from the side.
+  void lookAt(const ros_bridge::CockpitView& view);
   /// Runs an action of the link, if there is one.
   template <class Action>
   void with(const Action& action);

@@ -17,8 +17,9 @@ constexpr double kCurveWidth = 0.004;     // between those of the model and of t
 constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
 constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
 constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
-constexpr double kTableHeight = 0.015;    // of its letters [m]
-constexpr double kTableOffset = 0.2;      // to the side of the tip, clear of the ellipsoid [m]
+constexpr double kTableHeight = 0.013;    // of its letters [m]
+constexpr double kTableOffset = 0.17;     // to the side of the tip, clear of the ellipsoid [m]
+constexpr double kTableRise = 0.06;       // towards the base, clear of the texts beyond the tip [m]
 
 }  // namespace
 
@@ -97,8 +98,8 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   const auto beside = [&tips](const Eigen::Vector3d& offset) {
     return tips.predicted ? std::optional<Eigen::Vector3d>(*tips.predicted + offset) : std::nullopt;
   };
-  Marker table =
-      words(stamp, names::kErrorBudgetNs, beside({0, kTableOffset, 0}), kTableHeight, tips.budget);
+  Marker table = words(stamp, names::kErrorBudgetNs, beside({-kTableRise, kTableOffset, 0}),
+                       kTableHeight, tips.budget);
   if (tips.outside) table.color = color(1.0, 0.5, 0.2);
   out.markers = {
       std::move(wanted),

@@ -23,13 +23,16 @@ using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 constexpr int kRings = 24;                // of a tube, per section
 constexpr int kSides = 10;                // of a tube
 constexpr double kDisc = 0.004;           // thickness of a separator [m]
-constexpr double kLine = 0.002;           // width of the base curve [m]
+constexpr double kLine = 0.003;           // width of the base curve [m]
 constexpr double kBannerHeight = 0.022;   // legible in a view of a whole 0.4 m arm [m]
-constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
+constexpr float kMuscleOpacity = 0.45F;   // the curves inside the arm show through
 constexpr double kReasonRise = 0.085;     // and of its reason [m]
 constexpr double kBannerRise = 0.14;      // of the state above the base [m]
 constexpr double kLineHeight = 0.016;     // of all other text [m]
-constexpr std::size_t kLongestLine = 48;  // of the state's reason, in characters
+constexpr double kLegendFall = 0.03;      // below the base, clear of the reason [m]
+constexpr double kPressuresFall = 0.17;   // below the base, clear of the legend above [m]
+constexpr double kSideways = 0.5;         // of a direction: beyond, the arm is beside the base
+constexpr std::size_t kLongestLine = 60;  // of the state's reason, in characters
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
@@ -38,7 +41,7 @@ constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one ma
 // (kLegend), which show through the muscles.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
-      {{0.25, 0.45, 1.0}, {0.55, 0.5, 1.0}, {0.78, 0.62, 1.0}, {0.95, 0.85, 1.0}}};
+      {{0.4, 0.65, 1.0}, {0.6, 0.6, 1.0}, {0.8, 0.62, 1.0}, {1.0, 0.8, 1.0}}};
   const double place = 3.0 * std::clamp(share, 0.0, 1.0);
   const int k = std::min(2, static_cast<int>(place));
   const double t = place - k;
@@ -93,10 +96,29 @@ std::string pressureText(const std::string& name, double pressure) {
   return name + value;
 }
 
-// Position of the text in the world frame: beside the base, for any mounting of the arm.
-Eigen::Vector3d besideBase(const io::Scene& scene, double side = 1.0) {
-  return scene.X_WB.translation +
-         Eigen::Vector3d(0, side * (0.08 + 3.0 * scene.looks.front().separator_radius), 0);
+// Positions of the texts in the world frame: one on each side of the base, in its height. Of an arm
+// that leaves its base sideways, both are behind the base, one above the other.
+struct Places {
+  Eigen::Vector3d legend, pressures;
+};
+Places besideBase(const io::Scene& scene) {
+  const double distance = 0.08 + 3.0 * scene.looks.front().separator_radius;
+  const Eigen::Vector3d base = scene.X_WB.translation;
+  Eigen::Vector3d ahead = scene.X_WB.rotation.col(0);
+  ahead.z() = 0;
+  if (ahead.norm() > kSideways) {
+    const Eigen::Vector3d behind = base - distance * ahead.normalized();
+    return {behind, behind - Eigen::Vector3d(0, 0, kPressuresFall)};
+  }
+  return {base - Eigen::Vector3d(0, distance, kLegendFall), base + Eigen::Vector3d(0, distance, 0)};
+}
+
+// Size of a section at s, relative to that at its beginning.
+double sizeAt(const model::Actuator& actuator, double s) {
+  const auto radius = [&](double place) {
+    return model::poseAlong(actuator, place).translation.tail<2>().norm();
+  };
+  return actuator.taper.empty() || radius(0) == 0 ? 1.0 : radius(s) / radius(0);
 }
 
 std::string stateText(const control::SafetyReport& report) {
@@ -143,7 +165,7 @@ struct LegendLine {
 constexpr std::array<LegendLine, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
                                                 {"orange: measured", 1.0, 0.55, 0.1},
                                                 {"cyan line: predicted", 0.2, 0.9, 1.0},
-                                                {"cyan dashes: model then", 0.3, 0.9, 1.0},
+                                                {"yellow: model at the picture", 1.0, 0.95, 0.4},
                                                 {"magenta: wanted tip", 1.0, 0.3, 0.9},
                                                 {"green: tip trace", 0.4, 1.0, 0.6}}};
 
@@ -195,7 +217,7 @@ void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
     line.scale.z = kLineHeight;
     line.color = color(entry.r, entry.g, entry.b);
     line.text = lineOfColumn(i, lines, entry.text);
-    line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
+    line.pose.position = toPointMsg(X_BW * besideBase(scene_).legend);
     out.markers.push_back(std::move(line));
   }
 }
@@ -227,24 +249,26 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       text.scale.z = kLineHeight;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
-      text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
+      text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_).pressures);
       tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
-    const auto addDisc = [&](const lie::SE3& X, double thickness) {
+    const model::Actuator& first = arm.actuator(arm.firstActuator(k));
+    const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
       Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
       plate.pose = toPoseMsg(standAlongX(X));
-      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
+      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
       plate.scale.z = thickness;
       plate.color = color(0.75, 0.75, 0.8, 0.55);
       out.markers.push_back(std::move(plate));
     };
     for (int j = 0; j < look.separators; ++j) {
-      addDisc(model::poseAt(shape, k, static_cast<double>(j) / (look.separators - 1)), kDisc);
+      const double s = static_cast<double>(j) / (look.separators - 1);
+      addDisc(model::poseAt(shape, k, s), s, kDisc);
     }
     if (const double plate = arm.plate(k); plate > 0) {
-      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, plate);
+      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
     }
   }
 
