@@ -10,10 +10,13 @@
 #include <exception>
 #include <utility>
 
+#include <OgreQuaternion.h>
+#include <OgreVector3.h>
 #include <pluginlib/class_list_macros.hpp>
 #include <ros/time.h>
 #include <rviz/frame_manager.h>
 #include <rviz/properties/property.h>
+#include <rviz/properties/vector_property.h>
 #include <rviz/render_panel.h>
 #include <rviz/view_controller.h>
 #include <rviz/view_manager.h>
@@ -30,11 +33,10 @@
 namespace helix_arm::rviz_panel {
 namespace {
 
-constexpr int kUpdatePeriod = 100;  // of what is shown [ms]
-constexpr double kFieldOfView = 0.785;  // of rviz, where its view has no such property [rad]
+constexpr int kUpdatePeriod = 100;      // of what is shown [ms]
+constexpr double kFieldOfView = 0.785;  // of rviz, from bottom to top [rad]
 constexpr double kRadius = 0.1;         // of an arm's discs, in its lengths
 constexpr char kNamespaceKey[] = "Namespace";
-constexpr char kLookKey[] = "Look At Arm";  // false: the view is the user's own
 
 }  // namespace
 
@@ -47,11 +49,10 @@ CockpitPanel::CockpitPanel(QWidget* parent) : rviz::Panel(parent) {
   namespace_->setToolTip("Namespace of the arm's nodes, such as left (launch argument ns)");
   column->addWidget(namespace_);
 
-  safety_ = new SafetyBox(
-      this, {[this] { with([](auto& link) { link.enable(); }); },
-             [this] { with([](auto& link) { link.vent(); }); },
-             [this](bool engage) { stop(engage); },
-             [this](bool on) { with([on](auto& link) { link.hold(on); }); }});
+  safety_ = new SafetyBox(this, {[this] { with([](auto& link) { link.enable(); }); },
+                                 [this] { with([](auto& link) { link.vent(); }); },
+                                 [this](bool engage) { stop(engage); },
+                                 [this](bool on) { with([on](auto& link) { link.hold(on); }); }});
   column->addWidget(safety_);  // outside the scrolled part: the stop is always in sight
 
   auto* const scroll = new QScrollArea(this);
@@ -99,8 +100,6 @@ void CockpitPanel::onInitialize() { connectTo(namespace_->text()); }
 
 void CockpitPanel::load(const rviz::Config& config) {
   rviz::Panel::load(config);
-  bool look = true;
-  looks_ = config.mapGetBool(kLookKey, &look) && !look;
   QString ns;
   if (!config.mapGetString(kNamespaceKey, &ns)) return;
   namespace_->setText(ns);
@@ -112,7 +111,6 @@ void CockpitPanel::load(const rviz::Config& config) {
 void CockpitPanel::save(rviz::Config config) const {
   rviz::Panel::save(config);
   config.mapSetValue(kNamespaceKey, QString::fromStdString(connected_to_));
-  config.mapSetValue(kLookKey, false);  // what is saved beside this is the user's view
 }
 
 bool CockpitPanel::connectTo(const QString& ns) {
@@ -159,35 +157,39 @@ void CockpitPanel::refresh() {
 }
 
 void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
-  if (looks_ || vis_manager_ == nullptr || view.base_frame.empty()) return;
-  if (!(view.arm_length > 0)) return;
+  if (vis_manager_ == nullptr || view.base_frame.empty() || !(view.arm_length > 0)) return;
   rviz::ViewController* const camera = vis_manager_->getViewManager()->getCurrent();
   rviz::RenderPanel* const window = vis_manager_->getRenderPanel();
-  if (camera == nullptr || camera->getClassId() != "rviz/Orbit" || window->height() < 1) return;
+  if (camera == nullptr || window->height() < 1) return;
+  rviz::Property* const target = camera->subProp("Target Frame");
+  const QString frame = QString::fromStdString(view.base_frame);
+  const QString looked_at = target->getValue().toString();
+  if (looked_at != frame && looked_at != ros_bridge::names::kBaseFrame) return;
+  auto* const focus = dynamic_cast<rviz::VectorProperty*>(camera->subProp("Focal Point"));
+  if (focus == nullptr) return;
+  const Ogre::Vector3 from_base = focus->getVector();
+  const bool placed = from_base != Ogre::Vector3::ZERO;
+  if (placed && looked_at == frame) return;
   Ogre::Vector3 base;
   Ogre::Quaternion turn;
   if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, ros::Time(), base, turn)) {
     return;
   }
-  looks_ = true;
+  target->setValue(frame);  // moves the focal point
+  if (placed) {
+    focus->setVector(from_base);
+    return;
+  }
   const Ogre::Vector3 axis = turn.xAxis();
   const ros_bridge::SideView side =
       ros_bridge::sideView({axis.x, axis.y, axis.z}, view.arm_length, kRadius * view.arm_length);
-  const auto set = [camera](const char* name, const QVariant& value) {
-    camera->subProp(name)->setValue(value);
-  };
-  // A change of the frame keeps the camera where it is, so it comes first.
-  set("Target Frame", QString::fromStdString(view.base_frame));
-  set("Yaw", side.yaw);
-  set("Pitch", side.pitch);
-  const double field = camera->subProp("Field of View")->getValue().toDouble();
-  set("Distance",
-      side.distance(field > 0 ? field : kFieldOfView,
-                    static_cast<double>(window->width()) / window->height()));
-  rviz::Property* const focus = camera->subProp("Focal Point");
-  focus->subProp("X")->setValue(side.centre.x());
-  focus->subProp("Y")->setValue(side.centre.y());
-  focus->subProp("Z")->setValue(side.centre.z());
+  const double aspect = static_cast<double>(window->width()) / window->height();
+  camera->subProp("Yaw")->setValue(side.yaw);
+  camera->subProp("Pitch")->setValue(side.pitch);
+  camera->subProp("Distance")->setValue(side.distance(kFieldOfView, aspect));
+  focus->setVector(Ogre::Vector3(static_cast<float>(side.centre.x()),
+                                 static_cast<float>(side.centre.y()),
+                                 static_cast<float>(side.centre.z())));
 }
 
 template <class Action>

@@ -36,8 +36,8 @@ class CockpitPanel : public rviz::Panel {
   bool connectTo(const QString& ns);
   void refresh();
   void stop(bool engage);
-  /// Once: turns a view that looks at arm_base so that it shows all of this arm from its side,
-  /// whatever its base's frame, pose and length are.
+  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix,
+  /// and places one that looks exactly at the base so that it shows all of the arm from its side.
   void lookAt(const ros_bridge::CockpitView& view);
   /// Runs an action of the link, if there is one.
   template <class Action>
@@ -51,7 +51,6 @@ class CockpitPanel : public rviz::Panel {
   StripChart* chart_;
   QTimer* timer_;
   std::string connected_to_;
-  bool looks_ = false;  ///< the view has been turned, or is the user's own
   std::unique_ptr<ros_bridge::CockpitLink> link_;
 };
 

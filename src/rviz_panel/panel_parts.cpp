@@ -40,8 +40,7 @@ QLabel* makeText(QWidget* parent, const char* name) {
   return label;
 }
 
-FixedText::FixedText(QWidget* parent, const char* name, int lines)
-    : QLabel(parent), lines_(lines) {
+FixedText::FixedText(QWidget* parent, const char* name, int lines) : QLabel(parent), lines_(lines) {
   setObjectName(name);
   setTextFormat(Qt::PlainText);
   setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);

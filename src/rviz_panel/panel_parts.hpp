@@ -13,8 +13,8 @@ namespace helix_arm::rviz_panel {
 
 QColor colorOf(ros_bridge::Tone tone);
 
-/// Colour of an actuator's curve in the strip chart, and of its name beside the slider. None of them
-/// means anything in the 3D view or as a Tone.
+/// Colour of an actuator's curve in the strip chart, and of its name beside the slider. None of
+/// them means anything in the 3D view or as a Tone.
 QColor colorOfChannel(int channel);
 
 /// A label of plain text that wraps, with an object name.

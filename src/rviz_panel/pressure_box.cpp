@@ -39,8 +39,11 @@ PressureBox::PressureBox(QWidget* parent, Set set)
 
 PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
   const std::string number = std::to_string(index);
-  Row row{name, makeText(this, ("name_" + number).c_str()), new QSlider(Qt::Horizontal, this),
-          new QDoubleSpinBox(this), makeText(this, ("limits_" + number).c_str()),
+  Row row{name,
+          makeText(this, ("name_" + number).c_str()),
+          new QSlider(Qt::Horizontal, this),
+          new QDoubleSpinBox(this),
+          makeText(this, ("limits_" + number).c_str()),
           makeText(this, ("reading_" + number).c_str())};
   row.label->setText(QString::fromStdString(name));
   row.label->setStyleSheet("color: " + colorOfChannel(index).name() + "; font-weight: bold;");
@@ -74,8 +77,8 @@ void PressureBox::makeRows(const CockpitView& view) {
   }
   if (same) return;
   for (const Row& row : rows_) {
-    for (QWidget* part :
-         std::initializer_list<QWidget*>{row.label, row.slider, row.limits, row.value, row.reading}) {
+    for (QWidget* part : std::initializer_list<QWidget*>{row.label, row.slider, row.limits,
+                                                         row.value, row.reading}) {
       part->deleteLater();
     }
   }

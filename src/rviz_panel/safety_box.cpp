@@ -14,7 +14,7 @@ namespace {
 
 using ros_bridge::CockpitView;
 
-constexpr int kStopHeight = 64;            // [px]
+constexpr int kStopHeight = 64;         // [px]
 constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
 constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
 
@@ -90,9 +90,8 @@ void SafetyBox::display(const CockpitView& view) {
   hold_->setText(view.goal != CockpitGoal::kNone ? "Let go" : "Hold");
 
   const bool changed = words.state != answered_in_;
-  if (answered_.isValid() &&
-      (answered_well_ ? answered_.hasExpired(kAnswerShown)
-                      : changed && answered_.hasExpired(kAnswerRead))) {
+  if (answered_.isValid() && (answered_well_ ? answered_.hasExpired(kAnswerShown)
+                                             : changed && answered_.hasExpired(kAnswerRead))) {
     forgetAnswer();
   }
   const Words goal = goalWords(view);

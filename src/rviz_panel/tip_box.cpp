@@ -72,10 +72,12 @@ void TipBox::display(const CockpitView& view) {
   }
   const Possibility may = mayAimTip(view);
   offer(go_, may, "Moves the tip there and holds it; out of reach, to the closest point");
-  offer(present_, {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
+  offer(present_,
+        {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
         "Copies where the tip is now");
   showWords(why_not_, may.why_not, Tone::kCaution);
-  std::string text = "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
+  std::string text =
+      "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
   if (std::isfinite(view.tip_error)) text += "\ndifference " + millimetres(view.tip_error);
   showWords(tip_, text, Tone::kQuiet);
   const Words loop = loopWords(view);

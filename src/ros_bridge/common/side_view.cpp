@@ -10,16 +10,16 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kUsualLength = 0.3;   // of an arm, for which all lengths here are given [m]
-constexpr double kUpright = 0.7;       // |cosine| of the angle to the vertical of an upright arm
-constexpr double kUsualYaw = 0.3;      // of an upright arm: from any side, and not straight on
-constexpr double kUsualPitch = 0.15;   // slightly from above: the ground shows depth
-constexpr double kBeside = 0.08;       // from the discs to the columns [m]
-constexpr double kHalfColumn = 0.12;   // half the width of a column [m]
-constexpr double kColumn = 0.17;       // height of the legend [m]
-constexpr double kBanner = 0.16;       // height of state and reason [m]
-constexpr double kTipTexts = 0.2;      // beyond the tip [m]
-constexpr double kTipTable = 0.34;     // from the tip to the end of the loop's table [m]
+constexpr double kUsualLength = 0.3;     // of an arm, for which all lengths here are given [m]
+constexpr double kUpright = 0.7;         // |cosine| of the angle to the vertical of an upright arm
+constexpr double kUsualYaw = 0.3;        // of an upright arm: from any side, and not straight on
+constexpr double kUsualPitch = 0.15;     // slightly from above: the ground shows depth
+constexpr double kBeside = 0.08;         // from the discs to the columns [m]
+constexpr double kHalfColumn = 0.12;     // half the width of a column [m]
+constexpr double kColumn = 0.17;         // height of the legend [m]
+constexpr double kBanner = 0.16;         // height of state and reason [m]
+constexpr double kTipTexts = 0.2;        // beyond the tip [m]
+constexpr double kTipTable = 0.34;       // from the tip to the end of the loop's table [m]
 constexpr double kLegendHeight = 0.016;  // of its letters [m]
 
 struct LegendText {
@@ -30,7 +30,7 @@ constexpr std::array<LegendText, kLegendLineCount> kLegend = {
     {{"white: model", 1.0, 1.0, 1.0},
      {"green: tip trace", 0.4, 1.0, 0.6},
      {"orange: measured", 1.0, 0.55, 0.1},
-     {"cyan dashes: model then", 0.3, 0.9, 1.0},
+     {"yellow: model at the picture", 1.0, 0.95, 0.4},
      {"cyan line: predicted", 0.2, 0.9, 1.0},
      {"magenta: wanted tip", 1.0, 0.3, 0.9}}};
 
@@ -75,8 +75,8 @@ SideView sideView(const Eigen::Vector3d& axis, double length, double radius) {
     left = std::min(-2.0 * radius, middle - column - kHalfColumn * unit);
     to_right = reach + kTipTable * unit;
   }
-  const double first = upright ? (stands ? kColumn * unit : 0.0)
-                               : headline - (kBanner - 0.01) * unit;
+  const double first =
+      upright ? (stands ? kColumn * unit : 0.0) : headline - (kBanner - 0.01) * unit;
   const auto at = [&](double x, double y) -> Eigen::Vector3d { return x * out.right + y * out.up; };
   out.headline = at(middle, headline);
   out.legend_top = at(middle - column, first);

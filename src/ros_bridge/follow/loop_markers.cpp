@@ -113,15 +113,14 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   Marker table = words(stamp, names::kErrorBudgetNs, beside(kTableOffset, -kTableRise),
                        kTableHeight * view_.scale, tips.budget);
   if (tips.outside) table.color = color(1.0, 0.5, 0.2);
-  out.markers = {
-      std::move(wanted),
-      std::move(predicted),
-      std::move(ellipsoid),
-      words(stamp, names::kLoopStateNs, beside(0, kTextOffset), kTextHeight * view_.scale,
-            tips.text),
-      std::move(table),
-      arrow(stamp, tips),
-      curve(stamp, tips)};
+  out.markers = {std::move(wanted),
+                 std::move(predicted),
+                 std::move(ellipsoid),
+                 words(stamp, names::kLoopStateNs, beside(0, kTextOffset),
+                       kTextHeight * view_.scale, tips.text),
+                 std::move(table),
+                 arrow(stamp, tips),
+                 curve(stamp, tips)};
   addLegend(stamp, LegendLine::kPredicted, !tips.curve.empty(), out);
   addLegend(stamp, LegendLine::kWanted, tips.wanted.has_value(), out);
   return out;

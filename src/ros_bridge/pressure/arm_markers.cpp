@@ -20,11 +20,11 @@ namespace {
 using visualization_msgs::Marker;
 using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 
-constexpr int kRings = 24;                // of a tube, per section
-constexpr int kSides = 10;                // of a tube
-constexpr double kDisc = 0.004;           // thickness of a separator [m]
-constexpr double kLine = 0.002;           // width of the base curve [m]
-constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
+constexpr int kRings = 24;               // of a tube, per section
+constexpr int kSides = 10;               // of a tube
+constexpr double kDisc = 0.004;          // thickness of a separator [m]
+constexpr double kLine = 0.003;          // width of the base curve [m]
+constexpr float kMuscleOpacity = 0.45F;  // the curves inside the arm show through
 // Of letters, for an arm of 0.3 m: see SideView::scale.
 constexpr double kBannerHeight = 0.022;  // [m]
 constexpr double kReasonHeight = 0.012;  // [m]
@@ -40,7 +40,7 @@ constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one ma
 // (kLegend), which show through the muscles.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
-      {{0.25, 0.45, 1.0}, {0.55, 0.5, 1.0}, {0.78, 0.62, 1.0}, {0.95, 0.85, 1.0}}};
+      {{0.4, 0.65, 1.0}, {0.6, 0.6, 1.0}, {0.8, 0.62, 1.0}, {1.0, 0.8, 1.0}}};
   const double place = 3.0 * std::clamp(share, 0.0, 1.0);
   const int k = std::min(2, static_cast<int>(place));
   const double t = place - k;
@@ -92,6 +92,14 @@ std::string pressureText(const std::string& name, double pressure) {
 std::string nameOf(const std::string& base_frame) {
   const std::size_t end = base_frame.rfind(std::string("_") + names::kBaseFrame);
   return end == std::string::npos ? "" : base_frame.substr(0, end) + ": ";
+}
+
+// Size of a section at s, relative to that at its beginning.
+double sizeAt(const model::Actuator& actuator, double s) {
+  const auto radius = [&](double place) {
+    return model::poseAlong(actuator, place).translation.tail<2>().norm();
+  };
+  return actuator.taper.empty() || radius(0) == 0 ? 1.0 : radius(s) / radius(0);
 }
 
 std::string stateText(const control::SafetyReport& report) {
@@ -220,26 +228,28 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
       text.scale.z = kLineHeight * view_.scale;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
-      text.pose.position = toPointMsg(
-          scene_.X_WB.rotation.transpose() *
-          centreOfLines(view_, view_.table_top, arm.actuatorCount(), text.scale.z));
+      text.pose.position =
+          toPointMsg(scene_.X_WB.rotation.transpose() *
+                     centreOfLines(view_, view_.table_top, arm.actuatorCount(), text.scale.z));
       tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
-    const auto addDisc = [&](const lie::SE3& X, double thickness) {
+    const model::Actuator& first = arm.actuator(arm.firstActuator(k));
+    const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
       Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
       plate.pose = toPoseMsg(standAlongX(X));
-      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
+      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
       plate.scale.z = thickness;
       plate.color = color(0.75, 0.75, 0.8, 0.55);
       out.markers.push_back(std::move(plate));
     };
     for (int j = 0; j < look.separators; ++j) {
-      addDisc(model::poseAt(shape, k, static_cast<double>(j) / (look.separators - 1)), kDisc);
+      const double s = static_cast<double>(j) / (look.separators - 1);
+      addDisc(model::poseAt(shape, k, s), s, kDisc);
     }
     if (const double plate = arm.plate(k); plate > 0) {
-      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, plate);
+      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
     }
   }
 

@@ -1,6 +1,7 @@
 #include "helix_arm/ros_bridge/vision/vision_markers.hpp"
 
 #include <array>
+#include <cstddef>
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
@@ -17,11 +18,12 @@ constexpr std::array<const char*, 5> kNamespaces = {names::kMeasuredCurveNs, nam
                                                     names::kTagsNs, names::kTipErrorNs,
                                                     names::kTipCovarianceNs};
 constexpr std::array<LegendLine, 2> kLines = {LegendLine::kMeasured, LegendLine::kModelThen};
-constexpr int kPoints = 32;      // of a curve, per section; even, since dashes are drawn in pairs
-constexpr double kLine = 0.010;  // width of the measured curve [m]
+constexpr int kPoints = 32;       // of a curve, per section; even, since dashes are drawn in pairs
+constexpr double kLine = 0.008;   // width of the measured curve, wider than the others [m]
+constexpr double kOpacity = 0.5;  // of the measured curve, so that the others show through
 // For an arm of 0.3 m: see SideView::scale.
 constexpr double kTextHeight = 0.018;  // [m]
-constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
+constexpr double kTextOffset = 0.14;   // beyond the tip and its handle [m]
 
 std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   std::vector<geometry_msgs::Point> points;
@@ -61,6 +63,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   measured.pose = toPoseMsg(fit.X_B0B);
   measured.scale.x = kLine;
   measured.color = measured_color;
+  measured.color.a = static_cast<float>(kOpacity);
   measured.points = pointsOf(fit.shape);
   out.markers.push_back(std::move(measured));
 
@@ -69,8 +72,13 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
     dashed.action = Marker::DELETE;
   } else {
     dashed.scale.x = 0.5 * kLine;
-    dashed.color = color(0.3, 0.9, 1.0);
+    dashed.color = color(1.0, 0.95, 0.4);
     dashed.points = pointsOf(*model);
+    // Dashes are pairs; the tip of a plate or tool is one point more, whose dash begins at the end.
+    if (const std::size_t count = dashed.points.size(); count % 2 == 1) {
+      const geometry_msgs::Point end = dashed.points[count - 2];
+      dashed.points.insert(dashed.points.end() - 1, end);
+    }
   }
   out.markers.push_back(std::move(dashed));
 

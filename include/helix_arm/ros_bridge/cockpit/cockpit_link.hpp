@@ -116,7 +116,7 @@ class CockpitLink {
   Dated<CockpitLoop> loop_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<double> budget_sd_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
-  double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;  ///< [s]
+  double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                     ///< [s]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
   CockpitCalibration calibration_ HELIX_ARM_GUARDED_BY(mutex_);
 

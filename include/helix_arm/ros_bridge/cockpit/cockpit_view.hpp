@@ -31,9 +31,10 @@ struct CockpitSafety {
 /// loop_status of sight_loop.
 struct CockpitLoop {
   std::string state, message;
-  double error = kUnknown;         ///< distance of the measured from the wanted tip [m]
-  double predicted_sd = kUnknown;  ///< of the loop's tip, with tags and base where the scene says [m]
-  double budget_sd = kUnknown;     ///< the same with their uncertain placement [m]
+  double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
+  double predicted_sd =
+      kUnknown;                 ///< of the loop's tip, with tags and base where the scene says [m]
+  double budget_sd = kUnknown;  ///< the same with their uncertain placement [m]
 };
 
 /// What the cockpit itself commands.
@@ -57,8 +58,8 @@ struct CockpitCalibration {
 
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView {
-  std::string ns;          ///< resolved namespace of the arm, such as / or /left
-  std::string base_frame;  ///< tf frame of the arm's base; empty if unknown
+  std::string ns;                ///< resolved namespace of the arm, such as / or /left
+  std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
   double arm_length = kUnknown;  ///< of the model when it was first seen [m]
   bool connected = false;        ///< pressure_command comes
   std::optional<CockpitSafety> safety;
@@ -69,9 +70,9 @@ struct CockpitView {
   std::optional<CockpitLoop> loop;                  ///< if sight_loop is up
   CockpitGoal goal = CockpitGoal::kNone;            ///< what is held
   std::vector<double> held;                         ///< the held pressures, in scene order [Pa]
-  std::string answer;    ///< to the cockpit's targets; or why it commands no longer
-  bool refused = false;  ///< the last target was dropped
-  bool short_of = false;  ///< the last target is out of reach
+  std::string answer;                ///< to the cockpit's targets; or why it commands no longer
+  bool refused = false;              ///< the last target was dropped
+  bool short_of = false;             ///< the last target is out of reach
   double target_timeout = kUnknown;  ///< without targets for so long, the arm vents [s]; inf: never
   CockpitCalibration calibration;
 };

@@ -46,8 +46,8 @@ inline constexpr double kLineSpacing = 1.75;
 Eigen::Vector3d centreOfLines(const SideView& view, const Eigen::Vector3d& top, int n,
                               double height);
 
-/// Line i of a column of n lines. Each is a marker with its own colour at the column's centre; empty
-/// lines before and after it keep the column aligned from every viewpoint.
+/// Line i of a column of n lines. Each is a marker with its own colour at the column's centre;
+/// empty lines before and after it keep the column aligned from every viewpoint.
 std::string lineOfColumn(int i, int n, const std::string& text);
 
 /// Lines of the legend, top to bottom. Each is drawn by whoever draws what it names.

@@ -15,7 +15,8 @@ namespace helix_arm::ros_bridge {
 
 /// Draws an arm for rviz, seen from its base frame, in stable namespaces and ids.
 ///
-/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, lilac at the
+/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, lilac at
+/// the
 ///   upper one
 /// - base_curve: the curve that the muscles bend
 /// - separators: the discs that hold the muscles
