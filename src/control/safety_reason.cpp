@@ -66,8 +66,9 @@ std::string SafetyCore::channelRefusal(int i, double now) const {
   const char* const name = channels_[i].name.c_str();
   const double silence = watch_[i].silence(now);
   if (!(silence <= rules_.reading_timeout)) {
-    return tooOld(name, silence, rules_.reading_timeout) +
-           "; check the regulator's power, cable and address";
+    return tooOld(name, silence, rules_.reading_timeout) + "; " +
+           (std::isinf(silence) ? "wait for its first reading, or " : "") +
+           "check the regulator's power, cable and address";
   }
   if (watch_[i].empty(now, rules_)) return {};
   return format(

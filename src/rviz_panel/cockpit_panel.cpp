@@ -33,6 +33,7 @@
 namespace helix_arm::rviz_panel {
 namespace {
 
+constexpr int kSteady = 5;              // refreshes
 constexpr int kUpdatePeriod = 100;      // of what is shown [ms]
 constexpr double kFieldOfView = 0.785;  // of rviz, from bottom to top [rad]
 constexpr double kRadius = 0.1;         // of an arm's discs, in its lengths
@@ -160,7 +161,10 @@ void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
   if (vis_manager_ == nullptr || view.base_frame.empty() || !(view.arm_length > 0)) return;
   rviz::ViewController* const camera = vis_manager_->getViewManager()->getCurrent();
   rviz::RenderPanel* const window = vis_manager_->getRenderPanel();
-  if (camera == nullptr || window->height() < 1) return;
+  // At the start, rviz still arranges its window.
+  steady_ = window->size() == window_ ? steady_ + 1 : 0;
+  window_ = window->size();
+  if (camera == nullptr || steady_ < kSteady || window_.height() < 1) return;
   rviz::Property* const target = camera->subProp("Target Frame");
   const QString frame = QString::fromStdString(view.base_frame);
   const QString looked_at = target->getValue().toString();
@@ -183,7 +187,7 @@ void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
   const Ogre::Vector3 axis = turn.xAxis();
   const ros_bridge::SideView side =
       ros_bridge::sideView({axis.x, axis.y, axis.z}, view.arm_length, kRadius * view.arm_length);
-  const double aspect = static_cast<double>(window->width()) / window->height();
+  const double aspect = static_cast<double>(window_.width()) / window_.height();
   camera->subProp("Yaw")->setValue(side.yaw);
   camera->subProp("Pitch")->setValue(side.pitch);
   camera->subProp("Distance")->setValue(side.distance(kFieldOfView, aspect));

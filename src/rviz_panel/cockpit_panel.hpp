@@ -1,5 +1,6 @@
 #pragma once
 
+#include <QSize>
 #include <memory>
 #include <string>
 
@@ -51,6 +52,8 @@ class CockpitPanel : public rviz::Panel {
   StripChart* chart_;
   QTimer* timer_;
   std::string connected_to_;
+  QSize window_;    ///< of the 3D view
+  int steady_ = 0;  ///< refreshes since it has this size
   std::unique_ptr<ros_bridge::CockpitLink> link_;
 };
 

@@ -50,6 +50,8 @@ PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
   row.label->setWordWrap(false);
   row.limits->setWordWrap(false);
   row.reading->setWordWrap(false);
+  // Of a fixed width, so that a slider keeps its own.
+  row.reading->setMinimumWidth(row.reading->fontMetrics().horizontalAdvance("-9999.9 kPa"));
   row.slider->setObjectName(("slider_" + number).c_str());
   row.value->setObjectName(("value_" + number).c_str());
   row.value->setDecimals(1);

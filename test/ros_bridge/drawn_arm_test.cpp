@@ -1,4 +1,5 @@
 // What rviz is told to draw of arms with plates, tools and tapers.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <string>

@@ -17,6 +17,8 @@
 #include <cstdlib>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <pluginlib/class_loader.hpp>
@@ -201,7 +203,7 @@ TEST_F(Cockpit, AVentEndsWhatIsHeld) {
   ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
   ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
   EXPECT_NE(text("cause").find("a vent was requested"), std::string::npos) << text("cause");
-  EXPECT_NE(text("remedy").find("call enable"), std::string::npos) << text("remedy");
+  EXPECT_NE(text("remedy").find("click Enable"), std::string::npos) << text("remedy");
   EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
   // Enabled again, it stays where it is: nothing old is repeated.
   enable();
@@ -262,6 +264,75 @@ TEST_F(Cockpit, ANodeThatHangsBlocksNeitherWindowNorStop) {
   pressure_->signal(SIGCONT);
 }
 
+// What a hand is trained to hit stays where it is, whatever the texts above and below say.
+TEST_F(Cockpit, NoButtonMovesWithTheText) {
+  const auto places = [this] {
+    std::vector<QPoint> out;
+    for (const char* name : {"stop", "release", "enable", "vent", "hold", "slider_0", "slider_2",
+                             "tip_go", "calibration_start"}) {
+      QWidget* const widget = find<QWidget>(name);
+      out.push_back(widget->mapTo(panel_.get(), widget->rect().center()));
+    }
+    return out;
+  };
+  ASSERT_TRUE(until([this] { return text("limits_0") == "0 to 413.7"; }));
+  std::vector<QPoint> at_first;
+  ASSERT_TRUE(until([&] { return std::exchange(at_first, places()) == at_first; }));
+  enable();
+  EXPECT_EQ(places(), at_first) << "enabled";
+  while (find<QSlider>("slider_0")->value() < 500) click("slider_0", 0.9);
+  ASSERT_TRUE(until([this] { return text("goal").find("holds the pressures") == 9; }));
+  EXPECT_EQ(places(), at_first) << "held";
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("state") == "STOPPED (VENTED)"; })) << text("state");
+  EXPECT_EQ(places(), at_first) << "stopped";
+  click("release");
+  ASSERT_TRUE(until([this] { return text("state") == "VENTED"; })) << text("state");
+  EXPECT_EQ(places(), at_first) << "vented";
+  pressure_.reset();
+  ASSERT_TRUE(until([this] { return text("state") == "NO CONNECTION"; }));
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("answer").find("by hand") != std::string::npos; }));
+  EXPECT_EQ(places(), at_first) << "without the arm";
+  EXPECT_EQ(find<QLabel>("cause")->toolTip(), find<QLabel>("cause")->text());
+}
+
+TEST_F(Cockpit, ARefusedNamespaceKeepsTheArmAndItsStop) {
+  enable();
+  auto* const field = find<QLineEdit>("namespace");
+  const auto type = [&](const char* ns) {
+    field->setText(ns);
+    Q_EMIT field->editingFinished();
+  };
+  type("a b!/x");
+  ASSERT_EQ(text("answer").find("Namespace: refused"), 0U) << text("answer");
+  EXPECT_NE(text("answer").find("stays with the arm of /left"), std::string::npos)
+      << text("answer");
+  EXPECT_EQ(field->text(), kArm);
+  EXPECT_EQ(text("state"), "ENABLED");
+  click("stop");
+  ASSERT_TRUE(until([this] { return safety_.last().stopped; }));
+  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
+  type("a b!/x");
+  ASSERT_EQ(text("answer").find("Namespace: refused"), 0U);
+  type("right");
+  EXPECT_EQ(text("answer"), "") << "it is a name";
+  type(kArm);
+  ASSERT_TRUE(until([this] { return text("state") == "STOPPED (VENTED)"; })) << text("state");
+}
+
+TEST_F(Cockpit, AnAnswerGoesWithTime) {
+  enable();
+  ASSERT_TRUE(until([this] { return text("answer").find("Enable: ") == 0; })) << text("answer");
+  ASSERT_TRUE(until([this] { return text("answer").empty(); })) << text("answer");
+}
+
+TEST_F(Cockpit, TheLimitsOfAPressureAreInItsRow) {
+  ASSERT_TRUE(until([this] { return text("limits_0") == "0 to 413.7"; })) << text("limits_0");
+  ASSERT_TRUE(until([this] { return text("goal").find("vents after 1 s") != std::string::npos; }))
+      << text("goal");
+}
+
 TEST_F(Cockpit, TheNamespaceIsKeptInTheConfiguration) {
   rviz::Config config;
   panel_->save(config);
@@ -273,6 +344,10 @@ TEST_F(Cockpit, TheNamespaceIsKeptInTheConfiguration) {
   ASSERT_TRUE(until([this] { return text("cause").find("/nowhere/") != std::string::npos; }));
   show("no name, this");
   ASSERT_TRUE(until([this] { return text("answer").find("Namespace") == 0; })) << text("answer");
+  // Of an arm that the panel does not have.
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
+  EXPECT_NE(text("answer").find("by hand"), std::string::npos) << text("answer");
 }
 
 // An arm with all its nodes. Its calibration takes short looks and steep ramps.

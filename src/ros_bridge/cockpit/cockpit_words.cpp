@@ -275,7 +275,7 @@ std::string kilopascals(double pascals) {
 
 std::string limitWords(const CockpitChannel& channel) {
   if (!(channel.lower < channel.upper)) return "-";
-  return format("%.4g to %.4g kPa", 1e-3 * channel.lower, 1e-3 * channel.upper);
+  return format("%.4g to %.4g", 1e-3 * channel.lower, 1e-3 * channel.upper);
 }
 
 std::string millimetres(double metres) {

@@ -10,16 +10,19 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kUsualLength = 0.3;     // of an arm, for which all lengths here are given [m]
-constexpr double kUpright = 0.7;         // |cosine| of the angle to the vertical of an upright arm
-constexpr double kUsualYaw = 0.3;        // of an upright arm: from any side, and not straight on
-constexpr double kUsualPitch = 0.15;     // slightly from above: the ground shows depth
-constexpr double kBeside = 0.08;         // from the discs to the columns [m]
-constexpr double kHalfColumn = 0.12;     // half the width of a column [m]
-constexpr double kColumn = 0.17;         // height of the legend [m]
-constexpr double kBanner = 0.16;         // height of state and reason [m]
-constexpr double kTipTexts = 0.2;        // beyond the tip [m]
-constexpr double kTipTable = 0.34;       // from the tip to the end of the loop's table [m]
+constexpr double kUsualLength = 0.3;  // of an arm, for which all lengths here are given [m]
+constexpr double kUpright = 0.85;     // |cosine| of the angle to the vertical of an upright arm
+constexpr double kSideways = 0.2;     // horizontal part of a direction that has a side to look from
+constexpr double kUsualYaw = 0.3;     // of an upright arm: from any side, and not straight on
+constexpr double kUsualPitch = 0.15;  // slightly from above: the ground shows depth
+constexpr double kBeside = 0.08;      // from the discs to the columns [m]
+constexpr double kAbove = 0.04;       // from the discs to columns above them [m]
+constexpr double kBetween = 0.17;     // from the middle of the arm to columns above it [m]
+constexpr double kHalfColumn = 0.12;  // half the width of a column [m]
+constexpr double kColumn = 0.17;      // height of the legend [m]
+constexpr double kBanner = 0.16;      // height of state and reason [m]
+constexpr double kTipTexts = 0.2;     // beyond the tip [m]
+constexpr double kTipTable = 0.34;    // from the tip to the end of the loop's table [m]
 constexpr double kLegendHeight = 0.016;  // of its letters [m]
 
 struct LegendText {
@@ -51,7 +54,8 @@ SideView sideView(const Eigen::Vector3d& axis, double length, double radius) {
   out.pitch = kUsualPitch;
   out.up = Eigen::Vector3d::UnitZ();
   const bool upright = std::abs(along.z()) > kUpright, stands = upright && along.z() > 0;
-  out.yaw = upright ? kUsualYaw : std::atan2(-along.x(), along.y());
+  out.yaw =
+      std::hypot(along.x(), along.y()) < kSideways ? kUsualYaw : std::atan2(-along.x(), along.y());
   out.right = Eigen::Vector3d(-std::sin(out.yaw), std::cos(out.yaw), 0);
   out.beyond = stands ? out.up : Eigen::Vector3d(-out.up);
 
@@ -67,9 +71,9 @@ SideView sideView(const Eigen::Vector3d& axis, double length, double radius) {
   } else {
     const double reach = std::hypot(along.x(), along.y()) * length;
     middle = 0.5 * reach;
-    column = kUpright * 0.25 * unit;
+    column = kBetween * unit;
     const double base = std::max(0.0, rise) + 2.0 * radius;
-    headline = base + (kBeside + kColumn + kBanner) * unit;
+    headline = base + (kAbove + kColumn + kBanner) * unit;
     top = headline + 0.03 * unit;
     bottom = std::min(0.0, rise) - kTipTexts * unit;
     left = std::min(-2.0 * radius, middle - column - kHalfColumn * unit);

@@ -55,7 +55,7 @@ Words goalWords(const CockpitView& view);
 std::string shownText(const std::string& text);
 /// "123.4 kPa"; "-" if unknown.
 std::string kilopascals(double pascals);
-/// "0 to 413.6 kPa"; "-" if unknown.
+/// "0 to 413.7", in kPa; "-" if unknown.
 std::string limitWords(const CockpitChannel& channel);
 /// "12.34 mm"; "-" if unknown.
 std::string millimetres(double metres);
