@@ -33,18 +33,17 @@ CalibrationBox::CalibrationBox(QWidget* parent, Actions actions)
   for (QPushButton* button : {start_, cancel_, use_}) button->setFocusPolicy(Qt::NoFocus);
   progress_ = new QProgressBar(this);
   progress_->setObjectName("calibration_progress");
-  QSizePolicy keeps = progress_->sizePolicy();
-  keeps.setRetainSizeWhenHidden(true);  // what is below stays where it is
-  progress_->setSizePolicy(keeps);
+  // In the place of what is fitted, which cannot be changed meanwhile: nothing moves.
+  progress_->setFixedHeight(fit_->sizeHint().height());
   text_ = makeText(this, "calibration");
   warnings_ = makeText(this, "calibration_warnings");
   grid->addWidget(fit_, 0, 0, 1, 3);
   grid->addWidget(start_, 1, 0);
   grid->addWidget(cancel_, 1, 1);
   grid->addWidget(use_, 1, 2);
-  grid->addWidget(progress_, 2, 0, 1, 3);
-  grid->addWidget(warnings_, 3, 0, 1, 3);
-  grid->addWidget(text_, 4, 0, 1, 3);
+  grid->addWidget(progress_, 0, 0, 1, 3);
+  grid->addWidget(warnings_, 2, 0, 1, 3);
+  grid->addWidget(text_, 3, 0, 1, 3);
   connect(start_, &QPushButton::clicked, this, [this] {
     std::vector<std::string> words;
     for (const QString& word : fit_->currentText().split(' ')) words.push_back(word.toStdString());
@@ -60,10 +59,12 @@ void CalibrationBox::display(const CockpitView& view) {
   offer(cancel_, mayCancel(view), "Ends the calibration; the arm ramps down to rest");
   offer(use_, mayUse(view), "Saves the calibrated scene and loads it in all nodes of the arm");
   fit_->setEnabled(!run.running);
+  fit_->setVisible(!run.running);
   progress_->setVisible(run.running);
   if (run.running) {
     progress_->setRange(0, static_cast<int>(run.steps));
     progress_->setValue(static_cast<int>(run.step));
+    progress_->setFormat("%v of %m: " + fit_->currentText());
   }
   const Words words = calibrationWords(view);
   showWords(text_, words.text, words.tone);

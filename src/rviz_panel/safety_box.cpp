@@ -53,7 +53,7 @@ SafetyBox::SafetyBox(QWidget* parent, Actions actions)
   cause_ = new FixedText(this, "cause", 3);
   remedy_ = new FixedText(this, "remedy", 3);
   goal_ = new FixedText(this, "goal", 2);
-  answer_ = new FixedText(this, "answer", 3);
+  answer_ = new FixedText(this, "answer", 2);
   for (QLabel* text : {state_, cause_, remedy_, goal_, answer_}) column->addWidget(text);
 
   connect(stop_, &QPushButton::clicked, this, [this] { actions_.stop(true); });

@@ -41,7 +41,7 @@ TipBox::TipBox(QWidget* parent, Aim aim)
   for (QPushButton* button : {go_, present_}) button->setFocusPolicy(Qt::NoFocus);
   grid->addWidget(go_, 1, 0);
   grid->addWidget(present_, 1, 1, 1, 2);
-  tip_ = new FixedText(this, "tip", 3);
+  tip_ = new FixedText(this, "tip", 2);
   loop_ = new FixedText(this, "loop", 2);
   why_not_ = new FixedText(this, "tip_why_not", 1);
   grid->addWidget(tip_, 2, 0, 1, 3);
@@ -78,7 +78,7 @@ void TipBox::display(const CockpitView& view) {
   showWords(why_not_, may.why_not, Tone::kCaution);
   std::string text =
       "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
-  if (std::isfinite(view.tip_error)) text += "\ndifference " + millimetres(view.tip_error);
+  if (std::isfinite(view.tip_error)) text += ", difference " + millimetres(view.tip_error);
   showWords(tip_, text, Tone::kQuiet);
   const Words loop = loopWords(view);
   showWords(loop_, "Loop " + loop.text, loop.tone);

@@ -8,6 +8,7 @@
 #include <QProgressBar>
 #include <QPushButton>
 #include <QScrollArea>
+#include <QScrollBar>
 #include <QSlider>
 #include <algorithm>
 #include <array>
@@ -409,7 +410,16 @@ class CockpitCalibration : public Cockpit {
 
 TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
   EXPECT_FALSE(isOffered("calibration_cancel"));
+  panel_->resize(460, 880);  // of a window of 1000
   begin();
+  auto* const scrolled = panel_->findChild<QScrollArea*>();
+  scrolled->verticalScrollBar()->setValue(0);
+  for (const char* name : {"calibration_start", "calibration_cancel", "calibration_progress"}) {
+    const auto* const widget = find<QWidget>(name);
+    const QRect seen = scrolled->viewport()->rect();
+    EXPECT_TRUE(seen.contains(QRect(widget->mapTo(scrolled->viewport(), {0, 0}), widget->size())))
+        << name << " is in sight without scrolling";
+  }
   // It tells where it is, and the arm moves.
   ASSERT_TRUE(until([this] {
     return find<QProgressBar>("calibration_progress")->value() == 3 &&
