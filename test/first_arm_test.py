@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Follows docs/first_arm.md: runs its commands in order, in an empty folder, and looks at what they leave behind.
 
-Blocks with the info string "sh" are run line by line, "sh terminal" in the background until the next <!-- end -->, "sh webcam" not at
-all. rviz is left out. With --self-test, commands of the page are damaged one by one, and each damage has to be noticed.
+Blocks with the info string "sh" are run line by line, "sh terminal" in the background until the next <!-- end --> or, if their
+command has the word, <!-- end WORD -->, "sh webcam" not at all. rviz is left out. With --self-test, commands of the page are damaged one by one, and each damage has to be noticed.
 """
 import argparse
 import json
@@ -26,13 +26,13 @@ class Fault(Exception):
 
 
 def steps_of(text):
-    """[("run" or "terminal", line) or ("end", "")] in the page's order."""
+    """[("run" or "terminal", line) or ("end", word)] in the page's order."""
     steps, kind = [], None
     for line in text.split("\n"):
         if line.startswith("```"):
             kind = line[3:].strip() if kind is None else None
-        elif line.strip() == "<!-- end -->":
-            steps.append(("end", ""))
+        elif re.match(r"<!-- end .*-->", line.strip()):
+            steps.append(("end", line.strip()[len("<!-- end"):-len("-->")].strip()))
         elif kind == "sh" and line.strip():
             steps.append(("run", line))
         elif kind == "sh terminal" and line.strip():
@@ -98,10 +98,10 @@ class Reader:
                 raise Fault("%s does not emulate" % line)
             time.sleep(0.05)
 
-    def end(self):
-        for _, process, _ in reversed(self.terminals):
-            kill(process)
-        self.terminals = []
+    def end(self, word=""):
+        for terminal in [one for one in reversed(self.terminals) if word in one[0]]:
+            kill(terminal[1])
+            self.terminals.remove(terminal)
 
     def follow(self, steps):
         for kind, line in steps:
@@ -110,7 +110,7 @@ class Reader:
             elif kind == "terminal":
                 self.open_terminal(line)
             else:
-                self.end()
+                self.end(line)
 
     def told(self, part):
         return "\n".join(text for line, text in self.said.items() if part in line)

@@ -9,6 +9,8 @@
 namespace helix_arm::control {
 namespace {
 
+constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
+
 template <class... Arguments>
 std::string format(const char* pattern, Arguments... arguments) {
   char text[400];
@@ -64,8 +66,9 @@ std::string SafetyCore::channelRefusal(int i, double now) const {
   const char* const name = channels_[i].name.c_str();
   const double silence = watch_[i].silence(now);
   if (!(silence <= rules_.reading_timeout)) {
-    return tooOld(name, silence, rules_.reading_timeout) +
-           "; check the regulator's power, cable and address";
+    return tooOld(name, silence, rules_.reading_timeout) + "; " +
+           (std::isinf(silence) ? "wait for its first reading, or " : "") +
+           "check the regulator's power, cable and address";
   }
   if (watch_[i].empty(now, rules_)) return {};
   return format(
@@ -133,6 +136,9 @@ std::string SafetyCore::causeText() const {
     case SafetyCause::kEmergencyStop:
       return "the emergency stop was engaged";
     case SafetyCause::kStaleTarget:
+      if (value < kJustOver * limit) {
+        return format("no target came for %g s (safety.target_timeout_s)", limit);
+      }
       return format("no target came for %.2f s, longer than %g s (safety.target_timeout_s)", value,
                     limit);
     case SafetyCause::kStaleReading:

@@ -31,7 +31,7 @@ class CalibrationBox : public QGroupBox {
   QComboBox* fit_;
   QPushButton *start_, *cancel_, *use_;
   QProgressBar* progress_;
-  QLabel* text_;
+  QLabel *text_, *warnings_;
 };
 
 }  // namespace helix_arm::rviz_panel

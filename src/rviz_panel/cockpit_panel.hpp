@@ -1,5 +1,6 @@
 #pragma once
 
+#include <QSize>
 #include <memory>
 #include <string>
 
@@ -31,10 +32,14 @@ class CockpitPanel : public rviz::Panel {
   void save(rviz::Config config) const override;
 
  private:
-  void connectTo(const QString& ns);  ///< begins anew with the arm of this namespace
+  /// Begins anew with the arm of this namespace. If it is no name, the answer says so, and the arm
+  /// stays: its emergency stop must go on working. @return whether it is a name.
+  bool connectTo(const QString& ns);
   void refresh();
-  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix.
-  void lookAt(const std::string& base_frame);
+  void stop(bool engage);
+  /// Turns a view that looks at arm_base to the base of this arm, whose frame may have a prefix,
+  /// and places one that looks exactly at the base so that it shows all of the arm from its side.
+  void lookAt(const ros_bridge::CockpitView& view);
   /// Runs an action of the link, if there is one.
   template <class Action>
   void with(const Action& action);
@@ -47,6 +52,8 @@ class CockpitPanel : public rviz::Panel {
   StripChart* chart_;
   QTimer* timer_;
   std::string connected_to_;
+  QSize window_;    ///< of the 3D view
+  int steady_ = 0;  ///< refreshes since it has this size
   std::unique_ptr<ros_bridge::CockpitLink> link_;
 };
 

@@ -1,5 +1,8 @@
 #include "panel_parts.hpp"
 
+#include <QEvent>
+#include <QPainter>
+#include <QTextLayout>
 #include <array>
 
 namespace helix_arm::rviz_panel {
@@ -22,9 +25,9 @@ QColor colorOf(Tone tone) {
 }
 
 QColor colorOfChannel(int channel) {
-  static const std::array<QColor, 8> kColors = {
-      QColor(31, 119, 180), QColor(44, 160, 44),   QColor(148, 103, 189), QColor(140, 86, 75),
-      QColor(23, 190, 207), QColor(227, 119, 194), QColor(188, 189, 34),  QColor(127, 127, 127)};
+  static const std::array<QColor, 6> kColors = {QColor(0, 105, 110),   QColor(135, 75, 55),
+                                                QColor(60, 60, 65),    QColor(125, 125, 0),
+                                                QColor(195, 150, 105), QColor(95, 130, 140)};
   return kColors[static_cast<std::size_t>(channel) % kColors.size()];
 }
 
@@ -37,9 +40,53 @@ QLabel* makeText(QWidget* parent, const char* name) {
   return label;
 }
 
+FixedText::FixedText(QWidget* parent, const char* name, int lines) : QLabel(parent), lines_(lines) {
+  setObjectName(name);
+  setTextFormat(Qt::PlainText);
+  setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);
+  QSizePolicy keeps = sizePolicy();
+  keeps.setRetainSizeWhenHidden(true);
+  setSizePolicy(keeps);
+  fixHeight();
+}
+
+void FixedText::fixHeight() { setFixedHeight(lines_ * fontMetrics().lineSpacing()); }
+
+void FixedText::changeEvent(QEvent* event) {
+  QLabel::changeEvent(event);
+  if (event->type() == QEvent::FontChange) fixHeight();
+}
+
+void FixedText::paintEvent(QPaintEvent*) {
+  QPainter painter(this);
+  painter.setPen(palette().color(foregroundRole()));
+  const int spacing = fontMetrics().lineSpacing();
+  int line = 0, start = 0;
+  for (const QString& paragraph : text().split('\n')) {
+    QTextLayout layout(paragraph, font());
+    layout.setTextOption(QTextOption(Qt::AlignLeft));
+    layout.beginLayout();
+    for (QTextLine part = layout.createLine(); part.isValid(); part = layout.createLine(), ++line) {
+      if (line + 1 == lines_) {
+        const QString rest = text().mid(start + part.textStart()).replace('\n', ' ');
+        painter.drawText(0, line * spacing + fontMetrics().ascent(),
+                         fontMetrics().elidedText(rest, Qt::ElideRight, width()));
+        return;
+      }
+      part.setLineWidth(width());
+      part.draw(&painter, QPointF(0, line * spacing));
+    }
+    layout.endLayout();
+    start += paragraph.size() + 1;
+  }
+}
+
 void showWords(QLabel* label, const std::string& text, Tone tone) {
   const QString shown = QString::fromStdString(text);
-  if (label->text() != shown) label->setText(shown);
+  if (label->text() != shown) {
+    label->setText(shown);
+    if (dynamic_cast<FixedText*>(label) != nullptr) label->setToolTip(shown);
+  }
   label->setVisible(!shown.isEmpty());
   const QString style = "color: " + colorOf(tone).name() + ";";
   if (label->styleSheet() != style) label->setStyleSheet(style);

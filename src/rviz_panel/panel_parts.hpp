@@ -13,13 +13,31 @@ namespace helix_arm::rviz_panel {
 
 QColor colorOf(ros_bridge::Tone tone);
 
-/// Colour of an actuator's curve in the strip chart, and of its name beside the slider.
+/// Colour of an actuator's curve in the strip chart, and of its name beside the slider. None of
+/// them means anything in the 3D view or as a Tone.
 QColor colorOfChannel(int channel);
 
 /// A label of plain text that wraps, with an object name.
 QLabel* makeText(QWidget* parent, const char* name);
 
-/// Shows words in the colour of their tone; hides the label where there are none.
+/// A label of a fixed number of lines, so that nothing below it moves with its text. What does not
+/// fit is elided; the tooltip holds the whole text.
+class FixedText : public QLabel {
+ public:
+  FixedText(QWidget* parent, const char* name, int lines);
+
+ protected:
+  void paintEvent(QPaintEvent* event) override;
+  void changeEvent(QEvent* event) override;
+
+ private:
+  void fixHeight();
+
+  const int lines_;
+};
+
+/// Shows words in the colour of their tone; hides the label where there are none. A FixedText keeps
+/// its place.
 void showWords(QLabel* label, const std::string& text, ros_bridge::Tone tone);
 
 /// Greys a widget out where its action is not possible, with the reason as its tooltip.

@@ -17,7 +17,7 @@ using namespace ros_bridge;
 
 constexpr double kStep = 100;  // of a slider [Pa]
 constexpr double kKilo = 1e3;  // Pa per kPa
-constexpr int kReadingColumns = 4;
+constexpr int kColumns = 5;
 
 // The widest scale inside the limits: the end of a slider is never refused.
 int lowestStep(const CockpitChannel& channel) {
@@ -33,18 +33,25 @@ PressureBox::PressureBox(QWidget* parent, Set set)
     : QGroupBox("Pressures [kPa gauge]", parent), set_(std::move(set)) {
   grid_ = new QGridLayout(this);
   grid_->setColumnStretch(1, 1);
-  why_not_ = makeText(this, "pressures_why_not");
-  grid_->addWidget(why_not_, 0, 0, 1, kReadingColumns);
+  why_not_ = new FixedText(this, "pressures_why_not", 1);
+  grid_->addWidget(why_not_, 0, 0, 1, kColumns);
 }
 
 PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
   const std::string number = std::to_string(index);
-  Row row{name, makeText(this, ("name_" + number).c_str()), new QSlider(Qt::Horizontal, this),
-          new QDoubleSpinBox(this), makeText(this, ("reading_" + number).c_str())};
+  Row row{name,
+          makeText(this, ("name_" + number).c_str()),
+          new QSlider(Qt::Horizontal, this),
+          new QDoubleSpinBox(this),
+          makeText(this, ("limits_" + number).c_str()),
+          makeText(this, ("reading_" + number).c_str())};
   row.label->setText(QString::fromStdString(name));
   row.label->setStyleSheet("color: " + colorOfChannel(index).name() + "; font-weight: bold;");
   row.label->setWordWrap(false);
+  row.limits->setWordWrap(false);
   row.reading->setWordWrap(false);
+  // Of a fixed width, so that a slider keeps its own.
+  row.reading->setMinimumWidth(row.reading->fontMetrics().horizontalAdvance("-9999.9 kPa"));
   row.slider->setObjectName(("slider_" + number).c_str());
   row.value->setObjectName(("value_" + number).c_str());
   row.value->setDecimals(1);
@@ -59,7 +66,7 @@ PressureBox::Row PressureBox::makeRow(int index, const std::string& name) {
           [this, channel](double kilopascal) { set_(channel, kKilo * kilopascal); });
   int column = 0;
   for (QWidget* part :
-       std::initializer_list<QWidget*>{row.label, row.slider, row.value, row.reading}) {
+       std::initializer_list<QWidget*>{row.label, row.slider, row.limits, row.value, row.reading}) {
     grid_->addWidget(part, index + 1, column++);
   }
   return row;
@@ -72,8 +79,8 @@ void PressureBox::makeRows(const CockpitView& view) {
   }
   if (same) return;
   for (const Row& row : rows_) {
-    for (QWidget* part :
-         std::initializer_list<QWidget*>{row.label, row.slider, row.value, row.reading}) {
+    for (QWidget* part : std::initializer_list<QWidget*>{row.label, row.slider, row.limits,
+                                                         row.value, row.reading}) {
       part->deleteLater();
     }
   }
@@ -95,6 +102,7 @@ void PressureBox::display(const CockpitView& view) {
         "from " + kilopascals(channel.lower) + " to " + kilopascals(channel.upper);
     offer(row.slider, may, limits.c_str());
     offer(row.value, may, limits.c_str());
+    showWords(row.limits, limitWords(channel), Tone::kQuiet);
     showWords(row.reading, kilopascals(channel.measured), Tone::kQuiet);
     if (!(channel.lower < channel.upper)) continue;
     const QSignalBlocker quiet_slider(row.slider), quiet_value(row.value);

@@ -15,7 +15,7 @@ class QSlider;
 
 namespace helix_arm::rviz_panel {
 
-/// One row per actuator: name, slider between its limits, number [kPa], reading.
+/// One row per actuator: name, slider, its limits, number [kPa], reading.
 class PressureBox : public QGroupBox {
  public:
   /// Commands one actuator, by its index [Pa].
@@ -31,7 +31,7 @@ class PressureBox : public QGroupBox {
     QLabel* label;
     QSlider* slider;        ///< [0.1 kPa]
     QDoubleSpinBox* value;  ///< [kPa]
-    QLabel* reading;
+    QLabel *limits, *reading;
   };
 
   void makeRows(const ros_bridge::CockpitView& view);

@@ -14,24 +14,15 @@ namespace {
 
 using ros_bridge::CockpitView;
 
-constexpr int kStopHeight = 64;  // [px]
+constexpr int kStopHeight = 64;         // [px]
+constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
+constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
 
 }  // namespace
 
 SafetyBox::SafetyBox(QWidget* parent, Actions actions)
     : QGroupBox("Arm", parent), actions_(std::move(actions)) {
   auto* const column = new QVBoxLayout(this);
-  state_ = makeText(this, "state");
-  QFont large = state_->font();
-  large.setPointSizeF(1.8 * large.pointSizeF());
-  large.setBold(true);
-  state_->setFont(large);
-  column->addWidget(state_);
-  cause_ = makeText(this, "cause");
-  remedy_ = makeText(this, "remedy");
-  column->addWidget(cause_);
-  column->addWidget(remedy_);
-
   auto* const stop_row = new QHBoxLayout;
   stop_ = addButton("stop", "EMERGENCY STOP");
   stop_->setCheckable(true);
@@ -53,12 +44,17 @@ SafetyBox::SafetyBox(QWidget* parent, Actions actions)
   hold_->setCheckable(true);
   for (QPushButton* button : {enable_, vent_, hold_}) row->addWidget(button);
   column->addLayout(row);
-  why_not_ = makeText(this, "why_not");
-  goal_ = makeText(this, "goal");
-  answer_ = makeText(this, "answer");
-  column->addWidget(why_not_);
-  column->addWidget(goal_);
-  column->addWidget(answer_);
+
+  state_ = new FixedText(this, "state", 1);
+  QFont large = state_->font();
+  large.setPointSizeF(1.6 * large.pointSizeF());
+  large.setBold(true);
+  state_->setFont(large);
+  cause_ = new FixedText(this, "cause", 3);
+  remedy_ = new FixedText(this, "remedy", 3);
+  goal_ = new FixedText(this, "goal", 2);
+  answer_ = new FixedText(this, "answer", 2);
+  for (QLabel* text : {state_, cause_, remedy_, goal_, answer_}) column->addWidget(text);
 
   connect(stop_, &QPushButton::clicked, this, [this] { actions_.stop(true); });
   connect(release_, &QPushButton::clicked, this, [this] { actions_.stop(false); });
@@ -79,7 +75,7 @@ void SafetyBox::display(const CockpitView& view) {
   const Headline words = headline(view);
   showWords(state_, words.state, words.tone);
   showWords(cause_, words.cause, words.tone);
-  showWords(remedy_, words.remedy.empty() ? "" : "Next: " + words.remedy, Tone::kQuiet);
+  showWords(remedy_, remedyWords(view), Tone::kQuiet);
 
   offer(enable_, mayEnable(view), "Enables the arm: it then follows targets");
   offer(vent_, mayVent(view), "Vents all channels");
@@ -93,17 +89,27 @@ void SafetyBox::display(const CockpitView& view) {
   hold_->setChecked(view.goal != CockpitGoal::kNone);
   hold_->setText(view.goal != CockpitGoal::kNone ? "Let go" : "Hold");
 
-  const Possibility& enable = mayEnable(view);
-  const bool tells = view.connected && !enable.possible() && !mayHold(view).possible();
-  showWords(why_not_, tells ? "Enable: " + enable.why_not : "", Tone::kCaution);
+  const bool changed = words.state != answered_in_;
+  if (answered_.isValid() && (answered_well_ ? answered_.hasExpired(kAnswerShown)
+                                             : changed && answered_.hasExpired(kAnswerRead))) {
+    forgetAnswer();
+  }
   const Words goal = goalWords(view);
   showWords(goal_, "Cockpit: " + goal.text, goal.tone);
 }
 
 void SafetyBox::display(const ros_bridge::CallAnswer& answer) {
   using ros_bridge::Tone;
+  answered_.start();
+  answered_well_ = answer.success;
+  answered_in_ = state_->text().toStdString();
   showWords(answer_, answer.what + ": " + (answer.success ? "" : "refused: ") + answer.message,
             answer.success ? Tone::kQuiet : Tone::kBad);
+}
+
+void SafetyBox::forgetAnswer() {
+  answered_.invalidate();
+  showWords(answer_, "", ros_bridge::Tone::kQuiet);
 }
 
 }  // namespace helix_arm::rviz_panel

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <QElapsedTimer>
 #include <QGroupBox>
 #include <functional>
+#include <string>
 
 #include "helix_arm/ros_bridge/cockpit/call_desk.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
@@ -11,7 +13,8 @@ class QPushButton;
 
 namespace helix_arm::rviz_panel {
 
-/// State, cause and remedy; emergency stop, Enable, Vent and Hold.
+/// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Texts have a fixed
+/// height: a button stays where it is, whatever they say.
 class SafetyBox : public QGroupBox {
  public:
   struct Actions {
@@ -23,15 +26,20 @@ class SafetyBox : public QGroupBox {
   SafetyBox(QWidget* parent, Actions actions);
 
   void display(const ros_bridge::CockpitView& view);
-  /// Answer of a service.
+  /// Answer of a service. A failure stays until the arm's state changes, a success for seconds.
   void display(const ros_bridge::CallAnswer& answer);
+  /// Removes the answer: it is that of another arm.
+  void forgetAnswer();
 
  private:
   QPushButton* addButton(const char* name, const char* text);
 
   const Actions actions_;
-  QLabel *state_, *cause_, *remedy_, *goal_, *answer_, *why_not_;
+  QLabel *state_, *cause_, *remedy_, *goal_, *answer_;
   QPushButton *stop_, *release_, *enable_, *vent_, *hold_;
+  QElapsedTimer answered_;
+  bool answered_well_ = false;
+  std::string answered_in_;  ///< state of the arm at the answer
 };
 
 }  // namespace helix_arm::rviz_panel

@@ -5,7 +5,6 @@
 #include <QLabel>
 #include <QPushButton>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 #include "panel_parts.hpp"
@@ -16,15 +15,8 @@ namespace {
 using namespace ros_bridge;
 
 constexpr double kMilli = 1e-3;    // m per mm
+constexpr double kShown = 1e-4;    // last digit of a number [m]
 constexpr double kFarthest = 1e4;  // that can be entered [mm]
-
-std::string place(const std::optional<std::vector<double>>& tip) {
-  if (!tip) return "-";
-  char text[80];
-  std::snprintf(text, sizeof text, "%.1f, %.1f, %.1f mm", (*tip)[0] / kMilli, (*tip)[1] / kMilli,
-                (*tip)[2] / kMilli);
-  return text;
-}
 
 }  // namespace
 
@@ -49,9 +41,9 @@ TipBox::TipBox(QWidget* parent, Aim aim)
   for (QPushButton* button : {go_, present_}) button->setFocusPolicy(Qt::NoFocus);
   grid->addWidget(go_, 1, 0);
   grid->addWidget(present_, 1, 1, 1, 2);
-  tip_ = makeText(this, "tip");
-  loop_ = makeText(this, "loop");
-  why_not_ = makeText(this, "tip_why_not");
+  tip_ = new FixedText(this, "tip", 2);
+  loop_ = new FixedText(this, "loop", 2);
+  why_not_ = new FixedText(this, "tip_why_not", 1);
   grid->addWidget(tip_, 2, 0, 1, 3);
   grid->addWidget(loop_, 3, 0, 1, 3);
   grid->addWidget(why_not_, 4, 0, 1, 3);
@@ -66,23 +58,27 @@ TipBox::TipBox(QWidget* parent, Aim aim)
 void TipBox::copyPresent() {
   if (!present_tip_) return;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    numbers_[axis]->setValue((*present_tip_)[axis] / kMilli);
+    const double shown = std::round((*present_tip_)[axis] / kShown) * kShown / kMilli;
+    numbers_[axis]->setValue(shown + 0.0);  // never "-0.0"
   }
 }
 
 void TipBox::display(const CockpitView& view) {
-  present_tip_ = view.measured_tip ? view.measured_tip : view.model_tip;
+  // A loop takes the measured tip anywhere; without one, the model's own tip is in its reach.
+  present_tip_ = view.loop && view.measured_tip ? view.measured_tip : view.model_tip;
   if (!filled_ && present_tip_) {
     filled_ = true;
     copyPresent();
   }
   const Possibility may = mayAimTip(view);
   offer(go_, may, "Moves the tip there and holds it; out of reach, to the closest point");
-  offer(present_, {present_tip_ ? "" : "neither a measured nor a modelled tip comes"},
+  offer(present_,
+        {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
         "Copies where the tip is now");
   showWords(why_not_, may.why_not, Tone::kCaution);
-  std::string text = "measured " + place(view.measured_tip) + "\nmodel " + place(view.model_tip);
-  if (std::isfinite(view.tip_error)) text += "\ndifference " + millimetres(view.tip_error);
+  std::string text =
+      "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
+  if (std::isfinite(view.tip_error)) text += ", difference " + millimetres(view.tip_error);
   showWords(tip_, text, Tone::kQuiet);
   const Words loop = loopWords(view);
   showWords(loop_, "Loop " + loop.text, loop.tone);

@@ -75,10 +75,22 @@ TEST(SafetyReason, EveryFaultNamesItsCulpritValueRuleAndRemedy) {
             "for a valve that does not close, then call enable");
 }
 
+// As a loop at its usual rate notices it.
+TEST(SafetyReason, ATimeOutThatIsNoticedAtOnceHasOneNumber) {
+  Bench bench = enabledBench();
+  bench.commands = false;
+  for (int k = 0; k < 400 && bench.state() == State::kEnabled; ++k) bench.turn(0.005);
+  ASSERT_EQ(bench.state(), State::kFault);
+  EXPECT_EQ(bench.core.reason().find("fault: no target came for 1 s (safety.target_timeout_s): "),
+            0U)
+      << bench.core.reason();
+}
+
 TEST(SafetyReason, TheOtherStatesSayWhatPreventsEnabling) {
   Bench bench;
   EXPECT_EQ(bench.core.refusal(bench.now),
-            "vents has not been read yet; check the regulator's power, cable and address");
+            "vents has not been read yet; wait for its first reading, or check the regulator's "
+            "power, cable and address");
   bench.turn();
   EXPECT_EQ(bench.core.reason(), "disabled: all channels vent; call enable");
   ASSERT_EQ(bench.core.enable(bench.now), "");

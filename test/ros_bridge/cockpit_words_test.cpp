@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/ros_bridge/cockpit/calibration_use.hpp"
+
 namespace helix_arm::ros_bridge {
 namespace {
 
@@ -32,8 +34,18 @@ TEST(Headline, CutsTheReasonIntoCauseAndRemedy) {
   EXPECT_EQ(words.cause,
             "no pressure stands after no target came for 1.02 s, longer than 1 s "
             "(safety.target_timeout_s)");
-  EXPECT_EQ(words.remedy, "look for a commander that ended, then call enable");
+  EXPECT_EQ(words.remedy, "look for a commander that ended, then click Enable");
   EXPECT_EQ(words.tone, Tone::kCaution);
+}
+
+TEST(Remedy, NamesTheButtonAndWhatPreventsIt) {
+  CockpitView view = arm("disabled", "disabled: all channels vent; call enable");
+  EXPECT_EQ(remedyWords(view), "Next: click Enable");
+  view.channels[0].measured = kUnknown;
+  EXPECT_EQ(remedyWords(view).find("Next: click Enable\nEnable: no reading of muscle_1"), 0U);
+  EXPECT_EQ(remedyWords(enabled()), "") << "that it is enabled already is no obstacle";
+  view.connected = false;
+  EXPECT_EQ(remedyWords(view), "");
 }
 
 TEST(Headline, TellsEachStateApartInWordsAndTone) {
@@ -59,6 +71,9 @@ TEST(Headline, WithoutAnArmItNamesTheNodeAndTheRemedy) {
   EXPECT_EQ(words.state, "NO CONNECTION");
   EXPECT_NE(words.cause.find("/left/pressure_command"), std::string::npos);
   EXPECT_NE(words.cause.find("namespace"), std::string::npos);
+  view.ns.clear();  // the panel has no arm
+  EXPECT_EQ(headline(view).cause.find("no pressure_command"), std::string::npos);
+  EXPECT_NE(headline(view).cause.find("namespace"), std::string::npos);
 }
 
 TEST(Possibility, WithoutAnArmOnlyTheStopIsOffered) {
@@ -162,27 +177,75 @@ TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
   EXPECT_NE(words.text.find("\nK_kappa"), std::string::npos);
   EXPECT_EQ(words.tone, Tone::kGood);
   view.calibration.success = false;
-  view.calibration.message = "it was cancelled";
-  EXPECT_EQ(calibrationWords(view).text, "failed: it was cancelled");
+  view.calibration.message = "nothing was seen";
+  EXPECT_EQ(calibrationWords(view).text, "failed: nothing was seen");
+  EXPECT_EQ(calibrationWords(view).tone, Tone::kBad);
+  view.calibration.cancelled = true;
+  EXPECT_EQ(calibrationWords(view).text.find("cancelled"), 0U);
+  EXPECT_NE(calibrationWords(view).tone, Tone::kBad);
+}
+
+TEST(Words, TheResultOfACalibrationTellsItsWarnings) {
+  CockpitView view = enabled();
+  view.calibration.ended = view.calibration.success = true;
+  EXPECT_EQ(calibrationWarnings(view).text, "");
+  view.calibration.warnings = {"residuals are 3.3 times as large as the noise", "another"};
+  EXPECT_EQ(calibrationWarnings(view).text,
+            "warning: residuals are 3.3 times as large as the noise\nwarning: another");
+  EXPECT_EQ(calibrationWarnings(view).tone, Tone::kCaution);
+  view.calibration.running = true;
+  EXPECT_EQ(calibrationWarnings(view).text, "");
+}
+
+TEST(Words, AParameterIsListedIfTheDataDeterminedIt) {
+  RunCalibrationResult result;
+  const auto add = [&](const char* name, double initial, double value, double error, bool known) {
+    result.names.emplace_back(name);
+    result.units.emplace_back("");
+    result.initial.push_back(initial);
+    result.values.push_back(value);
+    result.standard_errors.push_back(error);
+    result.identifiable.push_back(known);
+  };
+  add("length_scale", 1, 1.014, 0.004, true);
+  add("K_gamma", 100, 100, 80, false);
+  add("base_x", 0, 0.001, 0.0001, true);
+  add("base_roll", 0, 0.001, 0.0001, true);
+  add("tag_7_along", 0, 0.001, 0.0001, true);
+  add("tag_7_across", 0, 0.001, 0.0001, true);
+  add("tag_12_along", 0, 0.001, 0.0001, true);
+  add("bleed", 0, 6.5e-5, 7.2e-5, true);
+  EXPECT_EQ(parameterLines(result),
+            (std::vector<std::string>{"length_scale 1 -> 1.014 +- 0.004", "pose of the base",
+                                      "places of 2 tags", "not distinguishable from 0: bleed"}));
 }
 
 TEST(Words, OfTheLoopTellStateAndError) {
   CockpitView view = enabled();
   EXPECT_NE(loopWords(view).text.find("closed_loop:=true"), std::string::npos);
-  view.loop = CockpitLoop{"closed", "", 0.0012, 0.0005};
-  EXPECT_EQ(loopWords(view).text, "closed, 1.20 mm from the target, tip known to 0.50 mm");
+  view.loop = CockpitLoop{"closed", "", 0.0012, 0.0005, 0.0119};
+  EXPECT_EQ(loopWords(view).text, "closed, 1.20 mm from the target, tip known to 11.90 mm");
+  view.loop->budget_sd = kUnknown;  // before the first budget
+  EXPECT_EQ(loopWords(view).text,
+            "closed, 1.20 mm from the target, tip known to 0.50 mm if the tags are where the scene "
+            "says");
   EXPECT_EQ(loopWords(view).tone, Tone::kGood);
-  view.loop = CockpitLoop{"diverging", "call reset", kUnknown, kUnknown};
+  view.loop = CockpitLoop{"diverging", "call reset", kUnknown, kUnknown, kUnknown};
   EXPECT_EQ(loopWords(view).text, "diverging: call reset");
   EXPECT_EQ(loopWords(view).tone, Tone::kBad);
 }
 
 TEST(Words, ASilentCockpitSaysThatTheArmVents) {
   CockpitView view = enabled();
-  EXPECT_NE(goalWords(view).text.find("safety.target_timeout_s"), std::string::npos);
+  EXPECT_EQ(goalWords(view).text, "commands nothing");
+  view.target_timeout = 1.5;
+  EXPECT_NE(goalWords(view).text.find("vents after 1.5 s"), std::string::npos);
   view.goal = CockpitGoal::kTip;
   view.answer = "the tip stays 5.0 mm away";
   EXPECT_EQ(goalWords(view).text, "holds the tip target: the tip stays 5.0 mm away");
+  EXPECT_EQ(goalWords(view).tone, Tone::kQuiet);
+  view.short_of = true;
+  EXPECT_EQ(goalWords(view).tone, Tone::kCaution) << "it is not where it was sent";
 }
 
 TEST(Words, NumbersCarryTheirUnit) {
@@ -191,6 +254,13 @@ TEST(Words, NumbersCarryTheirUnit) {
   EXPECT_EQ(kilopascals(kUnknown), "-");
   EXPECT_EQ(millimetres(0.00123), "1.23 mm");
   EXPECT_EQ(millimetres(kUnknown), "-");
+  EXPECT_EQ(placeWords(std::vector<double>{0.3, -2e-5, -0.01234}), "300.0, 0.0, -12.3 mm");
+  EXPECT_EQ(placeWords(std::nullopt), "-");
+  CockpitChannel channel;
+  EXPECT_EQ(limitWords(channel), "-");
+  channel.lower = 0;
+  channel.upper = 413685.6;
+  EXPECT_EQ(limitWords(channel), "0 to 413.7");
 }
 
 }  // namespace

@@ -45,6 +45,15 @@ TEST_F(HeldGoalTest, EndsWhereATargetIsRefusedForGood) {
   EXPECT_EQ(goal_.answer(), "stay within 0 to 400000 Pa");
 }
 
+TEST_F(HeldGoalTest, ATargetOutOfReachIsHeldAndTold) {
+  goal_.noteAnswer(10.1, false, "", "the tip stays 4.1 mm away");
+  goal_.noteShort();
+  EXPECT_TRUE(goal_.turn(10.2));
+  EXPECT_TRUE(goal_.shortOf());
+  goal_.noteAnswer(10.3, false, "", "reached");
+  EXPECT_FALSE(goal_.shortOf());
+}
+
 TEST_F(HeldGoalTest, ATargetThatCameLateIsRepeated) {
   goal_.noteAnswer(10.1, true, "stale", "the target is stamped 2 s ago");
   EXPECT_TRUE(goal_.turn(10.2));

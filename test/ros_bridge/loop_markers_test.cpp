@@ -20,7 +20,10 @@ LoopMarkers::Tips sample() {
 }
 
 Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
-  const auto array = LoopMarkers("arm_base", 1.0).draw(ros::Time(5), tips);
+  lie::SE3 X_WB;  // it hangs
+  X_WB.rotation << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  const auto array = LoopMarkers("arm_base", 1.0, sideView(X_WB.rotation.col(0), 0.3, 0.03), X_WB)
+                         .draw(ros::Time(5), tips);
   for (const Marker& marker : array.markers) {
     if (marker.ns == ns) return marker;
   }

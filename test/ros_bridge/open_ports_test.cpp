@@ -54,7 +54,9 @@ class LaunchFiles : public ::testing::TestWithParam<Shell> {
  protected:
   // What it takes to have all nodes of a file; {{}} where it is not among these.
   static std::vector<Words> variantsOf(const std::string& file) {
-    if (file == "arm.launch") return {{"vision:=webcam", "closed_loop:=true", "workspace:=true"}};
+    if (file == "arm.launch") {
+      return {{"vision:=rendered", "closed_loop:=true", "calibration:=true", "workspace:=true"}};
+    }
     if (file == "demo.launch") return {{}, {"calibration:=true"}};
     if (file == "follow.launch") return {{"path:=circle"}};
     if (file == "vision.launch") return {{}, {"manager:=/eyes"}};

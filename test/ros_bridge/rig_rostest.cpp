@@ -196,6 +196,75 @@ TEST_F(Loop, ARigThatEndsIsReportedAndMeasuredAgainAfterItsRestart) {
   EXPECT_TRUE(rig_.model.next([](const ArmShape&) { return true; }));
 }
 
+// The arm of a rig beside another regulator, here the test's.
+class RenderedArm : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    rig_ = std::make_unique<Process>(std::vector<std::string>{
+        HELIX_ARM_SIMULATED_RIG, "_scene:=demo", "_camera_rate:=8", "_regulator:=topic"});
+    ASSERT_TRUE(waitFor([this] { return readings_.getNumSubscribers() >= 2; })) << rig_->output();
+  }
+
+  void send(const std::vector<std::string>& name, const std::vector<double>& pressure) {
+    PressureArray reading;
+    reading.header.stamp = ros::Time::now();
+    reading.name = name;
+    reading.pressure = pressure;
+    readings_.publish(reading);
+  }
+  // Repeats a reading until the condition holds.
+  bool whileSending(const std::vector<std::string>& name, const std::vector<double>& pressure,
+                    const std::function<bool()>& condition) {
+    return waitFor([&] {
+      send(name, pressure);
+      return waitFor(condition, 0.02);
+    });
+  }
+
+  VisionListener eye_{""};
+  ros::Publisher readings_ = eye_.node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  Inbox<ArmShape> truth_{eye_.node, names::kTruth};
+  Inbox<sensor_msgs::Image> image_{eye_.node, names::kImage};
+  std::unique_ptr<Process> rig_;
+};
+
+TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
+  const io::Scene scene = shippedScene("demo");
+  const simulation::TrueArm arm(scene.model, scene.simulation.arm);
+  const std::vector<std::string> names = {"muscle_3", "muscle_1", "muscle_2"};
+  const Eigen::Vector3d tip = model::tipPose(arm.shape(Eigen::Vector3d(2.5e5, 1e5, 0))).translation;
+  ASSERT_TRUE(whileSending(names, {0, 2.5e5, 1e5}, [this] {
+    return !truth_.all().empty() && !image_.all().empty() && eye_.measured.all().size() > 3;
+  })) << rig_->outputNow();
+  EXPECT_LT((tipOf(truth_.last()) - tip).norm(), 1e-9);
+  const auto measured = eye_.measured.all().back();
+  EXPECT_LT((tipOf(*measured) - tip).norm(), 0.005);
+  EXPECT_TRUE(VisionListener::of(truth_, measured->header.stamp));
+  EXPECT_TRUE(VisionListener::of(image_, measured->header.stamp));
+
+  // A broken reading moves nothing.
+  const std::size_t truths = truth_.all().size();
+  send(names, {0, std::nan(""), 1e5});
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("pressure_measured: ") != std::string::npos;
+  })) << rig_->outputNow();
+  // Silence is told, and no picture of an arm whose pressure is unknown is taken.
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("no pressure_measured for 0.5 s") != std::string::npos;
+  })) << rig_->outputNow();
+  const std::size_t pictures = image_.all().size();
+  EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));
+  EXPECT_EQ(image_.all().size(), pictures);
+  EXPECT_EQ(truth_.all().size(), truths);
+  EXPECT_TRUE(whileSending(names, {0, 2.5e5, 1e5}, [&] { return image_.all().size() > pictures; }));
+}
+
+TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {
+  Process rig({HELIX_ARM_SIMULATED_RIG, "_scene:=demo", "_regulator:=topic", "_time_factor:=2"});
+  EXPECT_EQ(rig.exitCode(), 2);
+  EXPECT_NE(rig.output().find("~time_factor is 2"), std::string::npos) << rig.output();
+}
+
 }  // namespace
 }  // namespace helix_arm::test
 

@@ -1,25 +1,39 @@
 // The panel of rviz, loaded as rviz loads it, under real clicks.
 #include <QAbstractButton>
 #include <QApplication>
+#include <QComboBox>
 #include <QDoubleSpinBox>
 #include <QLabel>
 #include <QLineEdit>
+#include <QProgressBar>
 #include <QPushButton>
+#include <QScrollArea>
+#include <QScrollBar>
 #include <QSlider>
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <pluginlib/class_loader.hpp>
+#include <ros/service.h>
 #include <rviz/config.h>
 #include <rviz/panel.h>
 
-#include "helix_arm/LoopStatus.h"
+#include "helix_arm/Forward.h"
+#include "helix_arm/ModelError.h"
 #include "helix_arm/SafetyState.h"
+#include "helix_arm/io/scene.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
+#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -50,13 +64,16 @@ class Cockpit : public ::testing::Test {
     ASSERT_TRUE(until([this] { return text("state") != "NO CONNECTION"; }));
   }
 
-  void startArm() {
-    const std::string ns = std::string("__ns:=/") + kArm;
-    rig_ = std::make_unique<Process>(
-        std::vector<std::string>{HELIX_ARM_SIMULATED_RIG, "_scene:=demo", ns});
-    pressure_ = std::make_unique<Process>(
-        std::vector<std::string>{HELIX_ARM_PRESSURE_COMMAND, "_scene:=demo", "_regulator:=topic",
-                                 "_auto_enable:=false", "_frame_prefix:=left_", ns});
+  static std::unique_ptr<Process> start(const std::string& program,
+                                        std::vector<std::string> arguments = {}) {
+    arguments.insert(arguments.begin(), {program, "_scene:=demo", std::string("__ns:=/") + kArm});
+    return std::make_unique<Process>(arguments);
+  }
+
+  virtual void startArm() {
+    rig_ = start(HELIX_ARM_SIMULATED_RIG);
+    pressure_ = start(HELIX_ARM_PRESSURE_COMMAND,
+                      {"_regulator:=topic", "_auto_enable:=false", "_frame_prefix:=left_"});
   }
 
   // As rviz: made by pluginlib, then its configuration is loaded.
@@ -85,6 +102,9 @@ class Cockpit : public ::testing::Test {
   // A click of the X server at a place of a widget, from its left (0) to its right (1).
   void click(const char* name, double place = 0.5) {
     QWidget* const widget = find<QWidget>(name);
+    if (auto* const scrolled = panel_->findChild<QScrollArea*>(); scrolled->isAncestorOf(widget)) {
+      scrolled->ensureWidgetVisible(widget);
+    }
     const QPoint at = widget->mapToGlobal(
         {static_cast<int>(place * (widget->width() - 1)), widget->height() / 2});
     Process xdotool(
@@ -184,7 +204,7 @@ TEST_F(Cockpit, AVentEndsWhatIsHeld) {
   ASSERT_TRUE(until([this] { return state() == SafetyState::VENTED; }));
   ASSERT_TRUE(until([this] { return text("state") == "VENTED"; }));
   EXPECT_NE(text("cause").find("a vent was requested"), std::string::npos) << text("cause");
-  EXPECT_NE(text("remedy").find("call enable"), std::string::npos) << text("remedy");
+  EXPECT_NE(text("remedy").find("click Enable"), std::string::npos) << text("remedy");
   EXPECT_FALSE(find<QPushButton>("hold")->isChecked());
   // Enabled again, it stays where it is: nothing old is repeated.
   enable();
@@ -245,6 +265,75 @@ TEST_F(Cockpit, ANodeThatHangsBlocksNeitherWindowNorStop) {
   pressure_->signal(SIGCONT);
 }
 
+// What a hand is trained to hit stays where it is, whatever the texts above and below say.
+TEST_F(Cockpit, NoButtonMovesWithTheText) {
+  const auto places = [this] {
+    std::vector<QPoint> out;
+    for (const char* name : {"stop", "release", "enable", "vent", "hold", "slider_0", "slider_2",
+                             "tip_go", "calibration_start"}) {
+      QWidget* const widget = find<QWidget>(name);
+      out.push_back(widget->mapTo(panel_.get(), widget->rect().center()));
+    }
+    return out;
+  };
+  ASSERT_TRUE(until([this] { return text("limits_0") == "0 to 413.7"; }));
+  std::vector<QPoint> at_first;
+  ASSERT_TRUE(until([&] { return std::exchange(at_first, places()) == at_first; }));
+  enable();
+  EXPECT_EQ(places(), at_first) << "enabled";
+  while (find<QSlider>("slider_0")->value() < 500) click("slider_0", 0.9);
+  ASSERT_TRUE(until([this] { return text("goal").find("holds the pressures") == 9; }));
+  EXPECT_EQ(places(), at_first) << "held";
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("state") == "STOPPED (VENTED)"; })) << text("state");
+  EXPECT_EQ(places(), at_first) << "stopped";
+  click("release");
+  ASSERT_TRUE(until([this] { return text("state") == "VENTED"; })) << text("state");
+  EXPECT_EQ(places(), at_first) << "vented";
+  pressure_.reset();
+  ASSERT_TRUE(until([this] { return text("state") == "NO CONNECTION"; }));
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("answer").find("by hand") != std::string::npos; }));
+  EXPECT_EQ(places(), at_first) << "without the arm";
+  EXPECT_EQ(find<QLabel>("cause")->toolTip(), find<QLabel>("cause")->text());
+}
+
+TEST_F(Cockpit, ARefusedNamespaceKeepsTheArmAndItsStop) {
+  enable();
+  auto* const field = find<QLineEdit>("namespace");
+  const auto type = [&](const char* ns) {
+    field->setText(ns);
+    Q_EMIT field->editingFinished();
+  };
+  type("a b!/x");
+  ASSERT_EQ(text("answer").find("Namespace: refused"), 0U) << text("answer");
+  EXPECT_NE(text("answer").find("stays with the arm of /left"), std::string::npos)
+      << text("answer");
+  EXPECT_EQ(field->text(), kArm);
+  EXPECT_EQ(text("state"), "ENABLED");
+  click("stop");
+  ASSERT_TRUE(until([this] { return safety_.last().stopped; }));
+  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
+  type("a b!/x");
+  ASSERT_EQ(text("answer").find("Namespace: refused"), 0U);
+  type("right");
+  EXPECT_EQ(text("answer"), "") << "it is a name";
+  type(kArm);
+  ASSERT_TRUE(until([this] { return text("state") == "STOPPED (VENTED)"; })) << text("state");
+}
+
+TEST_F(Cockpit, AnAnswerGoesWithTime) {
+  enable();
+  ASSERT_TRUE(until([this] { return text("answer").find("Enable: ") == 0; })) << text("answer");
+  ASSERT_TRUE(until([this] { return text("answer").empty(); })) << text("answer");
+}
+
+TEST_F(Cockpit, TheLimitsOfAPressureAreInItsRow) {
+  ASSERT_TRUE(until([this] { return text("limits_0") == "0 to 413.7"; })) << text("limits_0");
+  ASSERT_TRUE(until([this] { return text("goal").find("vents after 1 s") != std::string::npos; }))
+      << text("goal");
+}
+
 TEST_F(Cockpit, TheNamespaceIsKeptInTheConfiguration) {
   rviz::Config config;
   panel_->save(config);
@@ -256,6 +345,152 @@ TEST_F(Cockpit, TheNamespaceIsKeptInTheConfiguration) {
   ASSERT_TRUE(until([this] { return text("cause").find("/nowhere/") != std::string::npos; }));
   show("no name, this");
   ASSERT_TRUE(until([this] { return text("answer").find("Namespace") == 0; })) << text("answer");
+  // Of an arm that the panel does not have.
+  click("stop");
+  ASSERT_TRUE(until([this] { return text("answer").find("Emergency stop") == 0; }));
+  EXPECT_NE(text("answer").find("by hand"), std::string::npos) << text("answer");
+}
+
+// An arm with all its nodes. Its calibration takes short looks and steep ramps.
+class CockpitCalibration : public Cockpit {
+ protected:
+  void startArm() override {
+    const std::string folder = "_scene_folder:=" + folder_.path();
+    rig_ = start(HELIX_ARM_SIMULATED_RIG, {"_frame_prefix:=left_", "_camera_rate:=10"});
+    pressure_ = start(HELIX_ARM_PRESSURE_COMMAND,
+                      {"_regulator:=topic", "_auto_enable:=false", "_frame_prefix:=left_",
+                       "_handle:=false", folder, "tip_target:=pressure_command/tip_target",
+                       "shape_target:=pressure_command/shape_target"});
+    loop_ = start(HELIX_ARM_SIGHT_LOOP, {"_frame_prefix:=left_", folder});
+    vision_ = start(HELIX_ARM_VISION, {"_frame_prefix:=left_", "_stale_after_s:=5", folder});
+    calibration_ =
+        start(HELIX_ARM_CALIBRATION,
+              {"_ramp_kpa_s:=500", "_window_s:=0.3", "_pressure_tolerance_kpa:=6", "_max_age_s:=5",
+               "_data_folder:=" + folder_.path(), "_out_folder:=" + folder_.path(), folder});
+  }
+
+  // Clicks Start until the node has seen enough to begin.
+  void begin() {
+    enable();
+    ASSERT_TRUE(until([this] { return isOffered("calibration_start"); }))
+        << tip("calibration_start");
+    ASSERT_TRUE(until([this] {
+      if (isOffered("calibration_start")) click("calibration_start");
+      return until([this] { return text("calibration").find("step ") == 0; }, 1);
+    })) << text("calibration")
+        << calibration_->outputNow();
+    EXPECT_TRUE(find<QProgressBar>("calibration_progress")->isVisible());
+  }
+
+  bool rests() {
+    return until([this] {
+      const auto& p = command_.last().pressure;
+      return state() == SafetyState::DISABLED && *std::max_element(p.begin(), p.end()) == 0;
+    });
+  }
+
+  // Tip of the model that pressure_command has, at pressures at which a calibration changes it.
+  Eigen::Vector3d modelTip() const {
+    Forward forward;
+    forward.request.pressure.assign(kBent.begin(), kBent.end());
+    const std::string name = std::string("/") + kArm + "/pressure_command/forward";
+    EXPECT_TRUE(ros::service::call(name, forward) && forward.response.success)
+        << forward.response.message;
+    if (forward.response.position.size() != 3) return Eigen::Vector3d::Constant(NAN);
+    return {forward.response.position[0], forward.response.position[1],
+            forward.response.position[2]};
+  }
+
+  static constexpr std::array<double, 3> kBent = {3.5e5, 0, 1e5};
+  const TemporaryFolder folder_;
+  std::unique_ptr<Process> loop_, vision_, calibration_;
+  Inbox<PressureArray> readings_{node_, names::kPressureMeasured};
+  Inbox<ModelError> errors_{node_, names::kModelError};
+};
+
+TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
+  EXPECT_FALSE(isOffered("calibration_cancel"));
+  panel_->resize(460, 880);  // of a window of 1000
+  begin();
+  auto* const scrolled = panel_->findChild<QScrollArea*>();
+  scrolled->verticalScrollBar()->setValue(0);
+  for (const char* name : {"calibration_start", "calibration_cancel", "calibration_progress"}) {
+    const auto* const widget = find<QWidget>(name);
+    const QRect seen = scrolled->viewport()->rect();
+    EXPECT_TRUE(seen.contains(QRect(widget->mapTo(scrolled->viewport(), {0, 0}), widget->size())))
+        << name << " is in sight without scrolling";
+  }
+  // It tells where it is, and the arm moves.
+  ASSERT_TRUE(until([this] {
+    return find<QProgressBar>("calibration_progress")->value() == 3 &&
+           text("calibration").find("step 3 of 12, 2 samples") == 0;
+  })) << text("calibration");
+  EXPECT_EQ(find<QProgressBar>("calibration_progress")->maximum(), 12);
+  ASSERT_TRUE(until([this] {
+    const auto& p = readings_.last().pressure;
+    return *std::max_element(p.begin(), p.end()) > 5e4;
+  }));
+  for (const char* name : {"slider_0", "tip_go", "hold", "calibration_start", "calibration_use"}) {
+    EXPECT_FALSE(isOffered(name)) << name;
+    EXPECT_NE(tip(name).find("calibration"), std::string::npos) << name << ": " << tip(name);
+  }
+  ASSERT_TRUE(isOffered("calibration_cancel"));
+  click("calibration_cancel");
+  ASSERT_TRUE(until([this] { return text("calibration").find("cancelled") == 0; }))
+      << text("calibration");
+  EXPECT_FALSE(find<QProgressBar>("calibration_progress")->isVisible());
+  EXPECT_FALSE(isOffered("calibration_cancel"));
+  EXPECT_FALSE(isOffered("calibration_use"));
+  ASSERT_TRUE(rests()) << safety_.last().reason;
+  EXPECT_EQ(safety_.last().cause, "none") << safety_.last().reason;
+  // Readings have a noise of 5 kPa.
+  ASSERT_TRUE(until([this] {
+    const auto& p = readings_.last().pressure;
+    return *std::max_element(p.begin(), p.end()) < 2e4;
+  }));
+  // It can begin again.
+  begin();
+  EXPECT_EQ(text("calibration").find("step 1 of 12, 0 samples"), 0U) << text("calibration");
+}
+
+TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
+  find<QComboBox>("fit")->setCurrentText("stiffness length_scale");
+  begin();
+  EXPECT_FALSE(find<QComboBox>("fit")->isEnabled());
+  ASSERT_TRUE(until([this] { return text("calibration").find("tip error") == 0; }, 90))
+      << text("calibration") << calibration_->outputNow();
+  const std::string result = text("calibration");
+  double before = 0, after = 0;
+  ASSERT_EQ(std::sscanf(result.c_str(), "tip error %lf mm before, %lf mm after", &before, &after),
+            2)
+      << result;
+  EXPECT_GT(before, 5) << result;
+  EXPECT_LT(after, 0.5 * before) << result;
+  EXPECT_NE(result.find("\nlength_scale 1 -> 1.0"), std::string::npos) << result;
+  EXPECT_NE(result.find("\nK_gamma 100 -> "), std::string::npos) << result;
+  ASSERT_TRUE(rests()) << safety_.last().reason;
+  ASSERT_TRUE(until([this] { return !errors_.all().empty(); }));
+  const double error_before = errors_.last().tip_error;
+  const Eigen::Vector3d tip_before = modelTip();
+
+  ASSERT_TRUE(isOffered("calibration_use")) << tip("calibration_use");
+  click("calibration_use");
+  ASSERT_TRUE(until([this] { return text("answer").find("Use it: ") == 0; })) << text("answer");
+  const std::string answer = text("answer");
+  const std::size_t cut =
+      answer.find(" is used by pressure_command, vision, sight_loop, calibration");
+  ASSERT_NE(cut, std::string::npos) << answer;
+  const std::string path = answer.substr(std::string("Use it: ").size(), cut - 8);
+  EXPECT_EQ(path.find(folder_.path() + "/calibrated_"), 0U) << path;
+
+  // The model is that of the new scene, and nearer to what the camera sees.
+  const Eigen::Vector3d bent(kBent[0], kBent[1], kBent[2]), tip_after = modelTip();
+  const io::Scene calibrated = io::loadScene(path);
+  EXPECT_LT((tip_after - calibrated.arm.tip(bent).translation).norm(), 1e-9);
+  EXPECT_GT((tip_after - tip_before).norm(), 2e-3);
+  EXPECT_GT(error_before, 2e-3);
+  EXPECT_TRUE(until([&] { return errors_.last().tip_error < 0.5 * error_before; }))
+      << errors_.last().tip_error << " m, before " << error_before << " m";
 }
 
 }  // namespace

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstddef>
 #include <cstdio>
+#include <set>
 
 #include <ros/names.h>
 #include <ros/param.h>
@@ -36,13 +38,33 @@ std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
       std::min({result.names.size(), result.units.size(), result.initial.size(),
                 result.values.size(), result.standard_errors.size(), result.identifiable.size()});
   std::vector<std::string> out;
+  std::set<std::string> tags;
+  std::string zeros;
+  bool base = false;
   for (std::size_t i = 0; i < count; ++i) {
     if (!result.identifiable[i]) continue;
-    char numbers[120];
-    std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g ", result.initial[i],
-                  result.values[i], result.standard_errors[i]);
-    out.push_back(shownText(result.names[i]) + numbers + shownText(result.units[i]));
+    const std::string& name = result.names[i];
+    const double value = result.values[i], error = result.standard_errors[i];
+    if (name.compare(0, 5, "base_") == 0) {
+      base = true;
+    } else if (name.compare(0, 4, "tag_") == 0) {
+      tags.insert(name.substr(0, name.find('_', 4)));
+    } else if (result.initial[i] == 0 && std::abs(value) < error) {
+      zeros += (zeros.empty() ? "" : ", ") + shownText(name);
+    } else {
+      char numbers[120];
+      std::snprintf(numbers, sizeof numbers, " %.4g -> %.4g +- %.2g", result.initial[i], value,
+                    error);
+      const std::string unit = result.units[i].empty() ? "" : " " + shownText(result.units[i]);
+      out.push_back(shownText(name) + numbers + unit);
+    }
   }
+  if (base) out.emplace_back("pose of the base");
+  if (!tags.empty()) {
+    out.push_back("places of " + std::to_string(tags.size()) +
+                  (tags.size() == 1 ? " tag" : " tags"));
+  }
+  if (!zeros.empty()) out.push_back("not distinguishable from 0: " + zeros);
   return out;
 }
 

@@ -28,7 +28,7 @@ constexpr double kLoopFresh = 2.0;  // [s]
 constexpr double kPeriod = 0.1;     // of the targets [s]
 constexpr double kCallLimit = 3.0;  // [s]
 constexpr double kUseLimit = 60.0;  // loading scenes of loaded arms takes long [s]
-constexpr std::size_t kMostActuators = 64;
+constexpr std::size_t kMostActuators = 64, kMostWarnings = 8;
 
 double steadyNow() { return ros::SteadyTime::now().toSec(); }
 
@@ -49,12 +49,25 @@ std::vector<double> positionOf(const ArmShape& shape) {
   return {p.x, p.y, p.z};
 }
 
-// The value of a key in kPa, in Pa.
-double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+// Sum of the sections' lengths; the speed along a constant twist is |v|.
+double lengthOf(const ArmShape& shape) {
+  double out = 0;
+  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
+    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
+  }
+  return out;
+}
+
+double valueOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
   for (const auto& entry : status.values) {
-    if (entry.key == key) return 1e3 * std::strtod(entry.value.c_str(), nullptr);
+    if (entry.key == key) return std::strtod(entry.value.c_str(), nullptr);
   }
   return kUnknown;
+}
+
+// The value of a key in kPa, in Pa.
+double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
+  return 1e3 * valueOf(status, key);
 }
 
 }  // namespace
@@ -84,6 +97,7 @@ CockpitLink::CockpitLink(const std::string& ns, CallDesk::Done done)
                   listen(node_, names::kModel, 10, &Link::onModel, this),
                   listen(node_, names::kModelError, 10, &Link::onError, this),
                   listen(node_, names::kSightLoopStatus, 10, &Link::onLoop, this),
+                  listen(node_, names::kErrorBudget, 10, &Link::onBudget, this),
                   listen(node_, names::kDiagnostics, 10, &Link::onDiagnostics, this)};
   client_ = std::make_unique<Client>(
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
@@ -109,17 +123,23 @@ CockpitView CockpitLink::view() {
   CockpitView out;
   out.ns = node_.getNamespace();
   out.base_frame = base_frame_;
+  out.arm_length = arm_length_;
   out.connected = command_.isFresh(kFresh);
   if (!safety_.value.state.empty()) out.safety = safety_.value;
   out.channels = channels();
   if (measured_tip_.isFresh(kFresh)) out.measured_tip = measured_tip_.value;
   if (model_tip_.isFresh(kFresh)) out.model_tip = model_tip_.value;
   if (tip_error_.isFresh(kFresh)) out.tip_error = tip_error_.value;
-  if (loop_.isFresh(kLoopFresh)) out.loop = loop_.value;
+  if (loop_.isFresh(kLoopFresh)) {
+    out.loop = loop_.value;
+    if (budget_sd_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_sd_.value;
+  }
   out.goal = held_.goal();
   out.held = held_.pressures();
   out.answer = held_.answer();
   out.refused = held_.refused();
+  out.short_of = held_.shortOf();
+  out.target_timeout = target_timeout_;
   out.calibration = calibration_;
   out.calibration.there = there;
   return out;
@@ -242,9 +262,7 @@ void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
   client_->sendGoal(
       goal,
       [this](const actionlib::SimpleClientGoalState& state,
-             const RunCalibrationResultConstPtr& result) {
-        onResult(result.get(), state.toString());
-      },
+             const RunCalibrationResultConstPtr& result) { onResult(result.get(), state); },
       Client::SimpleActiveCallback(),
       [this](const RunCalibrationFeedbackConstPtr& feedback) { onFeedback(*feedback); });
 }
@@ -263,12 +281,14 @@ void CockpitLink::onFeedback(const RunCalibrationFeedback& feedback) {
   calibration_.state = shownText(feedback.state);
 }
 
-void CockpitLink::onResult(const RunCalibrationResult* result, const std::string& ending) {
+void CockpitLink::onResult(const RunCalibrationResult* result,
+                           const actionlib::SimpleClientGoalState& ending) {
   const basics::MutexLock lock(mutex_);
   calibration_.running = false;
   calibration_.ended = true;
+  calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
   if (result == nullptr) {
-    calibration_.message = "the calibration node ended (" + ending + ")";
+    calibration_.message = "the calibration node ended (" + ending.toString() + ")";
     return;
   }
   calibration_.success = result->success != 0;
@@ -276,6 +296,11 @@ void CockpitLink::onResult(const RunCalibrationResult* result, const std::string
   calibration_.tip_error_before = result->tip_error_before;
   calibration_.tip_error_after = result->tip_error_after;
   calibration_.parameters = parameterLines(*result);
+  calibration_.warnings.clear();
+  for (const std::string& warning : result->warnings) {
+    if (calibration_.warnings.size() == kMostWarnings) break;
+    calibration_.warnings.push_back(shownText(warning));
+  }
 }
 
 void CockpitLink::onCommand(const PressureArrayConstPtr& message) {
@@ -314,6 +339,7 @@ void CockpitLink::onStatus(const TargetStatusConstPtr& message) {
   const bool reached = message->outcome == TargetStatus::REACHED;
   held_.noteAnswer(steadyNow(), message->outcome == TargetStatus::DROPPED, message->fault,
                    reached ? "reached" : shownText(message->message));
+  if (message->outcome == TargetStatus::UNREACHABLE) held_.noteShort();
 }
 
 void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
@@ -325,6 +351,7 @@ void CockpitLink::onModel(const ArmShapeConstPtr& message) {
   const basics::MutexLock lock(mutex_);
   model_tip_.set(positionOf(*message));
   base_frame_ = shownText(message->header.frame_id);
+  if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
 }
 
 void CockpitLink::onError(const ModelErrorConstPtr& message) {
@@ -342,11 +369,18 @@ void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
   loop_.set(std::move(loop));
 }
 
+void CockpitLink::onBudget(const ErrorBudgetConstPtr& message) {
+  const basics::MutexLock lock(mutex_);
+  budget_sd_.set(message->predicted_sd);
+}
+
 void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
   const std::string node = node_.resolveName(names::kPressureCommandNode);
   const std::string start = statusName(node, names::kChannelStatus);
+  const std::string safety = statusName(node, names::kSafetyStatus);
   const basics::MutexLock lock(mutex_);
   for (const auto& status : message->status) {
+    if (status.name == safety) target_timeout_ = valueOf(status, names::kTargetTimeoutKey);
     if (status.name.compare(0, start.size(), start) != 0) continue;
     const std::string name = status.name.substr(start.size());
     const bool known = limits_.count(name) > 0 || limits_.size() < kMostActuators;

@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
@@ -41,7 +42,17 @@ std::string nodeOf(const CockpitView& view, const char* node) {
   return (view.ns == "/" ? "" : view.ns) + "/" + node;
 }
 
+// Services as the buttons that call them.
+std::string asClicks(std::string text) {
+  static const std::string kCall = "call enable", kClick = "click Enable";
+  for (std::size_t at; (at = text.find(kCall)) != std::string::npos;) {
+    text.replace(at, kCall.size(), kClick);
+  }
+  return text;
+}
+
 std::string disconnected(const CockpitView& view) {
+  if (view.ns.empty()) return "the namespace above is no name; correct it";
   return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
          "; start the arm (arm.launch or demo.launch), or correct the namespace";
 }
@@ -78,7 +89,7 @@ Headline headline(const CockpitView& view) {
   const Parts parts = partsOf(safety);
   Headline out;
   out.cause = parts.cause;
-  out.remedy = parts.remedy;
+  out.remedy = asClicks(parts.remedy);
   if (safety.state == kEnabled) {
     const bool resting = safety.reason.find("rest") != std::string::npos;
     out.state = resting ? "ENABLED, GOES TO REST" : "ENABLED";
@@ -102,6 +113,15 @@ Headline headline(const CockpitView& view) {
   }
   if (safety.vent_overdue) out.tone = Tone::kBad;
   return out;
+}
+
+std::string remedyWords(const CockpitView& view) {
+  const std::string remedy = headline(view).remedy;
+  std::string out = remedy.empty() ? "" : "Next: " + remedy;
+  if (!view.connected || is(view, kEnabled)) return out;
+  const std::string why_not = mayEnable(view).why_not;
+  if (why_not.empty()) return out;
+  return out + (out.empty() ? "" : "\n") + "Enable: " + why_not;
 }
 
 Possibility mayEnable(const CockpitView& view) {
@@ -159,9 +179,7 @@ Possibility mayAimTip(const CockpitView& view) {
 
 Possibility mayCalibrate(const CockpitView& view) {
   if (!view.calibration.there) {
-    return {
-        "no calibration node is up; start demo.launch with calibration:=true, or "
-        "calibration.launch"};
+    return {"no calibration node is up; start arm.launch or demo.launch with calibration:=true"};
   }
   if (calibrates(view)) return {"a calibration runs already"};
   const std::string out = notEnabled(view);
@@ -186,7 +204,12 @@ Words loopWords(const CockpitView& view) {
   const CockpitLoop& loop = *view.loop;
   Words out{loop.state, Tone::kQuiet};
   if (std::isfinite(loop.error)) out.text += ", " + millimetres(loop.error) + " from the target";
-  if (loop.predicted_sd > 0) out.text += ", tip known to " + millimetres(loop.predicted_sd);
+  if (loop.budget_sd > 0) {
+    out.text += ", tip known to " + millimetres(loop.budget_sd);
+  } else if (loop.predicted_sd > 0) {
+    out.text += ", tip known to " + millimetres(loop.predicted_sd) + " if the tags are where the " +
+                "scene says";
+  }
   if (!loop.message.empty()) out.text += ": " + loop.message;
   if (loop.state == "closed") out.tone = Tone::kGood;
   if (loop.state == "coasting" || loop.state == "yielding") out.tone = Tone::kCaution;
@@ -202,6 +225,7 @@ Words calibrationWords(const CockpitView& view) {
             Tone::kQuiet};
   }
   if (!run.ended) return {mayCalibrate(view).why_not, Tone::kQuiet};
+  if (run.cancelled) return {"cancelled: the arm ramps down to rest", Tone::kCaution};
   if (!run.success) return {"failed: " + run.message, Tone::kBad};
   std::string text;
   if (std::isfinite(run.tip_error_before) && std::isfinite(run.tip_error_after)) {
@@ -214,17 +238,30 @@ Words calibrationWords(const CockpitView& view) {
   return {text, Tone::kGood};
 }
 
+Words calibrationWarnings(const CockpitView& view) {
+  const CockpitCalibration& run = view.calibration;
+  Words out{"", Tone::kCaution};
+  if (run.running || !run.ended || !run.success) return out;
+  for (const std::string& line : run.warnings) {
+    out.text += (out.text.empty() ? "" : "\n") + ("warning: " + line);
+  }
+  return out;
+}
+
 Words goalWords(const CockpitView& view) {
   const char* const held = view.goal == CockpitGoal::kPressures ? "holds the pressures"
                            : view.goal == CockpitGoal::kTip     ? "holds the tip target"
                                                                 : "";
-  Words out{held, view.refused ? Tone::kBad : Tone::kQuiet};
+  Words out{held, view.refused ? Tone::kBad : view.short_of ? Tone::kCaution : Tone::kQuiet};
   if (!view.answer.empty()) {
     if (!out.text.empty()) out.text += ": ";
     out.text += view.answer;
   }
   if (out.text.empty()) {
-    out.text = "commands nothing; an arm without targets vents after safety.target_timeout_s";
+    out.text = "commands nothing";
+    if (std::isfinite(view.target_timeout)) {
+      out.text += format("; an arm without targets vents after %g s", view.target_timeout);
+    }
   }
   return out;
 }
@@ -236,9 +273,23 @@ std::string kilopascals(double pascals) {
   return format("%.1f kPa", std::round(1e-2 * pascals) / 10 + 0.0);  // never "-0.0"
 }
 
+std::string limitWords(const CockpitChannel& channel) {
+  if (!(channel.lower < channel.upper)) return "-";
+  return format("%.4g to %.4g", 1e-3 * channel.lower, 1e-3 * channel.upper);
+}
+
 std::string millimetres(double metres) {
   if (!std::isfinite(metres)) return "-";
   return format("%.2f mm", 1e3 * metres);
+}
+
+std::string placeWords(const std::optional<std::vector<double>>& position) {
+  if (!position || position->size() != 3) return "-";
+  std::array<double, 3> shown{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    shown[i] = std::round(1e4 * (*position)[i]) / 10 + 0.0;  // never "-0.0"
+  }
+  return format("%.1f, %.1f, %.1f mm", shown[0], shown[1], shown[2]);
 }
 
 }  // namespace helix_arm::ros_bridge

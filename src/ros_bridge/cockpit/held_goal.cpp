@@ -9,7 +9,7 @@ void HeldGoal::begin(double now, CockpitGoal goal) {
   goal_ = goal;
   last_look_ = now;
   answer_.clear();
-  refused_ = false;
+  refused_ = short_of_ = false;
 }
 
 void HeldGoal::holdPressures(double now, std::vector<double> pressure) {
@@ -25,7 +25,7 @@ void HeldGoal::holdTip(double now, const std::array<double, 3>& position) {
 void HeldGoal::end(const std::string& why) {
   goal_ = CockpitGoal::kNone;
   answer_ = why;
-  refused_ = false;
+  refused_ = short_of_ = false;
   waits_since_.reset();
 }
 
@@ -39,6 +39,7 @@ void HeldGoal::noteAnswer(double now, bool dropped, const std::string& fault,
   if (goal_ == CockpitGoal::kNone) return;
   answer_ = message;
   refused_ = dropped;
+  short_of_ = false;
   if (!dropped) {
     waits_since_.reset();
   } else if (fault == "other_commander") {

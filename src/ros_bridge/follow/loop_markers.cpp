@@ -15,15 +15,25 @@ constexpr double kWantedSize = 0.016;     // [m]
 constexpr double kPredictedSize = 0.008;  // [m]
 constexpr double kCurveWidth = 0.004;     // between those of the model and of the measured one [m]
 constexpr double kArrowLength = 0.1;      // of any force: its text tells how large it is [m]
-constexpr double kTextHeight = 0.025;     // legible in a view of a whole 0.4 m arm [m]
-constexpr double kTextOffset = 0.06;      // beyond the tip, clear of the measured tip's text [m]
-constexpr double kTableHeight = 0.015;    // of its letters [m]
-constexpr double kTableOffset = 0.2;      // to the side of the tip, clear of the ellipsoid [m]
+// For an arm of 0.3 m: see SideView::scale.
+constexpr double kTextHeight = 0.02;    // [m]
+constexpr double kTextOffset = 0.06;    // beyond the tip, clear of the measured tip's text [m]
+constexpr double kTableHeight = 0.013;  // of its letters [m]
+constexpr double kTableOffset = 0.23;   // to the side of the tip, clear of the ellipsoid [m]
+constexpr double kTableRise = 0.03;     // its end is clear of the measured tip's text [m]
 
 }  // namespace
 
-LoopMarkers::LoopMarkers(std::string base_frame, double lifetime)
-    : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+LoopMarkers::LoopMarkers(std::string base_frame, double lifetime, const SideView& view,
+                         const lie::SE3& X_WB)
+    : view_(view), X_WB_(X_WB), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+
+void LoopMarkers::addLegend(const ros::Time& stamp, LegendLine line, bool drawn,
+                            visualization_msgs::MarkerArray& out) const {
+  out.markers.push_back(
+      legendLine(line, view_, X_WB_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+  if (!drawn) out.markers.back().action = Marker::DELETE;
+}
 
 Marker LoopMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
   std_msgs::Header header;
@@ -94,20 +104,25 @@ visualization_msgs::MarkerArray LoopMarkers::draw(const ros::Time& stamp, const 
   Marker ellipsoid = ball(stamp, names::kPredictedCovarianceNs, tips.predicted, kPredictedSize);
   ellipsoid.color = color(0.2, 0.9, 1.0, 0.35);
   if (tips.predicted) shapeLike(tips.covariance, *tips.predicted, ellipsoid);
-  const auto beside = [&tips](const Eigen::Vector3d& offset) {
-    return tips.predicted ? std::optional<Eigen::Vector3d>(*tips.predicted + offset) : std::nullopt;
+  const auto beside = [&](double to_right, double beyond) {
+    if (!tips.predicted) return std::optional<Eigen::Vector3d>();
+    const Eigen::Vector3d offset = to_right * view_.right + beyond * view_.beyond;
+    return std::optional<Eigen::Vector3d>(*tips.predicted +
+                                          X_WB_.rotation.transpose() * offset * view_.scale);
   };
-  Marker table =
-      words(stamp, names::kErrorBudgetNs, beside({0, kTableOffset, 0}), kTableHeight, tips.budget);
+  Marker table = words(stamp, names::kErrorBudgetNs, beside(kTableOffset, -kTableRise),
+                       kTableHeight * view_.scale, tips.budget);
   if (tips.outside) table.color = color(1.0, 0.5, 0.2);
-  out.markers = {
-      std::move(wanted),
-      std::move(predicted),
-      std::move(ellipsoid),
-      words(stamp, names::kLoopStateNs, beside({kTextOffset, 0, 0}), kTextHeight, tips.text),
-      std::move(table),
-      arrow(stamp, tips),
-      curve(stamp, tips)};
+  out.markers = {std::move(wanted),
+                 std::move(predicted),
+                 std::move(ellipsoid),
+                 words(stamp, names::kLoopStateNs, beside(0, kTextOffset),
+                       kTextHeight * view_.scale, tips.text),
+                 std::move(table),
+                 arrow(stamp, tips),
+                 curve(stamp, tips)};
+  addLegend(stamp, LegendLine::kPredicted, !tips.curve.empty(), out);
+  addLegend(stamp, LegendLine::kWanted, tips.wanted.has_value(), out);
   return out;
 }
 

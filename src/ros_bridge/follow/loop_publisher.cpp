@@ -54,7 +54,7 @@ LoopPublisher::LoopPublisher(ros::NodeHandle& node, const io::Scene& scene,
     : scene_(scene),
       base_frame_(std::move(base_frame)),
       period_(kSlack / options.rate),
-      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate)),
+      markers_(base_frame_, std::max(1.0, 3.0 / options.draw_rate), sideViewOf(scene), scene.X_WB),
       status_publisher_(node.advertise<LoopStatus>(names::kSightLoopStatus, 10)),
       estimate_publisher_(node.advertise<ArmShape>(names::kEstimate, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kLoopMarkers, 2)) {

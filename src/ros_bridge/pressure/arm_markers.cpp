@@ -20,16 +20,18 @@ namespace {
 using visualization_msgs::Marker;
 using Curve = std::vector<model::CurvePoint<lie::SE3>>;
 
-constexpr int kRings = 24;                // of a tube, per section
-constexpr int kSides = 10;                // of a tube
-constexpr double kDisc = 0.004;           // thickness of a separator [m]
-constexpr double kLine = 0.002;           // width of the base curve [m]
-constexpr double kBannerHeight = 0.022;   // legible in a view of a whole 0.4 m arm [m]
-constexpr float kMuscleOpacity = 0.35F;   // the curves inside the arm show through
-constexpr double kReasonRise = 0.085;     // and of its reason [m]
-constexpr double kBannerRise = 0.14;      // of the state above the base [m]
-constexpr double kLineHeight = 0.016;     // of all other text [m]
-constexpr std::size_t kLongestLine = 48;  // of the state's reason, in characters
+constexpr int kRings = 24;               // of a tube, per section
+constexpr int kSides = 10;               // of a tube
+constexpr double kDisc = 0.004;          // thickness of a separator [m]
+constexpr double kLine = 0.003;          // width of the base curve [m]
+constexpr float kMuscleOpacity = 0.45F;  // the curves inside the arm show through
+// Of letters, for an arm of 0.3 m: see SideView::scale.
+constexpr double kBannerHeight = 0.022;  // [m]
+constexpr double kReasonHeight = 0.012;  // [m]
+constexpr double kLineHeight = 0.016;    // [m]
+// Of the state's reason. The cockpit shows all of it.
+constexpr std::size_t kLongestLine = 78;  // in characters
+constexpr int kMostLines = 4;
 constexpr std::size_t kTraceLength = 400;
 constexpr double kTraceStep = 0.002;     // between points of the trace [m]
 constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one makes the trace noisy
@@ -38,7 +40,7 @@ constexpr double kTraceSmoothing = 0.3;  // weight of a new tip; a larger one ma
 // (kLegend), which show through the muscles.
 std_msgs::ColorRGBA pressureColor(double share) {
   constexpr std::array<std::array<double, 3>, 4> kStops = {
-      {{0.25, 0.45, 1.0}, {0.55, 0.5, 1.0}, {0.78, 0.62, 1.0}, {0.95, 0.85, 1.0}}};
+      {{0.4, 0.65, 1.0}, {0.6, 0.6, 1.0}, {0.8, 0.62, 1.0}, {1.0, 0.8, 1.0}}};
   const double place = 3.0 * std::clamp(share, 0.0, 1.0);
   const int k = std::min(2, static_cast<int>(place));
   const double t = place - k;
@@ -79,13 +81,6 @@ lie::SE3 standAlongX(const lie::SE3& X) {
   return {X.rotation * z_to_x, X.translation};
 }
 
-// Line i of n lines. Each is a marker with its own colour; empty lines before and after it keep the
-// column aligned from every viewpoint.
-std::string lineOfColumn(int i, int n, const std::string& text) {
-  return std::string(static_cast<std::size_t>(i), '\n') + text +
-         std::string(static_cast<std::size_t>(n - 1 - i), '\n');
-}
-
 std::string pressureText(const std::string& name, double pressure) {
   char value[32];
   const double kilopascals = std::round(pressure / 1e3) + 0.0;  // never "-0"
@@ -93,10 +88,18 @@ std::string pressureText(const std::string& name, double pressure) {
   return name + value;
 }
 
-// Position of the text in the world frame: beside the base, for any mounting of the arm.
-Eigen::Vector3d besideBase(const io::Scene& scene, double side = 1.0) {
-  return scene.X_WB.translation +
-         Eigen::Vector3d(0, side * (0.08 + 3.0 * scene.looks.front().separator_radius), 0);
+// Name of an arm whose frames have a prefix, as in a namespace; otherwise empty.
+std::string nameOf(const std::string& base_frame) {
+  const std::size_t end = base_frame.rfind(std::string("_") + names::kBaseFrame);
+  return end == std::string::npos ? "" : base_frame.substr(0, end) + ": ";
+}
+
+// Size of a section at s, relative to that at its beginning.
+double sizeAt(const model::Actuator& actuator, double s) {
+  const auto radius = [&](double place) {
+    return model::poseAlong(actuator, place).translation.tail<2>().norm();
+  };
+  return actuator.taper.empty() || radius(0) == 0 ? 1.0 : radius(s) / radius(0);
 }
 
 std::string stateText(const control::SafetyReport& report) {
@@ -107,17 +110,23 @@ std::string stateText(const control::SafetyReport& report) {
   return out;
 }
 
-// A text in lines that fit the view; its first word, the state, stands above it already.
-std::string wrapped(const std::string& text) {
+// A text in few lines that fit the view; its first word, the state, stands above it already.
+std::vector<std::string> wrapped(const std::string& text) {
   const std::size_t cut = text.find(": ");
   std::istringstream words(cut == std::string::npos ? text : text.substr(cut + 2));
-  std::string out, line;
-  for (std::string word; words >> word; line += (line.empty() ? "" : " ") + word) {
-    if (line.size() + word.size() < kLongestLine) continue;
-    out += line + "\n";
-    line.clear();
+  std::vector<std::string> out;
+  for (std::string word; words >> word;) {
+    if (out.empty() || out.back().size() + word.size() >= kLongestLine) {
+      if (out.size() == kMostLines) {
+        out.back() += " ...";
+        break;
+      }
+      out.push_back(word);
+    } else {
+      out.back() += " " + word;
+    }
   }
-  return out + line;
+  return out;
 }
 
 std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
@@ -135,22 +144,13 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
   return color(0.8, 0.8, 0.85);
 }
 
-// What is drawn, here and by vision and sight_loop, in the colours of its lines.
-struct LegendLine {
-  const char* text;
-  double r, g, b;
-};
-constexpr std::array<LegendLine, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
-                                                {"orange: measured", 1.0, 0.55, 0.1},
-                                                {"cyan line: predicted", 0.2, 0.9, 1.0},
-                                                {"cyan dashes: model then", 0.3, 0.9, 1.0},
-                                                {"magenta: wanted tip", 1.0, 0.3, 0.9},
-                                                {"green: tip trace", 0.4, 1.0, 0.6}}};
-
 }  // namespace
 
 ArmMarkers::ArmMarkers(const io::Scene& scene, std::string base_frame, double lifetime)
-    : scene_(scene), base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+    : scene_(scene),
+      view_(sideViewOf(scene)),
+      base_frame_(std::move(base_frame)),
+      lifetime_(lifetime) {}
 
 Marker ArmMarkers::marker(const char* ns, int id, int type) const {
   std_msgs::Header header;
@@ -173,30 +173,30 @@ void ArmMarkers::tell(const control::SafetyReport& report, const std::string& re
 }
 
 void ArmMarkers::addWords(visualization_msgs::MarkerArray& out) const {
-  const lie::SE3 X_BW = scene_.X_WB.inverse();
+  const Eigen::Matrix3d R_BW = scene_.X_WB.rotation.transpose();
   Marker banner = marker(names::kStateBannerNs, 0, Marker::TEXT_VIEW_FACING);
-  banner.scale.z = kBannerHeight;
+  banner.scale.z = kBannerHeight * view_.scale;
   banner.color = stateColor(safety_);
-  banner.text = stateText(safety_);
-  banner.pose.position =
-      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kBannerRise)));
-  Marker reason = banner;
-  reason.id = 1;
-  reason.scale.z = kLineHeight;
-  reason.text = wrapped(reason_);
-  reason.pose.position =
-      toPointMsg(X_BW * (scene_.X_WB.translation + Eigen::Vector3d(0, 0, kReasonRise)));
-  if (!reason.text.empty()) out.markers.push_back(std::move(reason));
+  banner.text = nameOf(base_frame_) + stateText(safety_);
+  banner.pose.position = toPointMsg(R_BW * view_.headline);
+  const std::vector<std::string> lines = wrapped(reason_);
+  if (!lines.empty()) {
+    Marker reason = banner;
+    reason.id = 1;
+    reason.scale.z = kReasonHeight * view_.scale;
+    reason.text = lines.front();
+    for (std::size_t i = 1; i < lines.size(); ++i) reason.text += "\n" + lines[i];
+    // The first line stays below the state, however many follow.
+    const Eigen::Vector3d first = view_.headline - kBannerHeight * view_.scale * view_.up;
+    reason.pose.position = toPointMsg(
+        R_BW * centreOfLines(view_, first, static_cast<int>(lines.size()), reason.scale.z));
+    out.markers.push_back(std::move(reason));
+  }
   out.markers.push_back(std::move(banner));
-  const int lines = static_cast<int>(kLegend.size());
-  for (int i = 0; i < lines; ++i) {
-    const LegendLine& entry = kLegend[static_cast<std::size_t>(i)];
-    Marker line = marker(names::kLegendNs, i, Marker::TEXT_VIEW_FACING);
-    line.scale.z = kLineHeight;
-    line.color = color(entry.r, entry.g, entry.b);
-    line.text = lineOfColumn(i, lines, entry.text);
-    line.pose.position = toPointMsg(X_BW * besideBase(scene_, -1.0));
-    out.markers.push_back(std::move(line));
+  for (const LegendLine line : {LegendLine::kModel, LegendLine::kTrace}) {
+    if (line == LegendLine::kTrace && trace_.size() < 2) continue;
+    out.markers.push_back(legendLine(line, view_, scene_.X_WB,
+                                     marker(names::kLegendNs, 0, Marker::TEXT_VIEW_FACING)));
   }
 }
 
@@ -205,6 +205,7 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
                                                  const ros::Time& stamp) {
   if (stamp < stamp_) trace_.clear();
   stamp_ = stamp;
+  view_ = sideViewOf(scene_);
   const model::Arm& arm = scene_.arm;
   const Curve curve = model::sampleCurve(shape, arm.sectionCount() * kRings + 1);
   extendTrace(model::tipPose(shape).translation);
@@ -224,27 +225,31 @@ visualization_msgs::MarkerArray ArmMarkers::draw(const model::Shape& shape,
               tube.points);
 
       Marker text = marker(names::kPressuresNs, i, Marker::TEXT_VIEW_FACING);
-      text.scale.z = kLineHeight;
+      text.scale.z = kLineHeight * view_.scale;
       text.color = tube.color;
       text.text = lineOfColumn(i, arm.actuatorCount(), pressureText(actuator.name, pressure[i]));
-      text.pose.position = toPointMsg(scene_.X_WB.inverse() * besideBase(scene_));
+      text.pose.position =
+          toPointMsg(scene_.X_WB.rotation.transpose() *
+                     centreOfLines(view_, view_.table_top, arm.actuatorCount(), text.scale.z));
       tube.color.a = kMuscleOpacity;
       out.markers.push_back(std::move(tube));
       out.markers.push_back(std::move(text));
     }
-    const auto addDisc = [&](const lie::SE3& X, double thickness) {
+    const model::Actuator& first = arm.actuator(arm.firstActuator(k));
+    const auto addDisc = [&](const lie::SE3& X, double s, double thickness) {
       Marker plate = marker(names::kSeparatorsNs, disc++, Marker::CYLINDER);
       plate.pose = toPoseMsg(standAlongX(X));
-      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius;
+      plate.scale.x = plate.scale.y = 2.0 * look.separator_radius * sizeAt(first, s);
       plate.scale.z = thickness;
       plate.color = color(0.75, 0.75, 0.8, 0.55);
       out.markers.push_back(std::move(plate));
     };
     for (int j = 0; j < look.separators; ++j) {
-      addDisc(model::poseAt(shape, k, static_cast<double>(j) / (look.separators - 1)), kDisc);
+      const double s = static_cast<double>(j) / (look.separators - 1);
+      addDisc(model::poseAt(shape, k, s), s, kDisc);
     }
     if (const double plate = arm.plate(k); plate > 0) {
-      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, plate);
+      addDisc(X_end * lie::SE3{Eigen::Matrix3d::Identity(), {0.5 * plate, 0, 0}}, 1.0, plate);
     }
   }
 

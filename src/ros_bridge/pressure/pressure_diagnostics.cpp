@@ -31,7 +31,8 @@ unsigned char diagnosticLevel(const control::SafetyReport& report) {
   return report.state == SafetyState::kEnabled ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
 }
 
-DiagnosticStatus safetyStatus(const std::string& node, const PressureLoop::Snapshot& path) {
+DiagnosticStatus safetyStatus(const std::string& node, const io::Scene& scene,
+                              const PressureLoop::Snapshot& path) {
   DiagnosticStatus out;
   out.name = statusName(node, names::kSafetyStatus);
   out.level = diagnosticLevel(path.report);
@@ -40,6 +41,7 @@ DiagnosticStatus safetyStatus(const std::string& node, const PressureLoop::Snaps
   addValue(out, "cause", nameOf(path.report.cause));
   addValue(out, "emergency_stop", path.report.stopped ? "engaged" : "released");
   addValue(out, "vent_overdue", path.report.vent_overdue ? "true" : "false");
+  addValue(out, names::kTargetTimeoutKey, fixed(scene.safety.rules.target_timeout, 3));
   return out;
 }
 
@@ -84,7 +86,7 @@ DiagnosticStatus channelStatus(const std::string& node, const io::Scene& scene,
 
 std::vector<DiagnosticStatus> pressureStatuses(const std::string& node, const io::Scene& scene,
                                                const PressureLoop::Snapshot& path) {
-  std::vector<DiagnosticStatus> out = {safetyStatus(node, path)};
+  std::vector<DiagnosticStatus> out = {safetyStatus(node, scene, path)};
   if (path.io) out.push_back(regulatorStatus(node, scene, *path.io));
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     out.push_back(channelStatus(node, scene, path, i));

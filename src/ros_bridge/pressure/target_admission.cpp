@@ -85,8 +85,8 @@ void TargetAdmission::accept(const TargetSender& sender, const TargetSolution& s
   } else {
     char text[160];
     std::snprintf(text, sizeof text,
-                  "the tip stays %.1f mm away, residual %.2g m; the closest shape is commanded",
-                  1e3 * solution.position_error, solution.residual);
+                  "out of reach: the tip stays %.1f mm away; the closest shape is commanded",
+                  1e3 * solution.position_error);
     ledger_.unreachable(sender.topic, sender.commander, text);
     status.outcome = TargetStatus::UNREACHABLE;
     status.message = text;

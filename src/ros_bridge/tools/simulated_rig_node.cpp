@@ -10,7 +10,6 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
-#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/ros_bridge/common/conversions.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
@@ -31,6 +30,7 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   ParameterReader reader{ros::NodeHandle("~")};
   SimulatedRigOptions out;
   out.scene = reader.file("scene", "config/scenes", ".yaml");
+  out.regulator = reader.choice("regulator", out.regulator, {"scene", "topic"});
   out.rate = reader.number("rate", out.rate, {1.0, 1000.0});
   out.camera_rate = reader.number("camera_rate", out.camera_rate, {0.1, 100.0});
   out.frame_prefix = reader.frame("frame_prefix", "");
@@ -40,6 +40,11 @@ SimulatedRigOptions SimulatedRigOptions::load() {
   if (out.time_factor != 0 && !kTimeFactors.contains(out.time_factor)) {
     throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
                          "; expected 0, or a number from 0.01 to 1000");
+  }
+  if (out.time_factor != 0 && out.regulator != "scene") {
+    throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
+                         ", but ~regulator is " + out.regulator +
+                         ": a regulator of another node has a time of its own; set it to 0");
   }
   if (out.time_factor != 0 && !ros::Time::isSimTime()) {
     throw ParameterError("~time_factor is " + std::to_string(out.time_factor) +
@@ -52,22 +57,29 @@ SimulatedRigOptions SimulatedRigOptions::load() {
 SimulatedRigNode::SimulatedRigNode()
     : options_(SimulatedRigOptions::load()),
       scene_(requirePneumatic(io::loadScene(options_.scene))),
-      regulator_(makeSimulatedRegulator(scene_)),
       true_arm_(scene_.model, scene_.simulation.arm),
       response_(scene_.arm, scene_.simulation.arm.response),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
       last_step_(ros::SteadyTime::now()) {
-  response_.step(regulator_.pressure(), 0);  // vented
+  if (options_.regulator == "scene") {
+    regulator_ = makeSimulatedRegulator(scene_);
+    response_.step(regulator_->pressure(), 0);  // vented
+  }
   if (options_.time_factor > 0) {
     const ros::WallTime start = ros::WallTime::now();
     clock_ = {start.sec, start.nsec};
     clock_publisher_ = node_.advertise<rosgraph_msgs::Clock>(names::kClock, 10);
     publishClock();
   }
-  measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
   truth_publisher_ = node_.advertise<ArmShape>(names::kTruth, 10);
-  command_subscriber_ =
-      listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+  if (regulator_) {
+    measured_publisher_ = node_.advertise<PressureArray>(names::kPressureMeasured, 10);
+    pressure_subscriber_ =
+        listen(node_, names::kPressureCommand, 10, &SimulatedRigNode::onCommand, this);
+  } else {
+    pressure_subscriber_ =
+        listen(node_, names::kPressureMeasured, 10, &SimulatedRigNode::onReading, this);
+  }
   force_subscriber_ =
       listen(private_node_, names::kTipForce, 10, &SimulatedRigNode::onTipForce, this);
   loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &SimulatedRigNode::onLoop, this);
@@ -79,7 +91,9 @@ SimulatedRigNode::SimulatedRigNode()
     info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
     photographer_.start([this] { takePictures(); });
   }
-  logInfo("%s: simulated regulator at %g Hz, %s", scene_.name.c_str(), options_.rate,
+  logInfo("%s: %s, %s", scene_.name.c_str(),
+          regulator_ ? ("simulated regulator at " + fixed(options_.rate) + " Hz").c_str()
+                     : "an arm at the pressures of pressure_measured",
           seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
                : "no camera, since the scene lacks `camera` or `tags`");
 }
@@ -98,14 +112,28 @@ void SimulatedRigNode::onCommand(const PressureArrayConstPtr& command) {
       control::checkCommand(scene_.arm, command_, command->name, command->pressure);
   if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
     command_ = *pressure;
-    regulator_.command(command_);
-    last_command_ = ros::SteadyTime::now();
-    silent_ = false;
-  } else if (bad_commands_.add()) {
-    logWarning("pressure_command: %s (dropped, %lu so far)",
-               std::get<control::Refusal>(checked).message.c_str(),
-               static_cast<unsigned long>(bad_commands_.total()));
+    regulator_->command(command_);
+    noteInput();
+  } else {
+    drop(names::kPressureCommand, std::get<control::Refusal>(checked));
   }
+}
+
+void SimulatedRigNode::onReading(const PressureArrayConstPtr& reading) {
+  const auto checked = control::checkReading(scene_.arm, reading->name, reading->pressure);
+  if (const auto* pressure = std::get_if<Eigen::VectorXd>(&checked)) {
+    response_.follow(reading->header.stamp.toSec(), *pressure);
+    noteInput();
+    publishTruth(reading->header);
+  } else {
+    drop(names::kPressureMeasured, std::get<control::Refusal>(checked));
+  }
+}
+
+void SimulatedRigNode::drop(const char* topic, const control::Refusal& refusal) {
+  if (!bad_inputs_.add()) return;
+  logWarning("%s: %s (dropped, %lu so far)", topic, refusal.message.c_str(),
+             static_cast<unsigned long>(bad_inputs_.total()));
 }
 
 void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench) {
@@ -127,14 +155,19 @@ void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wr
   }
 }
 
-void SimulatedRigNode::ventWhenSilent(const ros::SteadyTime& now) {
-  if (silent_ || now - last_command_ <= ros::WallDuration(options_.command_timeout)) return;
+void SimulatedRigNode::noteInput() {
+  last_input_ = ros::SteadyTime::now();
+  silent_ = false;
+}
+
+void SimulatedRigNode::noteSilence(const ros::SteadyTime& now) {
+  if (silent_ || now - last_input_ <= ros::WallDuration(options_.command_timeout)) return;
   silent_ = true;
-  regulator_.command(Eigen::VectorXd::Zero(command_.size()));
-  logWarning(
-      "no pressure_command for %g s (~command_timeout_s): the regulator vents by itself; is "
-      "pressure_command running?",
-      options_.command_timeout);
+  if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
+  logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",
+             regulator_ ? names::kPressureCommand : names::kPressureMeasured,
+             options_.command_timeout,
+             regulator_ ? "the regulator vents by itself" : "no picture until the next one");
 }
 
 void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
@@ -146,12 +179,17 @@ void SimulatedRigNode::onLoop(const ros::SteadyTimerEvent&) {
     clock_ += ros::Duration(dt);
     publishClock();
   }
-  ventWhenSilent(now);
-  regulator_.step(dt);
-  response_.step(regulator_.pressure(), dt);
+  noteSilence(now);
+  if (!regulator_) return;
+  regulator_->step(dt);
+  response_.step(regulator_->pressure(), dt);
   std_msgs::Header header;
   header.stamp = options_.time_factor > 0 ? clock_ : ros::Time::now();
-  measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_.measure()));
+  measured_publisher_.publish(toPressureMsg(header, scene_.arm, regulator_->measure()));
+  publishTruth(header);
+}
+
+void SimulatedRigNode::publishTruth(std_msgs::Header header) {
   std::optional<Moment> moment;
   try {
     moment = Moment{header.stamp, true_arm_.shape(response_.felt())};

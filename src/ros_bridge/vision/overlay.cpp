@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <sstream>
 #include <string>
+#include <vector>
 
 #include <opencv2/imgproc.hpp>
 
@@ -13,10 +15,11 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr int kPoints = 48;  // of a curve, per section; even, since dashes are drawn in pairs
-constexpr int kShift = 4;    // OpenCV's fixed point: sixteenths of a pixel
+constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
+constexpr int kShift = 4;            // OpenCV's fixed point: sixteenths of a pixel
 
 const cv::Scalar kFits(90, 230, 90), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
-const cv::Scalar kMeasured(30, 140, 255), kModel(255, 230, 80), kDark(30, 30, 30);
+const cv::Scalar kMeasured(30, 140, 255), kModel(100, 240, 255), kDark(30, 30, 30);
 
 // Sizes of lines and letters that stay legible if the picture is shown much smaller.
 struct Pen {
@@ -43,6 +46,24 @@ struct Pen {
     };
     put(kDark, 2 * width + 4);
     put(color, width + 1);
+  }
+
+  // Lines of whole words, none wider than this unless a word is [px].
+  std::vector<std::string> wrapped(const std::string& words, double widest) const {
+    std::vector<std::string> lines(1);
+    std::istringstream rest(words);
+    for (std::string word; rest >> word;) {
+      std::string& line = lines.back();
+      const std::string longer = line.empty() ? word : line + " " + word;
+      const cv::Size size =
+          cv::getTextSize(longer, cv::FONT_HERSHEY_SIMPLEX, letter, width + 1, nullptr);
+      if (line.empty() || size.width <= widest) {
+        line = longer;
+      } else {
+        lines.push_back(word);
+      }
+    }
+    return lines;
   }
 };
 
@@ -86,9 +107,11 @@ cv::Mat drawOverlay(const Measurement& measurement, const SightReport& report) {
              0.5 * pen.letter, color);
   }
   const int height = static_cast<int>(std::lround(32 * pen.letter));
-  for (std::size_t k = 0; k < report.lines.size(); ++k) {
-    pen.text(report.lines[k], {height / 3, height * static_cast<int>(k + 1)}, pen.letter,
-             kMeasured);
+  int row = 0;
+  for (const std::string& text : report.lines) {
+    for (const std::string& line : pen.wrapped(text, kTextShare * picture.cols)) {
+      pen.text(line, {height / 3, height * ++row}, pen.letter, kMeasured);
+    }
   }
   return picture;
 }

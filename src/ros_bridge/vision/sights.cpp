@@ -103,11 +103,12 @@ double tipSigma(const estimation::TwistFit& fit) {
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
-// `8 tags, 0.20 px, tip to 0.5 mm`: summary of a measured shape.
+// `8 tags, 0.20 px, tip noise 0.5 mm`: summary of a measured shape. How well the tags are placed is
+// not part of the noise: the error budget adds it.
 std::string summarise(const vision::Sight& sight, int tags) {
   const int outliers = sight.fit.outliers();
   return countText(tags) + (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
-         fixed(sight.fit.rms, 2) + " px, tip to " + fixed(1e3 * tipSigma(sight.fit)) + " mm";
+         fixed(sight.fit.rms, 2) + " px, tip noise " + fixed(1e3 * tipSigma(sight.fit)) + " mm";
 }
 
 std::string describe(const vision::Sight& sight, int tags, const vision::LocalizerConfig& config) {
@@ -131,7 +132,7 @@ std::string describe(const vision::Sight& sight, int tags, const vision::Localiz
 }
 
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
-  if (error == nullptr) return "tip +- " + fixed(1e3 * tipSigma(fit)) + " mm";
+  if (error == nullptr) return "tip noise " + fixed(1e3 * tipSigma(fit)) + " mm";
   return "model off by " + fixed(1e3 * error->tip_error) + " mm (" +
          fixed(error->tip_error_percent) + " %)";
 }

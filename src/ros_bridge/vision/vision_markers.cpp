@@ -1,6 +1,7 @@
 #include "helix_arm/ros_bridge/vision/vision_markers.hpp"
 
 #include <array>
+#include <cstddef>
 #include <utility>
 
 #include "helix_arm/model/curve.hpp"
@@ -16,10 +17,13 @@ using visualization_msgs::Marker;
 constexpr std::array<const char*, 5> kNamespaces = {names::kMeasuredCurveNs, names::kModelCurveNs,
                                                     names::kTagsNs, names::kTipErrorNs,
                                                     names::kTipCovarianceNs};
-constexpr int kPoints = 32;      // of a curve, per section; even, since dashes are drawn in pairs
-constexpr double kLine = 0.010;  // width of the measured curve [m]
-constexpr double kTextHeight = 0.025;  // legible in a view of a whole 0.4 m arm [m]
-constexpr double kTextOffset = 0.15;   // beyond the tip and its handle [m]
+constexpr std::array<LegendLine, 2> kLines = {LegendLine::kMeasured, LegendLine::kModelThen};
+constexpr int kPoints = 32;       // of a curve, per section; even, since dashes are drawn in pairs
+constexpr double kLine = 0.008;   // width of the measured curve, wider than the others [m]
+constexpr double kOpacity = 0.5;  // of the measured curve, so that the others show through
+// For an arm of 0.3 m: see SideView::scale.
+constexpr double kTextHeight = 0.018;  // [m]
+constexpr double kTextOffset = 0.14;   // beyond the tip and its handle [m]
 
 std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
   std::vector<geometry_msgs::Point> points;
@@ -33,6 +37,11 @@ std::vector<geometry_msgs::Point> pointsOf(const model::Shape& shape) {
 
 VisionMarkers::VisionMarkers(std::string base_frame, double lifetime)
     : base_frame_(std::move(base_frame)), lifetime_(lifetime) {}
+
+void VisionMarkers::lookAt(const SideView& view, const lie::SE3& X_WB) {
+  view_ = view;
+  X_WB_ = X_WB;
+}
 
 Marker VisionMarkers::marker(const ros::Time& stamp, const char* ns, int type) const {
   std_msgs::Header header;
@@ -54,6 +63,7 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   measured.pose = toPoseMsg(fit.X_B0B);
   measured.scale.x = kLine;
   measured.color = measured_color;
+  measured.color.a = static_cast<float>(kOpacity);
   measured.points = pointsOf(fit.shape);
   out.markers.push_back(std::move(measured));
 
@@ -62,8 +72,13 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
     dashed.action = Marker::DELETE;
   } else {
     dashed.scale.x = 0.5 * kLine;
-    dashed.color = color(0.3, 0.9, 1.0);
+    dashed.color = color(1.0, 0.95, 0.4);
     dashed.points = pointsOf(*model);
+    // Dashes are pairs; the tip of a plate or tool is one point more, whose dash begins at the end.
+    if (const std::size_t count = dashed.points.size(); count % 2 == 1) {
+      const geometry_msgs::Point end = dashed.points[count - 2];
+      dashed.points.insert(dashed.points.end() - 1, end);
+    }
   }
   out.markers.push_back(std::move(dashed));
 
@@ -85,8 +100,9 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
 
   const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
   Marker words = marker(stamp, names::kTipErrorNs, Marker::TEXT_VIEW_FACING);
-  words.pose.position = toPointMsg(tip * Eigen::Vector3d(kTextOffset, 0, 0));
-  words.scale.z = kTextHeight;
+  words.pose.position = toPointMsg(tip.translation + X_WB_.rotation.transpose() * view_.beyond *
+                                                         (kTextOffset * view_.scale));
+  words.scale.z = kTextHeight * view_.scale;
   words.color = measured_color;
   words.text = text;
   out.markers.push_back(std::move(words));
@@ -95,6 +111,13 @@ visualization_msgs::MarkerArray VisionMarkers::draw(const Measurement& measureme
   shapeLike(fit.tip_covariance, tip.translation, ball);
   ball.color = color(1.0, 0.55, 0.1, 0.5);
   out.markers.push_back(std::move(ball));
+  for (const LegendLine line : kLines) {
+    out.markers.push_back(
+        legendLine(line, view_, X_WB_, marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING)));
+    if (line == LegendLine::kModelThen && model == nullptr) {
+      out.markers.back().action = Marker::DELETE;
+    }
+  }
   return out;
 }
 
@@ -102,6 +125,11 @@ visualization_msgs::MarkerArray VisionMarkers::remove(const ros::Time& stamp) co
   visualization_msgs::MarkerArray out;
   for (const char* ns : kNamespaces) {
     out.markers.push_back(marker(stamp, ns, Marker::SPHERE));
+    out.markers.back().action = Marker::DELETE;
+  }
+  for (const LegendLine line : kLines) {
+    out.markers.push_back(marker(stamp, names::kLegendNs, Marker::TEXT_VIEW_FACING));
+    out.markers.back().id = static_cast<int>(line);
     out.markers.back().action = Marker::DELETE;
   }
   return out;

@@ -52,6 +52,7 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
       measurer_(SceneLocalizer(scene_), options_.stale_after, source_, models_),
       publisher_(node_, options_, frames_, status_) {
   sendCameraFrame();
+  status_.lookAt(scene_);
   using Node = VisionNode;
   model_subscriber_ = listen(node_, names::kModel, 100, &Node::onModel, this);
   reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
@@ -128,6 +129,7 @@ void VisionNode::adopt(io::Scene next) {
   SceneLocalizer localizer(next);
   scene_ = std::move(next);
   sendCameraFrame();
+  status_.lookAt(scene_);
   measurer_.adopt(std::move(localizer));
 }
 

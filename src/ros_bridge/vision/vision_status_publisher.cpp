@@ -79,6 +79,11 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const SightRepor
               report.account + "; calibration: " + measurement.calibration);
 }
 
+void VisionStatusPublisher::lookAt(const io::Scene& scene) {
+  const basics::MutexLock lock(mutex_);
+  markers_.lookAt(sideViewOf(scene), scene.X_WB);
+}
+
 void VisionStatusPublisher::drawMarkers(const Measurement& measurement,
                                         const std::string& tip_text) {
   const basics::MutexLock lock(mutex_);

@@ -9,6 +9,8 @@
 namespace helix_arm::ros_bridge {
 
 /// One line per parameter that the data determined: name, value before and after, standard error.
+/// As in the result's message, one line stands for the pose of the base and one for all tags.
+/// Parameters that began at 0 and are smaller than their standard error share the last line.
 std::vector<std::string> parameterLines(const RunCalibrationResult& result);
 
 /// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that

@@ -15,6 +15,7 @@
 #include <ros/steady_timer.h>
 
 #include "helix_arm/ArmShape.h"
+#include "helix_arm/ErrorBudget.h"
 #include "helix_arm/LoopStatus.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
@@ -34,8 +35,8 @@ namespace helix_arm::ros_bridge {
 /// the target that is held is repeated at 10 Hz for as long as view() is called.
 ///
 /// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
-/// target_status, measured, model, model_error, loop_status; and /diagnostics, which tells the
-/// limits. Publishes pressure_target and tip_target.
+/// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
+/// tells the limits. Publishes pressure_target and tip_target.
 class CockpitLink {
  public:
   /// @param ns    Namespace of the arm's nodes, such as left; empty: that of this node.
@@ -85,10 +86,11 @@ class CockpitLink {
   void onModel(const ArmShapeConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onError(const ModelErrorConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onLoop(const LoopStatusConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
+  void onBudget(const ErrorBudgetConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
   void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message)
       HELIX_ARM_EXCLUDES(mutex_);
   void onFeedback(const RunCalibrationFeedback& feedback) HELIX_ARM_EXCLUDES(mutex_);
-  void onResult(const RunCalibrationResult* result, const std::string& ending)
+  void onResult(const RunCalibrationResult* result, const actionlib::SimpleClientGoalState& ending)
       HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
 
@@ -109,9 +111,12 @@ class CockpitLink {
   Dated<std::vector<double>> measured_tip_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<std::vector<double>> model_tip_ HELIX_ARM_GUARDED_BY(mutex_);
   std::string base_frame_ HELIX_ARM_GUARDED_BY(mutex_);
+  double arm_length_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;  ///< [m]
   Dated<double> tip_error_ HELIX_ARM_GUARDED_BY(mutex_);
   Dated<CockpitLoop> loop_ HELIX_ARM_GUARDED_BY(mutex_);
+  Dated<double> budget_sd_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
+  double target_timeout_ HELIX_ARM_GUARDED_BY(mutex_) = kUnknown;                     ///< [s]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
   CockpitCalibration calibration_ HELIX_ARM_GUARDED_BY(mutex_);
 

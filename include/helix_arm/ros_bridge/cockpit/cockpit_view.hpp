@@ -31,8 +31,10 @@ struct CockpitSafety {
 /// loop_status of sight_loop.
 struct CockpitLoop {
   std::string state, message;
-  double error = kUnknown;         ///< distance of the measured from the wanted tip [m]
-  double predicted_sd = kUnknown;  ///< [m]
+  double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
+  double predicted_sd =
+      kUnknown;                 ///< of the loop's tip, with tags and base where the scene says [m]
+  double budget_sd = kUnknown;  ///< the same with their uncertain placement [m]
 };
 
 /// What the cockpit itself commands.
@@ -46,17 +48,20 @@ struct CockpitCalibration {
   std::string state;  ///< phase of the run, and what it waits for
   bool ended = false;
   bool success = false;
+  bool cancelled = false;
   std::string message;  ///< of the result
   /// Median tip error of the samples with the present scene and with the calibrated one [m].
   double tip_error_before = kUnknown, tip_error_after = kUnknown;
   std::vector<std::string> parameters;  ///< one line per determined parameter
+  std::vector<std::string> warnings;
 };
 
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView {
-  std::string ns;          ///< resolved namespace of the arm, such as / or /left
-  std::string base_frame;  ///< tf frame of the arm's base; empty if unknown
-  bool connected = false;  ///< pressure_command comes
+  std::string ns;                ///< resolved namespace of the arm, such as / or /left
+  std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
+  double arm_length = kUnknown;  ///< of the model when it was first seen [m]
+  bool connected = false;        ///< pressure_command comes
   std::optional<CockpitSafety> safety;
   std::vector<CockpitChannel> channels;             ///< in scene order
   std::optional<std::vector<double>> measured_tip;  ///< x, y, z, base frame [m]; fresh
@@ -65,8 +70,10 @@ struct CockpitView {
   std::optional<CockpitLoop> loop;                  ///< if sight_loop is up
   CockpitGoal goal = CockpitGoal::kNone;            ///< what is held
   std::vector<double> held;                         ///< the held pressures, in scene order [Pa]
-  std::string answer;    ///< to the cockpit's targets; or why it commands no longer
-  bool refused = false;  ///< the last target was dropped
+  std::string answer;                ///< to the cockpit's targets; or why it commands no longer
+  bool refused = false;              ///< the last target was dropped
+  bool short_of = false;             ///< the last target is out of reach
+  double target_timeout = kUnknown;  ///< without targets for so long, the arm vents [s]; inf: never
   CockpitCalibration calibration;
 };
 

@@ -19,6 +19,8 @@ struct Headline {
   Tone tone = Tone::kQuiet;
 };
 Headline headline(const CockpitView& view);
+/// What to do next; and if that is to enable the arm, what prevents it now. Empty if neither is.
+std::string remedyWords(const CockpitView& view);
 
 /// Whether an action is possible now; if not, why not, and what makes it possible.
 struct Possibility {
@@ -44,6 +46,8 @@ struct Words {
 };
 Words loopWords(const CockpitView& view);
 Words calibrationWords(const CockpitView& view);
+/// What is doubtful in the result of a calibration; empty if nothing is.
+Words calibrationWarnings(const CockpitView& view);
 /// Answer to the cockpit's own targets, and what it holds.
 Words goalWords(const CockpitView& view);
 
@@ -51,7 +55,11 @@ Words goalWords(const CockpitView& view);
 std::string shownText(const std::string& text);
 /// "123.4 kPa"; "-" if unknown.
 std::string kilopascals(double pascals);
+/// "0 to 413.7", in kPa; "-" if unknown.
+std::string limitWords(const CockpitChannel& channel);
 /// "12.34 mm"; "-" if unknown.
 std::string millimetres(double metres);
+/// "1.2, -3.4, 0.0 mm" of a position in metres; "-" if unknown.
+std::string placeWords(const std::optional<std::vector<double>>& position);
 
 }  // namespace helix_arm::ros_bridge

@@ -31,6 +31,7 @@ class HeldGoal {
   const std::array<double, 3>& tip() const { return tip_; }
   const std::string& answer() const { return answer_; }
   bool refused() const { return refused_; }
+  bool shortOf() const { return short_of_; }  ///< the target is out of reach
 
   /// The window is alive.
   void look(double now) { last_look_ = now; }
@@ -40,6 +41,8 @@ class HeldGoal {
   /// @param dropped  whether it was dropped.
   /// @param fault    of a dropped target: other_commander, stale, ...
   void noteAnswer(double now, bool dropped, const std::string& fault, const std::string& message);
+  /// The target that was just answered is out of reach; what is nearest to it is commanded.
+  void noteShort() { short_of_ = goal_ != CockpitGoal::kNone; }
   /// Ends the goal if a deadline has passed. @return whether a target is to be sent now.
   bool turn(double now);
 
@@ -50,7 +53,7 @@ class HeldGoal {
   std::vector<double> pressures_;
   std::array<double, 3> tip_{};
   std::string answer_;
-  bool refused_ = false;
+  bool refused_ = false, short_of_ = false;
   double last_look_ = 0;
   std::optional<double> waits_since_;  ///< for another commander
 };

@@ -7,6 +7,7 @@
 #include <visualization_msgs/MarkerArray.h>
 
 #include "helix_arm/lie/se3.hpp"
+#include "helix_arm/ros_bridge/common/side_view.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -18,6 +19,7 @@ namespace helix_arm::ros_bridge {
 /// - predicted_covariance: where that tip is within two standard deviations, an ellipsoid
 /// - tip_force: an arrow to the predicted tip along the force that touches the arm
 /// - loop_state: the loop's state and error, as text below the predicted tip
+/// - legend: what is drawn here, one line each in its colour
 /// - error_budget: standard deviations of the tip by their sources, as a table beside the ellipsoid
 class LoopMarkers {
  public:
@@ -34,7 +36,7 @@ class LoopMarkers {
   };
 
   /// @param lifetime  longer than the period of drawing [s].
-  LoopMarkers(std::string base_frame, double lifetime);
+  LoopMarkers(std::string base_frame, double lifetime, const SideView& view, const lie::SE3& X_WB);
 
   visualization_msgs::MarkerArray draw(const ros::Time& stamp, const Tips& tips) const;
 
@@ -46,8 +48,12 @@ class LoopMarkers {
   visualization_msgs::Marker words(const ros::Time& stamp, const char* ns,
                                    const std::optional<Eigen::Vector3d>& place, double height,
                                    const std::string& text) const;
+  void addLegend(const ros::Time& stamp, LegendLine line, bool drawn,
+                 visualization_msgs::MarkerArray& out) const;
   visualization_msgs::Marker arrow(const ros::Time& stamp, const Tips& tips) const;
 
+  SideView view_;
+  lie::SE3 X_WB_;
   std::string base_frame_;
   ros::Duration lifetime_;
 };

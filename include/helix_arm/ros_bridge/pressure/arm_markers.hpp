@@ -9,20 +9,22 @@
 
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/ros_bridge/common/side_view.hpp"
 
 namespace helix_arm::ros_bridge {
 
 /// Draws an arm for rviz, seen from its base frame, in stable namespaces and ids.
 ///
-/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, then green,
-///   yellow, and red at the upper limit
+/// - muscles: one tube per actuator, coloured by its pressure: blue at the lower limit, lilac at
+/// the
+///   upper one
 /// - base_curve: the curve that the muscles bend
 /// - separators: the discs that hold the muscles
 /// - tip_trace: trace of the tip, smoothed over a few drawings
 /// - pressures: one line of text per actuator, in kPa and in its muscle's colour, beside the base
-/// - state_banner: the state of the arm (0) and its reason (1), above the base, in the state's
-/// colour
-/// - legend: what the curves are, one line each in its curve's colour
+/// - state_banner: the state of the arm (0), after its name if its frames have a prefix, and its
+///   reason (1), in the state's colour
+/// - legend: what is drawn here, one line each in its curve's colour
 class ArmMarkers {
  public:
   /// Keeps a reference to the scene.
@@ -49,6 +51,7 @@ class ArmMarkers {
   void addWords(visualization_msgs::MarkerArray& out) const;
 
   const io::Scene& scene_;
+  SideView view_;
   std::string base_frame_;
   ros::Duration lifetime_;
   ros::Time stamp_;

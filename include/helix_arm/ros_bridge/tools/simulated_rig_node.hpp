@@ -10,6 +10,7 @@
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/ros_bridge/common/diagnostics.hpp"
@@ -21,15 +22,19 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of simulated_rig.
 struct SimulatedRigOptions {
-  std::string scene;          ///< ~scene: as pressure_command's; required
+  std::string scene;  ///< ~scene: as pressure_command's; required
+  /// ~regulator: "scene" simulates the scene's; "topic": the arm feels the readings of another
+  /// regulator, on pressure_measured
+  std::string regulator = "scene";
   double rate = 100.0;        ///< ~rate: of the regulator, 1 to 1000 [Hz]
   double camera_rate = 15.0;  ///< ~camera_rate: of the pictures, 0.1 to 100 [Hz]
   std::string frame_prefix;   ///< ~frame_prefix: "", set before arm_base and camera_optical
-  /// ~command_timeout_s: time without commands after which the regulator vents by itself, 0.01 to
-  /// 60 [s]
+  /// ~command_timeout_s: time without commands after which the regulator vents by itself, or
+  /// without readings after which their absence is warned of, 0.01 to 60 [s]
   double command_timeout = 0.5;
   /// ~time_factor: 0 uses the time of the other nodes. Other values make this node their clock
-  /// (needs use_sim_time), with this number of simulated seconds per second, 0.01 to 1000.
+  /// (needs use_sim_time), with this number of simulated seconds per second, 0.01 to 1000; not with
+  /// the regulator of another node, whose time is its own.
   double time_factor = 0.0;
 
   /// @throws ParameterError with every fault.
@@ -37,19 +42,22 @@ struct SimulatedRigOptions {
 };
 
 /// Simulates the hardware of a scene: regulator, true arm and, if the scene has camera and tags,
-/// the camera.
+/// the camera. With ~regulator topic, it simulates arm and camera alone: the arm has the pressures
+/// that a regulator measures, such as that of a board without an arm.
 ///
 /// Subscribes
-/// - pressure_command (PressureArray): gauge [Pa]; omitted names keep their command, and all 0
-///   vents. If it stops, the regulator vents by itself
+/// - pressure_command (PressureArray), with ~regulator scene: gauge [Pa]; omitted names keep their
+///   command, and all 0 vents. If it stops, the regulator vents by itself
+/// - pressure_measured (PressureArray), with ~regulator topic: gauge [Pa], of all actuators. While
+///   there is none, there is neither truth nor picture
 /// - ~tip_force (geometry_msgs/WrenchStamped): dead force on the true tip, base frame [N], at most
 ///   kMostTipForce, without torque; it adds to the scene's load and stays until the next message,
 ///   even if its publisher ends. A force needs arm.stiffness.K_eps_n
 ///
 /// Publishes
-/// - pressure_measured (PressureArray): with every loop [Pa]
-/// - truth (ArmShape): with every loop, the shape that the arm has under the scene's load and the
-///   force at its tip, with the stamp of that pressure_measured. If no shape balances them, neither
+/// - pressure_measured (PressureArray), with ~regulator scene: with every loop [Pa]
+/// - truth (ArmShape): with every pressure_measured and its stamp, the shape that the arm has under
+///   the scene's load and the force at its tip. If no shape balances them, neither
 ///   it nor a picture is published; this is counted and warned of at intervals
 /// - image (sensor_msgs/Image, mono8), image/compressed (sensor_msgs/CompressedImage, gray JPEG):
 ///   each rendered only while it has subscribers; with the stamp of the truth that it shows
@@ -61,8 +69,8 @@ struct SimulatedRigOptions {
 ///
 /// ~rate and ~camera_rate are on a steady clock, independent of ~time_factor.
 ///
-/// A bad command or force is dropped, counted and warned of at intervals; the set points or the
-/// force stay.
+/// A bad command, reading or force is dropped, counted and warned of at intervals; the set points
+/// or the force stay.
 ///
 /// Ends with 0 if asked to, 1 if the ROS master is lost, 2 on a bad scene or parameter.
 class SimulatedRigNode {
@@ -82,28 +90,33 @@ class SimulatedRigNode {
 
   void onCommand(const PressureArrayConstPtr& command);
   void onTipForce(const geometry_msgs::WrenchStampedConstPtr& wrench);
+  void onReading(const PressureArrayConstPtr& reading);
   void onLoop(const ros::SteadyTimerEvent& event);
-  void ventWhenSilent(const ros::SteadyTime& now);
+  void drop(const char* topic, const control::Refusal& refusal);
+  void noteInput();
+  void noteSilence(const ros::SteadyTime& now);
+  /// The arm at the pressures that it feels now.
+  void publishTruth(std_msgs::Header header);
   void publishClock();
   void takePictures();
   void publishPicture(simulation::SimulatedCamera& camera, vision::JpegEncoder& encoder);
 
   const SimulatedRigOptions options_;
   const io::Scene scene_;
-  regulator::SimulatedRegulator regulator_;
+  std::optional<regulator::SimulatedRegulator> regulator_;  ///< with ~regulator scene
   simulation::TrueArm true_arm_;
   model::ArmResponse response_;  // of the true arm
   Eigen::VectorXd command_;      ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;    ///< of the regulator
-  ros::SteadyTime last_command_;
-  bool silent_ = true;  ///< no commands arrive, and it is vented
-  ros::Time clock_;     ///< if ~time_factor is set
-  FaultCount bad_commands_, bad_forces_, no_truths_;
+  ros::SteadyTime last_input_;   ///< last command, or last reading
+  bool silent_ = true;           ///< none arrives; the regulator is vented
+  ros::Time clock_;              ///< if ~time_factor is set
+  FaultCount bad_inputs_, bad_forces_, no_truths_;
 
   ros::NodeHandle node_, private_node_{"~"};
   ros::Publisher measured_publisher_, truth_publisher_, clock_publisher_;
   ros::Publisher image_publisher_, compressed_publisher_, info_publisher_;
-  ros::Subscriber command_subscriber_, force_subscriber_;
+  ros::Subscriber pressure_subscriber_, force_subscriber_;
   ros::SteadyTimer loop_timer_;
 
   basics::Mutex mutex_;

@@ -4,6 +4,7 @@
 
 #include <visualization_msgs/MarkerArray.h>
 
+#include "helix_arm/ros_bridge/common/side_view.hpp"
 #include "helix_arm/ros_bridge/vision/measurement.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -14,11 +15,15 @@ namespace helix_arm::ros_bridge {
 /// - model_curve: dashed
 /// - tags: outlines of those that the shape was fitted to, red where they do not fit
 /// - tip_error: what the tip's distance from the model is, as text beyond the tip
+/// - legend: what the curves are, one line each in its curve's colour
 /// - tip_covariance: where the tip is within two standard deviations, an ellipsoid
 class VisionMarkers {
  public:
   /// @param lifetime  longer than the period of drawing [s].
   VisionMarkers(std::string base_frame, double lifetime);
+
+  /// Of the arm whose texts are drawn from now on.
+  void lookAt(const SideView& view, const lie::SE3& X_WB);
 
   /// @param measurement  has a measured shape; without a model none is drawn.
   /// @param text         beyond the tip.
@@ -31,6 +36,8 @@ class VisionMarkers {
  private:
   visualization_msgs::Marker marker(const ros::Time& stamp, const char* ns, int type) const;
 
+  SideView view_ = sideView(Eigen::Vector3d::UnitX(), 0.3, 0.03);
+  lie::SE3 X_WB_;
   std::string base_frame_;
   ros::Duration lifetime_;
 };

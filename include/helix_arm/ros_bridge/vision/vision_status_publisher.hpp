@@ -42,6 +42,8 @@ class VisionStatusPublisher {
   void modelLag(std::optional<double> lag) HELIX_ARM_EXCLUDES(mutex_);
   /// A picture was measured: the state follows from what was seen in it.
   void saw(const Measurement& measurement, const SightReport& report) HELIX_ARM_EXCLUDES(mutex_);
+  /// The arm whose shape is shown from now on.
+  void lookAt(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_);
   /// Shows a measured shape. Nothing is shown once another state was entered.
   void drawMarkers(const Measurement& measurement, const std::string& tip_text)
       HELIX_ARM_EXCLUDES(mutex_);
@@ -67,10 +69,10 @@ class VisionStatusPublisher {
 
   const std::string node_name_;
   const double stale_after_;
-  const VisionMarkers markers_;
 
   // Locked while publishing, too: the last message on a topic tells of the last state.
   basics::Mutex mutex_;
+  VisionMarkers markers_ HELIX_ARM_GUARDED_BY(mutex_);
   VisionLedger ledger_ HELIX_ARM_GUARDED_BY(mutex_);
   bool watching_ HELIX_ARM_GUARDED_BY(mutex_) = true;
   bool failed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
