@@ -66,7 +66,8 @@ class BoardFinder {
 
   vision::BoardSight find(const vision::Frame& frame) {
     if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
-      return vision::boardSight(*tags, frame.name, detector_->detect(frame.gray));
+      return vision::boardSight(*tags, frame.name, frame.gray.size(),
+                                detector_->detect(frame.gray));
     }
     return vision::charucoSight(std::get<vision::CharucoBoard>(board_), frame.name, frame.gray);
   }
@@ -269,7 +270,11 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
   }
   vision::CameraCalibrationOptions options;
   options.coefficients = arguments.coefficients;
-  result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
+  if (const auto reason = whyNoPicture(result.read)) {
+    result.calibration.reason = *reason;
+  } else {
+    result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
+  }
   if (result.calibration.success && !arguments.out.empty()) {
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;

@@ -22,9 +22,17 @@ std::optional<double> distanceOf(const BoardSight& a, const BoardSight& b, int l
   return std::sqrt(sum / shared);
 }
 
+// A pixel's centre is at whole numbers.
+bool isAtBorder(const estimation::Corners& corners, const cv::Size& size) {
+  const Eigen::Vector2d first = corners.rowwise().minCoeff(), last = corners.rowwise().maxCoeff();
+  return first.minCoeff() + 0.5 < kLeastFromBorder ||
+         last.x() + 0.5 > size.width - kLeastFromBorder ||
+         last.y() + 0.5 > size.height - kLeastFromBorder;
+}
+
 }  // namespace
 
-BoardSight boardSight(const TagBoard& board, const std::string& name,
+BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
                       const std::vector<TagDetection>& detections) {
   BoardSight sight{name, {}};
   for (std::size_t i = 0; i < detections.size(); ++i) {
@@ -32,6 +40,7 @@ BoardSight boardSight(const TagBoard& board, const std::string& name,
     const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
                           (i + 1 < detections.size() && detections[i + 1].id == tag.id);
     if (!board.has(tag.id) || tag.hamming > 0 || repeated) continue;
+    if (isAtBorder(tag.corners, size)) continue;
     const estimation::Corners on_board = board.corners(tag.id);
     for (int c = 0; c < 4; ++c) {
       sight.corners.push_back(

@@ -331,8 +331,8 @@ bool leaveOutBadViews(std::vector<View>& views, const std::vector<Linearised>& r
     CalibratedView& view = told[views[i].index];
     view.used = false;
     view.reason = "its RMS of " + number(rms[i], 2) + " px is above " + number(limit, 2) +
-                  " px, three times the median: the board moved or is bent, or a reflection "
-                  "covers it";
+                  " px, the larger of 0.3 px and three times the median of all views: the board "
+                  "moved or is bent, or a reflection covers it";
   }
   const bool any = kept.size() < views.size();
   if (any) views = std::move(kept);

@@ -69,7 +69,7 @@ bool showTagBoard(const std::vector<cv::Mat>& pictures) {
   config.family = board.family;
   TagDetector detector(config);
   return std::any_of(pictures.begin(), pictures.end(), [&](const cv::Mat& picture) {
-    const BoardSight sight = boardSight(board, "", detector.detect(picture));
+    const BoardSight sight = boardSight(board, "", picture.size(), detector.detect(picture));
     return static_cast<int>(sight.corners.size()) >= board.parts().leastCorners();
   });
 }

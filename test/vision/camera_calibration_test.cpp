@@ -89,7 +89,7 @@ TEST(CameraCalibration, FocalLengthFromRenderedPicturesIsWithinHalfAPercent) {
       config.bleed = 0.0002;
       config.seed = static_cast<std::uint32_t>(sights.size() + 1);
       const cv::Mat picture = test::boardPicture(camera, kBoard, pose, config);
-      sights.push_back(boardSight(kBoard, "", detector.detect(picture)));
+      sights.push_back(boardSight(kBoard, "", picture.size(), detector.detect(picture)));
     }
     const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
     ASSERT_TRUE(found.success) << found.reason;
@@ -176,7 +176,8 @@ TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
     EXPECT_EQ(found.views[i].used, i != 4) << i;
   }
   EXPECT_EQ(found.views[4].name, "view_5");
-  EXPECT_NE(found.views[4].reason.find("three times the median"), std::string::npos);
+  EXPECT_NE(found.views[4].reason.find("the larger of 0.3 px and three times the median"),
+            std::string::npos);
   EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
 }
 
@@ -246,9 +247,11 @@ TEST(CameraCalibration, OptionsOutOfRangeAreRefused) {
 }
 
 TEST(BoardSight, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
-  const auto tag = [](int id, int hamming) { return TagDetection{id, hamming, 50, {}}; };
+  const auto tag = [](int id, int hamming) {
+    return TagDetection{id, hamming, 50, estimation::Corners::Constant(100)};
+  };
   const BoardSight sight = boardSight(
-      kBoard, "a.png",
+      kBoard, "a.png", {200, 200},
       {tag(3, 0), tag(556, 0), tag(557, 0), tag(560, 1), tag(570, 0), tag(570, 0), tag(586, 0)});
   EXPECT_EQ(sight.name, "a.png");
   ASSERT_EQ(sight.corners.size(), 8u);
@@ -259,6 +262,20 @@ TEST(BoardSight, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
     EXPECT_EQ(sight.corners[first + 4].id, 4 * 29 + c);
     EXPECT_EQ(sight.corners[first + 4].board, kBoard.corners(586).col(c));
   }
+}
+
+// Corners at pixel p lie p + 0.5 px from the left and upper border.
+TEST(BoardSight, OmitsTagsThatTheBorderMayCut) {
+  const auto seen = [](double left, double top, double right, double bottom) {
+    TagDetection tag{557, 0, 50, {}};
+    tag.corners << left, right, right, left, bottom, bottom, top, top;
+    return boardSight(kBoard, "", {1280, 720}, {tag}).corners.size() == 4;
+  };
+  EXPECT_TRUE(seen(7.6, 7.6, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.4, 7.6, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.4, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.6, 1271.6, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.6, 1271.4, 711.6));
 }
 
 TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {

@@ -24,9 +24,15 @@ struct BoardSight {
   std::vector<BoardCorner> corners;  ///< sorted by id, each once
 };
 
-/// Corners of the board's tags among all detections. Tags with wrong bits and those that are seen
-/// twice are omitted.
-BoardSight boardSight(const TagBoard& board, const std::string& name,
+/// Least distance of a tag's corners from the border of the picture [px]. The detector finds a tag
+/// that the border cuts as well, with an edge up to 4 px inside the picture, which is not the
+/// tag's.
+inline constexpr double kLeastFromBorder = 8;
+
+/// Corners of the board's tags among all detections. Tags with wrong bits, those that are seen
+/// twice and those at the border are omitted.
+/// @param size  of the picture.
+BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
                       const std::vector<TagDetection>& detections);
 
 /// Which part of a picture the corners of boards have covered.

@@ -64,9 +64,9 @@ struct CameraCalibration {
   std::vector<std::string> warnings;
 };
 
-/// Least squares over all views (Zhang's method, by OpenCV). Views whose RMS exceeds three times
-/// the median of all are left out. The scale of the print has no influence: it only scales the
-/// distances.
+/// Least squares over all views (Zhang's method, by OpenCV). Views whose RMS exceeds 0.3 px and
+/// three times the median of all are left out. The scale of the print has no influence: it only
+/// scales the distances.
 /// @param parts   of the board.
 /// @param sights  pictures of the board, all of this size.
 /// @throws std::invalid_argument on options that break their rules.
