@@ -164,7 +164,12 @@ TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
   refused({}, "--source is required");
   refused({"--source", "webcam", pictures}, "--source has webcam beside files; give either");
   refused({"--source", folder / "none"}, "none");
-  refused({"--source", pictures, "--board", "charuco"}, "--board: charuco not in {tags}");
+  refused({"--source", pictures, "--board", "chessboard"},
+          "--board: chessboard not in {tags,charuco}");
+  refused({"--source", pictures, "--dictionary", "DICT_4X4_50"},
+          "--dictionary is of a ChArUco board, and --board is tags; add --board charuco");
+  refused({"--source", pictures, "--board", "charuco", "--squares", "7,1"},
+          "ChArUco board: the number of squares down is 1; expected 3 to 100");
   refused({"--source", pictures, "--set", "name=x"}, "none is given; leave out --set");
   refused({"--source", pictures, "--size", "640,480"}, "go with --source webcam");
   refused({"--source", "webcam", "--size", "640,0"},

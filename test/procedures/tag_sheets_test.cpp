@@ -117,7 +117,8 @@ TEST(TagSheets, EverythingLiesWithinTheMarginsAndNothingOverlaps) {
       std::vector<Page> pages = tagSheets(scene, paper);
       const std::vector<Page> placement = placementSheets(scene, paper);
       pages.insert(pages.end(), placement.begin(), placement.end());
-      pages.push_back(boardSheet({}, paper));
+      pages.push_back(boardSheet(vision::TagBoard(), paper));
+      pages.push_back(boardSheet(vision::CharucoBoard(), paper));
       numberPages(paper, pages);
       for (const Page& page : pages) {
         expectWithinMargins(page, paper);
@@ -210,7 +211,7 @@ TEST(TagSheets, ACardHasItsIdAndPlaceBelowAndAnUpMarkAboveTheTag) {
 TEST(TagSheets, PagesToCutAndBoardsHaveTwoRulersOf100Mm) {
   for (const Paper& paper : kPapers) {
     std::vector<Page> pages = tagSheets(shipped("demo"), paper);
-    pages.push_back(boardSheet({}, paper));
+    pages.push_back(boardSheet(vision::TagBoard(), paper));
     for (const Page& page : pages) {
       int across = 0, upright = 0;
       for (const Stroke& stroke : page.strokes) {
