@@ -3,7 +3,6 @@
 
 #include "arguments.hpp"
 #include "camera_actions.hpp"
-#include "helix_arm/vision/board_views.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -49,14 +48,13 @@ Subcommand addCamera(CLI::App& app) {
   const auto arguments = std::make_shared<CameraArguments>();
 
   CLI::App* calibrate = command->add_subcommand(
-      "calibrate", "intrinsics of a camera from pictures of the board that tags --board prints");
+      "calibrate",
+      "intrinsics of a camera from pictures of the board that tags --board prints, or of "
+      "another ChArUco board");
   addSource(calibrate, *arguments);
-  calibrate
-      ->add_option("--board", arguments->board,
-                   "tags: AprilTags as helix_arm tags --board prints them. A ChArUco board is not "
-                   "read: it needs OpenCV's contrib modules")
-      ->check(CLI::IsMember({"tags"}))
-      ->default_val("tags");
+  addBoardOption(*calibrate, arguments->board,
+                 "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
+                 "as helix_arm tags --board charuco prints it or as the options say");
   addScene(*calibrate, "--scene", arguments->scene,
            "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
@@ -89,11 +87,14 @@ Subcommand addCamera(CLI::App& app) {
   calibrate->footer(
       "Pictures are all used; of a webcam or a video those in which the board rests at a new\n"
       "place. Hold the board close, at the edges and corners, and tilted to each side.\n"
-      "json: scene (null without), board, success, reason, size_px, pictures (number), faults\n"
-      "[{file, reason}], parameters {name: {value, standard_error, unit}}, rms_px, coverage\n"
+      "json: scene (null without), board (tags or charuco), charuco (null, or dictionary,\n"
+      "columns, rows, square_size_m, marker_size_m, legacy_pattern), success, reason, size_px,\n"
+      "pictures (number), faults [{file, reason}], parameters {name: {value, standard_error, "
+      "unit}}, rms_px, coverage\n"
       "(part of the picture's 8 x 6 cells that hold corners), reach (largest distance of a corner\n"
       "from the principal point, relative to the picture's corner), tilted_views, views [{file,\n"
-      "tags, used, reason, rms_px, distance_m, tilt_deg}], warnings, out.\n"
+      "tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, "
+      "out.\n"
       "csv: one row per parameter. Exit code 1 if the views do not determine the camera; the\n"
       "reason is in the result, and nothing is written. 130 on Ctrl-C.");
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "board_arguments.hpp"
 #include "camera_source.hpp"
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -17,7 +18,7 @@ struct CameraArguments {
   std::string scene;  ///< calibrate: empty for none
   std::vector<std::string> sources;
   std::string out;           ///< empty: nothing is written
-  std::string board;         ///< calibrate
+  BoardArguments board;      ///< calibrate
   std::string device, size;  ///< calibrate: of a webcam without scene
   std::optional<int> focus;  ///< calibrate: likewise
   int coefficients = 5;      ///< calibrate

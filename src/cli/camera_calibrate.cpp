@@ -8,6 +8,7 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/camera_change.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
+#include "helix_arm/vision/charuco_reader.hpp"
 #include "interrupt_watch.hpp"
 #include "output.hpp"
 
@@ -51,28 +52,55 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   return source;
 }
 
-// Collects the boards of all pictures.
-class Views {
+// Finds a board of either kind in a picture.
+class BoardFinder {
  public:
-  Views(const vision::TagBoard& board, int wanted) : board_(board), wanted_(wanted) {
+  explicit BoardFinder(const CalibrationBoard& board) : board_(board) {
+    const auto* tags = std::get_if<vision::TagBoard>(&board);
+    if (tags == nullptr) return;
     vision::DetectorConfig config;
-    config.family = board.family;
+    config.family = tags->family;
     config.quad_decimate = 1;  // time does not matter here, corners do
     detector_.emplace(config);
   }
+
+  vision::BoardSight find(const vision::Frame& frame) {
+    if (const auto* tags = std::get_if<vision::TagBoard>(&board_)) {
+      return vision::boardSight(*tags, frame.name, frame.gray.size(),
+                                detector_->detect(frame.gray));
+    }
+    return vision::charucoSight(std::get<vision::CharucoBoard>(board_), frame.name, frame.gray);
+  }
+
+ private:
+  const CalibrationBoard& board_;
+  std::optional<vision::TagDetector> detector_;  // of a board of tags
+};
+
+// Collects the boards of all pictures.
+class Views {
+ public:
+  Views(const CalibrationBoard& board, int wanted)
+      : board_(board), finder_(board), parts_(partsOf(board)), wanted_(wanted) {}
 
   // False once there are enough.
   bool take(const vision::Frame& frame, bool continuous) {
     if (!size_) {
       size_ = frame.gray.size();
-      picker_.emplace(*size_);
+      picker_.emplace(*size_, parts_);
     }
     if (*size_ != frame.gray.size()) {
       other_size_ = frame.name;
       return false;
     }
-    const vision::BoardSight sight =
-        vision::boardSight(board_, frame.name, detector_->detect(frame.gray));
+    const vision::BoardSight sight = finder_.find(frame);
+    if (static_cast<int>(sight.corners.size()) >= parts_.leastCorners()) {
+      seen_ = true;
+      without_.clear();
+    } else if (!seen_) {
+      without_.push_back(frame.gray.clone());
+      if (without_.size() > kMostWithout) without_.erase(without_.begin());
+    }
     if (!continuous) {
       single_.push_back(sight);
       return true;
@@ -85,6 +113,17 @@ class Views {
     return static_cast<int>(picker_->chosen().size()) < wanted_;
   }
 
+  // With the likely cause as remedy, if no picture shows the board.
+  vision::BoardParts parts() const {
+    vision::BoardParts parts = parts_;
+    if (seen_ || without_.empty()) return parts;
+    if (const auto* charuco = std::get_if<vision::CharucoBoard>(&board_)) {
+      parts.remedy = vision::whyNoCharuco(*charuco, without_);
+    } else {
+      parts.remedy += "; a ChArUco board is read with --board charuco";
+    }
+    return parts;
+  }
   std::vector<vision::BoardSight> all() const {
     std::vector<vision::BoardSight> sights = single_;
     if (picker_) sights.insert(sights.end(), picker_->chosen().begin(), picker_->chosen().end());
@@ -95,16 +134,26 @@ class Views {
   const std::string& otherSize() const { return other_size_; }
 
  private:
-  const vision::TagBoard& board_;
+  static constexpr std::size_t kMostWithout = 3;
+
+  static vision::BoardParts partsOf(const CalibrationBoard& board) {
+    return std::visit([](const auto& one) { return one.parts(); }, board);
+  }
+
+  const CalibrationBoard& board_;
+  BoardFinder finder_;
+  const vision::BoardParts parts_;
   const int wanted_;
-  std::optional<vision::TagDetector> detector_;
   std::optional<cv::Size> size_;
   std::optional<vision::BoardViews> picker_;
   std::vector<vision::BoardSight> single_;
   std::string other_size_;
+  bool seen_ = false;             // a board, in any picture
+  std::vector<cv::Mat> without_;  // the last pictures, until one is seen
 };
 
 struct Calibrated {
+  CalibrationBoard board;
   std::optional<io::Scene> scene;
   PicturesRead read;
   cv::Size size;
@@ -114,6 +163,7 @@ struct Calibrated {
 
 json reportOf(const Calibrated& result) {
   const CameraCalibration& calibration = result.calibration;
+  const bool charuco = std::holds_alternative<vision::CharucoBoard>(result.board);
   json parameters = json::object(), views = json::array();
   for (const CameraParameter& one : calibration.parameters) {
     parameters[one.name] = {
@@ -122,7 +172,8 @@ json reportOf(const Calibrated& result) {
   for (const CalibratedView& view : calibration.views) {
     const bool fitted = view.distance > 0;
     views.push_back({{"file", view.name},
-                     {"tags", view.tags},
+                     {"tags", charuco ? json() : json(view.parts)},
+                     {"corners", view.corners},
                      {"used", view.used},
                      {"reason", view.reason.empty() ? json() : json(view.reason)},
                      {"rms_px", fitted ? json(view.rms) : json()},
@@ -130,7 +181,8 @@ json reportOf(const Calibrated& result) {
                      {"tilt_deg", fitted ? json(kPerDegree * view.tilt) : json()}});
   }
   return {{"scene", result.scene ? json(result.scene->name) : json()},
-          {"board", "tags"},
+          {"board", charuco ? "charuco" : "tags"},
+          {"charuco", charuco ? boardJson(result.board) : json()},
           {"success", calibration.success},
           {"reason", calibration.reason.empty() ? json() : json(calibration.reason)},
           {"size_px", {result.size.width, result.size.height}},
@@ -202,8 +254,8 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
                         "focal length");
     }
   }
-  const vision::TagBoard board;
-  Views views(board, arguments.views);
+  result.board = boardOf(arguments.board);
+  Views views(result.board, arguments.views);
   result.read = readPictures(
       sourceOf(arguments, result.scene),
       [&views](const vision::Frame& frame, bool next) { return views.take(frame, next); });
@@ -218,7 +270,11 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
   }
   vision::CameraCalibrationOptions options;
   options.coefficients = arguments.coefficients;
-  result.calibration = vision::calibrateCamera(board, result.size, views.all(), options);
+  if (const auto reason = whyNoPicture(result.read)) {
+    result.calibration.reason = *reason;
+  } else {
+    result.calibration = vision::calibrateCamera(views.parts(), result.size, views.all(), options);
+  }
   if (result.calibration.success && !arguments.out.empty()) {
     write(arguments, global, result.calibration.camera);
     result.out = arguments.out;

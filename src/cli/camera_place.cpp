@@ -159,7 +159,11 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
   });
   tellFaults(result.read);
   if (result.read.interrupted) return kInterrupted;
-  result.placing = procedures::placeCamera(scene, shape, pictures);
+  if (const auto reason = whyNoPicture(result.read)) {
+    result.placing.reason = *reason;
+  } else {
+    result.placing = procedures::placeCamera(scene, shape, pictures);
+  }
   if (result.placing.success && !arguments.out.empty()) {
     io::writeFileAtomically(arguments.out,
                             io::sceneTextWithCamera(arguments.scene, overridesOf(global),

@@ -40,9 +40,20 @@ void readWebcam(const CameraSource& source,
     read.faults.push_back({frame.name, frame.fault});
     return;
   }
+  // The time was shorter than the patience.
+  if (read.pictures == 0 && !frame.fault.empty()) read.faults.push_back({frame.name, frame.fault});
 }
 
 }  // namespace
+
+std::optional<std::string> whyNoPicture(const PicturesRead& read) {
+  if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
+  const PictureFault& first = read.faults.front();
+  const bool named = first.reason.find(first.name) != std::string::npos;
+  const std::size_t others = read.faults.size() - 1;
+  return "no picture could be read: " + (named ? "" : first.name + ": ") + first.reason +
+         (others > 0 ? ", and " + std::to_string(others) + " others" : "");
+}
 
 PicturesRead readPictures(const CameraSource& source,
                           const std::function<bool(const vision::Frame&, bool)>& take) {

@@ -35,6 +35,9 @@ struct PicturesRead {
   bool interrupted = false;  ///< by Ctrl-C
 };
 
+/// Why there is not a single picture, naming the first file or device; nothing if there is one.
+std::optional<std::string> whyNoPicture(const PicturesRead& read);
+
 /// Reads pictures until they end, until `take` wants no more, until the time is over or until
 /// Ctrl-C. A webcam that gives no picture for 5 s ends it too.
 /// @param take  gets each picture and whether it follows the last one in time; returns false if it

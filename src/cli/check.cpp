@@ -2,6 +2,7 @@
 #include <iomanip>
 #include <iostream>
 #include <memory>
+#include <sstream>
 
 #include "arguments.hpp"
 #include "command.hpp"
@@ -9,6 +10,7 @@
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
 #include "output.hpp"
+#include "regulator_actions.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -25,11 +27,54 @@ struct CheckArguments {
   int samples = 150;
 };
 
-/// What the regulator said.
+// What the regulator said.
 struct Answer {
   bool asked = false;
-  std::optional<double> supply;  ///< [Pa]
+  std::optional<regulator::Pressures> readings;  // if it answered
 };
+
+std::optional<double> supplyOf(const Answer& answer) {
+  if (!answer.readings || !std::isfinite(answer.readings->supply)) return std::nullopt;
+  return answer.readings->supply;
+}
+
+std::string kpaOf(double pressure) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(2) << pressure / 1e3 << " kPa";
+  return text.str();
+}
+
+// Tells what was read, and holds it against the scene.
+void judge(const io::Scene& scene, const Answer& answer, std::vector<Finding>& findings) {
+  const std::string name = regulator::describe(*scene.regulator);
+  const Eigen::VectorXd& pressure = answer.readings->pressure;
+  std::string said;
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const std::string& actuator = scene.arm.actuator(i).name;
+    said += (i > 0 ? ", " : "") + actuator + " ";
+    said += std::isfinite(pressure[i]) ? kpaOf(pressure[i]) : "no reading";
+    if (std::isfinite(pressure[i])) continue;
+    findings.push_back({Severity::kFault, "no_reading", actuator, "its channel gives no reading",
+                        "look at its sensor and address: helix_arm regulator SCENE probe"});
+  }
+  const std::optional<double> supply = supplyOf(answer);
+  if (supply) said += ", supply " + kpaOf(*supply);
+  findings.push_back({Severity::kNote, "answered", name,
+                      "it vented and answered, gauge pressures: " + said,
+                      "expect 0 kPa within the noise of the sensors"});
+  if (!regulator::isHardware(*scene.regulator)) return;  // its supply stands in the scene
+  if (!supply) {
+    findings.push_back({Severity::kNote, "supply_not_measured", name,
+                        "it does not tell the pressure of its supply, which is therefore not "
+                        "compared with the limits of the arm",
+                        "read the gauge of the supply: it must show the highest max_pressure_kpa "
+                        "or more"});
+    return;
+  }
+  for (const Finding& finding : procedures::checkSupply(scene, *supply)) {
+    findings.push_back(finding);
+  }
+}
 
 // Connects, which vents, and reads once.
 Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
@@ -40,13 +85,7 @@ Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
     driver->connect();
     regulator::Pressures pressures(scene.arm.actuatorCount());
     driver->read(pressures);
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      if (std::isfinite(pressures.pressure[i])) continue;
-      findings.push_back({Severity::kFault, "no_reading", scene.arm.actuator(i).name,
-                          "its channel gives no reading",
-                          "look at its sensor and address: helix_arm regulator SCENE probe"});
-    }
-    if (std::isfinite(pressures.supply)) answer.supply = pressures.supply;
+    answer.readings = pressures;
   } catch (const regulator::LinkError& error) {
     findings.push_back(
         {Severity::kFault, "no_answer", name, error.what(), "check power, cable and address"});
@@ -54,11 +93,8 @@ Answer ask(const io::Scene& scene, std::vector<Finding>& findings) {
     findings.push_back(
         {Severity::kFault, "bad_reply", name, error.what(), "check the profile of the regulator"});
   }
-  if (answer.supply) {
-    for (const Finding& finding : procedures::checkSupply(scene, *answer.supply)) {
-      findings.push_back(finding);
-    }
-  }
+  if (answer.readings) judge(scene, answer, findings);
+  procedures::sortBySeverity(findings);
   return answer;
 }
 
@@ -88,7 +124,9 @@ void printJsonResult(const io::Scene& scene, const RigCheck& check, const Answer
              {"findings", findings},
              {"sight", sightJson(check.sight)},
              {"probed", answer.asked},
-             {"supply_pa", toJson(answer.supply)}});
+             {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
+             {"pressures_pa", answer.readings ? readingsJson(answer.readings->pressure) : json()},
+             {"supply_pa", toJson(supplyOf(answer))}});
 }
 
 void printCsvResult(const RigCheck& check) {
@@ -116,7 +154,7 @@ void printText(const io::Scene& scene, const RigCheck& check, const Answer& answ
   }
   if (check.sight && check.sight->samples > 0) {
     const SightFigures& sight = *check.sight;
-    std::cout << "over " << sight.samples << " inputs the camera sees " << sight.median_tags
+    std::cout << "over " << sight.samples << " inputs the camera reads " << sight.median_tags
               << " tags (median), at least " << sight.least_tags << "; measured in "
               << std::lround(100 * sight.measured) << " %";
     if (sight.measured > 0) {
@@ -166,9 +204,10 @@ Subcommand addCheck(CLI::App& app) {
   command->footer(
       "Nothing moves. Faults of the file itself are reported as by every command (exit code 2).\n"
       "json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,\n"
-      "remedy}], sight {samples, least_tags, median_tags (in sight), measured (part of the\n"
-      "samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 % of the tags in sight\n"
-      "exceed)} (null without camera or tags), probed, supply_pa (null unless measured).\n"
+      "remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),\n"
+      "measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit (that 90 %\n"
+      "of the tags that face the camera exceed)} (null without camera or tags), probed, regulator\n"
+      "(null without), pressures_pa (null unless it answered), supply_pa (null unless measured).\n"
       "csv: one row per finding. Exit code 1 if a fault was found.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }

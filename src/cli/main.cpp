@@ -1,7 +1,9 @@
+#include <algorithm>
 #include <exception>
 #include <iostream>
 #include <map>
 
+#include "board_arguments.hpp"
 #include "command.hpp"
 
 namespace {
@@ -48,7 +50,10 @@ int run(int argc, char** argv) {
       helix_arm::cli::addCamera(app),    helix_arm::cli::addCheck(app),
       helix_arm::cli::addNew(app),       helix_arm::cli::addRegulator(app)};
   try {
-    app.parse(argc, argv);
+    std::vector<std::string> arguments =
+        helix_arm::cli::joinBoardKind(std::vector<std::string>(argv + 1, argv + argc));
+    std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
+    app.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
     const bool unknown_command = app.get_subcommands().empty() && !app.remaining().empty();
     if (unknown_command) {

@@ -1,12 +1,16 @@
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <variant>
+#include <vector>
 
 #include <unistd.h>
 
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/new_scene.hpp"
 #include "output.hpp"
@@ -18,7 +22,7 @@ using procedures::NewScene;
 
 struct NewArguments {
   NewScene scene;
-  std::string out, regulator = "simulated";
+  std::string out;
   bool defaults = false, force = false;
   CLI::App* command = nullptr;
 };
@@ -61,6 +65,28 @@ class Interview {
   const CLI::App& command_;
 };
 
+// "simulated, none, alicat, .."
+std::string regulators() {
+  std::string names = "simulated, none";
+  for (const std::string& profile : io::shippedProfiles()) names += ", " + profile;
+  return names;
+}
+
+void requireRegulator(const NewScene& scene) {
+  const std::vector<std::string> shipped = io::shippedProfiles();
+  if (!scene.isHardware() || io::isProfilePath(scene.regulator) ||
+      std::find(shipped.begin(), shipped.end(), scene.regulator) != shipped.end()) {
+    return;
+  }
+  throw CallerError("--regulator is " + scene.regulator + "; expected " + regulators() +
+                    ", or the path of a profile (with a / or ending in .yaml)");
+}
+
+bool speaksSerial(const NewScene& scene) {
+  return std::holds_alternative<regulator::SerialProfile>(
+      io::loadRegulatorProfile(scene.regulator));
+}
+
 void interview(NewArguments& arguments) {
   const Interview interview(*arguments.command);
   NewScene& scene = arguments.scene;
@@ -79,15 +105,15 @@ void interview(NewArguments& arguments) {
     interview.ask("--camera-distance-m", "camera from the arm [m]; 0: so that it fits",
                   scene.camera_distance);
   }
-  interview.ask("--regulator", "regulator: simulated, generic or none", arguments.regulator);
-  if (arguments.regulator == "generic") interview.ask("--device", "its device", scene.device);
-}
-
-NewScene::Regulator regulatorNamed(const std::string& name) {
-  if (name == "simulated") return NewScene::Regulator::kSimulated;
-  if (name == "generic") return NewScene::Regulator::kGeneric;
-  if (name == "none") return NewScene::Regulator::kNone;
-  throw CallerError("regulator is " + name + "; expected simulated, generic or none");
+  interview.ask("--regulator", "regulator: " + regulators() + ", or the path of a profile",
+                scene.regulator);
+  requireRegulator(scene);
+  if (!scene.isHardware()) return;
+  if (speaksSerial(scene)) {
+    interview.ask("--device", "its device", scene.device);
+  } else {
+    interview.ask("--host", "its name or address", scene.host);
+  }
 }
 
 int run(NewArguments& arguments, const GlobalOptions& global) {
@@ -105,10 +131,17 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   if (!arguments.defaults && isatty(STDIN_FILENO) != 0) interview(arguments);
   NewScene& scene = arguments.scene;
   scene.name = fs::path(arguments.out).stem().string();
-  scene.regulator = regulatorNamed(arguments.regulator);
-  if (arguments.command->count("--device") > 0 &&
-      scene.regulator != NewScene::Regulator::kGeneric) {
-    throw CallerError("--device goes with --regulator generic");
+  requireRegulator(scene);
+  // A scene counts such a path from its own folder.
+  if (scene.isHardware() && io::isProfilePath(scene.regulator)) {
+    scene.regulator = fs::absolute(scene.regulator).lexically_normal().string();
+  }
+  const bool serial = scene.isHardware() && speaksSerial(scene);
+  if (arguments.command->count("--device") > 0 && !serial) {
+    throw CallerError("--device goes with a --regulator on a serial line, such as generic");
+  }
+  if (arguments.command->count("--host") > 0 && (serial || !scene.isHardware())) {
+    throw CallerError("--host goes with a --regulator on Modbus TCP, such as festo_vtem");
   }
   const std::string text = procedures::newSceneText(scene);
   const io::Scene made = io::sceneOfText(text, arguments.out);
@@ -118,7 +151,7 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
     printJson({{"scene", made.name},
                {"actuators", made.arm.actuatorCount()},
                {"tags", tags},
-               {"regulator", arguments.regulator},
+               {"regulator", scene.regulator},
                {"out", arguments.out}});
   }
   if (global.format == Format::kCsv) {
@@ -126,7 +159,7 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
     table.add({{"scene", made.name},
                {"actuators", std::to_string(made.arm.actuatorCount())},
                {"tags", std::to_string(tags)},
-               {"regulator", arguments.regulator},
+               {"regulator", scene.regulator},
                {"out", arguments.out}});
     table.print(std::cout);
   }
@@ -162,11 +195,13 @@ Subcommand addNew(CLI::App& app) {
   add("--tilt-deg", scene.tilt_deg, "tilt of the muscles, which winds them around the arm [deg]");
   add("--max-pressure-kpa", scene.max_pressure_kpa, "highest gauge pressure [kPa]");
   add("--tag-size-m", scene.tag_size, "outer edge of the tags' black border [m]; 0: no tags");
-  add("--tags", scene.tags, "tags per muscle; 0: as many as fit, at most 7");
+  add("--tags", scene.tags, "tags per muscle; 0: as many as fit, at most 7, and 64 in all");
   add("--camera-distance-m", scene.camera_distance,
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
-  add("--regulator", arguments->regulator, "simulated, generic (the board) or none");
-  add("--device", scene.device, "serial device of a generic regulator");
+  add("--regulator", scene.regulator,
+      "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
+  add("--device", scene.device, "serial device of a regulator on a serial line");
+  add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,
                     "ask nothing; without it, a terminal is asked for what no option gives");
   command->add_flag("--force", arguments->force, "replace FILE.yaml if it exists");

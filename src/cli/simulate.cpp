@@ -13,6 +13,7 @@
 #include <stdexcept>
 
 #include "arguments.hpp"
+#include "board_arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/number.hpp"
@@ -39,7 +40,8 @@ struct SimulateOptions {
   std::string scene, out;
   int count = 20;
   std::uint32_t seed = 1;
-  bool rest = false, board = false;
+  bool rest = false;
+  BoardArguments board;
 };
 
 // What was written.
@@ -215,17 +217,13 @@ std::string cornerComment(const io::Scene& scene) {
          "Gauge pressure [kPa], pixels with (0, 0) the centre of the top-left one.";
 }
 
-// What a rendered picture of the board shows besides its tags: an arm out of sight.
-const model::Twists kNoArm = model::Twists::Identity(6, 1) * 0.4;
-
 // Pictures of the calibration board by the camera of the scene.
 SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   if (!scene.camera) {
     throw CallerError("scene " + scene.name + " has no camera; add the section camera");
   }
-  const vision::TagBoard board;
-  const vision::TagFamily family(board.family);
+  const CalibrationBoard board = boardOf(options.board);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   simulation::SimulatedCameraConfig config = scene.simulation.camera;
   const fs::path directory = makeDirectory(options.out);
@@ -233,12 +231,16 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
   for (const lie::SE3& pose :
        simulation::boardPoses(scene.camera->model, options.count, options.seed)) {
     config.seed = options.seed + static_cast<std::uint32_t>(number);
-    simulation::SimulatedCamera camera(simulation::boardView(scene.camera->model, board, pose),
-                                       family, {}, config);
-    const auto jpeg = encoder.encode(camera.render(kNoArm));
+    simulation::SimulatedCamera camera = std::visit(
+        [&](const auto& one) {
+          return simulation::boardCamera(scene.camera->model, one, pose, config);
+        },
+        board);
+    const auto jpeg = encoder.encode(camera.render(simulation::kArmOutOfSight));
     OutputFile(directory / pictureName(++number)).write(std::string(jpeg.begin(), jpeg.end()));
   }
-  return {directory, number, board.count(), true};
+  const int tags = std::visit([](const auto& one) { return one.count(); }, board);
+  return {directory, number, tags, true};
 }
 
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
@@ -300,11 +302,12 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 }
 
 int run(const SimulateOptions& options, const GlobalOptions& global) {
-  if (options.board && options.rest) {
+  checkBoard(options.board);
+  if (options.board.given() && options.rest) {
     throw CallerError("--rest is of the arm, and --board shows none; leave out either");
   }
   const SimulatedSet set =
-      options.board ? simulateBoard(options, global) : simulate(options, global);
+      options.board.given() ? simulateBoard(options, global) : simulate(options, global);
   const auto pathOf = [&set](const char* file, bool written) {
     return written ? json((set.directory / file).string()) : json(nullptr);
   };
@@ -315,10 +318,10 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"captures", set.captures},
                {"pictures", pictures},
                {"tags", set.tags},
-               {"scene", pathOf("scene.yaml", !options.board)},
-               {"truth", pathOf("truth.csv", !options.board)},
-               {"tag_poses", pathOf("tag_poses.csv", !options.board && set.tags > 0)},
-               {"tag_corners", pathOf("tag_corners.csv", !options.board && set.pictures)}});
+               {"scene", pathOf("scene.yaml", !options.board.given())},
+               {"truth", pathOf("truth.csv", !options.board.given())},
+               {"tag_poses", pathOf("tag_poses.csv", !options.board.given() && set.tags > 0)},
+               {"tag_corners", pathOf("tag_corners.csv", !options.board.given() && set.pictures)}});
   }
   if (global.format == Format::kCsv) {
     CsvTable table;
@@ -329,7 +332,7 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
                {"tags", std::to_string(set.tags)}});
     table.print(std::cout);
   }
-  if (global.format == Format::kText && options.board) {
+  if (global.format == Format::kText && options.board.given()) {
     std::cout << set.captures << " pictures of the calibration board in " << set.directory.string()
               << ": " << pictureName(1) << " to " << pictureName(set.captures) << "\n";
   } else if (global.format == Format::kText) {
@@ -362,9 +365,10 @@ Subcommand addSimulate(CLI::App& app) {
   command->add_option("--seed", options->seed, "seed of the pressures and of all noise")
       ->capture_default_str();
   command->add_flag("--rest", options->rest, "the arm at rest in every capture");
-  command->add_flag("--board", options->board,
-                    "instead, pictures of the calibration board (helix_arm tags --board) in the "
-                    "hands of a person, by the scene's camera");
+  addBoardFlag(
+      *command, options->board,
+      "instead, pictures of the calibration board (helix_arm tags --board) in the hands of "
+      "a person, by the scene's camera: tags (default) or charuco");
   command->footer(
       "The arm deviates from the scene's as its key simulation.arm says, at rest at random\n"
       "pressures, under its key load as computed by tier exact. Camera and tags are placed by\n"

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "arguments.hpp"
+#include "board_arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/tag_sheets.hpp"
@@ -22,13 +23,13 @@ using procedures::Paper;
 
 struct TagsArguments {
   std::string scene, out, paper = kPapers[0].name;
-  bool board = false;
+  BoardArguments board;
 };
 
 /// What was printed.
 struct Print {
   std::optional<io::Scene> scene;
-  std::optional<vision::TagBoard> board;
+  std::optional<CalibrationBoard> board;
   Paper paper;
   std::size_t pages;
   std::string out;
@@ -54,14 +55,13 @@ std::vector<Page> pagesOf(const Print& print) {
       pages.push_back(page);
     }
   }
-  if (print.board) pages.push_back(procedures::boardSheet(*print.board, print.paper));
+  if (print.board) {
+    pages.push_back(std::visit(
+        [&print](const auto& board) { return procedures::boardSheet(board, print.paper); },
+        *print.board));
+  }
   procedures::numberPages(print.paper, pages);
   return pages;
-}
-
-json boardJson(const vision::TagBoard& board) {
-  return {{"family", board.family}, {"first_id", board.first_id}, {"columns", board.columns},
-          {"rows", board.rows},     {"size_m", board.tag_size},   {"pitch_m", board.pitch}};
 }
 
 json toJson(const Print& print) {
@@ -104,14 +104,18 @@ void printText(const Print& print) {
               << " of " << 1e3 * print.scene->tags->size << " mm and where they are mounted";
     separator = ", ";
   }
-  if (print.board) std::cout << separator << "a calibration board";
+  if (print.board) {
+    const bool charuco = std::holds_alternative<vision::CharucoBoard>(*print.board);
+    std::cout << separator << (charuco ? "a ChArUco board" : "a calibration board");
+  }
   std::cout << ": " << print.pages << (print.pages == 1 ? " page " : " pages ") << print.paper.name
             << " in " << print.out << "\n"
             << "Print at 100 % (\"actual size\"); both rulers must then be 100 mm long.\n";
 }
 
 void check(const TagsArguments& arguments, const GlobalOptions& global) {
-  if (arguments.scene.empty() && !arguments.board) {
+  checkBoard(arguments.board);
+  if (arguments.scene.empty() && !arguments.board.given()) {
     throw CallerError("nothing to print: give a SCENE with tags, --board or both");
   }
   if (arguments.scene.empty() && !global.overrides.empty()) {
@@ -126,7 +130,7 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   check(arguments, global);
   Print print{{}, {}, paperNamed(arguments.paper), 0, arguments.out};
   if (!arguments.scene.empty()) print.scene = loadScene(arguments.scene, global);
-  if (arguments.board) print.board = vision::TagBoard();
+  if (arguments.board.given()) print.board = boardOf(arguments.board);
   const std::vector<Page> pages = pagesOf(print);
   print.pages = pages.size();
   io::writeFileAtomically(
@@ -152,16 +156,17 @@ Subcommand addTags(CLI::App& app) {
   command->add_option("--paper", arguments->paper, "paper: a4 or letter")
       ->check(CLI::IsMember(paperNames()))
       ->capture_default_str();
-  command->add_flag(
-      "--board", arguments->board,
-      "also a board of tags for the calibration of a camera; its size does not depend on --paper");
+  addBoardFlag(*command, arguments->board,
+               "also a board for the calibration of a camera: tags (default), whose size does not "
+               "depend on --paper, or charuco");
   command->footer(
       "Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up\n"
       "mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of\n"
       "each tag. Print at 100 % (\"actual size\"): two rulers of 100 mm show whether the printer\n"
       "keeps to it.\n"
       "json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,\n"
-      "rows, size_m, pitch_m} (null without --board), paper, pages (number), out.\n"
+      "rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,\n"
+      "rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.\n"
       "csv: a row of scene, tags, size_m, board, paper, pages, out.");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }

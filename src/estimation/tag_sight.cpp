@@ -1,5 +1,7 @@
 #include "helix_arm/estimation/tag_sight.hpp"
 
+#include <algorithm>
+
 namespace helix_arm::estimation {
 
 void ArmView::validate() const {
@@ -34,6 +36,14 @@ void visibleTags(const ArmView& view, const model::Shape& shape, double least_co
     }
     X_CS = shape.beyond(X_CS, j);
   }
+}
+
+double longestSide(const Corners& corners) {
+  double longest = 0;
+  for (int c = 0; c < 4; ++c) {
+    longest = std::max(longest, (corners.col((c + 1) % 4) - corners.col(c)).norm());
+  }
+  return longest;
 }
 
 std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "modbus_profile_reader.hpp"
 #include "serial_profile_reader.hpp"
@@ -18,8 +19,9 @@ constexpr const char* kSerial = "ascii_serial";
 constexpr const char* kModbus = "modbus_tcp";
 constexpr std::size_t kLongestProfile = 200;  // of a path, in a message
 
-bool isPath(const std::string& profile) {
-  return profile.find('/') != std::string::npos || fs::path(profile).extension() == ".yaml";
+fs::path pathOf(const std::string& profile) {
+  return isProfilePath(profile) ? fs::path(profile)
+                                : fs::path(shippedFolder(kShippedRegulators)) / (profile + ".yaml");
 }
 
 // The value of a key; null without a map or without the key.
@@ -31,14 +33,17 @@ template <class Profile>
 using Reader = std::optional<Profile> (*)(const Value&, const std::string&, const std::string&,
                                           FaultList&);
 
+std::optional<Value> readDocument(const fs::path& path, FaultList& faults) {
+  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
+  if (!text) return std::nullopt;
+  return parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
+}
+
 // Content of a profile file below its single top-level key.
 template <class Profile>
 std::optional<Profile> readFile(const fs::path& path, const char* kind, Reader<Profile> reader,
                                 FaultList& faults) {
-  const std::optional<std::string> text = readTextFile(path, kMostSceneBytes, faults);
-  if (!text) return std::nullopt;
-  const std::optional<Value> document =
-      parseDocument(*text, {{kSerial, kModbus}, {kSerial, kModbus}, 1}, faults);
+  const std::optional<Value> document = readDocument(path, faults);
   if (!document) return std::nullopt;
   const MapReader file(*document, "", {kSerial, kModbus}, faults);
   const std::optional<std::string> found = file.exactlyOne({kSerial, kModbus});
@@ -61,13 +66,12 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
       alternatives(shipped) + ", or a path (with a / or ending in .yaml) from the scene's folder";
   const std::optional<std::string> profile = keys.text("profile", expected);
   if (!profile) return std::nullopt;
-  if (!isPath(*profile) && std::find(shipped.begin(), shipped.end(), *profile) == shipped.end()) {
+  if (!isProfilePath(*profile) &&
+      std::find(shipped.begin(), shipped.end(), *profile) == shipped.end()) {
     keys.fault("profile", expected);
     return std::nullopt;
   }
-  const fs::path path = isPath(*profile)
-                            ? fs::path(*profile)
-                            : fs::path(shippedFolder(kShippedRegulators)) / (*profile + ".yaml");
+  const fs::path path = pathOf(*profile);
   FaultList in_file(path.string());
   std::optional<Profile> read = readFile(path, kind, reader, in_file);
   if (!in_file.empty())
@@ -81,12 +85,36 @@ std::optional<Profile> readProfile(const MapReader& keys, const char* kind, Read
 
 std::vector<std::string> shippedProfiles() { return shippedNames(kShippedRegulators); }
 
+bool isProfilePath(const std::string& profile) {
+  return profile.find('/') != std::string::npos || fs::path(profile).extension() == ".yaml";
+}
+
+RegulatorProfile loadRegulatorProfile(const std::string& profile) {
+  const std::vector<std::string> shipped = shippedProfiles();
+  basics::require(
+      isProfilePath(profile) || std::find(shipped.begin(), shipped.end(), profile) != shipped.end(),
+      "the regulator profile ", basics::quoted(profile, kLongestProfile),
+      " is not shipped; expected ", alternatives(shipped),
+      ", or a path (with a / or ending in .yaml)");
+  const fs::path path = pathOf(profile);
+  FaultList faults(path.string());
+  std::optional<RegulatorProfile> read;
+  const std::optional<Value> document = readDocument(path, faults);
+  if (document && document->find(kModbus) != nullptr) {
+    read = readFile<regulator::ModbusProfile>(path, kModbus, readModbusProfile, faults);
+  } else if (document) {
+    read = readFile<regulator::SerialProfile>(path, kSerial, readSerialProfile, faults);
+  }
+  faults.throwIfAny();
+  return read.value();
+}
+
 Value* relativeProfile(Value& scene) {
   Value* const regulator = child(&scene, "regulator");
   for (const char* kind : {kSerial, kModbus}) {
     Value* const profile = child(child(regulator, kind), "profile");
     const bool relative = profile != nullptr && profile->kind == Value::Kind::kText &&
-                          isPath(profile->text) && fs::path(profile->text).is_relative();
+                          isProfilePath(profile->text) && fs::path(profile->text).is_relative();
     if (relative) return profile;
   }
   return nullptr;

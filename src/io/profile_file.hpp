@@ -2,18 +2,15 @@
 
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "document.hpp"
 #include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/regulator/modbus_profile.hpp"
 #include "helix_arm/regulator/serial_profile.hpp"
 #include "map_reader.hpp"
 
 namespace helix_arm::io {
-
-/// Names of the shipped regulator profiles, in alphabetical order.
-std::vector<std::string> shippedProfiles();
 
 /// The profile that a scene names by a path relative to the scene's folder (with a '/' or ending in
 /// .yaml); null if there is none. Such a path becomes invalid if the scene is moved.

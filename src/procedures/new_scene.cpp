@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <variant>
 #include <vector>
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/io/regulator_profile.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -22,14 +25,17 @@ constexpr double kWithBorder = 1.25;     // a tag with the white that the detect
 constexpr double kFirstTag = 0.04;       // its s
 constexpr double kTagBits = 8;           // across the black border of 36h11
 constexpr double kSmallBit = 3;          // of a tag that faces the camera [px]
-constexpr int kMostTags = 7;
+constexpr int kMostTags = 7;             // per muscle, unless asked for
 constexpr double kFocal = 930, kWidth = 1280, kHeight = 720;  // of a usual webcam [px]
 constexpr double kCameraDistance = 1.75;                      // in lengths of the arm
 constexpr double kCameraAzimuth = 35;  // about the world's z, between two muscles [deg]
 
+constexpr char kBoard[] = "generic";  // the profile of docs/board.md
+constexpr char kCommand[] = "helix_arm new";
+
 void requireWithin(const char* what, double value, double least, double most, const char* rule) {
-  basics::requireValue(std::isfinite(value) && value >= least && value <= most, "the new scene",
-                       what, value, rule);
+  basics::requireValue(std::isfinite(value) && value >= least && value <= most, kCommand, what,
+                       value, rule);
 }
 
 double roundedTo(double value, double step) { return step * std::round(value / step); }
@@ -175,30 +181,56 @@ void writeSight(const NewScene& scene, std::ostream& out) {
   }
 }
 
+// Of a channel. Alicat's devices have letters, Z at most; others count.
+std::string addressOf(const NewScene& scene, int channel) {
+  const bool letters = scene.regulator == "alicat" && channel < 26;
+  return letters ? std::string(1, static_cast<char>('A' + channel)) : std::to_string(channel);
+}
+
+void writeProfile(const NewScene& scene, std::ostream& out) {
+  const io::RegulatorProfile profile = io::loadRegulatorProfile(scene.regulator);
+  const auto* serial = std::get_if<regulator::SerialProfile>(&profile);
+  const bool path = io::isProfilePath(scene.regulator);
+  out << (serial != nullptr ? "  ascii_serial:\n" : "  modbus_tcp:\n")
+      << "    profile: " << (path ? "\"" + scene.regulator + "\"" : scene.regulator)
+      << (scene.regulator == kBoard ? "  # the board of docs/board.md: 300 kPa at most\n" : "\n");
+  if (serial == nullptr) {
+    out << "    host: " << scene.host << "\n";
+    return;
+  }
+  out << "    device: " << scene.device << "\n";
+  if (serial->write.find("{address}") == std::string::npos) return;
+  std::vector<std::string> addresses;
+  for (int k = 0; k < scene.sections * scene.muscles; ++k) {
+    addresses.push_back("\"" + addressOf(scene, k) + "\"");
+  }
+  out << "    addresses: " << listText(addresses) << "  # channels, in the order of the muscles\n";
+}
+
 void writeRegulator(const NewScene& scene, std::ostream& out) {
-  if (scene.regulator == NewScene::Regulator::kNone) {
+  if (scene.regulator == "none") {
     out << "\n# No regulator: shapes are computed and measured, nothing is commanded. See "
            "docs/safety.md.\n";
     return;
   }
-  const bool simulated = scene.regulator == NewScene::Regulator::kSimulated;
   out << "\n# See docs/safety.md for other devices, and before you connect a supply.\nregulator:\n";
-  if (simulated) {
+  if (scene.isHardware()) {
+    writeProfile(scene, out);
+  } else {
     out << "  simulated: {time_constant_s: 0.15, supply_kpa: "
         << formatNumber(std::ceil(scene.max_pressure_kpa * 1.2)) << ", noise_kpa: 2}\n";
-  } else {
-    std::vector<std::string> addresses;
-    for (int k = 0; k < scene.sections * scene.muscles; ++k) {
-      addresses.push_back("\"" + std::to_string(k) + "\"");
-    }
-    out << "  ascii_serial:\n"
-           "    profile: generic  # the board of docs/board.md\n"
-        << "    device: " << scene.device << "\n"
-        << "    addresses: " << listText(addresses)
-        << "  # channels, in the order of the muscles\n";
   }
-  out << "\n# When the arm vents by itself. config/scenes/annotated.yaml explains every key.\n"
-         "safety:\n"
+  out << "\n# When the arm vents by itself. config/scenes/annotated.yaml explains every key.\n";
+  if (scene.regulator == kBoard) {
+    out << "# The faults in docs/board.md were tried with these values.\n"
+           "safety:\n"
+           "  target_timeout_s: 0.5\n"
+           "  reading_timeout_s: 0.4\n"
+           "  slew_kpa_s: 300\n"
+           "  follow: {tolerance_kpa: 30, time_s: 0.4, time_constant_s: 0.1}\n";
+    return;
+  }
+  out << "safety:\n"
          "  target_timeout_s: 1\n"
          "  slew_kpa_s: 300\n"
          "  follow: {tolerance_kpa: 40, time_s: 1, time_constant_s: 0.15}\n";
@@ -209,35 +241,44 @@ void writeRegulator(const NewScene& scene, std::ostream& out) {
 int NewScene::tagsPerMuscle() const {
   if (tag_size <= 0) return 0;
   const int fit = 1 + static_cast<int>(std::floor(roomForTags(*this) / (kWithBorder * tag_size)));
-  return tags > 0 ? tags : std::min(fit, kMostTags);
+  return tags > 0 ? tags : std::min({fit, kMostTags, estimation::kMaxTags / (sections * muscles)});
 }
 
 void NewScene::validate() const {
-  requireWithin("sections", sections, 1, 16, "1 to 16");
-  requireWithin("muscles", muscles, 3, 24, "3 to 24 per section; write other arms by hand");
-  requireWithin("length", length, 0.02, 5, "0.02 to 5 m");
-  requireWithin("contraction", contraction, 0.01, 0.5, "0.01 to 0.5 of the length");
-  requireWithin("radius", radius, 0.002, 1, "0.002 to 1 m");
-  requireWithin("tilt", tilt_deg, -60, 60, "-60 to 60 degrees");
-  requireWithin("max_pressure", max_pressure_kpa, 1, 2000, "1 to 2000 kPa");
+  requireWithin("--sections", sections, 1, 16, "1 to 16");
+  requireWithin("--muscles", muscles, 3, 24, "3 to 24 per section; write other arms by hand");
+  requireWithin("--length-m", length, 0.02, 5, "0.02 to 5 m");
+  requireWithin("--contraction", contraction, 0.01, 0.5, "0.01 to 0.5 of the length");
+  requireWithin("--radius-m", radius, 0.002, 1, "0.002 to 1 m");
+  requireWithin("--tilt-deg", tilt_deg, -60, 60, "-60 to 60 degrees");
+  requireWithin("--max-pressure-kpa", max_pressure_kpa, 1, 2000, "1 to 2000 kPa");
   basics::requireValue(camera_distance == 0 || (camera_distance >= 0.1 && camera_distance <= 10),
-                       "the new scene", "camera_distance", camera_distance, "0.1 to 10 m");
+                       kCommand, "--camera-distance-m", camera_distance,
+                       "0.1 to 10 m, or 0 so that the arm fits the picture");
   if (tag_size == 0) return;
-  requireWithin("tag_size", tag_size, 0.005, 0.3, "0.005 to 0.3 m, or 0 for no tags");
+  requireWithin("--tag-size-m", tag_size, 0.005, 0.3, "0.005 to 0.3 m, or 0 for no tags");
+  basics::requireValue(tags == 0 || (tags >= 2 && tags <= 20), kCommand, "--tags", tags,
+                       "2 to 20 per muscle, or 0 for as many as fit");
+  const int actuators = sections * muscles;
+  basics::require(2 * actuators <= estimation::kMaxTags, kCommand, ": ", actuators,
+                  " muscles with two tags each have more tags than a scene may have, ",
+                  estimation::kMaxTags,
+                  "; choose --tag-size-m 0, and write the tags of some muscles by hand");
   const int count = tagsPerMuscle();
-  basics::require(tags == 0 || (tags >= 2 && tags <= 20), "the new scene: tags is ", tags,
-                  "; expected 2 to 20 per muscle, or 0 for as many as fit");
+  basics::require(actuators * count <= estimation::kMaxTags, kCommand, ": --tags is ", tags,
+                  ", which makes ", actuators * count, " tags; expected at most ",
+                  estimation::kMaxTags, " in all, so ", estimation::kMaxTags / actuators,
+                  " per muscle");
   basics::require(count >= 2 && (count - 1) * kWithBorder * tag_size <= roomForTags(*this) + 1e-9,
-                  "the new scene: ", std::max(count, 2), " tags of ", formatNumber(1e3 * tag_size),
+                  kCommand, ": ", std::max(count, 2), " tags of ", formatNumber(1e3 * tag_size),
                   " mm with their white border do not fit on a muscle of ",
-                  formatNumber(1e3 * length), " mm; choose smaller or fewer tags");
+                  formatNumber(1e3 * length),
+                  " mm; choose smaller (--tag-size-m) or fewer (--tags)");
   const double side = 2 * (radius + kStandOff) * std::tan(basics::kPi / muscles);
-  basics::require(kWithBorder * tag_size <= side, "the new scene: tags of ",
-                  formatNumber(1e3 * tag_size), " mm on ", muscles,
-                  " muscles side by side overlap; expected at most ",
-                  formatNumber(std::floor(1e3 * side / kWithBorder)), " mm");
-  basics::require(sections * muscles * count <= 64, "the new scene: ", sections * muscles * count,
-                  " tags; expected at most 64: choose fewer per muscle");
+  basics::require(kWithBorder * tag_size <= side, kCommand, ": --tag-size-m is ",
+                  formatNumber(tag_size), ", which overlaps on ", muscles,
+                  " muscles side by side; expected at most ",
+                  formatNumber(1e-3 * std::floor(1e3 * side / kWithBorder)));
 }
 
 std::string newSceneText(const NewScene& scene) {

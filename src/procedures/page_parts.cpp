@@ -129,12 +129,8 @@ Area upMark(const Point& middle, double size, double angle) {
   return {{at(0, 0.5), at(0.6, -0.5), at(-0.6, -0.5)}, 0.0};
 }
 
-PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side) {
-  const double cell = side / family.borderCells();
-  const double quiet = family.quietCells() * cell;
-  const cv::Mat cells = family.cells(id);
-  PrintedTag tag{id, {corner.x, corner.y, side, side}, {}, {}};
-  tag.card = {corner.x - quiet, corner.y - quiet, cells.cols * cell, cells.rows * cell};
+std::vector<Box> blackBoxes(const cv::Mat& cells, const Point& corner, double cell) {
+  std::vector<Box> black;
   std::vector<Run> above;
   std::vector<std::size_t> boxes_above;
   for (int row = 0; row < cells.rows; ++row) {
@@ -145,16 +141,26 @@ PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corn
       while (same < above.size() && !(above[same] == run)) ++same;
       if (same < above.size()) {
         boxes.push_back(boxes_above[same]);
-        tag.black[boxes.back()].height += cell;
+        black[boxes.back()].height += cell;
       } else {
-        boxes.push_back(tag.black.size());
-        tag.black.push_back({tag.card.x + run.begin * cell, tag.card.y + row * cell,
-                             (run.end - run.begin) * cell, cell});
+        boxes.push_back(black.size());
+        black.push_back({corner.x + run.begin * cell, corner.y + row * cell,
+                         (run.end - run.begin) * cell, cell});
       }
     }
     above = runs;
     boxes_above = boxes;
   }
+  return black;
+}
+
+PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side) {
+  const double cell = side / family.borderCells();
+  const double quiet = family.quietCells() * cell;
+  const cv::Mat cells = family.cells(id);
+  PrintedTag tag{id, {corner.x, corner.y, side, side}, {}, {}};
+  tag.card = {corner.x - quiet, corner.y - quiet, cells.cols * cell, cells.rows * cell};
+  tag.black = blackBoxes(cells, {tag.card.x, tag.card.y}, cell);
   return tag;
 }
 

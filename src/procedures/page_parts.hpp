@@ -37,6 +37,12 @@ void addOutline(const Box& box, Page& page);
 /// @param angle  counter-clockwise from upwards [rad].
 Area upMark(const Point& middle, double size, double angle = 0.0);
 
+/// The black cells of a grid as few boxes.
+/// @param cells   (CV_8UC1) 0 or 255.
+/// @param corner  top left of the grid.
+/// @param cell    side of a cell [mm].
+std::vector<Box> blackBoxes(const cv::Mat& cells, const Point& corner, double cell);
+
 /// A tag of which the detected square has its top left corner and side here. Its card is the tag
 /// with its white border.
 PrintedTag printedTag(const vision::TagFamily& family, int id, const Point& corner, double side);

@@ -62,6 +62,11 @@ const char* nameOf(Severity severity) {
   return "fault";
 }
 
+void sortBySeverity(std::vector<Finding>& findings) {
+  std::stable_sort(findings.begin(), findings.end(),
+                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
+}
+
 std::string figure(double value, int digits) {
   std::ostringstream text;
   text << std::setprecision(digits) << value;
@@ -162,8 +167,7 @@ RigCheck checkRig(const io::Scene& scene, int samples) {
   check.sight = checkSight(scene, samples, check.findings);
   checkCurves(scene, check.findings);
   checkRegulator(scene, check.findings);
-  std::stable_sort(check.findings.begin(), check.findings.end(),
-                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
+  sortBySeverity(check.findings);
   return check;
 }
 

@@ -4,12 +4,9 @@
 #include <set>
 
 #include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/estimation/placed_sight.hpp"
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/simulation/simulated_sight.hpp"
 #include "helix_arm/statics/input_samples.hpp"
 #include "rig_check_parts.hpp"
@@ -18,96 +15,19 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kDegree = basics::kPi / 180;
-constexpr double kInward = 90 * kDegree;
-constexpr double kOblique = 60 * kDegree;
-// Tags side by side are this far apart, in sizes: they may share the white that a detector needs.
-constexpr double kLeastPitch = 1.125;
-constexpr double kSameFace = 0.87;  // cosine of 30 degrees
 constexpr int kCorners = 50;
 // Parts of the samples, and of the arm's length.
 constexpr double kMostBlind = 0.2;
 constexpr double kMostTipSd = 0.03;
 constexpr double kFewExceed = 0.1;
 
-double skinRadius(const io::Scene& scene, int section, double s) {
-  const io::SectionLook& look = scene.looks[static_cast<std::size_t>(section)];
-  double radius = look.separator_radius;
-  for (int i = scene.arm.firstActuator(section); i < scene.arm.firstActuator(section + 1); ++i) {
-    const double centre = model::poseAlong(scene.arm.actuator(i), s).translation.tail<2>().norm();
-    radius = std::max(radius, centre + look.muscle_radius);
-  }
-  return radius;
-}
-
-std::string tagName(int id) { return "tag " + std::to_string(id); }
-
-void checkMounting(const io::Scene& scene, const UnrolledTag& tag, std::vector<Finding>& findings) {
-  const double skin = skinRadius(scene, tag.section, tag.s);
-  const double off = tag.radius - skin;
-  if (off > kFarthestTag) {
-    findings.push_back({Severity::kWarning, "tag_off_arm", tagName(tag.id),
-                        "it stands " + figure(1e3 * off) + " mm outside the arm's skin; expected " +
-                            figure(1e3 * kFarthestTag) + " mm at most",
-                        "check position_m of its group: it counts from the actuator if the group "
-                        "names one, otherwise from the base curve"});
-  }
-  // The centre is within the circle of the muscles' inner sides, where nothing is glued to.
-  if (tag.radius < 0.5 * skin && tag.s < 1) {
-    findings.push_back({Severity::kFault, "tag_inside_arm", tagName(tag.id),
-                        "its centre is " + figure(1e3 * tag.radius) +
-                            " mm from the base curve, inside the arm, whose skin is at " +
-                            figure(1e3 * skin) + " mm",
-                        "set position_m of its group to where it is glued"});
-  }
-  if (tag.s < 1 && tag.tilt > kInward) {
-    findings.push_back({Severity::kFault, "tag_faces_inward", tagName(tag.id),
-                        "its face points " + figure(tag.tilt / kDegree) +
-                            " deg from outwards; expected less than 90 deg",
-                        "turn it by rpy_deg of its group, so that its z axis points away from the "
-                        "arm"});
-  } else if (tag.s < 1 && tag.tilt > kOblique) {
-    findings.push_back({Severity::kNote, "tag_oblique", tagName(tag.id),
-                        "its face points " + figure(tag.tilt / kDegree) + " deg from outwards",
-                        "check rpy_deg of its group"});
-  }
-}
-
-void checkOverlaps(const io::Scene& scene, std::vector<Finding>& findings) {
-  const model::Shape rest = model::shapeOf(scene.arm, scene.arm.unloaded(scene.arm.inputAt(0)));
-  const std::vector<lie::SE3> poses = estimation::tagPoses(*scene.tags, rest);
-  const double pitch = kLeastPitch * scene.tags->size;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      const double distance = (poses[i].translation - poses[j].translation).norm();
-      const double facing = poses[i].rotation.col(2).dot(poses[j].rotation.col(2));
-      if (distance >= pitch || facing < kSameFace) continue;
-      findings.push_back({distance < scene.tags->size ? Severity::kFault : Severity::kWarning,
-                          "tags_overlap",
-                          "tags " + std::to_string(scene.tags->tags[j].id) + " and " +
-                              std::to_string(scene.tags->tags[i].id),
-                          "their centres are " + figure(1e3 * distance) + " mm apart; expected " +
-                              figure(1e3 * pitch) + " mm, so that white is between them",
-                          "move one of them along s, or print them smaller (tags.size_m)"});
-    }
-  }
-}
-
 // Samples of a run over the workspace.
 struct Samples {
   int solved = 0, unsolved = 0, blind = 0, tip_outside = 0;
-  std::vector<double> counts, tip_sd, bits;
-  std::set<int> seen;  // ids
+  std::vector<double> counts, tip_sd;  // of tags that can be read
+  std::vector<double> bits;            // of all tags that face the camera
+  std::set<int> seen;                  // ids that can be read
 };
-
-// By the longest side, which is foreshortened least.
-double bitSize(const estimation::Corners& corners, int cells) {
-  double longest = 0;
-  for (int c = 0; c < 4; ++c) {
-    longest = std::max(longest, (corners.col((c + 1) % 4) - corners.col(c)).norm());
-  }
-  return longest / cells;
-}
 
 double tipSd(const io::Scene& scene, const estimation::PlacedSight& placed,
              const model::Shape& shape, const simulation::MeasuredShape& measured) {
@@ -127,6 +47,8 @@ Samples sample(const io::Scene& scene, int count) {
   const simulation::CameraSetup camera{view, family, {}, scene.simulation.camera};
   simulation::SimulatedSightConfig config;
   config.corner_noise = scene.vision.fit.corner_noise;
+  config.least_side =
+      kLeastPixelsPerBit * scene.vision.detector.quad_decimate * family.borderCells();
   simulation::SimulatedSight sight(camera, view, scene.vision, config);
   const estimation::PlacedSight placed = *placedSightOf(scene);
   Samples out;
@@ -138,11 +60,15 @@ Samples sample(const io::Scene& scene, int count) {
     }
     ++out.solved;
     const auto visible = estimation::visibleTags(view, solution.shape);
-    out.counts.push_back(static_cast<double>(visible.size()));
+    int readable = 0;
     for (const estimation::TagSight& tag : visible) {
+      const double side = estimation::longestSide(tag.corners);
+      out.bits.push_back(side / family.borderCells());
+      if (side < config.least_side) continue;
+      ++readable;
       out.seen.insert(view.layout.tags[static_cast<std::size_t>(tag.tag)].id);
-      out.bits.push_back(bitSize(tag.corners, family.borderCells()));
     }
+    out.counts.push_back(readable);
     const auto tip = view.camera.project(view.X_CB * solution.tip.translation);
     out.tip_outside += tip && view.camera.contains(*tip) ? 0 : 1;
     const auto measured = sight.look(solution.shape, solution.shape);
@@ -168,10 +94,11 @@ void judgeSize(const io::Scene& scene, const Samples& samples, SightFigures& fig
   if (searched >= kWantedPixelsPerBit) return;
   findings.push_back({searched < kLeastPixelsPerBit ? Severity::kFault : Severity::kWarning,
                       "tags_too_small", "tags.size_m",
-                      "a tenth of the tags in sight has less than " +
+                      "a tenth of the tags that face the camera has less than " +
                           figure(figures.pixels_per_bit) + " px a bit, " + figure(searched) +
                           " px with vision.quad_decimate " + figure(decimate) + "; expected " +
-                          figure(kWantedPixelsPerBit) + " px",
+                          figure(kWantedPixelsPerBit) + " px; below " + figure(kLeastPixelsPerBit) +
+                          " px a tag counts as unread",
                       "print larger tags, move the camera closer, take a larger picture, or lower "
                       "vision.quad_decimate"});
 }
@@ -184,7 +111,7 @@ void judge(const io::Scene& scene, const Samples& samples, const SightFigures& f
         {samples.blind > kMostBlind * all ? Severity::kFault : Severity::kWarning, "few_tags",
          "camera",
          "in " + percentOf(samples.blind, all) +
-             " of the workspace the tags in sight do not tell the shape; fewest in sight: " +
+             " of the workspace the tags that are read do not tell the shape; fewest: " +
              std::to_string(figures.least_tags) +
              ", vision.min_tags: " + std::to_string(scene.vision.min_tags),
          "add tags that face the camera there, or move the camera (camera.position_m, rpy_deg)"});
@@ -200,9 +127,10 @@ void judge(const io::Scene& scene, const Samples& samples, const SightFigures& f
     if (samples.seen.count(tag.id) == 0) unseen.push_back(tag.id);
   }
   if (!unseen.empty()) {
-    findings.push_back({Severity::kNote, "tags_never_seen", "tags " + io::listOf(unseen),
-                        "no shape of the workspace shows them to the camera",
-                        "leave them out, or add them where the camera looks"});
+    findings.push_back(
+        {Severity::kNote, "tags_never_seen", "tags " + io::listOf(unseen),
+         "no shape of the workspace shows them to the camera, large enough to be read",
+         "leave them out, or add them where the camera looks"});
   }
   const double length = scene.arm.restLength();
   if (figures.median_tip_sd > kMostTipSd * length) {
@@ -217,19 +145,6 @@ void judge(const io::Scene& scene, const Samples& samples, const SightFigures& f
 }
 
 }  // namespace
-
-void checkTags(const io::Scene& scene, std::vector<Finding>& findings) {
-  if (!scene.tags) {
-    findings.push_back({Severity::kNote, "no_tags", "tags",
-                        "scene " + scene.name + " has none, so that nothing is measured",
-                        "add the section tags, and print them with helix_arm tags"});
-    return;
-  }
-  for (const UnrolledTag& tag : unrolled(scene.arm, *scene.tags)) {
-    checkMounting(scene, tag, findings);
-  }
-  checkOverlaps(scene, findings);
-}
 
 void checkCamera(const io::Scene& scene, std::vector<Finding>& findings) {
   if (!scene.camera) {

@@ -98,6 +98,27 @@ Page emptySheet(const io::Scene& scene, const CardGrid& grid, const Paper& paper
   return page;
 }
 
+// Where a board lies on the paper: in the middle of what the rulers leave [mm].
+Box boardPlace(double width, double height, const Paper& paper) {
+  const Box area = areaBesideRulers(paper);
+  basics::require(width <= area.width && height <= area.height, "a board of ", rounded(width, 1),
+                  " x ", rounded(height, 1), " mm; expected at most ", rounded(area.width, 1),
+                  " x ", rounded(area.height, 1), " mm, the printable area of ", paper.name);
+  return {area.x + 0.5 * (area.width - width), area.y + 0.5 * (area.height - height), width,
+          height};
+}
+
+Page boardPage(const Paper& paper, const std::string& title, const std::string& note) {
+  Page page = headedPage(paper, title,
+                         {"Print at 100 % (\"actual size\"), on matt paper. Glue it onto something "
+                          "flat and stiff:",
+                          note});
+  addRulers(paper,
+            {"Both rulers must be 100 mm long on paper.", "If not, print again without scaling."},
+            page);
+  return page;
+}
+
 }  // namespace
 
 std::vector<Page> tagSheets(const io::Scene& scene, const Paper& paper) {
@@ -133,30 +154,53 @@ Page boardSheet(const vision::TagBoard& board, const Paper& paper) {
   const vision::TagFamily family(board.family);
   const double side = board.tag_size / kMillimetre, pitch = board.pitch / kMillimetre;
   const double quiet = side / family.borderCells() * family.quietCells();
-  const double width = board.width() / kMillimetre + 2 * quiet;
-  const double height = board.height() / kMillimetre + 2 * quiet;
-  const Box area = areaBesideRulers(paper);
-  basics::require(width <= area.width && height <= area.height, "a board of ", rounded(width, 1),
-                  " x ", rounded(height, 1), " mm; expected at most ", rounded(area.width, 1),
-                  " x ", rounded(area.height, 1), " mm, the printable area of ", paper.name);
-  Page page = headedPage(
-      paper,
-      "Calibration board: " + board.family + ", " + std::to_string(board.columns) + " x " +
-          std::to_string(board.rows) + " tags of " + millimetres(side) + ", every " +
-          millimetres(pitch),
-      {"Print at 100 % (\"actual size\"), on matt paper. Glue it onto something "
-       "flat and stiff:",
-       "a board that bends spoils the calibration. Its tags are " + std::to_string(board.first_id) +
-           " to " + std::to_string(board.first_id + board.count() - 1) + "."});
-  addRulers(paper,
-            {"Both rulers must be 100 mm long on paper.", "If not, print again without scaling."},
-            page);
-  const Point first{area.x + 0.5 * (area.width - width) + quiet,
-                    area.y + 0.5 * (area.height - height) + quiet};
+  const Box place = boardPlace(board.width() / kMillimetre + 2 * quiet,
+                               board.height() / kMillimetre + 2 * quiet, paper);
+  Page page = boardPage(paper,
+                        "Calibration board: " + board.family + ", " +
+                            std::to_string(board.columns) + " x " + std::to_string(board.rows) +
+                            " tags of " + millimetres(side) + ", every " + millimetres(pitch),
+                        "a board that bends spoils the calibration. Its tags are " +
+                            std::to_string(board.first_id) + " to " +
+                            std::to_string(board.first_id + board.count() - 1) + ".");
   for (int i = 0; i < board.count(); ++i) {
     const int column = i % board.columns, row = i / board.columns;
-    const Point corner{first.x + column * pitch, first.y + row * pitch};
+    const Point corner{place.x + quiet + column * pitch, place.y + quiet + row * pitch};
     page.tags.push_back(printedTag(family, board.first_id + i, corner, side));
+  }
+  return page;
+}
+
+Page boardSheet(const vision::CharucoBoard& board, const Paper& paper) {
+  const double square = board.square_size / kMillimetre, side = board.marker_size / kMillimetre;
+  const double inset = 0.5 * (square - side);
+  const Box place = boardPlace(board.columns * square, board.rows * square, paper);
+  Page page = boardPage(
+      paper,
+      "ChArUco board: " + board.dictionary + ", " + std::to_string(board.columns) + " x " +
+          std::to_string(board.rows) + " squares of " + millimetres(square) + ", markers of " +
+          millimetres(side),
+      "a board that bends spoils the calibration. Read it with helix_arm camera calibrate --board "
+      "charuco and the options it was printed with.");
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      const Box box{place.x + column * square, place.y + row * square, square, square};
+      if (!board.isWhite(column, row)) {
+        page.areas.push_back({{{box.x, box.y},
+                               {box.right(), box.y},
+                               {box.right(), box.bottom()},
+                               {box.x, box.bottom()}},
+                              0.0});
+        continue;
+      }
+      const int id = board.markerIn(column, row);
+      const cv::Mat cells = vision::markerCells(board.dictionary, id);
+      const Point corner{box.x + inset, box.y + inset};
+      page.tags.push_back({id,
+                           {corner.x, corner.y, side, side},
+                           box,
+                           blackBoxes(cells, corner, side / cells.cols)});
+    }
   }
   return page;
 }

@@ -39,8 +39,8 @@ std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count, st
   return poses;
 }
 
-estimation::ArmView boardView(const estimation::Camera& camera, const vision::TagBoard& board,
-                              const lie::SE3& X_CP) {
+SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::TagBoard& board,
+                            const lie::SE3& X_CP, const SimulatedCameraConfig& config) {
   estimation::ArmView view{camera, {}, {board.tag_size, {}}, 1};
   for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
     const Eigen::Vector2d centre = board.corners(id).rowwise().mean();
@@ -48,7 +48,14 @@ estimation::ArmView boardView(const estimation::Camera& camera, const vision::Ta
     X_CT.translation = X_CP * Eigen::Vector3d(centre.x(), centre.y(), 0);
     view.layout.tags.push_back({id, 0, 0.0, X_CT});
   }
-  return view;
+  return {view, vision::TagFamily(board.family), {}, config};
+}
+
+SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::CharucoBoard& board,
+                            const lie::SE3& X_CP, const SimulatedCameraConfig& config) {
+  board.validate();
+  const estimation::ArmView view{camera, {}, {board.square_size, {{0, 0, 0.0, X_CP}}}, 1};
+  return {view, {charucoPrint(board)}, {}, config};
 }
 
 }  // namespace helix_arm::simulation

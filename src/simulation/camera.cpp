@@ -69,7 +69,7 @@ void SimulatedCameraConfig::validate() const {
 }
 
 struct SimulatedCamera::Workspace {
-  Workspace(const ArmView& view_in, const vision::TagFamily& family, const ArmBody& body_in,
+  Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints, const ArmBody& body_in,
             const SimulatedCameraConfig& config_in);
 
   const cv::Mat& render(const model::Shape& shape);
@@ -115,6 +115,17 @@ const ArmView& checked(const ArmView& view, const ArmBody& body,
   return view;
 }
 
+std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
+                                const vision::TagFamily& family) {
+  std::vector<CardPrint> prints;
+  for (const estimation::TagPlacement& tag : layout.tags) {
+    basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
+                         "one that the family of the tags has");
+    prints.push_back(tagPrint(family, tag.id, layout.size));
+  }
+  return prints;
+}
+
 // Includes 0.5, so that truncation becomes rounding.
 std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
   std::mt19937 generator(seed);
@@ -126,13 +137,13 @@ std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
 
 }  // namespace
 
-SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const vision::TagFamily& family,
+SimulatedCamera::Workspace::Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints,
                                       const ArmBody& body_in,
                                       const SimulatedCameraConfig& config_in)
     : view(checked(view_in, body_in, config_in)),
       body(body_in),
       config(config_in),
-      tags(view, family, config.bleed),
+      tags(view.camera, prints, config.bleed),
       generator(config.seed),
       occluders(config.occluders, generator) {
   const estimation::Camera& camera = view.camera;
@@ -242,7 +253,10 @@ void SimulatedCamera::Workspace::develop() {
 
 SimulatedCamera::SimulatedCamera(const ArmView& view, const vision::TagFamily& family,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
-    : work_(std::make_unique<Workspace>(view, family, body, config)) {}
+    : SimulatedCamera(checked(view, body, config), printsOf(view.layout, family), body, config) {}
+SimulatedCamera::SimulatedCamera(const ArmView& view, const std::vector<CardPrint>& prints,
+                                 const ArmBody& body, const SimulatedCameraConfig& config)
+    : work_(std::make_unique<Workspace>(view, prints, body, config)) {}
 SimulatedCamera::~SimulatedCamera() = default;
 SimulatedCamera::SimulatedCamera(SimulatedCamera&&) noexcept = default;
 SimulatedCamera& SimulatedCamera::operator=(SimulatedCamera&&) noexcept = default;

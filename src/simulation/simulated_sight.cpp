@@ -31,6 +31,8 @@ struct SimulatedSight::Workspace {
             const vision::LocalizerConfig& localizer_config, const SimulatedSightConfig& given)
       : truth(camera.view), nominal(known), min_tags(localizer_config.min_tags), config(given) {
     basics::requireNotNegative("simulated sight", "the noise of corners [px]", config.corner_noise);
+    basics::requireNotNegative("simulated sight", "the least side of a tag [px]",
+                               config.least_side);
     generator.seed(config.seed);
     if (config.kind == SightKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
@@ -69,6 +71,7 @@ std::optional<MeasuredShape> SimulatedSight::Workspace::fitCorners(const model::
   estimation::visibleTags(truth, shape, kLeastCosine, visible);
   seen.clear();
   for (const estimation::TagSight& tag : visible) {
+    if (estimation::longestSide(tag.corners) < config.least_side) continue;
     estimation::Corners corners = tag.corners;
     for (double& coordinate : corners.reshaped()) {
       coordinate += config.corner_noise * normal(generator);

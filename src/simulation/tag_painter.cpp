@@ -16,8 +16,8 @@ using Areas = TagPattern::Areas;
 constexpr double kWhite = 222, kBlack = 34;
 // Light on a face that is turned away from the camera, which carries the light source.
 constexpr double kAmbientLight = 0.65;
-constexpr double kMostCells = 1e3;      // from a tag's corner to a pixel that may show it
-constexpr int kOutlinePoints = 8;       // per side of a tag, which distortion bends
+constexpr double kMostUnits = 1e3;      // from a card's corner to a pixel that may show it
+constexpr int kOutlinePoints = 8;       // per side of a card, which distortion bends
 constexpr double kOutlineMargin = 2.0;  // error of the outline between these points [px]
 
 cv::Mat directionsAtPixelCorners(const estimation::Camera& camera) {
@@ -47,29 +47,27 @@ void paintPixel(const Areas& areas, double light, uchar& pixel) {
 
 }  // namespace
 
-TagPainter::TagPainter(const estimation::ArmView& view, const vision::TagFamily& family,
+TagPainter::TagPainter(const estimation::Camera& camera, const std::vector<CardPrint>& prints,
                        double bleed)
-    : camera_(view.camera),
-      cell_(view.layout.size / family.borderCells()),
-      cells_(family.borderCells() + 2 * family.quietCells()) {
-  basics::requireValue(bleed < 0.5 * cell_, kSimulatedCamera, "the bleed [m]", bleed,
-                       "less than half a cell of the tags");
-  for (const estimation::TagPlacement& tag : view.layout.tags) {
-    basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
-                         "one that the family of the tags has");
-    patterns_.emplace_back(family.cells(tag.id), bleed / cell_);
+    : camera_(camera), directions_(directionsAtPixelCorners(camera)) {
+  for (const CardPrint& print : prints) {
+    const double least = std::min(*std::min_element(print.across.begin(), print.across.end()),
+                                  *std::min_element(print.down.begin(), print.down.end()));
+    basics::requireValue(bleed < 0.5 * least * print.unit, kSimulatedCamera, "the bleed [m]", bleed,
+                         "less than half a cell of what is printed");
+    cards_.push_back(
+        {TagPattern(print, bleed / print.unit), print.unit, print.width(), print.height()});
   }
-  directions_ = directionsAtPixelCorners(camera_);
 }
 
-cv::Rect TagPainter::boxOf(const lie::SE3& X_CT) const {
+cv::Rect TagPainter::boxOf(const Card& card, const lie::SE3& X_CT) const {
   const cv::Rect whole(0, 0, camera_.width, camera_.height);
-  const double half = 0.5 * cells_ * cell_;
+  const Eigen::Vector3d half(0.5 * card.width * card.unit, 0.5 * card.height * card.unit, 0);
   Eigen::Vector2d least = Eigen::Vector2d::Constant(kFarOff), most = -least;
   for (int i = 0; i < 4 * kOutlinePoints; ++i) {
     const double along = 2.0 * (i % kOutlinePoints) / kOutlinePoints - 1;
     const Eigen::Vector3d side[] = {{along, -1, 0}, {1, along, 0}, {-along, 1, 0}, {-1, -along, 0}};
-    const auto pixel = camera_.project(X_CT * (half * side[i / kOutlinePoints]));
+    const auto pixel = camera_.project(X_CT * half.cwiseProduct(side[i / kOutlinePoints]));
     if (!pixel) return whole;  // it extends beyond what the camera can see
     least = least.cwiseMin(*pixel);
     most = most.cwiseMax(*pixel);
@@ -86,14 +84,14 @@ cv::Rect TagPainter::boxOf(const lie::SE3& X_CT) const {
   return cv::Rect(first, last + cv::Point(1, 1)) & whole;
 }
 
-void TagPainter::lookThrough(int y, const cv::Rect& box, const Eigen::Matrix3d& cells_of_direction,
+void TagPainter::lookThrough(int y, const cv::Rect& box, const Eigen::Matrix3d& units_of_direction,
                              const TagPattern& pattern, std::vector<PlanePoint>& out) const {
   const auto* direction = directions_.ptr<cv::Vec2f>(y) + box.x;
   TagPattern::Point hint{};
   for (int i = 0; i <= box.width; ++i) {
     const Eigen::Vector3d h =
-        cells_of_direction * Eigen::Vector3d(direction[i][0], direction[i][1], 1.0);
-    const double reach = kMostCells * h.z();  // negative behind the camera
+        units_of_direction * Eigen::Vector3d(direction[i][0], direction[i][1], 1.0);
+    const double reach = kMostUnits * h.z();  // negative behind the camera
     out[i].valid = std::abs(h.x()) < reach && std::abs(h.y()) < reach;
     if (!out[i].valid) continue;
     hint = pattern.at(h.x() / h.z(), h.y() / h.z(), hint);
@@ -101,21 +99,23 @@ void TagPainter::lookThrough(int y, const cv::Rect& box, const Eigen::Matrix3d& 
   }
 }
 
-// The corners of every pixel are projected onto the tag's plane, and the quadrangle between them is
-// integrated exactly. Pixels tile the plane, so edges are not displaced and no area is lost; each
-// line between two pixels is integrated once.
-void TagPainter::draw(int tag, const lie::SE3& X_CT, cv::Mat& picture) {
-  const TagPattern& pattern = patterns_[tag];
-  const cv::Rect box = boxOf(X_CT);
+// The corners of every pixel are projected onto the card's plane, and the quadrangle between them
+// is integrated exactly. Pixels tile the plane, so edges are not displaced and no area is lost;
+// each line between two pixels is integrated once.
+void TagPainter::draw(int number, const lie::SE3& X_CT, cv::Mat& picture) {
+  const Card& card = cards_[static_cast<std::size_t>(number)];
+  const TagPattern& pattern = card.pattern;
+  const cv::Rect box = boxOf(card, X_CT);
   if (box.empty()) return;
 
-  Eigen::Matrix3d direction_of_cells;
-  direction_of_cells.col(0) = cell_ * X_CT.rotation.col(0);
-  direction_of_cells.col(1) = -cell_ * X_CT.rotation.col(1);  // rows run downwards
-  direction_of_cells.col(2) =
+  Eigen::Matrix3d direction_of_units;
+  direction_of_units.col(0) = card.unit * X_CT.rotation.col(0);
+  direction_of_units.col(1) = -card.unit * X_CT.rotation.col(1);  // rows run downwards
+  direction_of_units.col(2) =
       X_CT.translation -
-      0.5 * cells_ * (direction_of_cells.col(0) + direction_of_cells.col(1)).eval();
-  const Eigen::Matrix3d cells_of_direction = direction_of_cells.inverse();
+      0.5 * card.width *
+          (direction_of_units.col(0) + card.height / card.width * direction_of_units.col(1)).eval();
+  const Eigen::Matrix3d units_of_direction = direction_of_units.inverse();
   const double facing = -X_CT.rotation.col(2).dot(X_CT.translation) / X_CT.translation.norm();
   const double light = kAmbientLight + (1 - kAmbientLight) * facing;
 
@@ -128,7 +128,7 @@ void TagPainter::draw(int tag, const lie::SE3& X_CT, cv::Mat& picture) {
     lines->resize(std::max(lines->size(), corners));
 
   for (int y = box.y; y <= box.y + box.height; ++y) {
-    lookThrough(y, box, cells_of_direction, pattern, below_);
+    lookThrough(y, box, units_of_direction, pattern, below_);
     for (int i = 0; i < box.width; ++i) lines_below_[i] = lineBetween(below_[i], below_[i + 1]);
     if (y > box.y) {
       uchar* row = picture.ptr<uchar>(y - 1) + box.x;

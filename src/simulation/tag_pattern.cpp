@@ -2,16 +2,44 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kOutside = 1e4;  // beyond all points in use [cells]
+constexpr double kOutside = 1e4;  // beyond all points in use [units]
 
 // The cells that a strip between two lines overlaps.
 struct Strip {
   int first, last;
 };
+
+// A strip around every line between cells, as wide as the bleed on both sides, is white if either
+// cell is. The outermost strips are the surroundings of the card.
+struct Strips {
+  std::vector<Strip> cells;
+  std::vector<double> lines;  // where they begin and end
+};
+
+Strips stripsOf(const std::vector<double>& widths, double bleed) {
+  Strips strips{{{-1, -1}}, {-kOutside, 0.0}};
+  const int size = static_cast<int>(widths.size());
+  double line = 0;
+  for (int i = 0; i < size; ++i) {
+    line += widths[static_cast<std::size_t>(i)];
+    strips.cells.push_back({i, i});
+    if (i + 1 == size) break;
+    if (bleed > 0) {
+      strips.lines.push_back(line - bleed);
+      strips.cells.push_back({i, i + 1});
+    }
+    strips.lines.push_back(line + bleed);
+  }
+  strips.cells.push_back({-1, -1});
+  strips.lines.push_back(line);
+  strips.lines.push_back(kOutside);
+  return strips;
+}
 
 }  // namespace
 
@@ -29,38 +57,24 @@ TagPattern::Areas& TagPattern::Areas::operator-=(const Areas& other) {
   return *this;
 }
 
-TagPattern::TagPattern(const cv::Mat& cells, double bleed) {
-  // A strip around every line between cells, as wide as the bleed on both sides, is white if either
-  // cell is. The outermost strips are the surroundings of the card.
-  const int size = cells.rows;
-  std::vector<Strip> strips{{-1, -1}};
-  lines_ = {-kOutside, 0.0};
-  for (int i = 0; i < size; ++i) {
-    strips.push_back({i, i});
-    if (i + 1 == size) break;
-    if (bleed > 0) {
-      lines_.push_back(i + 1 - bleed);
-      strips.push_back({i, i + 1});
-    }
-    lines_.push_back(i + 1 + bleed);
-  }
-  strips.push_back({-1, -1});
-  lines_.push_back(size);
-  lines_.push_back(kOutside);
-
-  count_ = static_cast<int>(strips.size());
-  rectangles_.reserve(static_cast<std::size_t>(count_) * count_);
-  for (const Strip& down : strips) {
+TagPattern::TagPattern(const CardPrint& print, double bleed) {
+  Strips across = stripsOf(print.across, bleed), down = stripsOf(print.down, bleed);
+  across_ = std::move(across.lines);
+  down_ = std::move(down.lines);
+  columns_ = across.cells.size();
+  const cv::Mat& cells = print.cells;
+  rectangles_.reserve(down.cells.size() * columns_);
+  for (const Strip& row : down.cells) {
     double white_before = 0, card_before = 0;
-    for (int column = 0; column < count_; ++column) {
-      const Strip& across = strips[column];
-      const bool card = across.first >= 0 && down.first >= 0;
-      const bool white = card && (cells.at<uchar>(down.first, across.first) != 0 ||
-                                  cells.at<uchar>(down.first, across.last) != 0 ||
-                                  cells.at<uchar>(down.last, across.first) != 0 ||
-                                  cells.at<uchar>(down.last, across.last) != 0);
+    for (std::size_t column = 0; column < columns_; ++column) {
+      const Strip& here = across.cells[column];
+      const bool card = here.first >= 0 && row.first >= 0;
+      const bool white = card && (cells.at<uchar>(row.first, here.first) != 0 ||
+                                  cells.at<uchar>(row.first, here.last) != 0 ||
+                                  cells.at<uchar>(row.last, here.first) != 0 ||
+                                  cells.at<uchar>(row.last, here.last) != 0);
       rectangles_.push_back({white ? 1.0 : 0.0, card ? 1.0 : 0.0, white_before, card_before});
-      const double width = lines_[column + 1] - lines_[column];
+      const double width = across_[column + 1] - across_[column];
       if (white) white_before += width;
       if (card) card_before += width;
     }
@@ -68,12 +82,12 @@ TagPattern::TagPattern(const cv::Mat& cells, double bleed) {
 }
 
 TagPattern::Point TagPattern::at(double x, double y, const Point& hint) const {
-  const auto find = [this](double value, int i) {
-    while (value < lines_[i]) --i;
-    while (value >= lines_[i + 1]) ++i;
+  const auto find = [](const std::vector<double>& lines, double value, int i) {
+    while (value < lines[i]) --i;
+    while (value >= lines[i + 1]) ++i;
     return i;
   };
-  return {x, y, find(x, hint.column), find(y, hint.row)};
+  return {x, y, find(across_, x, hint.column), find(down_, y, hint.row)};
 }
 
 // By Green's theorem, an area is the integral of x dy around it; its white part is the integral of
@@ -83,9 +97,9 @@ TagPattern::Areas TagPattern::along(const Point& a, const Point& b) const {
   const double dx = b.x - a.x, dy = b.y - a.y;
   Areas areas;
   areas.whole = 0.5 * (a.x + b.x) * dy;
-  const auto crossing = [this](double from, double step, int i) {
-    if (step > 0) return (lines_[i + 1] - from) / step;
-    if (step < 0) return (lines_[i] - from) / step;
+  const auto crossing = [](const std::vector<double>& lines, double from, double step, int i) {
+    if (step > 0) return (lines[i + 1] - from) / step;
+    if (step < 0) return (lines[i] - from) / step;
     return std::numeric_limits<double>::infinity();
   };
   int column = a.column, row = a.row;
@@ -93,12 +107,13 @@ TagPattern::Areas TagPattern::along(const Point& a, const Point& b) const {
     double end = 1.0;
     bool sideways = false;
     if (column != b.column || row != b.row) {
-      const double across = crossing(a.x, dx, column), down = crossing(a.y, dy, row);
+      const double across = crossing(across_, a.x, dx, column);
+      const double down = crossing(down_, a.y, dy, row);
       sideways = across <= down;
       end = std::min(1.0, sideways ? across : down);
     }
-    const Rectangle& here = rectangles_[static_cast<std::size_t>(row) * count_ + column];
-    const double into = a.x + 0.5 * (begin + end) * dx - lines_[column];
+    const Rectangle& here = rectangles_[static_cast<std::size_t>(row) * columns_ + column];
+    const double into = a.x + 0.5 * (begin + end) * dx - across_[column];
     const double height = (end - begin) * dy;
     areas.white += (here.white_before + here.white * into) * height;
     areas.card += (here.card_before + here.card * into) * height;

@@ -2,24 +2,24 @@
 
 #include <vector>
 
-#include <opencv2/core.hpp>
+#include "helix_arm/simulation/card_print.hpp"
 
 namespace helix_arm::simulation {
 
-/// Black and white areas of one printed tag, including its quiet zone.
+/// Black and white areas of a printed card, such as a tag with its quiet zone.
 ///
-/// Coordinates are in cells from the top left corner of the card, x to the right and y down as one
-/// reads the tag. The card consists of rectangles of one colour each, between lines that cross the
-/// whole card.
+/// Coordinates are in units of the print from the top left corner of the card, x to the right and y
+/// down as one reads the tag. The card consists of rectangles of one colour each, between lines
+/// that cross the whole card.
 class TagPattern {
  public:
   /// A point of the plane and its rectangle.
   struct Point {
-    double x, y;      ///< [cells]
+    double x, y;      ///< [units]
     int column, row;  ///< of the rectangle that contains it
   };
 
-  /// Contour integrals along a line; around an area they sum to the area itself [cells^2].
+  /// Contour integrals along a line; around an area they sum to the area itself [units^2].
   struct Areas {
     double white = 0;  ///< white area
     double card = 0;   ///< area on the card
@@ -29,9 +29,9 @@ class TagPattern {
     Areas& operator-=(const Areas& other);
   };
 
-  /// @param cells  (CV_8UC1, square) 0 or 255 per cell.
-  /// @param bleed  width by which white bleeds into black at each edge, in [0, 0.5) [cells].
-  TagPattern(const cv::Mat& cells, double bleed);
+  /// @param bleed  width by which white bleeds into black at each edge, >= 0, less than half the
+  ///     least cell [units].
+  TagPattern(const CardPrint& print, double bleed);
 
   /// The point at (x, y), |x| and |y| at most 1e3; `hint` is a point near it.
   Point at(double x, double y, const Point& hint) const;
@@ -45,9 +45,9 @@ class TagPattern {
     double white_before, card_before;  // widths in this row on its left
   };
 
-  int count_;                  // number of rectangles, across and down
-  std::vector<double> lines_;  // (count + 1) where the rectangles begin, the same in x and y
-  std::vector<Rectangle> rectangles_;  // (count x count) by rows
+  std::vector<double> across_, down_;  // (count + 1) where the rectangles begin
+  std::size_t columns_;                // of rectangles
+  std::vector<Rectangle> rectangles_;  // by rows
 };
 
 }  // namespace helix_arm::simulation

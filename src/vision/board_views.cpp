@@ -6,45 +6,58 @@
 namespace helix_arm::vision {
 namespace {
 
-// RMS distance of the corners of tags that both show [px]; nothing if they share too few.
-std::optional<double> distanceOf(const BoardSight& a, const BoardSight& b) {
+// RMS distance of the corners that both show [px]; nothing if they share too few.
+std::optional<double> distanceOf(const BoardSight& a, const BoardSight& b, int least) {
   double sum = 0;
   int shared = 0;
-  for (const TagDetection& tag : a.tags) {
-    const auto other = std::find_if(b.tags.begin(), b.tags.end(),
-                                    [&tag](const TagDetection& one) { return one.id == tag.id; });
-    if (other == b.tags.end()) continue;
-    sum += (tag.corners - other->corners).squaredNorm() / 4;
+  auto other = b.corners.begin();
+  for (const BoardCorner& corner : a.corners) {
+    while (other != b.corners.end() && other->id < corner.id) ++other;
+    if (other == b.corners.end()) break;
+    if (other->id != corner.id) continue;
+    sum += (corner.pixel - other->pixel).squaredNorm();
     ++shared;
   }
-  if (shared < BoardViews::kLeastTags) return std::nullopt;
+  if (shared < least) return std::nullopt;
   return std::sqrt(sum / shared);
+}
+
+// A pixel's centre is at whole numbers.
+bool isAtBorder(const estimation::Corners& corners, const cv::Size& size) {
+  const Eigen::Vector2d first = corners.rowwise().minCoeff(), last = corners.rowwise().maxCoeff();
+  return first.minCoeff() + 0.5 < kLeastFromBorder ||
+         last.x() + 0.5 > size.width - kLeastFromBorder ||
+         last.y() + 0.5 > size.height - kLeastFromBorder;
 }
 
 }  // namespace
 
-BoardSight boardSight(const TagBoard& board, const std::string& name,
+BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
                       const std::vector<TagDetection>& detections) {
   BoardSight sight{name, {}};
   for (std::size_t i = 0; i < detections.size(); ++i) {
     const TagDetection& tag = detections[i];
     const bool repeated = (i > 0 && detections[i - 1].id == tag.id) ||
                           (i + 1 < detections.size() && detections[i + 1].id == tag.id);
-    if (board.has(tag.id) && tag.hamming == 0 && !repeated) sight.tags.push_back(tag);
+    if (!board.has(tag.id) || tag.hamming > 0 || repeated) continue;
+    if (isAtBorder(tag.corners, size)) continue;
+    const estimation::Corners on_board = board.corners(tag.id);
+    for (int c = 0; c < 4; ++c) {
+      sight.corners.push_back(
+          {4 * (tag.id - board.first_id) + c, on_board.col(c), tag.corners.col(c)});
+    }
   }
   return sight;
 }
 
 void Coverage::add(const BoardSight& sight) {
-  for (const TagDetection& tag : sight.tags) {
-    for (int c = 0; c < 4; ++c) {
-      // A pixel's centre is at whole numbers.
-      const double x = (tag.corners(0, c) + 0.5) / size_.width;
-      const double y = (tag.corners(1, c) + 0.5) / size_.height;
-      const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
-      const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
-      seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
-    }
+  for (const BoardCorner& corner : sight.corners) {
+    // A pixel's centre is at whole numbers.
+    const double x = (corner.pixel.x() + 0.5) / size_.width;
+    const double y = (corner.pixel.y() + 0.5) / size_.height;
+    const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
+    const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
+    seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
   }
 }
 
@@ -80,15 +93,15 @@ std::string Coverage::emptiest() const {
 }
 
 bool BoardViews::offer(const BoardSight& sight) {
-  if (static_cast<int>(sight.tags.size()) < kLeastTags) {
+  if (static_cast<int>(sight.corners.size()) < least_) {
     last_.reset();
     return false;
   }
-  const std::optional<double> motion = last_ ? distanceOf(sight, *last_) : std::nullopt;
+  const std::optional<double> motion = last_ ? distanceOf(sight, *last_, least_) : std::nullopt;
   last_ = sight;
   if (!motion || *motion > kMostMotion) return false;
   for (const BoardSight& one : chosen_) {
-    const std::optional<double> change = distanceOf(sight, one);
+    const std::optional<double> change = distanceOf(sight, one, least_);
     if (change && *change < kLeastChange * size_.width) return false;
   }
   chosen_.push_back(sight);

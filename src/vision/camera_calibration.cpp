@@ -1,6 +1,7 @@
 #include "helix_arm/vision/camera_calibration.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -59,18 +60,36 @@ int flagsOf(int coefficients) {
   return flags;
 }
 
-View viewOf(const TagBoard& board, const BoardSight& sight, std::size_t index) {
+View viewOf(const BoardSight& sight, std::size_t index) {
   View view{index, {}, {}, {}, {}};
-  for (const TagDetection& tag : sight.tags) {
-    const estimation::Corners on_board = board.corners(tag.id);
-    for (int c = 0; c < 4; ++c) {
-      view.board.emplace_back(static_cast<float>(on_board(0, c)),
-                              static_cast<float>(on_board(1, c)), 0.0F);
-      view.picture.emplace_back(static_cast<float>(tag.corners(0, c)),
-                                static_cast<float>(tag.corners(1, c)));
-    }
+  for (const BoardCorner& corner : sight.corners) {
+    view.board.emplace_back(static_cast<float>(corner.board.x()),
+                            static_cast<float>(corner.board.y()), 0.0F);
+    view.picture.emplace_back(static_cast<float>(corner.pixel.x()),
+                              static_cast<float>(corner.pixel.y()));
   }
   return view;
+}
+
+// A row of chessboard corners gives no pose.
+bool areOnOneLine(const BoardSight& sight) {
+  if (sight.corners.empty()) return true;
+  Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
+  for (const BoardCorner& corner : sight.corners) {
+    const Eigen::Vector2d from_first = corner.board - sight.corners[0].board;
+    moments += from_first * from_first.transpose();
+  }
+  return moments.determinant() <= 1e-6 * moments.trace() * moments.trace();
+}
+
+// Why a view cannot be used; empty if it can.
+std::string faultOf(const BoardSight& sight, const BoardParts& parts) {
+  const int count = static_cast<int>(sight.corners.size());
+  if (count < parts.leastCorners()) {
+    return "it shows " + std::to_string(count / parts.corners) + " " + parts.name +
+           " of the board; expected " + std::to_string(parts.least);
+  }
+  return areOnOneLine(sight) ? "all " + parts.name + " that it shows are on one line" : "";
 }
 
 // @throws cv::Exception where the views determine no start.
@@ -291,11 +310,10 @@ CameraCalibration refused(CameraCalibration out, const std::string& reason) {
   return out;
 }
 
-std::string viewsNeeded(std::size_t usable, std::size_t pictures) {
+std::string viewsNeeded(const BoardParts& parts, std::size_t usable, std::size_t pictures) {
   return std::to_string(usable) + " of " + std::to_string(pictures) + " pictures show " +
-         std::to_string(BoardViews::kLeastTags) + " tags of the board or more; expected " +
-         std::to_string(CameraCalibrationOptions::kLeastViews) +
-         ": print it with helix_arm tags --board and take 15 pictures or more";
+         std::to_string(parts.least) + " " + parts.name + " of the board or more; expected " +
+         std::to_string(CameraCalibrationOptions::kLeastViews) + ": " + parts.remedy;
 }
 
 // Leaves out the views that fit much worse than the others. @return whether there were any.
@@ -313,8 +331,8 @@ bool leaveOutBadViews(std::vector<View>& views, const std::vector<Linearised>& r
     CalibratedView& view = told[views[i].index];
     view.used = false;
     view.reason = "its RMS of " + number(rms[i], 2) + " px is above " + number(limit, 2) +
-                  " px, three times the median: the board moved or is bent, or a reflection "
-                  "covers it";
+                  " px, the larger of 0.3 px and three times the median of all views: the board "
+                  "moved or is bent, or a reflection covers it";
   }
   const bool any = kept.size() < views.size();
   if (any) views = std::move(kept);
@@ -330,24 +348,20 @@ void CameraCalibrationOptions::validate() const {
                        "0, 2, 4, 5 or 8");
 }
 
-CameraCalibration calibrateCamera(const TagBoard& board, const cv::Size& size,
+CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardSight>& sights,
                                   const CameraCalibrationOptions& options) {
   options.validate();
   CameraCalibration out;
   Fit best;
   for (std::size_t i = 0; i < sights.size(); ++i) {
-    const int tags = static_cast<int>(sights[i].tags.size());
-    const bool enough = tags >= BoardViews::kLeastTags;
-    out.views.push_back({sights[i].name, tags, enough,
-                         enough ? ""
-                                : "it shows " + std::to_string(tags) +
-                                      " tags of the board; expected " +
-                                      std::to_string(BoardViews::kLeastTags)});
-    if (enough) best.views.push_back(viewOf(board, sights[i], i));
+    const int corners = static_cast<int>(sights[i].corners.size());
+    const std::string fault = faultOf(sights[i], parts);
+    out.views.push_back({sights[i].name, corners / parts.corners, corners, fault.empty(), fault});
+    if (fault.empty()) best.views.push_back(viewOf(sights[i], i));
   }
   if (best.views.size() < static_cast<std::size_t>(options.kLeastViews)) {
-    return refused(std::move(out), viewsNeeded(best.views.size(), sights.size()));
+    return refused(std::move(out), viewsNeeded(parts, best.views.size(), sights.size()));
   }
   std::vector<Linearised> residuals;
   do {

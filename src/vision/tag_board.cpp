@@ -16,4 +16,8 @@ estimation::Corners TagBoard::corners(int id) const {
   return tag.corners().colwise() + (pitch * centre).eval();
 }
 
+BoardParts TagBoard::parts() const {
+  return {"tags", 4, 6, "print it with helix_arm tags --board and take 15 pictures or more"};
+}
+
 }  // namespace helix_arm::vision

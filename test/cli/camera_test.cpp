@@ -164,7 +164,12 @@ TEST(CameraCalibrate, WhatIsWrongInTheCallIsSaid) {
   refused({}, "--source is required");
   refused({"--source", "webcam", pictures}, "--source has webcam beside files; give either");
   refused({"--source", folder / "none"}, "none");
-  refused({"--source", pictures, "--board", "charuco"}, "--board: charuco not in {tags}");
+  refused({"--source", pictures, "--board", "chessboard"},
+          "--board: chessboard not in {tags,charuco}");
+  refused({"--source", pictures, "--dictionary", "DICT_4X4_50"},
+          "--dictionary is of a ChArUco board, and --board is tags; add --board charuco");
+  refused({"--source", pictures, "--board", "charuco", "--squares", "7,1"},
+          "ChArUco board: the number of squares down is 1; expected 3 to 100");
   refused({"--source", pictures, "--set", "name=x"}, "none is given; leave out --set");
   refused({"--source", pictures, "--size", "640,480"}, "go with --source webcam");
   refused({"--source", "webcam", "--size", "640,0"},
@@ -283,6 +288,53 @@ TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
           "scene demo has no camera.webcam; add it, or give pictures as --source");
   refused({scenePath("demo")}, "--source is required");
   refused({"--source", "webcam"}, "SCENE is required");
+}
+
+TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
+  const TemporaryFolder folder;
+  const std::string scene = folder / "arm.yaml";
+  ASSERT_EQ(runCommand({"new", "--out", scene}).exit_code, 0);
+  const auto reason = [&](const std::vector<std::string>& call) {
+    const Outcome outcome = runCommand(call);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+    EXPECT_EQ(outcome.json()["faults"].size(), 1u);
+    return outcome.json()["reason"].get<std::string>();
+  };
+  const std::string expected =
+      "no picture could be read: /dev/no_such_camera: the device does not exist; plug the camera "
+      "in, or give another device";
+  EXPECT_EQ(reason({"camera", "place", scene, "--source", "webcam", "--seconds", "0.2", "--set",
+                    "camera.webcam.device=/dev/no_such_camera", "--format", "json"}),
+            expected);
+  EXPECT_EQ(reason({"camera", "calibrate", "--source", "webcam", "--seconds", "0.2", "--device",
+                    "/dev/no_such_camera", "--format", "json"}),
+            expected);
+}
+
+// As docs/first_arm.md does it: some of the boards hang over the border, which cuts tags.
+TEST(CameraCalibrate, UsesEveryRenderedPictureOfTheTutorial) {
+  const TemporaryFolder folder;
+  const std::string rig = folder / "my_rig.yaml", pictures = folder / "pictures";
+  ASSERT_EQ(runCommand({"new", "--out", rig, "--defaults", "--camera-distance-m", "0.6"}).exit_code,
+            0);
+  ASSERT_EQ(runCommand({"simulate", rig, "--board", "--count", "25", "--out", pictures}).exit_code,
+            0);
+  const Outcome outcome =
+      runCommand({"camera", "calibrate", "--source", pictures, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  ASSERT_EQ(result["views"].size(), 25u);
+  for (const json& view : result["views"]) EXPECT_TRUE(view["used"]) << view["reason"];
+  const estimation::Camera truth = io::loadScene(rig).camera->model;
+  const json& parameters = result["parameters"];
+  for (const auto& [name, expected] : {std::pair("fx", truth.fx), std::pair("fy", truth.fy),
+                                       std::pair("cx", truth.cx), std::pair("cy", truth.cy)}) {
+    const double value = parameters[name]["value"], error = parameters[name]["standard_error"];
+    EXPECT_NEAR(value, expected, 3 * error) << name;
+  }
+  EXPECT_NEAR(parameters["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
+  EXPECT_NEAR(parameters["fy"]["value"].get<double>() / truth.fy, 1, 0.005);
+  EXPECT_LT(result["rms_px"], 0.1);
 }
 
 TEST(Camera, WithoutASubcommandIsRefused) {

@@ -36,8 +36,8 @@ TEST(Check, AFaultExitsWithOneInEveryFormat) {
   };
   const Outcome text = run("text"), csv = run("csv");
   EXPECT_EQ(text.exit_code, 1);
-  EXPECT_NE(text.out.find("fault: tag 0: its face points 180 deg from outwards; expected less than "
-                          "90 deg. turn it by rpy_deg"),
+  EXPECT_NE(text.out.find("fault: tags 0, 1, 2, 3, 4, 5, 6: the face points 180 deg from outwards; "
+                          "expected less than 90 deg. turn it by rpy_deg"),
             std::string::npos)
       << text.out;
   EXPECT_NE(text.out.find("demo: faults found\n"), std::string::npos);
@@ -47,7 +47,7 @@ TEST(Check, AFaultExitsWithOneInEveryFormat) {
   EXPECT_FALSE(result["passed"]);
   const json finding = findingOf(result, "tag_faces_inward");
   EXPECT_EQ(finding["severity"], "fault");
-  EXPECT_EQ(finding["culprit"], "tag 0");
+  EXPECT_EQ(finding["culprit"], "tags 0, 1, 2, 3, 4, 5, 6");
 }
 
 TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
@@ -101,6 +101,42 @@ TEST(Check, AChannelWithoutReadingIsNamed) {
   ASSERT_FALSE(finding.is_null());
   EXPECT_EQ(finding["severity"], "fault");
   EXPECT_EQ(finding["culprit"], "muscle_1");
+}
+
+TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
+  using Line = EmulatedRegulator::Line;
+  for (const Line line : {Line::kSerial, Line::kModbus}) {
+    const json result = probed(line, simulation::DeviceFault::kNone);
+    const std::string name = result["regulator"];
+    EXPECT_EQ(
+        name.find(line == Line::kSerial ? "ascii_serial generic at " : "modbus_tcp festo_vtem"),
+        0u);
+    const json finding = findingOf(result, "answered");
+    ASSERT_FALSE(finding.is_null());
+    EXPECT_EQ(finding["severity"], "note");
+    EXPECT_EQ(finding["culprit"], name);
+    const std::string value = finding["value"];
+    EXPECT_EQ(value.find("it vented and answered, gauge pressures: muscle_1 "), 0u) << value;
+    for (const char* const said : {" kPa, muscle_2 ", " kPa, muscle_3 "}) {
+      EXPECT_NE(value.find(said), std::string::npos) << value;
+    }
+    ASSERT_EQ(result["pressures_pa"].size(), 3u);
+    for (const json& pressure : result["pressures_pa"]) EXPECT_LT(std::abs(double(pressure)), 2000);
+    EXPECT_FALSE(findingOf(result, "supply_not_measured").is_null());
+    EXPECT_TRUE(result["supply_pa"].is_null());
+  }
+}
+
+TEST(Check, ASupplyThatIsMeasuredIsCompared) {
+  const EmulatedRegulator device(EmulatedRegulator::Line::kSerial,
+                                 EmulatedRegulator::Extra::kSupplySensor);
+  const Outcome outcome =
+      runCommand({"check", device.scene(), "--probe", "--format", "json", "--samples", "0"});
+  const json result = outcome.json();
+  ASSERT_FALSE(result["supply_pa"].is_null()) << outcome.out;
+  EXPECT_TRUE(findingOf(result, "supply_not_measured").is_null());
+  EXPECT_NE(findingOf(result, "answered")["value"].get<std::string>().find(", supply "),
+            std::string::npos);
 }
 
 TEST(Check, WithoutARegulatorThereIsNothingToProbe) {

@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
+#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -30,6 +32,7 @@ TEST(New, ArmsOfManyKindsHaveNoFaults) {
       {"--sections", "3", "--tag-size-m", "0.025", "--tags", "5"},
       {"--muscles", "6", "--length-m", "0.6", "--radius-m", "0.05"},
       {"--length-m", "0.15", "--radius-m", "0.012", "--tag-size-m", "0.02"},
+      {"--sections", "3", "--muscles", "4", "--defaults"},
       {"--regulator", "generic", "--device", "/dev/ttyUSB7"},
       {"--regulator", "none", "--tag-size-m", "0"},
       {"--max-pressure-kpa", "517.1", "--contraction", "0.3"}};
@@ -43,6 +46,67 @@ TEST(New, ArmsOfManyKindsHaveNoFaults) {
     const Outcome check = runCommand({"check", out});
     EXPECT_EQ(check.exit_code, 0) << kind[0] << " " << kind[1] << ": " << check.out << check.err;
   }
+}
+
+TEST(New, AsManyTagsAsFitAreNoMoreThanASceneMayHave) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  ASSERT_EQ(runCommand({"new", "--out", out, "--sections", "3", "--muscles", "4", "--defaults"})
+                .exit_code,
+            0);
+  EXPECT_EQ(io::loadScene(out).tags->tags.size(), 60u) << "five of 64 / 12 per muscle";
+}
+
+TEST(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  const std::vector<std::string> profiles = io::shippedProfiles();
+  ASSERT_GE(profiles.size(), 5u);
+  for (const std::string& profile : profiles) {
+    SCOPED_TRACE(profile);
+    const Outcome outcome =
+        runCommand({"new", "--out", out, "--force", "--regulator", profile, "--format", "json"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_EQ(outcome.json()["regulator"], profile);
+    EXPECT_NE(regulator::describe(*io::loadScene(out).regulator).find(" " + profile + " at "),
+              std::string::npos);
+  }
+  ASSERT_EQ(runCommand({"new", "--out", out, "--force", "--regulator", "alicat", "--device",
+                        "/dev/ttyUSB7"})
+                .exit_code,
+            0);
+  EXPECT_EQ(regulator::describe(*io::loadScene(out).regulator),
+            "ascii_serial alicat at /dev/ttyUSB7");
+  EXPECT_EQ(regulator::describeChannels(*io::loadScene(out).regulator), "addresses A, B, C");
+  ASSERT_EQ(runCommand(
+                {"new", "--out", out, "--force", "--regulator", "festo_vtem", "--host", "10.1.2.3"})
+                .exit_code,
+            0);
+  EXPECT_EQ(regulator::describe(*io::loadScene(out).regulator),
+            "modbus_tcp festo_vtem at 10.1.2.3:502");
+  // Relative to the working folder, which is not that of the scene.
+  const std::string copy = folder / "my_board.yaml";
+  std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
+  ASSERT_EQ(runCommand({"new", "--out", out, "--force", "--regulator",
+                        std::filesystem::relative(copy).string()})
+                .exit_code,
+            0);
+  EXPECT_NE(regulator::describe(*io::loadScene(out).regulator).find(" my_board at "),
+            std::string::npos);
+}
+
+// The table of faults in docs/board.md holds for the safety rules that stand there.
+TEST(New, TheSceneOfTheBoardHasTheSafetyRulesThatItWasTestedWith) {
+  const std::string document = contentOf(HELIX_ARM_SOURCE_DIR "/docs/board.md");
+  const std::size_t begin = document.find("\nsafety:\n") + 1;
+  const std::string rules = document.substr(begin, document.find("```", begin) - begin);
+  ASSERT_NE(rules.find("target_timeout_s: "), std::string::npos);
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  ASSERT_EQ(runCommand({"new", "--out", out, "--regulator", "generic"}).exit_code, 0);
+  const std::string text = contentOf(out);
+  ASSERT_NE(text.find("\nsafety:\n"), std::string::npos);
+  EXPECT_EQ(text.substr(text.find("\nsafety:\n") + 1), rules);
 }
 
 TEST(New, WhatWasAskedForIsInTheScene) {
@@ -72,13 +136,28 @@ TEST(New, WhatDoesNotFitIsRefusedByName) {
     EXPECT_NE(outcome.err.find(words), std::string::npos) << outcome.err;
     EXPECT_FALSE(std::filesystem::exists(out));
   };
-  refusal({"--muscles", "2"}, "muscles is 2");
-  refusal({"--muscles", "8"}, "overlap; expected at most 27 mm");
+  refusal({"--muscles", "2"}, "--muscles is 2; expected 3 to 24");
+  refusal({"--muscles", "8"},
+          "--tag-size-m is 0.03, which overlaps on 8 muscles side by side; expected at most 0.027");
   refusal({"--tags", "9"}, "9 tags of 30 mm");
-  refusal({"--length-m", "30"}, "length is 30; expected 0.02 to 5 m");
-  refusal({"--contraction", "nan"}, "contraction");
-  refusal({"--regulator", "festo"}, "regulator is festo");
-  refusal({"--device", "/dev/ttyUSB0"}, "--device goes with --regulator generic");
+  refusal({"--tags", "1"}, "--tags is 1; expected 2 to 20");
+  refusal({"--sections", "3", "--muscles", "4", "--tags", "6"},
+          "--tags is 6, which makes 72 tags; expected at most 64 in all, so 5 per muscle");
+  refusal({"--sections", "3", "--muscles", "12"}, "36 muscles with two tags each");
+  refusal({"--length-m", "-1"}, "helix_arm new: --length-m is -1; expected 0.02 to 5 m");
+  refusal({"--contraction", "nan"}, "--contraction is nan");
+  refusal({"--radius-m", "0"}, "--radius-m is 0");
+  refusal({"--tilt-deg", "90"}, "--tilt-deg is 90");
+  refusal({"--max-pressure-kpa", "0"}, "--max-pressure-kpa is 0");
+  refusal({"--tag-size-m", "1"}, "--tag-size-m is 1");
+  refusal({"--camera-distance-m", "0.01"}, "--camera-distance-m is 0.01");
+  refusal({"--regulator", "festo"},
+          "--regulator is festo; expected simulated, none, alicat, ctrl_p, festo_mpa, festo_vtem, "
+          "generic, or the path of a profile");
+  refusal({"--regulator", "./none.yaml"}, "none.yaml");
+  refusal({"--device", "/dev/ttyUSB0"}, "--device goes with a --regulator on a serial line");
+  refusal({"--host", "10.1.2.3", "--regulator", "generic"},
+          "--host goes with a --regulator on Mod");
   refusal({"--set", "arm.geometry=planar"}, "leave out --set");
   const Outcome text = runCommand({"new", "--out", folder / "arm.txt"});
   EXPECT_EQ(text.exit_code, 2);

@@ -1,6 +1,7 @@
 #include "helix_arm/procedures/rig_check.hpp"
 
 #include <algorithm>
+#include <filesystem>
 #include <variant>
 
 #include <gtest/gtest.h>
@@ -52,17 +53,64 @@ TEST(RigCheck, TheDemoRigHasNoFaultAndIsMeasuredEverywhere) {
 }
 
 TEST(RigCheck, TagsThatAreMountedWrongAreNamed) {
-  const std::string group = "tags.groups.0.";
+  const std::string group = "tags.groups.0.", all = "tags 0, 1, 2, 3, 4, 5, 6";
   expectFinding("demo", {{group + "position_m", "[0, 0, 0.09]"}}, "tag_off_arm", Severity::kWarning,
-                "tag 0", "mm outside the arm's skin; expected 50 mm at most");
+                all, "by 78 mm; expected at most the radius of the skin there, 37.4 mm");
   expectFinding("demo", {{group + "position_m", "[0, 0, -0.02]"}}, "tag_inside_arm",
-                Severity::kFault, "tag 0", "5.4 mm from the base curve, inside the arm");
+                Severity::kFault, all, "5.4 mm from the base curve, inside the arm");
   expectFinding("demo", {{group + "rpy_deg", "[180, 0, 0]"}}, "tag_faces_inward", Severity::kFault,
-                "tag 0", "180 deg from outwards; expected less than 90 deg");
-  expectFinding("demo", {{group + "rpy_deg", "[75, 0, 0]"}}, "tag_oblique", Severity::kNote,
-                "tag 0", "75 deg from outwards");
+                all, "180 deg from outwards; expected less than 90 deg");
+  expectFinding("demo", {{group + "rpy_deg", "[75, 0, 0]"}}, "tag_oblique", Severity::kNote, all,
+                "75 deg from outwards");
   expectFinding("demo", {{group + "s", "[0.04, 0.06, 0.36, 0.52, 0.68, 0.84, 1]"}}, "tags_overlap",
                 Severity::kFault, "tags 0 and 1", "mm apart; expected 34.9 mm");
+}
+
+// The skin of the demo arm has a radius of 37.4 mm, and its muscles are at 25.4 mm.
+TEST(RigCheck, ATagIsOffTheArmIfItStandsFartherFromTheSkinThanTheArmIsThick) {
+  const auto off = [](const char* position) {
+    return found(sceneOf("demo", {{"tags.groups.0.position_m", position}}), "tag_off_arm").size();
+  };
+  EXPECT_EQ(off("[0, 0, 0.049]"), 0u);
+  EXPECT_EQ(off("[0, 0, 0.0497]"), 1u);
+  EXPECT_TRUE(found(sceneOf("helical_50"), "tag_off_arm").empty()) << "brackets of a real rig";
+}
+
+TEST(RigCheck, ATagOnTheEndMayFaceAlongTheArmButNotInward) {
+  const auto with = [](const char* position, const char* rpy, const char* check) {
+    return found(sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]"},
+                                  {"tags.groups.0.actuator", "muscle_1"},
+                                  {"tags.groups.0.position_m", position},
+                                  {"tags.groups.0.rpy_deg", rpy}}),
+                 check);
+  };
+  // Turned about y: the face, z, points to x.
+  const auto inside = with("[0, 0, -0.0254]", "[0, 90, 0]", "tag_inside_arm");
+  ASSERT_EQ(inside.size(), 1u);
+  EXPECT_EQ(inside[0].culprit, "tags 0, 1, 2, 3, 4, 5")
+      << "tag 6 is on the end, and looks along it";
+  const auto backward = with("[0, 0, -0.0254]", "[0, -90, 0]", "tag_inside_arm");
+  ASSERT_EQ(backward.size(), 1u);
+  EXPECT_EQ(backward[0].culprit, "tags 0, 1, 2, 3, 4, 5, 6");
+  const auto inward = with("[0, 0, 0.016]", "[180, 0, 0]", "tag_faces_inward");
+  ASSERT_EQ(inward.size(), 1u);
+  EXPECT_EQ(inward[0].culprit, "tags 0, 1, 2, 3, 4, 5, 6");
+}
+
+TEST(RigCheck, TagsOfOneFaultAreToldInOneLine) {
+  const io::Scene crowded =
+      sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.06, 0.08, 0.1, 0.12, 0.84, 1]"}});
+  const auto overlaps = found(crowded, "tags_overlap");
+  ASSERT_EQ(overlaps.size(), 1u);
+  EXPECT_EQ(overlaps[0].culprit,
+            "tags 0 and 1, 0 and 2, 1 and 2, 0 and 3, 1 and 3, 2 and 3, 1 and 4, 2 and 4, 3 and 4");
+  EXPECT_NE(overlaps[0].value.find(" to "), std::string::npos) << overlaps[0].value;
+  // 21 pairs of seven tags, and one with a neighbour's: the end of the list is a number.
+  const auto all = found(
+      sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.041, 0.042, 0.043, 0.044, 0.045, 0.046]"}}),
+      "tags_overlap");
+  ASSERT_EQ(all.size(), 1u);
+  EXPECT_NE(all[0].culprit.find(" more pairs"), std::string::npos) << all[0].culprit;
 }
 
 TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
@@ -80,6 +128,36 @@ TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
                 {{"camera.centre_px", "[639.5, 359.5]"}, {"camera.distortion", "[0, 0, 0, 0]"}},
                 "camera_uncalibrated", Severity::kWarning, "camera", "no distortion");
   EXPECT_EQ(found(sceneOf("demo"), "tags_never_seen").size(), 1u);
+}
+
+// A camera so far away that a bit has 0.2 px.
+TEST(RigCheck, TagsThatCannotBeReadAreNotSeen) {
+  const io::Scene far = sceneOf("demo", {{"tags.size_m", "0.0015"}});
+  const RigCheck check = checkRig(far, 20);
+  ASSERT_TRUE(check.sight);
+  EXPECT_LT(check.sight->pixels_per_bit, kLeastPixelsPerBit);
+  EXPECT_EQ(check.sight->median_tags, 0);
+  EXPECT_EQ(check.sight->least_tags, 0);
+  EXPECT_EQ(check.sight->measured, 0);
+  const auto blind = found(far, "few_tags");
+  ASSERT_EQ(blind.size(), 1u);
+  EXPECT_EQ(blind[0].severity, Severity::kFault);
+  EXPECT_NE(blind[0].value.find("in 100 % of the workspace the tags that are read do not tell the "
+                                "shape; fewest: 0"),
+            std::string::npos)
+      << blind[0].value;
+  EXPECT_EQ(found(far, "tags_too_small").size(), 1u);
+}
+
+TEST(RigCheck, NoShippedSceneHasAFault) {
+  for (const auto& entry :
+       std::filesystem::directory_iterator(HELIX_ARM_SOURCE_DIR "/config/scenes")) {
+    const io::Scene scene = io::loadScene(entry.path().string());
+    for (const Finding& finding : checkRig(scene, 10).findings) {
+      EXPECT_NE(finding.severity, Severity::kFault)
+          << scene.name << ": " << finding.culprit << ": " << finding.value;
+    }
+  }
 }
 
 TEST(RigCheck, CurvesThatHardlyMoveAMuscleAreNamed) {

@@ -117,7 +117,8 @@ TEST(TagSheets, EverythingLiesWithinTheMarginsAndNothingOverlaps) {
       std::vector<Page> pages = tagSheets(scene, paper);
       const std::vector<Page> placement = placementSheets(scene, paper);
       pages.insert(pages.end(), placement.begin(), placement.end());
-      pages.push_back(boardSheet({}, paper));
+      pages.push_back(boardSheet(vision::TagBoard(), paper));
+      pages.push_back(boardSheet(vision::CharucoBoard(), paper));
       numberPages(paper, pages);
       for (const Page& page : pages) {
         expectWithinMargins(page, paper);
@@ -210,7 +211,7 @@ TEST(TagSheets, ACardHasItsIdAndPlaceBelowAndAnUpMarkAboveTheTag) {
 TEST(TagSheets, PagesToCutAndBoardsHaveTwoRulersOf100Mm) {
   for (const Paper& paper : kPapers) {
     std::vector<Page> pages = tagSheets(shipped("demo"), paper);
-    pages.push_back(boardSheet({}, paper));
+    pages.push_back(boardSheet(vision::TagBoard(), paper));
     for (const Page& page : pages) {
       int across = 0, upright = 0;
       for (const Stroke& stroke : page.strokes) {
@@ -270,7 +271,8 @@ TEST(PlacementSheets, ARowPerTagStatesItsPlacement) {
         timesIn(demo, {"16", "0.36", "148.4", "muscle_3", "240", "41.4", "16", "0", "-15", "0"}),
         1);
     const std::vector<Page> two = placementSheets(shipped("annotated"), paper);
-    EXPECT_EQ(timesIn(two, {"7", "1", "427", "muscle_2", "120", "46", "16", "0", "0", "0"}), 1);
+    EXPECT_EQ(timesIn(two, {"7", "0.95", "405.6", "muscle_2", "120", "46", "16", "0", "0", "0"}),
+              1);
     EXPECT_EQ(timesIn(two, {"22", "0.62", "62", "bellows_right", "180", "40", "20", "0", "0", "0"}),
               1);
     EXPECT_EQ(

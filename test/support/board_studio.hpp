@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/simulation/board.hpp"
 #include "helix_arm/vision/board_views.hpp"
 #include "support/random.hpp"
 
@@ -41,26 +41,13 @@ inline std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int co
   return poses;
 }
 
-/// The board as tags on an arm that is out of sight.
-inline estimation::ArmView boardView(const estimation::Camera& camera,
-                                     const vision::TagBoard& board, const lie::SE3& X_CP) {
-  estimation::ArmView view{camera, {}, {board.tag_size, {}}, 1};
-  for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
-    const Eigen::Vector2d centre = board.corners(id).rowwise().mean();
-    lie::SE3 X_CT = X_CP;
-    X_CT.translation = X_CP * Eigen::Vector3d(centre.x(), centre.y(), 0);
-    view.layout.tags.push_back({id, 0, 0.0, X_CT});
-  }
-  return view;
-}
-
-/// A picture of the board.
-inline cv::Mat boardPicture(const estimation::Camera& camera, const vision::TagBoard& board,
-                            const lie::SE3& X_CP,
-                            const simulation::SimulatedCameraConfig& config = {}) {
-  simulation::SimulatedCamera photographer(boardView(camera, board, X_CP),
-                                           vision::TagFamily(board.family), {}, config);
-  return photographer.render(model::Twists(model::Twists::Identity(6, 1) * 0.4)).clone();
+/// A picture of a board, of either kind.
+template <class Board>
+cv::Mat boardPicture(const estimation::Camera& camera, const Board& board, const lie::SE3& X_CP,
+                     const simulation::SimulatedCameraConfig& config = {}) {
+  return simulation::boardCamera(camera, board, X_CP, config)
+      .render(simulation::kArmOutOfSight)
+      .clone();
 }
 
 /// What a detector would find, each coordinate off by normal noise [px].
@@ -70,15 +57,14 @@ inline vision::BoardSight boardCorners(const estimation::Camera& camera,
   vision::BoardSight sight{"", {}};
   for (int id = board.first_id; id < board.first_id + board.count(); ++id) {
     const estimation::Corners plane = board.corners(id);
-    vision::TagDetection tag{id, 0, 100.0, {}};
-    bool visible = true;
-    for (int c = 0; c < 4 && visible; ++c) {
+    std::vector<vision::BoardCorner> tag;
+    for (int c = 0; c < 4; ++c) {
       const auto pixel = camera.project(X_CP * Eigen::Vector3d(plane(0, c), plane(1, c), 0));
-      visible = pixel && camera.contains(*pixel);
-      if (!visible) break;
-      tag.corners.col(c) = *pixel + noise * Eigen::Vector2d(random.normal(), random.normal());
+      if (!pixel || !camera.contains(*pixel)) break;
+      tag.push_back({4 * (id - board.first_id) + c, plane.col(c),
+                     *pixel + noise * Eigen::Vector2d(random.normal(), random.normal())});
     }
-    if (visible) sight.tags.push_back(tag);
+    if (tag.size() == 4) sight.corners.insert(sight.corners.end(), tag.begin(), tag.end());
   }
   return sight;
 }

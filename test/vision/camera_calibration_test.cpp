@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
 #include "support/board_studio.hpp"
 #include "support/refusal.hpp"
 
@@ -61,7 +62,8 @@ TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
        {std::pair{boardCamera(), 5}, {plain, 0}, {plain, 2}, {plain, 4}, {rational, 8}}) {
     SCOPED_TRACE(coefficients);
     const auto sights = cornersOf(camera, boardPoses(camera, 15, random), 0, random);
-    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights, {coefficients});
+    const CameraCalibration found =
+        calibrateCamera(kBoard.parts(), sizeOf(camera), sights, {coefficients});
     ASSERT_TRUE(found.success) << found.reason;
     // OpenCV takes corners as floats.
     EXPECT_LT(worstPixel(found.camera, camera), 0.02);
@@ -87,9 +89,9 @@ TEST(CameraCalibration, FocalLengthFromRenderedPicturesIsWithinHalfAPercent) {
       config.bleed = 0.0002;
       config.seed = static_cast<std::uint32_t>(sights.size() + 1);
       const cv::Mat picture = test::boardPicture(camera, kBoard, pose, config);
-      sights.push_back(boardSight(kBoard, "", detector.detect(picture)));
+      sights.push_back(boardSight(kBoard, "", picture.size(), detector.detect(picture)));
     }
-    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
     ASSERT_TRUE(found.success) << found.reason;
     for (const CameraParameter& one : found.parameters) {
       std::cout << one.name << " = " << one.value << " +- " << one.standard_error << "\n";
@@ -113,7 +115,7 @@ TEST(CameraCalibration, TrueParametersLieWithinThreeStandardErrors) {
   std::vector<double> relative;
   for (int draw = 0; draw < kDraws; ++draw) {
     const auto sights = cornersOf(camera, boardPoses(camera, 12, random), 0.3, random);
-    const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+    const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
     ASSERT_TRUE(found.success) << found.reason;
     EXPECT_NEAR(found.rms, 0.3, 0.03);
     for (std::size_t i = 0; i < found.parameters.size(); ++i) {
@@ -136,18 +138,15 @@ TEST(CameraCalibration, ErrorsThatAViewSharesRaiseTheStandardErrors) {
   const auto poses = boardPoses(camera, 15, random);
   auto sights = cornersOf(camera, poses, 0.1, random);
   const double before =
-      calibrateCamera(kBoard, sizeOf(camera), sights).parameters[0].standard_error;
+      calibrateCamera(kBoard.parts(), sizeOf(camera), sights).parameters[0].standard_error;
   // A board that is bent by up to a millimetre moves corners of a view together.
   for (BoardSight& sight : sights) {
     const double bend = random.uniform(-0.6, 0.6);
-    for (TagDetection& tag : sight.tags) {
-      const estimation::Corners plane = kBoard.corners(tag.id);
-      for (int c = 0; c < 4; ++c) {
-        tag.corners(0, c) += bend * std::pow(plane(0, c) / (0.5 * kBoard.width()), 2);
-      }
+    for (BoardCorner& corner : sight.corners) {
+      corner.pixel.x() += bend * std::pow(corner.board.x() / (0.5 * kBoard.width()), 2);
     }
   }
-  const CameraCalibration bent = calibrateCamera(kBoard, sizeOf(camera), sights);
+  const CameraCalibration bent = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
   EXPECT_GT(bent.parameters[0].standard_error, 1.5 * before);
   EXPECT_LT(std::abs(bent.camera.fx - camera.fx), 4 * bent.parameters[0].standard_error);
 }
@@ -161,7 +160,7 @@ TEST(CameraCalibration, ViewsFromTheFrontAloneDoNotDetermineTheFocalLength) {
         boardPose(camera, 0.3 + 0.4 * (i % 3) / 2, 0.4 + 0.2 * (i / 6), 0.4, {0, 0, 0.3 * i}));
   }
   const CameraCalibration found =
-      calibrateCamera(kBoard, sizeOf(camera), cornersOf(camera, poses, 0.5, random));
+      calibrateCamera(kBoard.parts(), sizeOf(camera), cornersOf(camera, poses, 0.5, random));
   ASSERT_FALSE(found.success);
   EXPECT_NE(found.reason.find("tilt the board to each side"), std::string::npos) << found.reason;
 }
@@ -170,16 +169,15 @@ TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
   Random random(6);
   const Camera camera = boardCamera();
   auto sights = cornersOf(camera, boardPoses(camera, 14, random), 0.2, random);
-  for (TagDetection& tag : sights[4].tags) {
-    for (int c = 0; c < 4; ++c) tag.corners(1, c) += 12 * random.normal();
-  }
-  const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+  for (BoardCorner& corner : sights[4].corners) corner.pixel.y() += 12 * random.normal();
+  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
   ASSERT_TRUE(found.success) << found.reason;
   for (std::size_t i = 0; i < found.views.size(); ++i) {
     EXPECT_EQ(found.views[i].used, i != 4) << i;
   }
   EXPECT_EQ(found.views[4].name, "view_5");
-  EXPECT_NE(found.views[4].reason.find("three times the median"), std::string::npos);
+  EXPECT_NE(found.views[4].reason.find("the larger of 0.3 px and three times the median"),
+            std::string::npos);
   EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
 }
 
@@ -187,16 +185,38 @@ TEST(CameraCalibration, TooFewViewsAreRefusedWithTheRemedy) {
   Random random(7);
   const Camera camera = boardCamera();
   auto sights = cornersOf(camera, boardPoses(camera, 6, random), 0.2, random);
-  sights[0].tags.resize(5);
-  sights[1].tags.resize(5);
-  const CameraCalibration found = calibrateCamera(kBoard, sizeOf(camera), sights);
+  sights[0].corners.resize(20);
+  sights[1].corners.resize(20);
+  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), sights);
   EXPECT_FALSE(found.success);
   EXPECT_EQ(found.reason,
             "4 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
             "tags --board and take 15 pictures or more");
   EXPECT_EQ(found.views[0].reason, "it shows 5 tags of the board; expected 6");
   EXPECT_TRUE(found.parameters.empty());
-  EXPECT_EQ(calibrateCamera(kBoard, {}, {}).success, false);
+  EXPECT_EQ(calibrateCamera(kBoard.parts(), {}, {}).success, false);
+}
+
+TEST(CameraCalibration, ViewsOfOneRowOfCornersAreNotUsed) {
+  Random random(11);
+  const Camera camera = boardCamera();
+  const CharucoBoard board{10, 5, 0.02, 0.015};
+  std::vector<BoardSight> sights;
+  for (const lie::SE3& pose : boardPoses(camera, 6, random)) {
+    BoardSight sight{"", {}};
+    for (int id = 0; id < board.cornerCount(); ++id) {
+      const Eigen::Vector2d at = board.corner(id);
+      sight.corners.push_back(
+          {id, at, camera.project(pose * Eigen::Vector3d(at.x(), at.y(), 0)).value()});
+    }
+    sights.push_back(sight);
+  }
+  EXPECT_TRUE(calibrateCamera(board.parts(), sizeOf(camera), sights, {2}).success);
+  sights[2].corners.resize(9);
+  const CameraCalibration found = calibrateCamera(board.parts(), sizeOf(camera), sights, {2});
+  EXPECT_FALSE(found.views[2].used);
+  EXPECT_EQ(found.views[2].reason, "all inner chessboard corners that it shows are on one line");
+  EXPECT_TRUE(found.success);
 }
 
 TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
@@ -209,7 +229,7 @@ TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
                               {tilt * std::cos(i), tilt * std::sin(i), 0}));
   }
   const CameraCalibration found =
-      calibrateCamera(kBoard, sizeOf(camera), cornersOf(camera, poses, 0.9, random), {2});
+      calibrateCamera(kBoard.parts(), sizeOf(camera), cornersOf(camera, poses, 0.9, random), {2});
   std::string all = found.reason + "\n";
   for (const std::string& warning : found.warnings) all += warning + "\n";
   for (const char* const said : {"% of the picture; expected 60 %: hold the board also at the ",
@@ -221,26 +241,47 @@ TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
 
 TEST(CameraCalibration, OptionsOutOfRangeAreRefused) {
   EXPECT_EQ(test::refusal([] {
-              calibrateCamera(kBoard, {1280, 720}, {}, {3});
+              calibrateCamera(kBoard.parts(), {1280, 720}, {}, {3});
             }),
             "camera calibration: the number of coefficients is 3; expected 0, 2, 4, 5 or 8");
 }
 
 TEST(BoardSight, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
-  const auto tag = [](int id, int hamming) { return TagDetection{id, hamming, 50, {}}; };
+  const auto tag = [](int id, int hamming) {
+    return TagDetection{id, hamming, 50, estimation::Corners::Constant(100)};
+  };
   const BoardSight sight = boardSight(
-      kBoard, "a.png",
+      kBoard, "a.png", {200, 200},
       {tag(3, 0), tag(556, 0), tag(557, 0), tag(560, 1), tag(570, 0), tag(570, 0), tag(586, 0)});
   EXPECT_EQ(sight.name, "a.png");
-  ASSERT_EQ(sight.tags.size(), 2u);
-  EXPECT_EQ(sight.tags[0].id, 557);
-  EXPECT_EQ(sight.tags[1].id, 586);
+  ASSERT_EQ(sight.corners.size(), 8u);
+  for (int c = 0; c < 4; ++c) {
+    const auto first = static_cast<std::size_t>(c);
+    EXPECT_EQ(sight.corners[first].id, c);
+    EXPECT_EQ(sight.corners[first].board, kBoard.corners(557).col(c));
+    EXPECT_EQ(sight.corners[first + 4].id, 4 * 29 + c);
+    EXPECT_EQ(sight.corners[first + 4].board, kBoard.corners(586).col(c));
+  }
+}
+
+// Corners at pixel p lie p + 0.5 px from the left and upper border.
+TEST(BoardSight, OmitsTagsThatTheBorderMayCut) {
+  const auto seen = [](double left, double top, double right, double bottom) {
+    TagDetection tag{557, 0, 50, {}};
+    tag.corners << left, right, right, left, bottom, bottom, top, top;
+    return boardSight(kBoard, "", {1280, 720}, {tag}).corners.size() == 4;
+  };
+  EXPECT_TRUE(seen(7.6, 7.6, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.4, 7.6, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.4, 1271.4, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.6, 1271.6, 711.4));
+  EXPECT_FALSE(seen(7.6, 7.6, 1271.4, 711.6));
 }
 
 TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
   Random random(9);
   const Camera camera = boardCamera();
-  BoardViews views(sizeOf(camera));
+  BoardViews views(sizeOf(camera), kBoard.parts());
   const auto at = [&](double u) {
     return boardCorners(camera, kBoard, boardPose(camera, u, 0.5, 0.4, {0.3, 0, 0}), 0.1, random);
   };
@@ -252,7 +293,7 @@ TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
   EXPECT_FALSE(views.offer(at(0.602))) << "2.6 px: it moves";
   EXPECT_FALSE(views.offer(at(0.602))) << "too close to the last";
   BoardSight few = at(0.2);
-  few.tags.resize(BoardViews::kLeastTags - 1);
+  few.corners.resize(static_cast<std::size_t>(kBoard.parts().leastCorners() - 1));
   EXPECT_FALSE(views.offer(few));
   EXPECT_FALSE(views.offer(at(0.2))) << "nothing says that it rests";
   EXPECT_EQ(views.chosen().size(), 2u);
@@ -262,11 +303,7 @@ TEST(Coverage, CountsCellsThatHoldCorners) {
   Coverage coverage({800, 600});
   EXPECT_EQ(coverage.fraction(), 0);
   EXPECT_EQ(coverage.emptiest(), "top left");
-  const auto add = [&coverage](double x, double y) {
-    BoardSight sight{"", {{557, 0, 50, {}}}};
-    sight.tags[0].corners.colwise() = Eigen::Vector2d(x, y);
-    coverage.add(sight);
-  };
+  const auto add = [&coverage](double x, double y) { coverage.add({"", {{0, {0, 0}, {x, y}}}}); };
   add(-0.5, -0.5);
   EXPECT_NEAR(coverage.fraction(), 1.0 / 48, 1e-15);
   add(99, 99);  // the same cell

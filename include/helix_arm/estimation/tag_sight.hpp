@@ -25,6 +25,9 @@ struct TagSight {
   Corners corners;  ///< [px]
 };
 
+/// Length of a tag's longest side, the one that is foreshortened least [px].
+double longestSide(const Corners& corners);
+
 /// Directions (x/z, y/z) of a tag's corners [px]; empty if the distortion cannot be inverted there.
 std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners);
 

@@ -7,8 +7,6 @@ namespace helix_arm::procedures {
 /// An arm as its builder describes it: equal sections in series, each a ring of equal muscles that
 /// shorten. It hangs, and a webcam looks at it from the side.
 struct NewScene {
-  enum class Regulator { kSimulated, kGeneric, kNone };
-
   std::string name = "my_arm";    ///< a word of letters, digits, _ and -
   int sections = 1;               ///< 1 to 16
   int muscles = 3;                ///< per section, 3 to 24
@@ -18,19 +16,23 @@ struct NewScene {
   double tilt_deg = 0;            ///< of the muscles around the arm, -60 to 60
   double max_pressure_kpa = 300;  ///< gauge, 1 to 2000
   double tag_size = 0.03;         ///< outer edge of the black border, 0.005 to 0.3 [m]; 0: no tags
-  int tags = 0;                   ///< per muscle, 2 to 20; 0: as many as fit, at most 7
-  double camera_distance = 0;     ///< from the arm, 0.1 to 10 [m]; 0: so that the arm fits
-  Regulator regulator = Regulator::kSimulated;
-  std::string device = "/dev/serial/by-id/usb-YOUR_BOARD";  ///< of regulator kGeneric
+  int tags = 0;                ///< per muscle, 2 to 20; 0: as many as fit, at most 7, and 64 in all
+  double camera_distance = 0;  ///< from the arm, 0.1 to 10 [m]; 0: so that the arm fits
+  /// "simulated", "none", or a profile as io::loadRegulatorProfile() takes it, its path absolute.
+  std::string regulator = "simulated";
+  std::string device = "/dev/serial/by-id/usb-YOUR_BOARD";  ///< of a profile of a serial line
+  std::string host = "192.168.1.10";                        ///< of a profile of Modbus TCP
 
-  /// @throws std::invalid_argument naming the value, its rule and the remedy.
+  bool isHardware() const { return regulator != "simulated" && regulator != "none"; }
+  /// @throws std::invalid_argument naming the option of `helix_arm new`, its value, its rule and
+  /// the remedy.
   void validate() const;
   /// Tags per muscle.
   int tagsPerMuscle() const;
 };
 
 /// A commented scene file. It loads without faults.
-/// @throws std::invalid_argument as validate().
+/// @throws std::invalid_argument as validate(), or as io::loadRegulatorProfile().
 std::string newSceneText(const NewScene& scene);
 
 }  // namespace helix_arm::procedures

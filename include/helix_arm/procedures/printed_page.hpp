@@ -52,11 +52,11 @@ struct Label {
   bool bold = false;
 };
 
-/// A tag with its white border.
+/// A tag with its white border, or a marker of a ChArUco board with its square.
 struct PrintedTag {
   int id;
   Box square;  ///< whose corners a detector finds
-  Box card;    ///< what is cut out; on a board, the tag with its white border
+  Box card;    ///< what is cut out; on a board of tags, the tag with its white border
   std::vector<Box> black;
 };
 

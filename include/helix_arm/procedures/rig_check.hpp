@@ -21,20 +21,25 @@ const char* nameOf(Severity severity);
 struct Finding {
   Severity severity;
   std::string check;    ///< what was checked, a word: "tag_faces_inward"
-  std::string culprit;  ///< "tag 7", "muscle_1", "camera"
+  std::string culprit;  ///< "tag 7", "tags 3 and 12, 7 and 18", "muscle_1", "camera"
   std::string value;    ///< what it is, and what is expected
   std::string remedy;
 };
 
-/// What the camera sees of the arm over its workspace.
+/// The worst first, otherwise in their order.
+void sortBySeverity(std::vector<Finding>& findings);
+
+/// What the camera sees of the arm over its workspace. A tag in sight faces the camera, lies in its
+/// picture and has bits of kLeastPixelsPerBit or more.
 struct SightFigures {
-  int samples = 0;            ///< inputs at which a shape was found
-  int least_tags = 0;         ///< fewest tags in sight
-  double median_tags = 0;     ///< of tags in sight
-  double measured = 0;        ///< part of the samples in which the shape can be measured
-  double median_tip_sd = 0;   ///< of the tip along its worst direction, where measured [m]
-  double worst_tip_sd = 0;    ///< [m]
-  double pixels_per_bit = 0;  ///< of tags in sight: the value that 90 % of them exceed [px]
+  int samples = 0;           ///< inputs at which a shape was found
+  int least_tags = 0;        ///< fewest tags in sight
+  double median_tags = 0;    ///< of tags in sight
+  double measured = 0;       ///< part of the samples in which the shape can be measured
+  double median_tip_sd = 0;  ///< of the tip along its worst direction, where measured [m]
+  double worst_tip_sd = 0;   ///< [m]
+  /// Of tags that face the camera, readable or not: the value that 90 % of them exceed [px].
+  double pixels_per_bit = 0;
 };
 
 struct RigCheck {
@@ -44,10 +49,11 @@ struct RigCheck {
   bool hasFault() const;
 };
 
-/// Largest distance of a tag outside the arm's skin [m]; brackets reach that far.
-inline constexpr double kFarthestTag = 0.05;
+/// Largest distance of a tag outside the arm's skin, relative to the skin's radius. The brackets of
+/// the rig of scene helical_50 reach to 0.84.
+inline constexpr double kFarthestTag = 1.0;
 /// Pixels of a tag's bit in the picture that is searched, shrunk by vision.quad_decimate: fewer
-/// cost detections, and below the second most tags are lost.
+/// cost detections, and below the second most tags are lost, so that they count as unseen.
 inline constexpr double kWantedPixelsPerBit = 1.5, kLeastPixelsPerBit = 1.0;
 
 /// Looks for what keeps a rig from working, without moving or connecting anything: tags that stand

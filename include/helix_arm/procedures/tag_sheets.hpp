@@ -4,6 +4,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/printed_page.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_board.hpp"
 
 namespace helix_arm::procedures {
@@ -22,6 +23,8 @@ std::vector<Page> placementSheets(const io::Scene& scene, const Paper& paper);
 /// A board for the calibration of a camera, at its exact size, with the rulers of tagSheets().
 /// @throws std::invalid_argument on a board too large for the paper.
 Page boardSheet(const vision::TagBoard& board, const Paper& paper);
+/// @param board  valid. @throws likewise.
+Page boardSheet(const vision::CharucoBoard& board, const Paper& paper);
 
 /// Adds "page 1 of 3" and so on, in the order of the pages.
 void numberPages(const Paper& paper, std::vector<Page>& pages);

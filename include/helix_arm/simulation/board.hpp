@@ -3,7 +3,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "helix_arm/estimation/tag_sight.hpp"
+#include "helix_arm/simulation/camera.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_board.hpp"
 
 namespace helix_arm::simulation {
@@ -13,9 +14,16 @@ namespace helix_arm::simulation {
 /// @param count  >= 0.
 std::vector<lie::SE3> boardPoses(const estimation::Camera& camera, int count, std::uint32_t seed);
 
-/// The board as the tags of an arm whose base is the camera.
+/// A camera that sees a board and no arm: the board is its layout, on the base, which is the
+/// camera.
 /// @param X_CP  pose of the board, seen from the camera.
-estimation::ArmView boardView(const estimation::Camera& camera, const vision::TagBoard& board,
-                              const lie::SE3& X_CP);
+/// @throws std::invalid_argument naming the value and its rule.
+SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::TagBoard& board,
+                            const lie::SE3& X_CP, const SimulatedCameraConfig& config);
+SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::CharucoBoard& board,
+                            const lie::SE3& X_CP, const SimulatedCameraConfig& config);
+
+/// What such a camera renders: an arm of one section, out of sight.
+inline const model::Twists kArmOutOfSight = model::Twists::Identity(6, 1) * 0.4;
 
 }  // namespace helix_arm::simulation

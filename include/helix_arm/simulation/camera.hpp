@@ -8,6 +8,7 @@
 
 #include "helix_arm/estimation/tag_sight.hpp"
 #include "helix_arm/model/shape.hpp"
+#include "helix_arm/simulation/card_print.hpp"
 #include "helix_arm/vision/tag_family.hpp"
 
 namespace helix_arm::simulation {
@@ -41,6 +42,9 @@ class SimulatedCamera {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
   SimulatedCamera(const estimation::ArmView& view, const vision::TagFamily& family,
+                  const ArmBody& body, const SimulatedCameraConfig& config);
+  /// @param prints  in the place of the tags of the view, one of each. @throws likewise.
+  SimulatedCamera(const estimation::ArmView& view, const std::vector<CardPrint>& prints,
                   const ArmBody& body, const SimulatedCameraConfig& config);
   ~SimulatedCamera();
   SimulatedCamera(SimulatedCamera&&) noexcept;

@@ -24,6 +24,8 @@ struct SimulatedSightConfig {
   SightKind kind = SightKind::kCorners;
   double corner_noise = 0.3;  ///< standard deviation of each coordinate, for kCorners, >= 0 [px]
   std::uint32_t seed = 1;     ///< of that noise
+  /// Length that a tag's longest side must have to be found, for kCorners, >= 0 [px].
+  double least_side = 0;
 };
 
 /// A measured shape.

@@ -11,14 +11,28 @@
 
 namespace helix_arm::vision {
 
-/// A board in one picture.
-struct BoardSight {
-  std::string name;                ///< of the picture
-  std::vector<TagDetection> tags;  ///< of the board, sorted by id, each once and without wrong bits
+/// One corner of a board in a picture.
+struct BoardCorner {
+  int id;                 ///< of the corner, on its board
+  Eigen::Vector2d board;  ///< where it is in the plane of the board [m]
+  Eigen::Vector2d pixel;  ///< where it is seen [px]
 };
 
-/// The tags of a board among all detections. Tags that are seen twice are omitted.
-BoardSight boardSight(const TagBoard& board, const std::string& name,
+/// A board in one picture.
+struct BoardSight {
+  std::string name;                  ///< of the picture
+  std::vector<BoardCorner> corners;  ///< sorted by id, each once
+};
+
+/// Least distance of a tag's corners from the border of the picture [px]. The detector finds a tag
+/// that the border cuts as well, with an edge up to 4 px inside the picture, which is not the
+/// tag's.
+inline constexpr double kLeastFromBorder = 8;
+
+/// Corners of the board's tags among all detections. Tags with wrong bits, those that are seen
+/// twice and those at the border are omitted.
+/// @param size  of the picture.
+BoardSight boardSight(const TagBoard& board, const std::string& name, const cv::Size& size,
                       const std::vector<TagDetection>& detections);
 
 /// Which part of a picture the corners of boards have covered.
@@ -47,13 +61,13 @@ class Coverage {
 /// that differ from all chosen before.
 class BoardViews {
  public:
-  static constexpr int kLeastTags = 6;
   /// Largest RMS motion of the corners since the last picture at rest [px].
   static constexpr double kMostMotion = 1.0;
   /// Least RMS distance of the corners from those of a chosen view [widths of the picture].
   static constexpr double kLeastChange = 0.04;
 
-  explicit BoardViews(const cv::Size& size) : size_(size), coverage_(size) {}
+  BoardViews(const cv::Size& size, const BoardParts& parts)
+      : size_(size), least_(parts.leastCorners()), coverage_(size) {}
 
   /// Takes the next picture's board. @return whether it was chosen.
   bool offer(const BoardSight& sight);
@@ -63,6 +77,7 @@ class BoardViews {
 
  private:
   cv::Size size_;
+  int least_;  // corners of a view
   Coverage coverage_;
   std::optional<BoardSight> last_;
   std::vector<BoardSight> chosen_;

@@ -38,7 +38,8 @@ struct CameraParameter {
 /// One picture of the calibration.
 struct CalibratedView {
   std::string name;
-  int tags;
+  int parts;    ///< number of the board's parts (BoardParts) that it shows
+  int corners;  ///< number of corners
   bool used;
   std::string reason;   ///< why it is not used; empty if it is
   double rms = 0;       ///< of its corners' distances along one axis, if fitted [px]
@@ -63,12 +64,13 @@ struct CameraCalibration {
   std::vector<std::string> warnings;
 };
 
-/// Least squares over all views (Zhang's method, by OpenCV). Views whose RMS exceeds three times
-/// the median of all are left out. The scale of the print has no influence: it only scales the
-/// distances.
+/// Least squares over all views (Zhang's method, by OpenCV). Views whose RMS exceeds 0.3 px and
+/// three times the median of all are left out. The scale of the print has no influence: it only
+/// scales the distances.
+/// @param parts   of the board.
 /// @param sights  pictures of the board, all of this size.
 /// @throws std::invalid_argument on options that break their rules.
-CameraCalibration calibrateCamera(const TagBoard& board, const cv::Size& size,
+CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardSight>& sights,
                                   const CameraCalibrationOptions& options = {});
 

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/vision/board_parts.hpp"
 
 namespace helix_arm::vision {
 
@@ -28,6 +29,8 @@ struct TagBoard {
   /// one reads it; the board's z points to the reader.
   /// @throws std::out_of_range on an id that the board does not have.
   estimation::Corners corners(int id) const;
+
+  BoardParts parts() const;
 };
 
 }  // namespace helix_arm::vision

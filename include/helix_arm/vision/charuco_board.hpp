@@ -1,0 +1,67 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "helix_arm/estimation/tag_layout.hpp"
+#include "helix_arm/vision/board_parts.hpp"
+
+namespace helix_arm::vision {
+
+/// A ChArUco board: a chessboard with a marker in each of its white squares. Markers and corners
+/// count row by row from the top left, as one reads the markers.
+///
+/// The default is the board that `helix_arm tags --board charuco` prints on A4 and letter.
+struct CharucoBoard {
+  int columns = 7, rows = 9;   ///< number of squares
+  double square_size = 0.024;  ///< side of a square [m]
+  double marker_size = 0.018;  ///< outer edge of a marker's black border [m]
+  std::string dictionary = "DICT_4X4_50";
+  /// With an even number of rows: the top left square is white, as OpenCV before 4.6 drew it. With
+  /// an odd one it is black in all versions.
+  bool legacy_pattern = false;
+
+  static constexpr int kMostSquares = 100;  ///< across and down
+  static constexpr int kLeastCorners = 8;   ///< of a board, and of a picture that counts
+
+  int cornerCount() const { return (columns - 1) * (rows - 1); }
+  int count() const;  ///< number of markers
+  double width() const { return columns * square_size; }
+  double height() const { return rows * square_size; }
+
+  bool isWhite(int column, int row) const;
+  /// Id of the marker in a white square.
+  int markerIn(int column, int row) const;
+  /// Inner corner of four squares [m] in the plane of the board: origin in its centre, x to the
+  /// right, y up, as one reads it.
+  Eigen::Vector2d corner(int id) const;
+  /// Corners of the marker in a square, likewise.
+  estimation::Corners markerCorners(int column, int row) const;
+
+  BoardParts parts() const;
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// One of OpenCV's predefined dictionaries of markers.
+struct MarkerDictionary {
+  const char* name;
+  int markers;  ///< ids are 0 .. markers - 1
+  int bits;     ///< across a marker, without its border
+};
+
+/// In the order of OpenCV's enumerators.
+const std::vector<MarkerDictionary>& markerDictionaries();
+/// @throws std::invalid_argument naming the known dictionaries.
+const MarkerDictionary& markerDictionary(const std::string& name);
+/// OpenCV's enumerator. @throws as markerDictionary().
+int dictionaryIndex(const std::string& name);
+
+/// One pixel (0 or 255) per cell of a marker with its black border.
+/// @throws std::out_of_range on an id that the dictionary does not have.
+cv::Mat markerCells(const std::string& dictionary, int id);
+
+}  // namespace helix_arm::vision
