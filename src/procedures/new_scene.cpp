@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <stdexcept>
 #include <vector>
 
 #include "helix_arm/basics/number_requirement.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/io/number.hpp"
 
 namespace helix_arm::procedures {
@@ -22,7 +24,8 @@ constexpr double kWithBorder = 1.25;     // a tag with the white that the detect
 constexpr double kFirstTag = 0.04;       // its s
 constexpr double kTagBits = 8;           // across the black border of 36h11
 constexpr double kSmallBit = 3;          // of a tag that faces the camera [px]
-constexpr int kMostTags = 7;
+constexpr int kMostTags = 7;             // per muscle, where their number is not given
+constexpr double kLeastTagSize = 0.005;  // [m]
 constexpr double kFocal = 930, kWidth = 1280, kHeight = 720;  // of a usual webcam [px]
 constexpr double kCameraDistance = 1.75;                      // in lengths of the arm
 constexpr double kCameraAzimuth = 35;  // about the world's z, between two muscles [deg]
@@ -209,10 +212,24 @@ void writeRegulator(const NewScene& scene, std::ostream& out) {
 int NewScene::tagsPerMuscle() const {
   if (tag_size <= 0) return 0;
   const int fit = 1 + static_cast<int>(std::floor(roomForTags(*this) / (kWithBorder * tag_size)));
-  return tags > 0 ? tags : std::min(fit, kMostTags);
+  return tags > 0 ? tags : std::min({fit, kMostTags, estimation::kMaxTags / (sections * muscles)});
 }
 
-void NewScene::validate() const {
+double NewScene::fittingTagSize() const {
+  NewScene smaller = *this;
+  while (smaller.tag_size > 0) {
+    try {
+      smaller.validate();
+      return smaller.tag_size;
+    } catch (const std::invalid_argument&) {
+      const double next = (std::ceil(1e3 * smaller.tag_size - 1e-6) - 1) / 1e3;
+      smaller.tag_size = next >= kLeastTagSize ? next : 0;
+    }
+  }
+  return 0;
+}
+
+void NewScene::validateRanges() const {
   requireWithin("sections", sections, 1, 16, "1 to 16");
   requireWithin("muscles", muscles, 3, 24, "3 to 24 per section; write other arms by hand");
   requireWithin("length", length, 0.02, 5, "0.02 to 5 m");
@@ -223,10 +240,19 @@ void NewScene::validate() const {
   basics::requireValue(camera_distance == 0 || (camera_distance >= 0.1 && camera_distance <= 10),
                        "the new scene", "camera_distance", camera_distance, "0.1 to 10 m");
   if (tag_size == 0) return;
-  requireWithin("tag_size", tag_size, 0.005, 0.3, "0.005 to 0.3 m, or 0 for no tags");
-  const int count = tagsPerMuscle();
+  requireWithin("tag_size", tag_size, kLeastTagSize, 0.3, "0.005 to 0.3 m, or 0 for no tags");
   basics::require(tags == 0 || (tags >= 2 && tags <= 20), "the new scene: tags is ", tags,
                   "; expected 2 to 20 per muscle, or 0 for as many as fit");
+}
+
+void NewScene::validate() const {
+  validateRanges();
+  if (tag_size == 0) return;
+  basics::require(2 * sections * muscles <= estimation::kMaxTags,
+                  "the new scene: ", sections * muscles,
+                  " muscles with two tags each; expected at most ", estimation::kMaxTags,
+                  " tags: choose tag_size 0 and place tags by hand");
+  const int count = tagsPerMuscle();
   basics::require(count >= 2 && (count - 1) * kWithBorder * tag_size <= roomForTags(*this) + 1e-9,
                   "the new scene: ", std::max(count, 2), " tags of ", formatNumber(1e3 * tag_size),
                   " mm with their white border do not fit on a muscle of ",
@@ -236,8 +262,9 @@ void NewScene::validate() const {
                   formatNumber(1e3 * tag_size), " mm on ", muscles,
                   " muscles side by side overlap; expected at most ",
                   formatNumber(std::floor(1e3 * side / kWithBorder)), " mm");
-  basics::require(sections * muscles * count <= 64, "the new scene: ", sections * muscles * count,
-                  " tags; expected at most 64: choose fewer per muscle");
+  basics::require(sections * muscles * count <= estimation::kMaxTags,
+                  "the new scene: ", sections * muscles * count, " tags; expected at most ",
+                  estimation::kMaxTags, ": choose fewer per muscle");
 }
 
 std::string newSceneText(const NewScene& scene) {

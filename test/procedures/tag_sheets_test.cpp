@@ -117,7 +117,8 @@ TEST(TagSheets, EverythingLiesWithinTheMarginsAndNothingOverlaps) {
       std::vector<Page> pages = tagSheets(scene, paper);
       const std::vector<Page> placement = placementSheets(scene, paper);
       pages.insert(pages.end(), placement.begin(), placement.end());
-      pages.push_back(boardSheet({}, paper));
+      pages.push_back(boardSheet(vision::TagBoard(), paper));
+      pages.push_back(boardSheet(vision::CharucoBoard(), paper));
       numberPages(paper, pages);
       for (const Page& page : pages) {
         expectWithinMargins(page, paper);
@@ -210,7 +211,7 @@ TEST(TagSheets, ACardHasItsIdAndPlaceBelowAndAnUpMarkAboveTheTag) {
 TEST(TagSheets, PagesToCutAndBoardsHaveTwoRulersOf100Mm) {
   for (const Paper& paper : kPapers) {
     std::vector<Page> pages = tagSheets(shipped("demo"), paper);
-    pages.push_back(boardSheet({}, paper));
+    pages.push_back(boardSheet(vision::TagBoard(), paper));
     for (const Page& page : pages) {
       int across = 0, upright = 0;
       for (const Stroke& stroke : page.strokes) {
@@ -238,6 +239,29 @@ TEST(TagSheets, TheBoardIsTheSameOnAllPaper) {
       EXPECT_NEAR(y - tag.square.y, corners(1, 3), 1e-6) << tag.id;
       EXPECT_NEAR(tag.square.right() - x, corners(0, 1), 1e-6) << tag.id;
       EXPECT_NEAR(y - tag.square.bottom(), corners(1, 1), 1e-6) << tag.id;
+    }
+  }
+}
+
+TEST(TagSheets, TheCharucoBoardIsTheSameOnAllPaper) {
+  const vision::CharucoBoard board;
+  for (const Paper& paper : kPapers) {
+    const Page page = boardSheet(board, paper);
+    ASSERT_EQ(page.tags.size(), 31u);
+    ASSERT_EQ(page.areas.size(), 32u);
+    const Point first = page.areas.front().corners.front();
+    const double x = first.x + 0.5e3 * board.width(), y = first.y + 0.5e3 * board.height();
+    for (int row = 0; row < board.rows; ++row) {
+      for (int column = 0; column < board.columns; ++column) {
+        if (!board.isWhite(column, row)) continue;
+        const PrintedTag& tag = page.tags[static_cast<std::size_t>(board.markerIn(column, row))];
+        EXPECT_EQ(tag.id, board.markerIn(column, row));
+        const estimation::Corners corners = 1e3 * board.markerCorners(column, row);
+        EXPECT_NEAR(tag.square.x - x, corners(0, 3), 1e-6) << tag.id;
+        EXPECT_NEAR(y - tag.square.y, corners(1, 3), 1e-6) << tag.id;
+        EXPECT_NEAR(tag.square.right() - x, corners(0, 1), 1e-6) << tag.id;
+        EXPECT_NEAR(y - tag.square.bottom(), corners(1, 1), 1e-6) << tag.id;
+      }
     }
   }
 }
@@ -331,6 +355,11 @@ TEST(TagSheets, WhatCannotBePrintedIsRefusedWithItsRule) {
   EXPECT_EQ(
       test::refusal([&board] { boardSheet(board, kPapers[1]); }),
       "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
+  EXPECT_EQ(
+      test::refusal([] {
+        boardSheet(vision::CharucoBoard{7, 10}, kPapers[1]);
+      }),
+      "a board of 168 x 240 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
 }
 
 }  // namespace

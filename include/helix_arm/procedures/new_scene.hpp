@@ -18,15 +18,20 @@ struct NewScene {
   double tilt_deg = 0;            ///< of the muscles around the arm, -60 to 60
   double max_pressure_kpa = 300;  ///< gauge, 1 to 2000
   double tag_size = 0.03;         ///< outer edge of the black border, 0.005 to 0.3 [m]; 0: no tags
-  int tags = 0;                   ///< per muscle, 2 to 20; 0: as many as fit, at most 7
+  int tags = 0;                   ///< per muscle, 2 to 20; 0: as many as fit, at most 7, 64 in all
   double camera_distance = 0;     ///< from the arm, 0.1 to 10 [m]; 0: so that the arm fits
   Regulator regulator = Regulator::kSimulated;
   std::string device = "/dev/serial/by-id/usb-YOUR_BOARD";  ///< of regulator kGeneric
 
+  /// The rules of each value by itself.
   /// @throws std::invalid_argument naming the value, its rule and the remedy.
+  void validateRanges() const;
+  /// Also that the tags fit. @throws likewise.
   void validate() const;
   /// Tags per muscle.
   int tagsPerMuscle() const;
+  /// tag_size, or what fits on the arm where that is smaller: whole millimetres; 0 if no tags do.
+  double fittingTagSize() const;
 };
 
 /// A commented scene file. It loads without faults.
