@@ -1,7 +1,11 @@
 #include <algorithm>
+#include <cmath>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <memory>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -27,44 +31,6 @@ struct NewArguments {
   CLI::App* command = nullptr;
 };
 
-// A line of the terminal; empty at its end.
-std::string askedFor(const std::string& question, const std::string& usual) {
-  std::cerr << question << " [" << usual << "]: " << std::flush;
-  std::string line;
-  std::getline(std::cin, line);
-  return line;
-}
-
-// Asks for what no option gave.
-class Interview {
- public:
-  explicit Interview(const CLI::App& command) : command_(command) {}
-
-  template <class Number>
-  void ask(const char* option, const std::string& question, Number& value) const {
-    if (command_.count(option) > 0) return;
-    for (;;) {
-      const std::string line = askedFor(question, io::formatNumber(static_cast<double>(value)));
-      if (line.empty()) return;
-      const auto number = io::parseNumber(line);
-      if (number && static_cast<double>(static_cast<Number>(*number)) == *number) {
-        value = static_cast<Number>(*number);
-        return;
-      }
-      std::cerr << "expected a number\n";
-    }
-  }
-
-  void ask(const char* option, const std::string& question, std::string& value) const {
-    if (command_.count(option) > 0) return;
-    const std::string line = askedFor(question, value);
-    if (!line.empty()) value = line;
-  }
-
- private:
-  const CLI::App& command_;
-};
-
 // "simulated, none, alicat, .."
 std::string regulators() {
   std::string names = "simulated, none";
@@ -72,14 +38,19 @@ std::string regulators() {
   return names;
 }
 
-void requireRegulator(const NewScene& scene) {
-  const std::vector<std::string> shipped = io::shippedProfiles();
-  if (!scene.isHardware() || io::isProfilePath(scene.regulator) ||
-      std::find(shipped.begin(), shipped.end(), scene.regulator) != shipped.end()) {
-    return;
+// A path becomes absolute: a scene counts it from its own folder.
+void settleRegulator(NewScene& scene) {
+  if (!scene.isHardware()) return;
+  if (io::isProfilePath(scene.regulator)) {
+    scene.regulator = std::filesystem::absolute(scene.regulator).lexically_normal().string();
+  } else {
+    const std::vector<std::string> shipped = io::shippedProfiles();
+    if (std::find(shipped.begin(), shipped.end(), scene.regulator) == shipped.end()) {
+      throw CallerError("--regulator is " + scene.regulator + "; expected " + regulators() +
+                        ", or the path of a profile (with a / or ending in .yaml)");
+    }
   }
-  throw CallerError("--regulator is " + scene.regulator + "; expected " + regulators() +
-                    ", or the path of a profile (with a / or ending in .yaml)");
+  io::loadRegulatorProfile(scene.regulator);  // throws on a fault of its file
 }
 
 bool speaksSerial(const NewScene& scene) {
@@ -87,55 +58,157 @@ bool speaksSerial(const NewScene& scene) {
       io::loadRegulatorProfile(scene.regulator));
 }
 
+// A line of the terminal.
+std::string askedFor(const std::string& question, const std::string& usual) {
+  std::cerr << question << " [" << usual << "]: " << std::flush;
+  std::string line;
+  if (std::getline(std::cin, line)) return line;
+  std::cerr << "\n";
+  throw CallerError(
+      "the answers end before the last question, so that nothing is written; answer all, or give "
+      "--defaults");
+}
+
+// Asks for what no option gave, until the answer keeps its rule.
+class Interview {
+ public:
+  explicit Interview(const CLI::App& command) : command_(command) {}
+
+  /// @param check  throws, naming the rule that the value breaks.
+  template <class Number>
+  void ask(const char* option, const std::string& question, Number& value,
+           const std::function<void()>& check) const {
+    if (command_.count(option) > 0) return;
+    const std::string usual = io::formatNumber(static_cast<double>(value));
+    repeat(question, usual, value, check, [&value](const std::string& line) {
+      const auto number = io::parseNumber(line);
+      if (!number) throw CallerError(line + " is not a number; expected one such as 0.3");
+      if (std::is_integral_v<Number> &&
+          !(std::floor(*number) == *number && std::abs(*number) <= kMostWhole)) {
+        throw CallerError(line + " is not a whole number; expected one such as 3");
+      }
+      value = static_cast<Number>(*number);
+    });
+  }
+
+  void ask(const char* option, const std::string& question, std::string& value,
+           const std::function<void()>& check) const {
+    if (command_.count(option) > 0) return;
+    repeat(question, value, value, check, [&value](const std::string& line) { value = line; });
+  }
+
+ private:
+  static constexpr double kMostWhole = 1e6;
+
+  template <class Value, class Take>
+  static void repeat(const std::string& question, const std::string& usual, Value& value,
+                     const std::function<void()>& check, const Take& take) {
+    const Value before = value;
+    for (;;) {
+      const std::string line = trimmed(askedFor(question, usual));
+      try {
+        if (!line.empty()) take(line);
+        check();
+        return;
+      } catch (const std::exception& fault) {
+        std::cerr << "  " << fault.what() << "\n";
+        value = before;
+      }
+    }
+  }
+
+  static std::string trimmed(const std::string& line) {
+    const char* const kBlank = " \t\r";
+    const std::size_t first = line.find_first_not_of(kBlank);
+    if (first == std::string::npos) return "";
+    return line.substr(first, line.find_last_not_of(kBlank) - first + 1);
+  }
+
+  const CLI::App& command_;
+};
+
 void interview(NewArguments& arguments) {
   const Interview interview(*arguments.command);
   NewScene& scene = arguments.scene;
-  std::cerr << "Enter keeps the value in brackets.\n";
-  interview.ask("--sections", "sections in series", scene.sections);
-  interview.ask("--muscles", "muscles per section", scene.muscles);
-  interview.ask("--length-m", "length of a muscle at 0 kPa [m]", scene.length);
-  interview.ask("--contraction", "by how much it shortens, as a part of its length",
-                scene.contraction);
-  interview.ask("--radius-m", "from the arm's centre line to a muscle's [m]", scene.radius);
-  interview.ask("--tilt-deg", "tilt of the muscles around the arm [deg]", scene.tilt_deg);
-  interview.ask("--max-pressure-kpa", "highest pressure [kPa]", scene.max_pressure_kpa);
-  interview.ask("--tag-size-m", "tags, black edge [m]; 0: none", scene.tag_size);
+  const auto in_range = [&scene] { scene.validateRanges(); };
+  const auto fits = [&scene] { scene.validate(); };
+  std::cerr << "A new arm that hangs before a webcam, in " << arguments.out
+            << ". Enter keeps the value in brackets; Ctrl-C leaves without a file.\n";
+  interview.ask("--sections", "number of sections, one below the other (1 to 16)", scene.sections,
+                in_range);
+  interview.ask("--muscles", "number of muscles per section (3 to 24)", scene.muscles, in_range);
+  interview.ask("--length-m", "length of a muscle without pressure, in m (0.02 to 5)", scene.length,
+                in_range);
+  interview.ask("--contraction",
+                "by how much it shortens at its highest pressure, as a part of its length (0.01 to "
+                "0.5)",
+                scene.contraction, in_range);
+  interview.ask("--radius-m", "from the arm's centre line to that of a muscle, in m (0.002 to 1)",
+                scene.radius, in_range);
+  interview.ask("--tilt-deg",
+                "tilt of the muscles, in degrees (-60 to 60; 0: along the arm, else wound around "
+                "it)",
+                scene.tilt_deg, in_range);
+  interview.ask("--max-pressure-kpa", "highest gauge pressure, in kPa (1 to 2000)",
+                scene.max_pressure_kpa, in_range);
+  if (arguments.command->count("--tag-size-m") == 0) scene.tag_size = scene.fittingTagSize();
+  interview.ask("--tag-size-m",
+                "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor "
+                "camera)",
+                scene.tag_size, fits);
   if (scene.tag_size > 0) {
-    interview.ask("--tags", "tags per muscle; 0: as many as fit", scene.tags);
-    interview.ask("--camera-distance-m", "camera from the arm [m]; 0: so that it fits",
-                  scene.camera_distance);
+    interview.ask("--tags", "number of tags per muscle (2 to 20; 0: as many as fit, at most 7)",
+                  scene.tags, fits);
+    interview.ask("--camera-distance-m",
+                  "from the arm to the camera, in m (0.1 to 10; 0: so that the arm fits the "
+                  "picture)",
+                  scene.camera_distance, fits);
   }
-  interview.ask("--regulator", "regulator: " + regulators() + ", or the path of a profile",
-                scene.regulator);
-  requireRegulator(scene);
+  interview.ask("--regulator",
+                "pressure regulator: " + regulators() + ", or the path of a profile",
+                scene.regulator, [&scene] { settleRegulator(scene); });
   if (!scene.isHardware()) return;
+  const auto loads = [&arguments] {
+    io::sceneOfText(procedures::newSceneText(arguments.scene), arguments.out);
+  };
   if (speaksSerial(scene)) {
-    interview.ask("--device", "its device", scene.device);
+    interview.ask("--device", "serial device of the regulator", scene.device, loads);
   } else {
-    interview.ask("--host", "its name or address", scene.host);
+    interview.ask("--host", "name or address of the regulator", scene.host, loads);
   }
 }
 
-int run(NewArguments& arguments, const GlobalOptions& global) {
+// What is wrong before anything is asked.
+void check(NewArguments& arguments) {
   namespace fs = std::filesystem;
-  if (!global.overrides.empty()) {
-    throw CallerError("--set changes a key of a scene, and new writes one; leave out --set");
-  }
-  if (fs::path(arguments.out).extension() != ".yaml") {
+  const fs::path out = arguments.out;
+  if (out.extension() != ".yaml") {
     throw CallerError("--out " + arguments.out + " does not end in .yaml; name a .yaml file");
   }
-  if (fs::exists(arguments.out) && !arguments.force) {
+  if (fs::exists(out) && !arguments.force) {
     throw CallerError("--out " + arguments.out +
                       " exists; choose another file, or give --force to replace it");
   }
-  if (!arguments.defaults && isatty(STDIN_FILENO) != 0) interview(arguments);
-  NewScene& scene = arguments.scene;
-  scene.name = fs::path(arguments.out).stem().string();
-  requireRegulator(scene);
-  // A scene counts such a path from its own folder.
-  if (scene.isHardware() && io::isProfilePath(scene.regulator)) {
-    scene.regulator = fs::absolute(scene.regulator).lexically_normal().string();
+  if (!out.parent_path().empty() && !fs::is_directory(out.parent_path())) {
+    throw CallerError("--out " + arguments.out + " is in no folder that exists; create " +
+                      out.parent_path().string() + ", or choose another file");
   }
+  arguments.scene.validateRanges();
+  settleRegulator(arguments.scene);
+  NewScene usual;
+  usual.name = arguments.scene.name;
+  io::sceneOfText(procedures::newSceneText(usual),
+                  arguments.out);  // what is wrong can only be the name
+}
+
+int run(NewArguments& arguments, const GlobalOptions& global) {
+  if (!global.overrides.empty()) {
+    throw CallerError("--set changes a key of a scene, and new writes one; leave out --set");
+  }
+  NewScene& scene = arguments.scene;
+  scene.name = std::filesystem::path(arguments.out).stem().string();
+  check(arguments);
+  if (!arguments.defaults && isatty(STDIN_FILENO) != 0) interview(arguments);
   const bool serial = scene.isHardware() && speaksSerial(scene);
   if (arguments.command->count("--device") > 0 && !serial) {
     throw CallerError("--device goes with a --regulator on a serial line, such as generic");

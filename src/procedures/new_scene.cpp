@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <stdexcept>
 #include <variant>
 #include <vector>
 
@@ -26,6 +27,7 @@ constexpr double kFirstTag = 0.04;       // its s
 constexpr double kTagBits = 8;           // across the black border of 36h11
 constexpr double kSmallBit = 3;          // of a tag that faces the camera [px]
 constexpr int kMostTags = 7;             // per muscle, unless asked for
+constexpr double kLeastTagSize = 0.005;  // [m]
 constexpr double kFocal = 930, kWidth = 1280, kHeight = 720;  // of a usual webcam [px]
 constexpr double kCameraDistance = 1.75;                      // in lengths of the arm
 constexpr double kCameraAzimuth = 35;  // about the world's z, between two muscles [deg]
@@ -244,7 +246,21 @@ int NewScene::tagsPerMuscle() const {
   return tags > 0 ? tags : std::min({fit, kMostTags, estimation::kMaxTags / (sections * muscles)});
 }
 
-void NewScene::validate() const {
+double NewScene::fittingTagSize() const {
+  NewScene smaller = *this;
+  while (smaller.tag_size > 0) {
+    try {
+      smaller.validate();
+      return smaller.tag_size;
+    } catch (const std::invalid_argument&) {
+      const double next = (std::ceil(1e3 * smaller.tag_size - 1e-6) - 1) / 1e3;
+      smaller.tag_size = next >= kLeastTagSize ? next : 0;
+    }
+  }
+  return 0;
+}
+
+void NewScene::validateRanges() const {
   requireWithin("--sections", sections, 1, 16, "1 to 16");
   requireWithin("--muscles", muscles, 3, 24, "3 to 24 per section; write other arms by hand");
   requireWithin("--length-m", length, 0.02, 5, "0.02 to 5 m");
@@ -256,9 +272,14 @@ void NewScene::validate() const {
                        kCommand, "--camera-distance-m", camera_distance,
                        "0.1 to 10 m, or 0 so that the arm fits the picture");
   if (tag_size == 0) return;
-  requireWithin("--tag-size-m", tag_size, 0.005, 0.3, "0.005 to 0.3 m, or 0 for no tags");
+  requireWithin("--tag-size-m", tag_size, kLeastTagSize, 0.3, "0.005 to 0.3 m, or 0 for no tags");
   basics::requireValue(tags == 0 || (tags >= 2 && tags <= 20), kCommand, "--tags", tags,
                        "2 to 20 per muscle, or 0 for as many as fit");
+}
+
+void NewScene::validate() const {
+  validateRanges();
+  if (tag_size == 0) return;
   const int actuators = sections * muscles;
   basics::require(2 * actuators <= estimation::kMaxTags, kCommand, ": ", actuators,
                   " muscles with two tags each have more tags than a scene may have, ",

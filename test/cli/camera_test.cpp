@@ -19,17 +19,16 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-const vision::TagBoard kBoard;
-
 void save(const std::string& path, const cv::Mat& gray) {
   const std::vector<std::uint8_t> jpeg = vision::JpegEncoder(90).encode(gray);
   io::writeFileAtomically(path, std::string(jpeg.begin(), jpeg.end()));
 }
 
-// A folder with pictures of the board.
+// A folder with pictures of a board of either kind.
 class BoardPictures {
  public:
-  explicit BoardPictures(int count) {
+  template <class Board>
+  BoardPictures(const Board& shown, int count) {
     Random random(1);
     fs::create_directory(path());
     int number = 0;
@@ -38,7 +37,7 @@ class BoardPictures {
       config.bleed = 0.0002;
       config.seed = static_cast<std::uint32_t>(++number);
       save(path() + "/" + std::to_string(100 + number) + ".jpg",
-           boardPicture(boardCamera(), kBoard, pose, config));
+           boardPicture(boardCamera(), shown, pose, config));
     }
   }
 
@@ -50,7 +49,12 @@ class BoardPictures {
 };
 
 const BoardPictures& board() {
-  static const BoardPictures pictures(18);
+  static const BoardPictures pictures(vision::TagBoard(), 18);
+  return pictures;
+}
+
+const BoardPictures& charuco() {
+  static const BoardPictures pictures(vision::CharucoBoard(), 15);
   return pictures;
 }
 
@@ -97,6 +101,116 @@ TEST(CameraCalibrate, FocalLengthOfRenderedPicturesIsWithinHalfAPercent) {
   EXPECT_EQ(K[8], 1);
   EXPECT_EQ(matrixOf(info, "distortion_coefficients").size(), 5u);
   EXPECT_EQ(matrixOf(info, "projection_matrix").size(), 12u);
+}
+
+void expectFocalLength(const json& result) {
+  for (const auto& [name, truth] : {std::pair("fx", boardCamera().fx), {"fy", boardCamera().fy}}) {
+    const json& found = result["parameters"][name];
+    std::cout << name << " off by " << 100 * (found["value"].get<double>() / truth - 1) << " % +- "
+              << 100 * found["standard_error"].get<double>() / truth << " %\n";
+    EXPECT_NEAR(found["value"].get<double>() / truth, 1, 0.005);
+    EXPECT_GT(found["standard_error"], 0);
+  }
+}
+
+TEST(CameraCalibrate, FocalLengthOfACharucoBoardIsWithinHalfAPercent) {
+  const std::string out = charuco() / "camera.yaml";
+  const Outcome outcome = runCommand({"camera", "calibrate", "--source", charuco().path(),
+                                      "--board", "charuco", "--out", out, "--format", "json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json result = outcome.json();
+  expectFocalLength(result);
+  EXPECT_EQ(result["board"], "charuco");
+  EXPECT_EQ(result["charuco"]["dictionary"], "DICT_4X4_50");
+  EXPECT_LT(result["rms_px"], 0.2);
+  EXPECT_GT(result["coverage"], 0.7);
+  ASSERT_EQ(result["views"].size(), 15u);
+  for (const json& view : result["views"]) {
+    EXPECT_TRUE(view["used"] && view["tags"].is_null());
+    EXPECT_GE(view["corners"], 8);
+    EXPECT_LE(view["corners"], 48);
+  }
+  EXPECT_EQ(matrixOf(contentOf(out), "camera_matrix")[0],
+            result["parameters"]["fx"]["value"].get<double>());
+}
+
+TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
+  // An even number of rows, drawn by OpenCV before 4.6.
+  const BoardPictures lab(vision::CharucoBoard{8, 6, 0.03, 0.022, "DICT_5X5_100", true}, 12);
+  const std::vector<std::string> call{
+      "camera",       "calibrate",    "--source",        lab.path(), "--board",         "charuco",
+      "--squares",    "8,6",          "--square-size-m", "0.03",     "--marker-size-m", "0.022",
+      "--dictionary", "DICT_5X5_100", "--format",        "json"};
+  std::vector<std::string> legacy = call;
+  legacy.emplace_back("--legacy-pattern");
+  const Outcome outcome = runCommand(legacy);
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  expectFocalLength(outcome.json());
+  EXPECT_EQ(outcome.json()["charuco"], (json{{"dictionary", "DICT_5X5_100"},
+                                             {"columns", 8},
+                                             {"rows", 6},
+                                             {"square_size_m", 0.03},
+                                             {"marker_size_m", 0.022},
+                                             {"legacy_pattern", true}}));
+  const Outcome black = runCommand(call);
+  EXPECT_EQ(black.exit_code, 1);
+  EXPECT_NE(black.json()["reason"].get<std::string>().find("give --legacy-pattern"),
+            std::string::npos)
+      << black.out;
+}
+
+TEST(CameraCalibrate, PicturesThatSimulateRendersGiveTheCameraOfTheScene) {
+  const TemporaryFolder folder;
+  const estimation::Camera truth = io::loadScene(scenePath("demo")).camera->model;
+  const auto calibrated = [&](const std::string& name, const std::vector<std::string>& options) {
+    std::vector<std::string> simulate{"simulate", "demo",        "--count",  "12",
+                                      "--out",    folder / name, "--format", "json"};
+    simulate.insert(simulate.end(), options.begin(), options.end());
+    const Outcome pictures = runCommand(simulate);
+    EXPECT_EQ(pictures.exit_code, 0) << pictures.err;
+    EXPECT_EQ(pictures.json()["pictures"], 12);
+    EXPECT_TRUE(pictures.json()["truth"].is_null());
+    std::vector<std::string> calibrate{"camera",      "calibrate", "--source",
+                                       folder / name, "--format",  "json"};
+    calibrate.insert(calibrate.end(), options.begin(), options.end());
+    const Outcome outcome = runCommand(calibrate);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+    EXPECT_NEAR(outcome.json()["parameters"]["fx"]["value"].get<double>() / truth.fx, 1, 0.005);
+    return pictures.json()["tags"].get<int>();
+  };
+  EXPECT_EQ(calibrated("tags", {"--board", "tags"}), 30);
+  EXPECT_EQ(calibrated("charuco", {"--board", "charuco", "--squares", "5,7", "--square-size-m",
+                                   "0.035", "--dictionary", "DICT_6X6_250"}),
+            17);
+}
+
+TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
+  const auto reason = [](const BoardPictures& pictures, const std::vector<std::string>& more) {
+    std::vector<std::string> call{"camera", "calibrate", "--format", "json"};
+    for (const char* picture : {"101", "103", "105", "107", "109", "111"}) {
+      call.insert(call.end(), {"--source", pictures.path() + "/" + picture + ".jpg"});
+    }
+    call.insert(call.end(), more.begin(), more.end());
+    const Outcome outcome = runCommand(call);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
+    return outcome.json()["reason"].get<std::string>();
+  };
+  EXPECT_EQ(
+      reason(board(), {"--board", "charuco"}),
+      "0 of 6 pictures show 8 inner chessboard corners of the board or more; expected 5: they "
+      "show the board of tags: leave out --board charuco");
+  EXPECT_EQ(reason(charuco(), {}),
+            "0 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
+            "tags --board and take 15 pictures or more; a ChArUco board is read with --board "
+            "charuco");
+  const std::string dictionary =
+      reason(charuco(), {"--board", "charuco", "--dictionary", "DICT_7X7_50"});
+  EXPECT_NE(dictionary.find("and 0 of DICT_7X7_50: give --dictionary DICT_4X4_50"),
+            std::string::npos)
+      << dictionary;
+  const std::string squares = reason(charuco(), {"--board", "charuco", "--squares", "9,7"});
+  EXPECT_NE(squares.find("as on a board of 7 squares across"), std::string::npos) << squares;
+  EXPECT_NE(squares.find("give --squares ACROSS,DOWN"), std::string::npos) << squares;
 }
 
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {

@@ -8,11 +8,14 @@
 #include <regex>
 
 #include <gtest/gtest.h>
+#include <opencv2/aruco.hpp>
+#include <opencv2/aruco/charuco.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/temporary_folder.hpp"
@@ -268,11 +271,76 @@ TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
   }
 }
 
+// Read by OpenCV itself.
+void expectCharuco(const cv::Mat& page, const vision::CharucoBoard& board, int dictionary) {
+  std::vector<std::vector<cv::Point2f>> markers;
+  std::vector<int> ids;
+  const auto theirs = cv::aruco::getPredefinedDictionary(dictionary);
+  cv::aruco::detectMarkers(page, theirs, markers, ids);
+  ASSERT_EQ(ids.size(), static_cast<std::size_t>(board.count()));
+  const auto described = cv::aruco::CharucoBoard::create(
+      board.columns, board.rows, static_cast<float>(board.square_size),
+      static_cast<float>(board.marker_size), theirs);
+  std::vector<cv::Point2f> corners;
+  std::vector<int> corner_ids;
+  cv::aruco::interpolateCornersCharuco(markers, ids, page, described, corners, corner_ids);
+  ASSERT_EQ(corners.size(), static_cast<std::size_t>(board.cornerCount()));
+  double worst = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const auto on_board = [&](std::size_t k) {
+        return described->chessboardCorners[static_cast<std::size_t>(corner_ids[k])];
+      };
+      const double read = cv::norm(corners[i] - corners[j]) * kMillimetresPerPixel;
+      worst = std::max(worst, std::abs(read - 1e3 * cv::norm(on_board(i) - on_board(j))));
+    }
+  }
+  std::cout << "distances on the ChArUco board off by at most " << worst << " mm\n";
+  EXPECT_LT(worst, kTolerance);
+  // Their markers, and so the reading direction, are upright.
+  for (const auto& marker : markers) {
+    EXPECT_NEAR(marker[0].y, marker[1].y, 3);
+    EXPECT_LT(marker[0].x, marker[1].x);
+    EXPECT_LT(marker[0].y, marker[3].y);
+    EXPECT_NEAR(cv::norm(marker[1] - marker[0]) * kMillimetresPerPixel, 1e3 * board.marker_size, 1);
+  }
+}
+
+TEST(Tags, TheCharucoBoardIsReadBackFromThePrintOnBothPapers) {
+  for (const auto& [paper, size] : kPaperSizes) {
+    const Printed printed({"--board", "charuco", "--paper", paper});
+    ASSERT_EQ(printed.pages.size(), 1u);
+    expectRulers(printed.pages[0], size);
+    expectCharuco(printed.pages[0], {}, cv::aruco::DICT_4X4_50);
+    EXPECT_EQ(printed.report["board"], (json{{"dictionary", "DICT_4X4_50"},
+                                             {"columns", 7},
+                                             {"rows", 9},
+                                             {"square_size_m", 0.024},
+                                             {"marker_size_m", 0.018},
+                                             {"legacy_pattern", false}}));
+  }
+}
+
+TEST(Tags, AnotherCharucoBoardIsReadBackToo) {
+  const Printed printed({"--board=charuco", "--squares", "5,7", "--square-size-m", "0.031",
+                         "--marker-size-m", "0.02", "--dictionary", "DICT_APRILTAG_36h11"});
+  ASSERT_EQ(printed.pages.size(), 1u);
+  expectCharuco(printed.pages[0], {5, 7, 0.031, 0.02, "DICT_APRILTAG_36h11"},
+                cv::aruco::DICT_APRILTAG_36h11);
+  EXPECT_NE(printed.text().find("ChArUco board: DICT_APRILTAG_36h11, 5 x 7 squares of 31 mm, "
+                                "markers of 20 mm"),
+            std::string::npos);
+}
+
 TEST(Tags, ABoardWithASceneIsOnePageMore) {
   const Printed tags({scenePath("demo")}), both({scenePath("demo"), "--board"});
   EXPECT_EQ(both.pages.size(), tags.pages.size() + 1);
   EXPECT_NE(both.text().find("page 4 of 4"), std::string::npos);
   EXPECT_NE(both.text().find("Calibration board"), std::string::npos);
+  // What follows --board is a scene unless it is a kind of board.
+  EXPECT_EQ(Printed({"--board", scenePath("demo")}).pages.size(), both.pages.size());
+  EXPECT_EQ(Printed({scenePath("demo"), "--board", "charuco"}).pages.size(), both.pages.size());
+  EXPECT_EQ(Printed({"--board", "tags", scenePath("demo")}).pages.size(), both.pages.size());
 }
 
 TEST(Tags, FormatsTellWhatWasPrinted) {
@@ -333,6 +401,32 @@ TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
   refused({scenePath("demo"), "--out", folder / "none/tags.pdf"}, "none/tags.pdf");
   refused({"--board", "--out", out, "--set", "tags.size_m=0.02"},
           "which is not given; leave out --set");
+  refused({"--board=chess", "--out", out}, "--board: chess not in {tags,charuco}");
+  refused({"--board", "--out", out, "--squares", "5,7"},
+          "--squares is of a ChArUco board, and --board is tags; add --board charuco, or leave out "
+          "--squares");
+  refused({scenePath("demo"), "--out", out, "--legacy-pattern"},
+          "--legacy-pattern is of a ChArUco board, and --board is not given; add --board charuco");
+  const auto charuco = [&](const std::vector<std::string>& more, const std::string& message) {
+    std::vector<std::string> arguments{"--board", "charuco", "--out", out};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    refused(arguments, message);
+  };
+  charuco({"--squares", "7"}, "--squares");
+  charuco({"--squares", "7,9.5"}, "--squares is 7,9.5; expected two whole numbers: across,down");
+  charuco({"--squares", "2,9"}, "the number of squares across is 2; expected 3 to 100");
+  charuco({"--squares", "9,12"},
+          "ChArUco board: 9 x 12 squares take 54 markers, but DICT_4X4_50 has 50; expected fewer "
+          "squares or a larger dictionary");
+  charuco({"--square-size-m", "0"}, "the side of a square [m] is 0; expected a finite value > 0");
+  charuco({"--marker-size-m", "0.024"},
+          "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
+          "0.024");
+  charuco({"--dictionary", "4X4"},
+          "dictionary of markers: 4X4 is not known; expected one of "
+          "DICT_4X4_50, DICT_4X4_100,");
+  charuco({"--square-size-m", "0.03"},
+          "a board of 210 x 270 mm; expected at most 179 x 249 mm, the printable area of a4");
   fs::create_directory(folder / "folder.pdf");
   expectCallerError(runCommand({"tags", scenePath("demo"), "--out", folder / "folder.pdf"}),
                     "folder.pdf");

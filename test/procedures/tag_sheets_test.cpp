@@ -243,6 +243,29 @@ TEST(TagSheets, TheBoardIsTheSameOnAllPaper) {
   }
 }
 
+TEST(TagSheets, TheCharucoBoardIsTheSameOnAllPaper) {
+  const vision::CharucoBoard board;
+  for (const Paper& paper : kPapers) {
+    const Page page = boardSheet(board, paper);
+    ASSERT_EQ(page.tags.size(), 31u);
+    ASSERT_EQ(page.areas.size(), 32u);
+    const Point first = page.areas.front().corners.front();
+    const double x = first.x + 0.5e3 * board.width(), y = first.y + 0.5e3 * board.height();
+    for (int row = 0; row < board.rows; ++row) {
+      for (int column = 0; column < board.columns; ++column) {
+        if (!board.isWhite(column, row)) continue;
+        const PrintedTag& tag = page.tags[static_cast<std::size_t>(board.markerIn(column, row))];
+        EXPECT_EQ(tag.id, board.markerIn(column, row));
+        const estimation::Corners corners = 1e3 * board.markerCorners(column, row);
+        EXPECT_NEAR(tag.square.x - x, corners(0, 3), 1e-6) << tag.id;
+        EXPECT_NEAR(y - tag.square.y, corners(1, 3), 1e-6) << tag.id;
+        EXPECT_NEAR(tag.square.right() - x, corners(0, 1), 1e-6) << tag.id;
+        EXPECT_NEAR(y - tag.square.bottom(), corners(1, 1), 1e-6) << tag.id;
+      }
+    }
+  }
+}
+
 // The texts of all placement sheets, line by line from the left.
 std::vector<std::vector<std::string>> linesOf(const std::vector<Page>& pages) {
   std::vector<std::vector<std::string>> lines;
@@ -333,6 +356,11 @@ TEST(TagSheets, WhatCannotBePrintedIsRefusedWithItsRule) {
   EXPECT_EQ(
       test::refusal([&board] { boardSheet(board, kPapers[1]); }),
       "a board of 215 x 215 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
+  EXPECT_EQ(
+      test::refusal([] {
+        boardSheet(vision::CharucoBoard{7, 10}, kPapers[1]);
+      }),
+      "a board of 168 x 240 mm; expected at most 184.9 x 231.4 mm, the printable area of letter");
 }
 
 }  // namespace

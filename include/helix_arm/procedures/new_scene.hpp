@@ -24,11 +24,16 @@ struct NewScene {
   std::string host = "192.168.1.10";                        ///< of a profile of Modbus TCP
 
   bool isHardware() const { return regulator != "simulated" && regulator != "none"; }
+  /// The rules of each value by itself.
   /// @throws std::invalid_argument naming the option of `helix_arm new`, its value, its rule and
   /// the remedy.
+  void validateRanges() const;
+  /// Also that the tags fit. @throws likewise.
   void validate() const;
   /// Tags per muscle.
   int tagsPerMuscle() const;
+  /// tag_size, or what fits on the arm where that is smaller: whole millimetres; 0 if no tags do.
+  double fittingTagSize() const;
 };
 
 /// A commented scene file. It loads without faults.
