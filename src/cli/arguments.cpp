@@ -3,6 +3,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "completion.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -93,6 +94,7 @@ CLI::Option* addScene(CLI::App& command, const std::string& option, std::string&
     given = io::findScene(given).value_or(given);
     return {};
   };
+  offerScenes(out);
   return out->transform(CLI::Validator(resolve, ""));
 }
 

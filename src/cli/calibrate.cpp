@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "completion.hpp"
 #include "contractions_json.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
@@ -343,9 +344,11 @@ Subcommand addCalibrate(CLI::App& app) {
           "with tag_detections, pressure_measured and pressure_command: each "
           "time the arm is at rest is one capture")
       ->required();
-  command->add_option("--fit", options->fit,
-                      "parameters to fit, comma list of " + estimation::fitWordsText() +
-                          "; default " + estimation::wordOf(estimation::kDefaultFitGroup));
+  offerList(command->add_option("--fit", options->fit,
+                                "parameters to fit, comma list of " + estimation::fitWordsText() +
+                                    "; default " +
+                                    estimation::wordOf(estimation::kDefaultFitGroup)),
+            estimation::fitWords());
   command->add_option("--out", options->out, "scene file to write, completely or not at all");
   command
       ->add_option(

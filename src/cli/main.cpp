@@ -3,6 +3,7 @@
 #include <map>
 
 #include "command.hpp"
+#include "completion.hpp"
 
 namespace {
 
@@ -47,6 +48,10 @@ int run(int argc, char** argv) {
       helix_arm::cli::addFollow(app),    helix_arm::cli::addTags(app),
       helix_arm::cli::addCamera(app),    helix_arm::cli::addCheck(app),
       helix_arm::cli::addNew(app),       helix_arm::cli::addRegulator(app)};
+  if (argc > 1 && std::string(argv[1]) == helix_arm::cli::kCompleteOption) {
+    helix_arm::cli::printCompletions(app, {argv + 2, argv + argc}, std::cout);
+    return helix_arm::cli::kDone;
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

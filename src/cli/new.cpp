@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "command.hpp"
+#include "completion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -166,6 +167,7 @@ Subcommand addNew(CLI::App& app) {
   add("--camera-distance-m", scene.camera_distance,
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", arguments->regulator, "simulated, generic (the board) or none");
+  offerWords(command->get_option("--regulator"), {"simulated", "generic", "none"});
   add("--device", scene.device, "serial device of a generic regulator");
   command->add_flag("--defaults", arguments->defaults,
                     "ask nothing; without it, a terminal is asked for what no option gives");
