@@ -21,13 +21,13 @@ complete_words() {
   COMP_WORDS=("$@")
   COMP_CWORD=$(($# - 1))
   COMPREPLY=()
-  _helix_arm
+  _helix_arm || true  # compopt fails outside of readline
 }
 
-# expect WORD... -- COMPLETION...: the last word completes to these, among others
+# expect WORD... : COMPLETION...: the last word completes to these, among others
 expect() {
   local -a words=()
-  while [[ $1 != -- ]]; do words+=("$1"); shift; done
+  while [[ $1 != : ]]; do words+=("$1"); shift; done
   shift
   complete_words "${words[@]}"
   local one
@@ -36,10 +36,10 @@ expect() {
   done
 }
 
-# expect_all WORD... -- COMPLETION...: to these alone
+# expect_all WORD... : COMPLETION...: to these alone
 expect_all() {
   expect "$@"
-  while [[ $1 != -- ]]; do shift; done
+  while [[ $1 != : ]]; do shift; done
   shift
   ((${#COMPREPLY[@]} == $#)) || fault "${COMP_WORDS[*]}: expected $# completions: ${COMPREPLY[*]}"
 }
@@ -54,48 +54,48 @@ for node in vision monitor; do
 done
 
 complete -p helix_arm | grep -q _helix_arm
-expect helix_arm "" -- forward inverse simulate calibrate
-expect_all helix_arm fo -- forward follow
-expect_all helix_arm xyz --
-expect helix_arm --ver -- --version
-expect_all helix_arm forward --pre -- --pressure-kpa
-expect helix_arm inverse scene.yaml --ti -- --tip
-expect helix_arm inverse demo --fo -- --format
+expect helix_arm "" : forward inverse simulate calibrate
+expect_all helix_arm fo : forward follow
+expect_all helix_arm xyz :
+expect helix_arm --ver : --version
+expect_all helix_arm forward --pre : --pressure-kpa
+expect helix_arm inverse scene.yaml --ti : --tip
+expect helix_arm inverse demo --fo : --format
 # scenes and their files
-expect helix_arm forward spat -- spatial_50 spatial_101
-expect helix_arm forward "" -- demo mine.yaml rigs
-expect_all helix_arm forward mi -- mine.yaml
-expect_all helix_arm forward no --
-expect helix_arm check --samples 5 dem -- demo demo_serial
-expect helix_arm tags --out x.pdf dem -- demo
-expect helix_arm follow demo --rig dem -- demo
-expect_all helix_arm forward demo --inputs no --  # left to readline, which completes files
+expect helix_arm forward spat : spatial_50 spatial_101
+expect helix_arm forward "" : demo mine.yaml rigs
+expect_all helix_arm forward mi : mine.yaml
+expect_all helix_arm forward no :
+expect helix_arm check --samples 5 dem : demo demo_serial
+expect helix_arm tags --out x.pdf dem : demo
+expect helix_arm follow demo --rig dem : demo
+expect_all helix_arm forward demo --inputs no :  # left to readline, which completes files
 # subcommands of subcommands
-expect_all helix_arm camera "" -- calibrate place
-expect_all helix_arm camera cal -- calibrate
-expect helix_arm camera calibrate -- -- --source --coefficients --format
-expect helix_arm camera calibrate --source a.jpg b.jpg -- -- --views
-expect helix_arm camera place dem -- demo
-expect_all helix_arm regulator demo "" -- probe set vent guard emulate
-expect helix_arm regulator demo set -- -- --pressure-kpa --yes
+expect_all helix_arm camera "" : calibrate place
+expect_all helix_arm camera cal : calibrate
+expect helix_arm camera calibrate -- : --source --coefficients --format
+expect helix_arm camera calibrate --source a.jpg b.jpg -- : --views
+expect helix_arm camera place dem : demo
+expect_all helix_arm regulator demo "" : probe set vent guard emulate
+expect helix_arm regulator demo set -- : --pressure-kpa --yes
 # values
-expect_all helix_arm --format "" -- text json csv
-expect_all helix_arm --format csv fo -- forward follow
-expect helix_arm --format csv forward demo --pr -- --pressure-kpa
-expect_all helix_arm forward demo --format = c -- csv  # as bash splits --format=c
-expect_all helix_arm forward demo --format = -- text json csv
-expect helix_arm --set arm.tool.x_m = 1 forward dem -- demo
-expect helix_arm inverse demo --prefer m -- min-pressure min-change
-expect_all helix_arm tags demo --paper "" -- a4 letter
-expect_all helix_arm camera calibrate --coefficients "" -- 0 2 4 5 8
-expect helix_arm calibrate demo c.csv --fit st -- stiffness
-expect_all helix_arm calibrate demo c.csv --fit stiffness,pla -- stiffness,placement
-expect_all helix_arm path ci -- circle
-expect_all helix_arm new --regulator g -- generic
+expect_all helix_arm --format "" : text json csv
+expect_all helix_arm --format csv fo : forward follow
+expect helix_arm --format csv forward demo --pr : --pressure-kpa
+expect_all helix_arm forward demo --format = c : csv  # as bash splits --format=c
+expect_all helix_arm forward demo --format = : text json csv
+expect helix_arm --set arm.tool.x_m = 1 forward dem : demo
+expect helix_arm inverse demo --prefer m : min-pressure min-change
+expect_all helix_arm tags demo --paper "" : a4 letter
+expect_all helix_arm camera calibrate --coefficients "" : 0 2 4 5 8
+expect helix_arm calibrate demo c.csv --fit st : stiffness
+expect_all helix_arm calibrate demo c.csv --fit stiffness,pla : stiffness,placement
+expect_all helix_arm path ci : circle
+expect_all helix_arm new --regulator g : generic
 # each option of the help
 for subcommand in forward inverse calibrate follow workspace; do
   while read -r option; do
-    expect helix_arm "$subcommand" "$option" -- "$option"
+    expect helix_arm "$subcommand" "$option" : "$option"
   done < <(helix_arm "$subcommand" --help | sed -n -E 's/^ +(-[a-z],)?(--[a-z-]+).*/\2/p')
 done
 exit $faults
