@@ -1,9 +1,11 @@
 #include "arguments.hpp"
 
+#include <iostream>
 #include <sstream>
 #include <stdexcept>
 
 #include "completion.hpp"
+#include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -150,7 +152,14 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                       "; its limits are " + inputText(actuator, actuator.limits.lower) + " to " +
                       inputText(actuator, actuator.limits.upper));
   }
+  if (!in_kpa) warnOfKilopascals(option, arm, inputs.transpose());
   return inputs;
+}
+
+void warnOfKilopascals(const std::string& what, const model::Arm& arm,
+                       const Eigen::MatrixXd& inputs) {
+  const std::string warning = control::kilopascalWarning(what, arm, inputs);
+  if (!warning.empty()) std::cerr << warning << "\n";
 }
 
 std::function<std::string(const std::string&)> within(const model::Range& range) {

@@ -39,6 +39,10 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& kpa_text, const std::string& si_option,
                          const std::string& si_text);
 
+/// Warns on stderr of inputs in SI units (rows x n) whose pressures seem to be in kPa.
+void warnOfKilopascals(const std::string& what, const model::Arm& arm,
+                       const Eigen::MatrixXd& inputs);
+
 /// What the command line asks of the tier, in the place of all that the scene asks.
 struct TierArguments {
   std::string tier;                        ///< empty: the scene's
