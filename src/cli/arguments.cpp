@@ -1,5 +1,6 @@
 #include "arguments.hpp"
 
+#include <filesystem>
 #include <iostream>
 #include <sstream>
 #include <stdexcept>
@@ -86,6 +87,11 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
     overrides.push_back({text.substr(0, equals), text.substr(equals + 1)});
   }
   return overrides;
+}
+
+void requireYaml(const std::string& out) {
+  if (std::filesystem::path(out).extension() == ".yaml") return;
+  throw CallerError("--out " + out + " does not end in .yaml; name a .yaml file");
 }
 
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,

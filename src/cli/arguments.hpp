@@ -20,6 +20,9 @@ CLI::Option* addScene(CLI::App& command, const std::string& option, std::string&
 /// faults.
 io::Scene loadScene(const std::string& path, const GlobalOptions& global);
 
+/// @throws CallerError unless the name of a scene to write ends in .yaml.
+void requireYaml(const std::string& out);
+
 /// The overrides of --set.
 /// @throws CallerError on one that is not key=value.
 std::vector<io::Override> overridesOf(const GlobalOptions& global);

@@ -202,6 +202,7 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
                         "focal length");
     }
   }
+  if (!arguments.out.empty()) requireYaml(arguments.out);
   const vision::TagBoard board;
   Views views(board, arguments.views);
   result.read = readPictures(

@@ -37,12 +37,21 @@ void readWebcam(const CameraSource& source,
     }
     retry = steadySeconds() + frame.retry_after;
     if (steadySeconds() - last < kPatience) continue;
-    read.faults.push_back({frame.name, frame.fault});
+    read.faults.emplace_back(frame);
     return;
   }
 }
 
 }  // namespace
+
+PictureFault::PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
+  // Of a video, the name has the number of the frame behind #, which the fault may lack.
+  for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
+    if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
+    reason.erase(0, prefix.size() + 2);
+    return;
+  }
+}
 
 PicturesRead readPictures(const CameraSource& source,
                           const std::function<bool(const vision::Frame&, bool)>& take) {
@@ -68,7 +77,7 @@ PicturesRead readPictures(const CameraSource& source,
       read.interrupted = interrupted();
       if (read.interrupted) return read;
       if (status == vision::FrameStatus::kFault) {
-        read.faults.push_back({frame.name, frame.fault});
+        read.faults.emplace_back(frame);
         continue;
       }
       ++read.pictures;

@@ -154,8 +154,8 @@ class Position {
   }
 
   CLI::Option* nextPositional() const {
-    const std::vector<CLI::Option*> all = command_->get_options(
-        [](const CLI::Option* option) { return option->get_positional(); });
+    const std::vector<CLI::Option*> all =
+        command_->get_options([](const CLI::Option* option) { return option->get_positional(); });
     if (positionals_ < all.size()) return all[positionals_];
     return !all.empty() && takesMany(all.back()) ? all.back() : nullptr;
   }

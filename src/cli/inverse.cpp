@@ -292,9 +292,10 @@ Subcommand addInverse(CLI::App& app) {
   command->add_option(
       "--twist", arguments->twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
-  command->add_option("--targets", arguments->targets,
-                      "one result per row of this table, or of stdin where it is -: columns "
-                      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
+  command->add_option(
+      "--targets", arguments->targets,
+      "one result per row of this table, or of stdin where it is -: columns "
+      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
   command
       ->add_option(
           "--prefer", arguments->prefer,

@@ -19,6 +19,19 @@ const char* const kFooter =
     "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
     "call or a document is wrong (the reason is on stderr).";
 
+// Those that may follow what was parsed, on stderr; nothing where none may.
+void tellSubcommands(const CLI::App& app) {
+  const CLI::App* last = &app;
+  while (!last->get_subcommands().empty()) last = last->get_subcommands().front();
+  std::string names;
+  for (const CLI::App* each : last->get_subcommands([](const CLI::App*) { return true; })) {
+    names += (names.empty() ? "" : ", ") + each->get_name();
+  }
+  if (names.empty()) return;
+  std::cerr << (last == &app ? "commands" : "subcommands of " + last->get_name()) << ": " << names
+            << "\n";
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
                "helix_arm");
@@ -60,13 +73,7 @@ int run(int argc, char** argv) {
       std::cerr << "there is no command " << app.remaining().front() << ": ";
     }
     if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
-    if (app.get_subcommands().empty()) {
-      std::string commands;
-      for (const Subcommand& subcommand : subcommands) {
-        commands += (commands.empty() ? "" : ", ") + subcommand.app->get_name();
-      }
-      std::cerr << "commands: " << commands << "\n";
-    }
+    tellSubcommands(app);
     return helix_arm::cli::kCallerErred;
   }
   global.format = formats.at(format);

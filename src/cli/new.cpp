@@ -4,6 +4,7 @@
 
 #include <unistd.h>
 
+#include "arguments.hpp"
 #include "command.hpp"
 #include "completion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
@@ -96,9 +97,7 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   if (!global.overrides.empty()) {
     throw CallerError("--set changes a key of a scene, and new writes one; leave out --set");
   }
-  if (fs::path(arguments.out).extension() != ".yaml") {
-    throw CallerError("--out " + arguments.out + " does not end in .yaml; name a .yaml file");
-  }
+  requireYaml(arguments.out);
   if (fs::exists(arguments.out) && !arguments.force) {
     throw CallerError("--out " + arguments.out +
                       " exists; choose another file, or give --force to replace it");

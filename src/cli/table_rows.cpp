@@ -12,7 +12,7 @@ namespace helix_arm::cli {
 namespace {
 
 // What forward and inverse print besides numbers, so that each reads what the other printed.
-const std::vector<std::string> kPrinted = {"tier",   "order",         "status",
+const std::vector<std::string> kPrinted = {"tier",      "order",         "status",
                                            "converged", "active_limits", "tip_error_percent"};
 
 }  // namespace

@@ -15,7 +15,8 @@ namespace helix_arm::cli {
 io::DataSet tableOf(const std::string& path);
 
 /// Inputs (rows x actuators) [Pa or rad] of the columns pressure_1_kpa or pressure_1_pa and so on
-/// (a missing one is 0), or, where the table has one of them, of all of input_1 and so on in SI units.
+/// (a missing one is 0), or, where the table has one of them, of all of input_1 and so on in SI
+/// units.
 /// @throws CallerError naming the line, the actuator and its limits; io::DocumentError
 /// on missing columns.
 Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data);

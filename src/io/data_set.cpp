@@ -242,8 +242,8 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
     if (ours[i]) continue;
-    faults.add(0, basics::quoted(column) + " belongs to no actuator; expected pressures in " +
-                      expected);
+    faults.add(
+        0, basics::quoted(column) + " belongs to no actuator; expected pressures in " + expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();

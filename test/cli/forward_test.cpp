@@ -216,6 +216,15 @@ TEST(Forward, BadPressuresNameActuatorValueAndLimit) {
                     "give either --pressure-kpa or --input");
 }
 
+TEST(Forward, AFileThatIsNotThereButShippedByItsNameIsPointedOut) {
+  for (const char* given : {"demo.yaml", "rigs/demo.yaml"}) {
+    expectCallerError(runCommand({"forward", given, "--pressure-kpa", "0,0,0"}),
+                      "; the shipped scene is called demo");
+  }
+  expectCallerError(runCommand({"forward", "mine.yaml", "--pressure-kpa", "0,0,0"}),
+                    "mine.yaml cannot be read");
+}
+
 TEST(Forward, TiersThatTheSceneCannotHaveAreRefused) {
   expectCallerError(
       forward("spatial_50", "0,0,0", {"--tier", "planar"}),

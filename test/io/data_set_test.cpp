@@ -146,7 +146,7 @@ TEST(PressuresOf, TakesPascalsToo) {
 }
 
 TEST(LoadDataSet, ASkippedColumnMayHoldAnything) {
-  const TemporaryFile file("a_m,status,b_m\n1,reached,2\n3,,4\n");
+  const test::TemporaryFile file("a_m,status,b_m\n1,reached,2\n3,,4\n");
   const DataSet data = loadDataSet(file.path(), {"status"});
   EXPECT_EQ(data.columns, (std::vector<std::string>{"a_m", "b_m"}));
   EXPECT_EQ(data.values, (Eigen::MatrixXd(2, 2) << 1, 2, 3, 4).finished());

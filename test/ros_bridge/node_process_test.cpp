@@ -339,10 +339,10 @@ TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
 TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfTheCaller) {
   const TemporaryFolder folder;
   std::ofstream(folder / "my_arm.yaml") << "name: my_arm\ncolour: green\n";
-  Process launch({"sh", "-c", "cd \"$0\" && exec roslaunch -p \"$1\" \"$2\" scene:=my_arm.yaml rviz:=false",
-                  folder.path(), std::to_string(master_.port()),
-                  HELIX_ARM_SOURCE_DIR "/launch/arm.launch"},
-                 variables());
+  Process launch(
+      {"sh", "-c", "cd \"$0\" && exec roslaunch -p \"$1\" \"$2\" scene:=my_arm.yaml rviz:=false",
+       folder.path(), std::to_string(master_.port()), HELIX_ARM_SOURCE_DIR "/launch/arm.launch"},
+      variables());
   EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
 }
 

@@ -116,7 +116,14 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
                                           const std::string& extension) {
   const std::string given = text(name, "");
   if (given.empty()) return given;
-  if (isPath(given)) return absolute(name, given);
+  if (isPath(given)) {
+    const std::string path = absolute(name, given);
+    const auto meant = io::shippedNameOf(path, folder, extension);
+    if (!meant) return path;
+    fault(name, XmlRpc::XmlRpcValue(path),
+          "a file that is there, or " + *meant + ", which is shipped");
+    return "";
+  }
   std::string path = *filePath(given, folder, extension);
   if (std::filesystem::exists(path)) return path;
   std::string names;
@@ -133,8 +140,7 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   const std::size_t before = faults_.size();
   std::string path = optionalFile(name, folder, extension);
   if (path.empty() && faults_.size() == before) {
-    faults_.push_back(join("~", name,
-                           " is missing; expected a path, or the name of a file in ",
+    faults_.push_back(join("~", name, " is missing; expected a path, or the name of a file in ",
                            folder, " of the package"));
   }
   return path;
