@@ -49,6 +49,7 @@ timeout 10 helix_arm --version >/dev/null || fault "timeout does not find helix_
 xargs -n1 helix_arm <<<--version >/dev/null || fault "xargs does not find helix_arm"
 bash -c "helix_arm --version" >/dev/null || fault "bash -c does not find helix_arm"
 sh -c ". \"${setup%.bash}.sh\" && helix_arm --version" >/dev/null || fault "sh does not find helix_arm"
+rosrun helix_arm helix_arm --version </dev/null >/dev/null || fault "rosrun does not find one helix_arm"
 for node in vision monitor; do
   ! type -P "$node" >/dev/null || fault "$node is on PATH"
 done
