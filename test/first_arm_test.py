@@ -49,9 +49,9 @@ def free_port():
 class Reader:
     """A person in front of terminals."""
 
-    def __init__(self, folder, command, setup):
+    def __init__(self, folder, setup):
         self.folder, self.setup = folder, setup
-        self.environment = dict(os.environ, helix_arm=command, ROS_HOSTNAME="localhost", ROS_HOME=str(folder / "ros"),
+        self.environment = dict(os.environ, ROS_HOSTNAME="localhost", ROS_HOME=str(folder / "ros"),
                                 ROS_MASTER_URI="http://localhost:%d" % free_port())
         self.environment.pop("ROS_IP", None)
         self.terminals = []
@@ -60,8 +60,7 @@ class Reader:
     def start(self, line, log):
         if line.startswith("roslaunch"):
             line += " rviz:=false"
-        prefix = "source '%s' && " % self.setup if self.setup else ""
-        return subprocess.Popen(["bash", "-c", prefix + line], cwd=str(self.folder), env=self.environment, stdout=log,
+        return subprocess.Popen(["bash", "-c", "source '%s' && %s" % (self.setup, line)], cwd=str(self.folder), env=self.environment, stdout=log,
                                 stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
 
     def run(self, line):
@@ -191,7 +190,7 @@ def without_ros(steps):
 
 def follow(steps, arguments, ros):
     with tempfile.TemporaryDirectory() as folder:
-        reader = Reader(Path(folder).resolve(), arguments.command, arguments.setup)
+        reader = Reader(Path(folder).resolve(), arguments.setup)
         try:
             reader.follow(steps if ros else without_ros(steps))
             expect_cli(reader, arguments.command)
@@ -218,7 +217,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--page", type=Path, default=Path(__file__).resolve().parent.parent / "docs" / "first_arm.md")
     parser.add_argument("--command", required=True)
-    parser.add_argument("--setup", help="setup.bash of the workspace")
+    parser.add_argument("--setup", required=True, help="setup.bash of the workspace")
     parser.add_argument("--ros", action="store_true", help="also what needs a master")
     parser.add_argument("--self-test", action="store_true")
     arguments = parser.parse_args()

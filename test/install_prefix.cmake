@@ -22,16 +22,16 @@ foreach(line IN LISTS lines)
     message(FATAL_ERROR "installed outside of ${SCRATCH}: ${path}")
   endif()
 endforeach()
-# The setup file names the new prefix, for a shell that cannot know where a sourced file lies, too.
+# The setup file names the new prefix and puts the command on PATH, for a shell that cannot know where a sourced file lies, too.
 execute_process(
   COMMAND ${CMAKE_COMMAND} -E env --unset=CMAKE_PREFIX_PATH --unset=ROS_PACKAGE_PATH
-    sh -c ". \"$0/setup.sh\"; printf '%s|' \"$CMAKE_PREFIX_PATH\" \"$ROS_PACKAGE_PATH\"; \"$0/lib/helix_arm/helix_arm\" --version"
+    sh -c ". \"$0/setup.sh\"; printf '%s|' \"$CMAKE_PREFIX_PATH\" \"$ROS_PACKAGE_PATH\" \"$(command -v helix_arm)\"; helix_arm --version"
     ${SCRATCH}
   RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE message)
 if(NOT result EQUAL 0 OR NOT output MATCHES "helix_arm [0-9]")
   message(FATAL_ERROR "the installed command ended with ${result}: ${output}${message}")
 endif()
-foreach(place "${SCRATCH}[:|]" "${SCRATCH}/share")
+foreach(place "${SCRATCH}[:|]" "${SCRATCH}/share" "[|]${SCRATCH}/bin/helix_arm[|]")
   if(NOT output MATCHES "${place}")
     message(FATAL_ERROR "setup.sh does not lead to ${place}: ${output}")
   endif()

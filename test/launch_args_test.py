@@ -1,19 +1,22 @@
 #!/usr/bin/env python3
-"""Checks what `roslaunch --ros-args` says of every launch file: each argument is documented, and none that has a default is
-listed as required, as roslaunch does with a default that is empty.
+"""Checks what `roslaunch --ros-args` says of every launch file: each argument is documented there, not in another launch file,
+and none that has a default is listed as required, as roslaunch does with a default that is empty.
 
 usage: launch_args_test.py --root PACKAGE
 Exit code: 0 when nothing is wrong; 1 with every fault as file: argument: fault.
 """
 
 import argparse
+import re
 import sys
 import tempfile
 from pathlib import Path
 
 from roslaunch.arg_dump import get_args
 
-PLANTED = '<launch><arg name="empty" default="" doc="d"/><arg name="bare" default="1"/><arg name="value" value=""/></launch>'
+PLANTED = '<launch><arg name="empty" default="" doc="d"/><arg name="bare" default="1"/><arg name="value" value=""/>' \
+    '<arg name="elsewhere" default="1" doc="of the left arm, as in other.launch"/>' \
+    '<arg name="here" default="1" doc="as false, but starts other.launch"/></launch>'
 
 
 def faults_of(path):
@@ -21,6 +24,9 @@ def faults_of(path):
     for name, (doc, default) in sorted(get_args([str(path)]).items()):
         if not doc:
             faults.append("%s: %s: no doc" % (path.name, name))
+        elsewhere = re.search(r"\bas (in|for|of|\w+ of) \w+\.launch", doc or "")
+        if elsewhere:
+            faults.append("%s: %s: its doc says only \"%s\"; write the sentence itself" % (path.name, name, elsewhere.group()))
         if default is not None and not default:
             faults.append("%s: %s: its default is empty, so --ros-args lists it as required; take a word for it" %
                           (path.name, name))
@@ -35,7 +41,7 @@ def main():
         planted.write(PLANTED)
         planted.flush()
         found = faults_of(Path(planted.name))
-    if len(found) != 3:
+    if len(found) != 4:
         print("planted faults were not found: %s" % found)
         return 1
     files = sorted((root / "launch").glob("*.launch"))

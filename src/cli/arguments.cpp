@@ -1,8 +1,12 @@
 #include "arguments.hpp"
 
+#include <filesystem>
+#include <iostream>
 #include <sstream>
 #include <stdexcept>
 
+#include "completion.hpp"
+#include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -85,6 +89,11 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
   return overrides;
 }
 
+void requireYaml(const std::string& out) {
+  if (std::filesystem::path(out).extension() == ".yaml") return;
+  throw CallerError("--out " + out + " does not end in .yaml; name a .yaml file");
+}
+
 CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
                       const std::string& what) {
   CLI::Option* const out = command.add_option(option, scene, what + ", or name of a shipped scene");
@@ -93,6 +102,7 @@ CLI::Option* addScene(CLI::App& command, const std::string& option, std::string&
     given = io::findScene(given).value_or(given);
     return {};
   };
+  offerScenes(out);
   return out->transform(CLI::Validator(resolve, ""));
 }
 
@@ -148,7 +158,14 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                       "; its limits are " + inputText(actuator, actuator.limits.lower) + " to " +
                       inputText(actuator, actuator.limits.upper));
   }
+  if (!in_kpa) warnOfKilopascals(option, arm, inputs.transpose());
   return inputs;
+}
+
+void warnOfKilopascals(const std::string& what, const model::Arm& arm,
+                       const Eigen::MatrixXd& inputs) {
+  const std::string warning = control::kilopascalWarning(what, arm, inputs);
+  if (!warning.empty()) std::cerr << warning << "\n";
 }
 
 std::function<std::string(const std::string&)> within(const model::Range& range) {

@@ -20,6 +20,9 @@ CLI::Option* addScene(CLI::App& command, const std::string& option, std::string&
 /// faults.
 io::Scene loadScene(const std::string& path, const GlobalOptions& global);
 
+/// @throws CallerError unless the name of a scene to write ends in .yaml.
+void requireYaml(const std::string& out);
+
 /// The overrides of --set.
 /// @throws CallerError on one that is not key=value.
 std::vector<io::Override> overridesOf(const GlobalOptions& global);
@@ -38,6 +41,10 @@ std::function<std::string(const std::string&)> within(const model::Range& range)
 Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& kpa_text, const std::string& si_option,
                          const std::string& si_text);
+
+/// Warns on stderr of inputs in SI units (rows x n) whose pressures seem to be in kPa.
+void warnOfKilopascals(const std::string& what, const model::Arm& arm,
+                       const Eigen::MatrixXd& inputs);
 
 /// What the command line asks of the tier, in the place of all that the scene asks.
 struct TierArguments {

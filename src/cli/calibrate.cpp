@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "completion.hpp"
 #include "contractions_json.hpp"
 #include "helix_arm/estimation/calibration_parameters.hpp"
 #include "helix_arm/io/atomic_file.hpp"
@@ -72,6 +73,7 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
     if (!std::filesystem::equivalent(options.out, input, ignored)) continue;
     throw CallerError("--out " + options.out + " is an input; expected the path of another file");
   }
+  requireYaml(options.out);
 }
 
 const char* kindOf(const estimation::Capture& capture) {
@@ -249,7 +251,7 @@ void printDetermined(const procedures::CalibrationOutcome& outcome) {
 
 void printCombinations(const Calibration& calibration) {
   for (const estimation::Combination& one : calibration.combinations) {
-    std::cout << (one.identifiable ? "  well known: " : "  badly known: ")
+    std::cout << (one.identifiable ? "  well known product: " : "  badly known product: ")
               << procedures::textOf(one) << "\n";
   }
 }
@@ -343,9 +345,11 @@ Subcommand addCalibrate(CLI::App& app) {
           "with tag_detections, pressure_measured and pressure_command: each "
           "time the arm is at rest is one capture")
       ->required();
-  command->add_option("--fit", options->fit,
-                      "parameters to fit, comma list of " + estimation::fitWordsText() +
-                          "; default " + estimation::wordOf(estimation::kDefaultFitGroup));
+  offerList(
+      command->add_option("--fit", options->fit,
+                          "parameters to fit, comma list of " + estimation::fitWordsText() +
+                              "; default " + estimation::wordOf(estimation::kDefaultFitGroup)),
+      estimation::fitWords());
   command->add_option("--out", options->out, "scene file to write, completely or not at all");
   command
       ->add_option(

@@ -254,6 +254,7 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
                         "focal length");
     }
   }
+  if (!arguments.out.empty()) requireYaml(arguments.out);
   result.board = boardOf(arguments.board);
   Views views(result.board, arguments.views);
   result.read = readPictures(

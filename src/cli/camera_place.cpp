@@ -144,6 +144,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
     throw CallerError("scene " + scene.name + " has no " + (scene.camera ? "tags" : "camera") +
                       "; expected a scene with the sections camera and tags");
   }
+  if (!arguments.out.empty()) requireYaml(arguments.out);
   const bool at_rest = arguments.pressure_kpa.empty() && arguments.input.empty();
   const Eigen::VectorXd inputs = at_rest ? scene.arm.inputAt(0)
                                          : inputsOf(scene, "--pressure-kpa", arguments.pressure_kpa,

@@ -37,21 +37,29 @@ void readWebcam(const CameraSource& source,
     }
     retry = steadySeconds() + frame.retry_after;
     if (steadySeconds() - last < kPatience) continue;
-    read.faults.push_back({frame.name, frame.fault});
+    read.faults.emplace_back(frame);
     return;
   }
   // The time was shorter than the patience.
-  if (read.pictures == 0 && !frame.fault.empty()) read.faults.push_back({frame.name, frame.fault});
+  if (read.pictures == 0 && !frame.fault.empty()) read.faults.emplace_back(frame);
 }
 
 }  // namespace
 
+PictureFault::PictureFault(const vision::Frame& frame) : name(frame.name), reason(frame.fault) {
+  // Of a video, the name has the number of the frame behind #, which the fault may lack.
+  for (const std::string& prefix : {name, name.substr(0, name.rfind('#'))}) {
+    if (reason.compare(0, prefix.size() + 2, prefix + ": ") != 0) continue;
+    reason.erase(0, prefix.size() + 2);
+    return;
+  }
+}
+
 std::optional<std::string> whyNoPicture(const PicturesRead& read) {
   if (read.pictures > 0 || read.faults.empty()) return std::nullopt;
   const PictureFault& first = read.faults.front();
-  const bool named = first.reason.find(first.name) != std::string::npos;
   const std::size_t others = read.faults.size() - 1;
-  return "no picture could be read: " + (named ? "" : first.name + ": ") + first.reason +
+  return "no picture could be read: " + first.name + ": " + first.reason +
          (others > 0 ? ", and " + std::to_string(others) + " others" : "");
 }
 
@@ -79,7 +87,7 @@ PicturesRead readPictures(const CameraSource& source,
       read.interrupted = interrupted();
       if (read.interrupted) return read;
       if (status == vision::FrameStatus::kFault) {
-        read.faults.push_back({frame.name, frame.fault});
+        read.faults.emplace_back(frame);
         continue;
       }
       ++read.pictures;

@@ -22,8 +22,9 @@ struct CameraSource {
   bool isWebcam() const { return sources.size() == 1 && sources[0] == kWebcam; }
 };
 
-/// Why a picture could not be used.
+/// Why a picture could not be used, without its name.
 struct PictureFault {
+  explicit PictureFault(const vision::Frame& frame);
   std::string name;
   std::string reason;
 };

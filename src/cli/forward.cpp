@@ -326,6 +326,10 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   if (!options.history.empty() && options.samples > 0 && global.format == Format::kCsv) {
     throw CallerError("with --history, csv has the rows of the history; leave out --samples");
   }
+  if (options.pressure_kpa.empty() && options.input.empty() && options.inputs.empty() &&
+      options.history.empty()) {
+    throw CallerError("give --pressure-kpa, --input, --inputs or --history");
+  }
   const io::Scene scene = loadScene(options.scene, global);
   if (!options.inputs.empty()) return runRows(options, global, scene);
   const statics::ArmModel model = modelOf(scene, options.tier);
@@ -355,7 +359,7 @@ Subcommand addForward(CLI::App& app) {
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
   command->add_option("--inputs", options->inputs,
                       "one result per row of this table, or of stdin where it is -: columns "
-                      "pressure_1_kpa .. or input_1 .. in SI units");
+                      "pressure_1_kpa .., pressure_1_pa .. or input_1 .. in SI units");
   command->add_option("--history", options->history, kHistoryHelp);
   addTierOptions(*command, options->tier);
   command

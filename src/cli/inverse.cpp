@@ -193,9 +193,8 @@ void printTextResult(const io::Scene& scene, const statics::TierSetting& tier,
 int runRows(const InverseArguments& arguments, const GlobalOptions& global, const io::Scene& scene,
             const statics::ArmModel& model, statics::InverseSolver& solver) {
   const io::DataSet data = tableOf(arguments.targets);
-  const bool poses = data.find("qx") >= 0;
-  std::vector<std::string> names = {"x_m", "y_m", "z_m"};
-  if (poses) names.insert(names.end(), {"qx", "qy", "qz", "qw"});
+  const std::vector<std::string> names = poseColumns(data);
+  const bool poses = names.size() > 3;
   const Eigen::MatrixXd targets = columnsOf(data, names);
   const statics::TierSetting& tier = model.choice().setting;
   Eigen::VectorXd start = startOf(arguments, scene);
@@ -293,9 +292,10 @@ Subcommand addInverse(CLI::App& app) {
   command->add_option(
       "--twist", arguments->twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
-  command->add_option("--targets", arguments->targets,
-                      "one result per row of this table, or of stdin where it is -: columns "
-                      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw");
+  command->add_option(
+      "--targets", arguments->targets,
+      "one result per row of this table, or of stdin where it is -: columns "
+      "x_m,y_m,z_m and, for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
   command
       ->add_option(
           "--prefer", arguments->prefer,

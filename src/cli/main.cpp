@@ -5,6 +5,7 @@
 
 #include "board_arguments.hpp"
 #include "command.hpp"
+#include "completion.hpp"
 
 namespace {
 
@@ -19,6 +20,19 @@ const char* const kFooter =
     "json and csv stand alone on stdout, with all digits; messages go to stderr.\n"
     "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
     "call or a document is wrong (the reason is on stderr).";
+
+// Those that may follow what was parsed, on stderr; nothing where none may.
+void tellSubcommands(const CLI::App& app) {
+  const CLI::App* last = &app;
+  while (!last->get_subcommands().empty()) last = last->get_subcommands().front();
+  std::string names;
+  for (const CLI::App* each : last->get_subcommands([](const CLI::App*) { return true; })) {
+    names += (names.empty() ? "" : ", ") + each->get_name();
+  }
+  if (names.empty()) return;
+  std::cerr << (last == &app ? "commands" : "subcommands of " + last->get_name()) << ": " << names
+            << "\n";
+}
 
 int run(int argc, char** argv) {
   CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
@@ -49,6 +63,10 @@ int run(int argc, char** argv) {
       helix_arm::cli::addFollow(app),    helix_arm::cli::addTags(app),
       helix_arm::cli::addCamera(app),    helix_arm::cli::addCheck(app),
       helix_arm::cli::addNew(app),       helix_arm::cli::addRegulator(app)};
+  if (argc > 1 && std::string(argv[1]) == helix_arm::cli::kCompleteOption) {
+    helix_arm::cli::printCompletions(app, {argv + 2, argv + argc}, std::cout);
+    return helix_arm::cli::kDone;
+  }
   try {
     std::vector<std::string> arguments =
         helix_arm::cli::joinBoardKind(std::vector<std::string>(argv + 1, argv + argc));
@@ -60,13 +78,7 @@ int run(int argc, char** argv) {
       std::cerr << "there is no command " << app.remaining().front() << ": ";
     }
     if (app.exit(error) == 0) return helix_arm::cli::kDone;  // --help and --version
-    if (app.get_subcommands().empty()) {
-      std::string commands;
-      for (const Subcommand& subcommand : subcommands) {
-        commands += (commands.empty() ? "" : ", ") + subcommand.app->get_name();
-      }
-      std::cerr << "commands: " << commands << "\n";
-    }
+    tellSubcommands(app);
     return helix_arm::cli::kCallerErred;
   }
   global.format = formats.at(format);

@@ -11,7 +11,9 @@
 
 #include <unistd.h>
 
+#include "arguments.hpp"
 #include "command.hpp"
+#include "completion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
@@ -182,9 +184,7 @@ void interview(NewArguments& arguments) {
 void check(NewArguments& arguments) {
   namespace fs = std::filesystem;
   const fs::path out = arguments.out;
-  if (out.extension() != ".yaml") {
-    throw CallerError("--out " + arguments.out + " does not end in .yaml; name a .yaml file");
-  }
+  requireYaml(arguments.out);
   if (fs::exists(out) && !arguments.force) {
     throw CallerError("--out " + arguments.out +
                       " exists; choose another file, or give --force to replace it");
@@ -273,6 +273,9 @@ Subcommand addNew(CLI::App& app) {
       "from the arm to the camera [m]; 0: so that the arm fits the picture");
   add("--regulator", scene.regulator,
       "simulated, none, a shipped profile such as generic (the board), or the path of a profile");
+  std::vector<std::string> offered = io::shippedProfiles();
+  offered.insert(offered.begin(), {"simulated", "none"});
+  offerWords(command->get_option("--regulator"), offered);
   add("--device", scene.device, "serial device of a regulator on a serial line");
   add("--host", scene.host, "name or address of a regulator on Modbus TCP");
   command->add_flag("--defaults", arguments->defaults,

@@ -5,6 +5,7 @@
 #include <limits>
 #include <sstream>
 #include <thread>
+#include <variant>
 #include <vector>
 
 #include "arguments.hpp"
@@ -81,6 +82,9 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
   std::cout << regulator::describe(*scene.regulator)
             << ": connected, which vents; nothing else was written\n"
             << std::fixed;
+  // Without a line to a device, their rate is that of this computer.
+  const bool simulated =
+      std::holds_alternative<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     const int readings = result.readings[static_cast<std::size_t>(i)];
     std::cout << scene.arm.actuator(i).name << " at " << regulator::addressOf(*scene.regulator, i)
@@ -88,8 +92,12 @@ void printProbeText(const io::Scene& scene, const Probe& result) {
     if (readings == 0) {
       std::cout << "no reading\n";
     } else {
-      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa, "
-                << std::setprecision(1) << readings / result.seconds << " readings a second\n";
+      std::cout << std::setprecision(2) << result.pressure[i] / 1e3 << " kPa";
+      if (!simulated) {
+        std::cout << ", " << std::setprecision(1) << readings / result.seconds
+                  << " readings a second";
+      }
+      std::cout << "\n";
     }
   }
   if (std::isfinite(result.supply)) {

@@ -9,8 +9,27 @@
 
 namespace helix_arm::cli {
 
+namespace {
+
+// What forward and inverse print besides numbers, so that each reads what the other printed.
+const std::vector<std::string> kPrinted = {"tier",      "order",         "status",
+                                           "converged", "active_limits", "tip_error_percent"};
+
+}  // namespace
+
 io::DataSet tableOf(const std::string& path) {
-  return path == "-" ? io::readDataSet(std::cin, "stdin") : io::loadDataSet(path);
+  return path == "-" ? io::readDataSet(std::cin, "stdin", kPrinted)
+                     : io::loadDataSet(path, kPrinted);
+}
+
+std::vector<std::string> poseColumns(const io::DataSet& data) {
+  const bool printed = data.find("x_m") < 0 && data.find("tip_x_m") >= 0;
+  const std::string prefix = printed ? "tip_" : "";
+  std::vector<std::string> names;
+  for (const char* name : {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"}) {
+    if (names.size() < 3 || data.find(prefix + "qx") >= 0) names.push_back(prefix + name);
+  }
+  return names;
 }
 
 Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string>& names) {
@@ -31,7 +50,13 @@ Eigen::MatrixXd columnsOf(const io::DataSet& data, const std::vector<std::string
 Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
   const model::Arm& arm = scene.arm;
   std::vector<std::string> names;
-  for (int i = 1; i <= arm.actuatorCount(); ++i) names.push_back("input_" + std::to_string(i));
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
+    const std::string number = std::to_string(i + 1);
+    names.push_back("input_" + number);
+    const std::string printed = std::string(unit.quantity) + "_" + number + "_" + unit.si_suffix;
+    if (hasTendon(arm) && data.find(printed) >= 0) names.back() = printed;
+  }
   const bool in_si = hasTendon(arm) || data.find(names.front()) >= 0;
   Eigen::MatrixXd inputs =
       in_si ? columnsOf(data, names) : io::pressuresOf(data, arm.actuatorCount());
@@ -46,6 +71,7 @@ Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
                         inputText(actuator, actuator.limits.upper));
     }
   }
+  if (in_si) warnOfKilopascals(data.path, arm, inputs);
   return inputs;
 }
 

@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "column_names.hpp"
+#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
@@ -50,7 +51,8 @@ std::string atMost(std::size_t found, const char* what, std::size_t most) {
 // Reads the lines of one table.
 class TableReader {
  public:
-  TableReader(DataSet& data, FaultList& faults) : data_(data), faults_(faults) {}
+  TableReader(DataSet& data, FaultList& faults, const std::vector<std::string>& skipped)
+      : data_(data), faults_(faults), skipped_(skipped) {}
 
   void read(std::string_view text) {
     for (int line = 1; !text.empty() && !full_; ++line) {
@@ -69,8 +71,19 @@ class TableReader {
 
   void takeValues() {
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    data_.values = Eigen::Map<const Rows>(cells_.data(), static_cast<int>(rows_),
-                                          static_cast<int>(data_.columns.size()));
+    const Eigen::Map<const Rows> all(cells_.data(), static_cast<int>(rows_),
+                                     static_cast<int>(data_.columns.size()));
+    std::vector<int> kept;
+    for (int i = 0; i < all.cols(); ++i) {
+      if (!skips_[static_cast<std::size_t>(i)]) kept.push_back(i);
+    }
+    data_.values.resize(all.rows(), static_cast<int>(kept.size()));
+    std::vector<std::string> names;
+    for (const int i : kept) {
+      data_.values.col(static_cast<int>(names.size())) = all.col(i);
+      names.push_back(std::move(data_.columns[static_cast<std::size_t>(i)]));
+    }
+    data_.columns = std::move(names);
   }
 
  private:
@@ -89,6 +102,7 @@ class TableReader {
                                 atMost(name.size(), " characters in its name", kLongestName));
       }
       data_.columns.emplace_back(name);
+      skips_.push_back(std::find(skipped_.begin(), skipped_.end(), name) != skipped_.end());
     }
     checkNames(line);
   }
@@ -129,7 +143,8 @@ class TableReader {
     }
     // The expected number of cells, even if the row has others.
     for (std::size_t i = 0; i < columns; ++i) {
-      cells_.push_back(count == columns ? numberOf(takeCell(content), i, line) : 0);
+      const std::string_view cell = count == columns ? takeCell(content) : std::string_view();
+      cells_.push_back(count == columns && !skips_[i] ? numberOf(cell, i, line) : 0);
     }
   }
 
@@ -153,13 +168,16 @@ class TableReader {
 
   DataSet& data_;
   FaultList& faults_;
+  const std::vector<std::string>& skipped_;
+  std::vector<bool> skips_;    // a column
   std::vector<double> cells_;  // in row order
   std::size_t rows_ = 0;
   std::string cell_;
   bool full_ = false;  // the rest is not read
 };
 
-DataSet parsed(const std::string& name, const std::string& content, FaultList& faults) {
+DataSet parsed(const std::string& name, const std::string& content, FaultList& faults,
+               const std::vector<std::string>& skipped) {
   std::string_view text = content;
   const std::string_view byte_order_mark = "\xEF\xBB\xBF";  // written by spreadsheets
   if (text.substr(0, byte_order_mark.size()) == byte_order_mark) {
@@ -168,7 +186,7 @@ DataSet parsed(const std::string& name, const std::string& content, FaultList& f
   DataSet data;
   data.path = name;
   data.sha256 = sha256Of(content);
-  TableReader reader(data, faults);
+  TableReader reader(data, faults, skipped);
   reader.read(text);
   faults.throwIfAny();
   reader.takeValues();
@@ -182,44 +200,53 @@ int DataSet::find(const std::string& column) const {
   return found == columns.end() ? -1 : static_cast<int>(found - columns.begin());
 }
 
-DataSet loadDataSet(const std::string& path) {
+DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {
   FaultList faults(path);
   const std::optional<std::string> content = readTextFile(path, kMostTableBytes, faults);
   faults.throwIfAny();
-  return parsed(path, *content, faults);
+  return parsed(path, *content, faults, skipped);
 }
 
-DataSet readDataSet(std::istream& in, const std::string& name) {
+DataSet readDataSet(std::istream& in, const std::string& name,
+                    const std::vector<std::string>& skipped) {
   FaultList faults(name);
   const std::optional<std::string> content = readTextStream(in, kMostTableBytes, faults);
   faults.throwIfAny();
-  return parsed(name, *content, faults);
+  return parsed(name, *content, faults, skipped);
 }
 
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
   const std::string prefix = "pressure_";
-  std::vector<std::string> names;
-  for (int i = 1; i <= actuators; ++i) names.push_back("pressure_" + std::to_string(i) + "_kpa");
-  const std::string expected = names.front() + " to " + names.back();
+  const auto nameOf = [&prefix](int actuator, const char* unit) {
+    return prefix + std::to_string(actuator + 1) + unit;
+  };
+  const std::string expected = nameOf(0, "_kpa") + " to " + nameOf(actuators - 1, "_kpa");
 
   FaultList faults(data.path);
+  Eigen::MatrixXd pressures = Eigen::MatrixXd::Zero(data.values.rows(), actuators);
+  std::vector<bool> ours(data.columns.size());
+  for (int i = 0; i < actuators; ++i) {
+    const int kpa = data.find(nameOf(i, "_kpa")), pa = data.find(nameOf(i, "_pa"));
+    if (kpa >= 0 && pa >= 0) {
+      faults.add(0, nameOf(i, "_pa") + " stands beside " + nameOf(i, "_kpa") + "; expected one");
+    }
+    if (pa >= 0) pressures.col(i) = data.values.col(pa);
+    if (kpa >= 0) pressures.col(i) = data.values.col(kpa).unaryExpr(&pascals);
+    for (const int column : {kpa, pa}) {
+      if (column >= 0) ours[static_cast<std::size_t>(column)] = true;
+    }
+  }
   bool any = false;
   for (std::size_t i = 0; i < data.columns.size(); ++i) {
     const std::string& column = data.columns[i];
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
-    if (std::find(names.begin(), names.end(), column) != names.end()) continue;
-    faults.add(0, columnText(data.columns, i) + " belongs to no actuator; expected pressures in " +
-                      expected);
+    if (ours[i]) continue;
+    faults.add(
+        0, basics::quoted(column) + " belongs to no actuator; expected pressures in " + expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();
-
-  Eigen::MatrixXd pressures = Eigen::MatrixXd::Zero(data.values.rows(), actuators);
-  for (int i = 0; i < actuators; ++i) {
-    const int column = data.find(names[i]);
-    if (column >= 0) pressures.col(i) = data.values.col(column).unaryExpr(&pascals);
-  }
   return pressures;
 }
 

@@ -34,8 +34,19 @@ std::vector<std::string> shippedNames(const std::string& folder, const std::stri
   return names;
 }
 
+std::optional<std::string> shippedNameOf(const std::string& path, const std::string& folder,
+                                         const std::string& extension) {
+  std::error_code error;
+  const fs::path file(path);
+  if (file.extension() != extension || fs::exists(file, error)) return std::nullopt;
+  const std::vector<std::string> names = shippedNames(folder, extension);
+  if (std::find(names.begin(), names.end(), file.stem()) == names.end()) return std::nullopt;
+  return file.stem();
+}
+
 std::optional<std::string> findScene(const std::string& given) {
   std::error_code error;
+  if (shippedNameOf(given, kShippedScenes)) return std::nullopt;
   const bool path = given.empty() || given.find_first_of("/.") != std::string::npos;
   if (path || fs::is_regular_file(given, error)) return given;
   const std::vector<std::string> shipped = shippedNames(kShippedScenes);
@@ -44,6 +55,9 @@ std::optional<std::string> findScene(const std::string& given) {
 }
 
 std::string unknownScene(const std::string& given) {
+  if (const auto name = shippedNameOf(given, kShippedScenes)) {
+    return "there is no file " + basics::quoted(given) + "; the shipped scene is called " + *name;
+  }
   return "the scene " + basics::quoted(given) +
          " is neither a file nor a shipped scene; expected the path of a scene file, or " +
          alternatives(shippedNames(kShippedScenes));

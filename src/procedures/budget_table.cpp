@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/budget_table.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -9,6 +10,8 @@ namespace {
 using estimation::BudgetPart;
 using estimation::TipErrorBudget;
 using estimation::TipSpread;
+
+constexpr double kShownNegative = 5e-6;  // smaller ones are rounded to 0 [m]
 
 BudgetRow rowOf(const char* name, const TipSpread& spread) {
   const Eigen::Vector3d variance = spread.covariance.diagonal();
@@ -54,8 +57,13 @@ std::vector<BudgetRow> budgetRows(const TipErrorBudget& budget) {
 std::string budgetTable(const TipErrorBudget& budget) {
   std::string out = "error budget of the tip, standard deviations in mm, seen from the base\n" +
                     text("%-16s%8s%8s%8s%8s\n", "", "x", "y", "z", "worst");
-  for (const BudgetRow& row : budgetRows(budget))
-    out += line(row.name.c_str(), row.axes, row.worst);
+  const std::vector<BudgetRow> rows = budgetRows(budget);
+  for (const BudgetRow& row : rows) out += line(row.name.c_str(), row.axes, row.worst);
+  if (std::any_of(rows.begin(), rows.end(), [](const BudgetRow& row) {
+        return (row.axes.array() < -kShownNegative).any();
+      })) {
+    out += "negative: a variance that is taken from the rows above, in both together\n";
+  }
   out += line("measured - model", budget.error, budget.error.norm());
   return out + "the measured tip is " + verdict(budget) + " of open loop and camera\n";
 }

@@ -69,7 +69,8 @@ std::string textOf(const estimation::Parameter& one) {
 }
 
 std::string textOf(const estimation::Combination& one) {
-  return one.name + format(" +- %.2g %%", 1e2 * one.relative_error);
+  if (one.relative_error < 1) return one.name + format(" +- %.2g %%", 1e2 * one.relative_error);
+  return one.name + format(" +- a factor of %.2g", std::exp(one.relative_error));
 }
 
 std::string tipErrorText(const CalibrationOutcome& outcome) {

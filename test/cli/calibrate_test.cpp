@@ -99,7 +99,8 @@ TEST(Calibrate, TheTextLeadsWithTheTipErrorAndListsWhatWasDetermined) {
   const json combinations = result["combinations"];
   ASSERT_EQ(combinations.size(), 2u);
   for (const json& one : combinations) {
-    const std::string known = one["identifiable"] ? "  well known: " : "  badly known: ";
+    const std::string known =
+        one["identifiable"] ? "  well known product: " : "  badly known product: ";
     EXPECT_NE(text.out.find(known + one["name"].get<std::string>() + " +- "), std::string::npos)
         << text.out;
     const json exponents = one["exponents"];
@@ -333,8 +334,8 @@ TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
 
 TEST(Calibrate, AnOutputThatCannotBeWrittenIsTheCallers) {
   const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
-  expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "/dev/full"}),
-                    "/dev/full");
+  expectCallerError(calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "demo"}),
+                    "--out demo does not end in .yaml");
   expectCallerError(
       calibrate(scenePath("spatial_50"), {data.path()}, {"--out", "/nowhere/at/all.yaml"}),
       "/nowhere/at");

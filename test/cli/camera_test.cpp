@@ -11,6 +11,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "support/board_studio.hpp"
+#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -390,6 +391,19 @@ TEST(CameraPlace, APictureWithoutTagsExitsWithOneAndWritesNothing) {
   EXPECT_FALSE(fs::exists(out));
 }
 
+TEST(CameraPlace, ADamagedPictureIsNamedOnce) {
+  const TemporaryFile broken("no picture", ".jpg");
+  const Outcome outcome = runCommand(
+      {"camera", "place", scenePath("demo"), "--source", broken.path(), "--format", "json"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  const auto fault = outcome.json()["faults"][0];
+  EXPECT_EQ(fault["file"], broken.path());
+  EXPECT_EQ(fault["reason"].get<std::string>().find(broken.path()), std::string::npos) << fault;
+  const std::size_t first = outcome.err.find(broken.path());
+  ASSERT_NE(first, std::string::npos) << outcome.err;
+  EXPECT_EQ(outcome.err.find(broken.path(), first + 1), std::string::npos) << outcome.err;
+}
+
 TEST(CameraPlace, WhatIsWrongInTheCallIsSaid) {
   const TemporaryFolder folder;
   const auto refused = [](std::vector<std::string> arguments, const std::string& message) {
@@ -452,7 +466,9 @@ TEST(CameraCalibrate, UsesEveryRenderedPictureOfTheTutorial) {
 }
 
 TEST(Camera, WithoutASubcommandIsRefused) {
-  expectCallerError(runCommand({"camera"}), "A subcommand is required");
+  expectCallerError(runCommand({"camera"}),
+                    "A subcommand is required\nRun with --help for more information.\n"
+                    "subcommands of camera: calibrate, place\n");
 }
 
 }  // namespace

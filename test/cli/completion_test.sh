@@ -1,43 +1,102 @@
 #!/bin/bash
-# After the workspace is sourced, bash runs helix_arm and completes its subcommands, options and files.
+# After the workspace is sourced, every shell and program finds helix_arm, and none of the nodes, and bash completes its
+# subcommands, options, values and files.
 # usage: completion_test.sh SETUP.BASH
 set -eo pipefail
 setup="$1"
+scratch="$(mktemp -d)"
+trap 'rm -rf "$scratch"' EXIT
+cd "$scratch"
+touch mine.yaml notes.txt
+mkdir rigs
+PATH=/usr/bin:/bin
 # shellcheck disable=SC1090
 source "$setup"
 
 faults=0
-# expect WORD... -- COMPLETION...: the last word completes to these, among others
+fault() { echo "$*"; faults=1; }
+
+# complete_words WORD...: completions of the last word are then in COMPREPLY
+complete_words() {
+  COMP_WORDS=("$@")
+  COMP_CWORD=$(($# - 1))
+  COMPREPLY=()
+  _helix_arm || true  # compopt fails outside of readline
+}
+
+# expect WORD... : COMPLETION...: the last word completes to these, among others
 expect() {
-  local -a expected=()
-  COMP_WORDS=()
-  while [[ $1 != -- ]]; do COMP_WORDS+=("$1"); shift; done
+  local -a words=()
+  while [[ $1 != : ]]; do words+=("$1"); shift; done
   shift
-  expected=("$@")
-  COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
-  _helix_arm
+  complete_words "${words[@]}"
   local one
-  for one in "${expected[@]}"; do
-    if [[ " ${COMPREPLY[*]} " != *" $one "* ]]; then
-      echo "${COMP_WORDS[*]}: $one is not among: ${COMPREPLY[*]}"
-      faults=1
-    fi
+  for one in "$@"; do
+    [[ " ${COMPREPLY[*]} " == *" $one "* ]] || fault "${words[*]}: $one is not among: ${COMPREPLY[*]}"
   done
 }
 
-helix_arm --help >/dev/null
+# expect_all WORD... : COMPLETION...: to these alone
+expect_all() {
+  expect "$@"
+  while [[ $1 != : ]]; do shift; done
+  shift
+  ((${#COMPREPLY[@]} == $#)) || fault "${COMP_WORDS[*]}: expected $# completions: ${COMPREPLY[*]}"
+}
+
+# Found as a program, by what bash's functions do not reach.
+timeout 10 helix_arm --version >/dev/null || fault "timeout does not find helix_arm"
+xargs -n1 helix_arm <<<--version >/dev/null || fault "xargs does not find helix_arm"
+bash -c "helix_arm --version" >/dev/null || fault "bash -c does not find helix_arm"
+sh -c ". \"${setup%.bash}.sh\" && helix_arm --version" >/dev/null || fault "sh does not find helix_arm"
+rosrun helix_arm helix_arm --version </dev/null >/dev/null || fault "rosrun does not find one helix_arm"
+for node in vision monitor; do
+  ! type -P "$node" >/dev/null || fault "$node is on PATH"
+done
+
 complete -p helix_arm | grep -q _helix_arm
-expect helix_arm "" -- forward inverse simulate calibrate
-expect helix_arm fo -- forward follow
-expect helix_arm forward --pre -- --pressure-kpa
-expect helix_arm inverse scene.yaml --ti -- --tip
-expect helix_arm --ver -- --version
-expect helix_arm forward spat -- spatial_50 spatial_101
-expect helix_arm check dem -- demo demo_serial
-COMP_WORDS=(helix_arm forward con) COMP_CWORD=2
-_helix_arm
-[[ ${#COMPREPLY[@]} == 0 ]] || { echo "a scene is completed as ${COMPREPLY[*]}, not as a file"; faults=1; }
-COMP_WORDS=(helix_arm xyz) COMP_CWORD=1
-_helix_arm
-[[ ${#COMPREPLY[@]} == 0 ]] || { echo "xyz completes to ${COMPREPLY[*]}"; faults=1; }
+expect helix_arm "" : forward inverse simulate calibrate
+expect_all helix_arm fo : forward follow
+expect_all helix_arm xyz :
+expect helix_arm --ver : --version
+expect_all helix_arm forward --pre : --pressure-kpa
+expect helix_arm inverse scene.yaml --ti : --tip
+expect helix_arm inverse demo --fo : --format
+# scenes and their files
+expect helix_arm forward spat : spatial_50 spatial_101
+expect helix_arm forward "" : demo mine.yaml rigs
+expect_all helix_arm forward mi : mine.yaml
+expect_all helix_arm forward no :
+expect helix_arm check --samples 5 dem : demo demo_serial
+expect helix_arm tags --out x.pdf dem : demo
+expect helix_arm follow demo --rig dem : demo
+expect_all helix_arm forward demo --inputs no :  # left to readline, which completes files
+# subcommands of subcommands
+expect_all helix_arm camera "" : calibrate place
+expect_all helix_arm camera cal : calibrate
+expect helix_arm camera calibrate -- : --source --coefficients --format
+expect helix_arm camera calibrate --source a.jpg b.jpg -- : --views
+expect helix_arm camera place dem : demo
+expect_all helix_arm regulator demo "" : probe set vent guard emulate
+expect helix_arm regulator demo set -- : --pressure-kpa --yes
+# values
+expect_all helix_arm --format "" : text json csv
+expect_all helix_arm --format csv fo : forward follow
+expect helix_arm --format csv forward demo --pr : --pressure-kpa
+expect_all helix_arm forward demo --format = c : csv  # as bash splits --format=c
+expect_all helix_arm forward demo --format = : text json csv
+expect helix_arm --set arm.tool.x_m = 1 forward dem : demo
+expect helix_arm inverse demo --prefer m : min-pressure min-change
+expect_all helix_arm tags demo --paper "" : a4 letter
+expect_all helix_arm camera calibrate --coefficients "" : 0 2 4 5 8
+expect helix_arm calibrate demo c.csv --fit st : stiffness
+expect_all helix_arm calibrate demo c.csv --fit stiffness,pla : stiffness,placement
+expect_all helix_arm path ci : circle
+expect_all helix_arm new --regulator g : generic
+# each option of the help
+for subcommand in forward inverse calibrate follow workspace; do
+  while read -r option; do
+    expect helix_arm "$subcommand" "$option" : "$option"
+  done < <(helix_arm "$subcommand" --help | sed -n -E 's/^ +(-[a-z],)?(--[a-z-]+).*/\2/p')
+done
 exit $faults

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -210,9 +211,18 @@ TEST(Forward, BadPressuresNameActuatorValueAndLimit) {
                     "has 1 values; scene planar_76 has 2 actuators: muscle_1, muscle_2");
   expectCallerError(forward("planar_76", "1,2,3"), "has 3 values");
   expectCallerError(runCommand({"forward", scenePath("planar_76")}),
-                    "give either --pressure-kpa or --input");
+                    "give --pressure-kpa, --input, --inputs or --history");
   expectCallerError(forward("planar_76", "1,2", {"--input", "1,2"}),
                     "give either --pressure-kpa or --input");
+}
+
+TEST(Forward, AFileThatIsNotThereButShippedByItsNameIsPointedOut) {
+  for (const char* given : {"demo.yaml", "rigs/demo.yaml"}) {
+    expectCallerError(runCommand({"forward", given, "--pressure-kpa", "0,0,0"}),
+                      "; the shipped scene is called demo");
+  }
+  expectCallerError(runCommand({"forward", "mine.yaml", "--pressure-kpa", "0,0,0"}),
+                    "mine.yaml cannot be read");
 }
 
 TEST(Forward, TiersThatTheSceneCannotHaveAreRefused) {
@@ -261,6 +271,50 @@ TEST(Command, HelpAndVersionGoToStdout) {
     const Outcome help = runCommand({subcommand, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_NE(help.out.find("json:"), std::string::npos) << help.out;
+  }
+}
+
+TEST(Forward, PressuresThatLookLikeKilopascalsAreWarnedOf) {
+  const auto warned = [](const std::string& option, const std::string& value) {
+    const auto run = runCommand({"forward", scenePath("helical_50"), option, value});
+    EXPECT_EQ(run.exit_code, 0) << run.err;
+    return run.err.find("looks like kPa") != std::string::npos;
+  };
+  EXPECT_TRUE(warned("--input", "200,0,50"));
+  EXPECT_TRUE(warned("--inputs", TemporaryFile("input_1,input_2,input_3\n0,0,0\n1,2,3\n").path()));
+  EXPECT_FALSE(warned("--input", "200e3,0,50"));
+  EXPECT_FALSE(warned("--input", "0,0,0"));
+  EXPECT_FALSE(warned("--pressure-kpa", "0.2,0,0"));
+}
+
+// Numbers of a column of csv on stdout.
+std::vector<double> columnOf(const Outcome& outcome, const std::string& name) {
+  const auto rows = csvRows(outcome.out);
+  const auto at = std::find(rows.at(0).begin(), rows.at(0).end(), name) - rows.at(0).begin();
+  std::vector<double> out;
+  for (std::size_t row = 1; row < rows.size(); ++row) {
+    out.push_back(std::stod(rows[row].at(static_cast<std::size_t>(at))));
+  }
+  return out;
+}
+
+// What one of forward and inverse prints, the other reads.
+TEST(Forward, TakesWhatInversePrintsAndTheOtherWayRound) {
+  const TemporaryFile targets("x_m,y_m,z_m\n0.36,0.03,0.02\n0.37,0.005,0.01\n");
+  const auto run = [](const char* command, const char* option, const TemporaryFile& table) {
+    const Outcome out =
+        runCommand({"--format", "csv", command, scenePath("demo"), option, table.path()});
+    EXPECT_EQ(out.exit_code, 0) << out.err << out.out;
+    return out;
+  };
+  const Outcome found = run("inverse", "--targets", targets);
+  const Outcome tips = run("forward", "--inputs", TemporaryFile(found.out));
+  const Outcome back = run("inverse", "--targets", TemporaryFile(tips.out));
+  for (int row = 0; row < 2; ++row) {
+    for (const char* name : {"tip_x_m", "tip_y_m", "tip_z_m"}) {
+      EXPECT_NEAR(columnOf(tips, name).at(row), columnOf(found, name).at(row), 1e-12) << name;
+      EXPECT_NEAR(columnOf(back, name).at(row), columnOf(found, name).at(row), 1e-6) << name;
+    }
   }
 }
 

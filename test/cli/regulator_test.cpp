@@ -193,6 +193,14 @@ TEST(RegulatorProbe, TextSaysThatConnectingVents) {
   EXPECT_EQ(device.setPoint().maxCoeff(), 0);
 }
 
+TEST(RegulatorProbe, TheRateOfASimulatedRegulatorIsNotTold) {
+  const Outcome outcome =
+      runCommand({"regulator", scenePath("demo"), "probe", "--seconds", "0.05"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("kPa\n"), std::string::npos) << outcome.out;
+  EXPECT_EQ(outcome.out.find("a second"), std::string::npos) << outcome.out;
+}
+
 TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
   const int port = freePort();
   const Outcome refused = run(port, {"probe", "--format", "json"});
@@ -567,6 +575,8 @@ TEST(Regulator, OfASimulatedSceneNeedsNoLeave) {
 
 TEST(Regulator, TheCallIsChecked) {
   expectCallerError(runCommand({"regulator", scenePath("demo")}), "subcommand is required");
+  expectCallerError(runCommand({"regulator", scenePath("demo"), "prove"}),
+                    "subcommands of regulator: probe, set, vent, guard, emulate\n");
   expectCallerError(runCommand({"regulator", scenePath("demo"), "set"}), "--pressure-kpa");
   expectCallerError(runCommand({"regulator", scenePath("demo"), "probe", "--seconds", "-1"}),
                     "--seconds");

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "support/sample_arm.hpp"
+
 namespace helix_arm::control {
 namespace {
 
@@ -38,6 +40,19 @@ TEST(UnitWatch, AnEmptyArmIsNoSuspicion) {
   UnitWatch watch;
   watch.note(0, "/mine", 0);
   EXPECT_EQ(watch.warning(100), "");
+}
+
+TEST(KilopascalWarning, LooksAtAllPressures) {
+  const model::Arm arm = test::sampleArm();
+  const int n = arm.actuatorCount();
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(2, n);
+  EXPECT_EQ(kilopascalWarning("--input", arm, rows), "");
+  rows(1, n - 1) = UnitWatch::kSuspicious - 1;
+  const std::string text = kilopascalWarning("--input", arm, rows);
+  EXPECT_NE(text.find("--input"), std::string::npos) << text;
+  EXPECT_NE(text.find("999 Pa"), std::string::npos) << text;
+  rows(0, 0) = UnitWatch::kSuspicious;
+  EXPECT_EQ(kilopascalWarning("--input", arm, rows), "");
 }
 
 TEST(UnitWatch, TellsOfEachCommanderAndRemembersABoundedNumber) {

@@ -139,6 +139,19 @@ TEST(PressuresOf, ConvertsToPascalsAndTakesAMissingColumnAsVented) {
   EXPECT_EQ(pressuresOf(data, 3), expected);
 }
 
+TEST(PressuresOf, TakesPascalsToo) {
+  const DataSet data = load("pressure_1_pa,pressure_2_kpa\n10500,20\n");
+  EXPECT_EQ(pressuresOf(data, 2), (Eigen::MatrixXd(1, 2) << 10500, 20000).finished());
+  EXPECT_THROW(pressuresOf(load("pressure_1_pa,pressure_1_kpa\n1,1\n"), 2), DocumentError);
+}
+
+TEST(LoadDataSet, ASkippedColumnMayHoldAnything) {
+  const test::TemporaryFile file("a_m,status,b_m\n1,reached,2\n3,,4\n");
+  const DataSet data = loadDataSet(file.path(), {"status"});
+  EXPECT_EQ(data.columns, (std::vector<std::string>{"a_m", "b_m"}));
+  EXPECT_EQ(data.values, (Eigen::MatrixXd(2, 2) << 1, 2, 3, 4).finished());
+}
+
 TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
   const auto message = [](const std::string& header, int actuators) {
     DataSet data;
@@ -157,11 +170,9 @@ TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
             "data.csv has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
   for (const char* column :
        {"pressure_3_kpa", "pressure_0_kpa", "pressure_1_psi", "pressure_01_kpa"}) {
-    const bool ours = column == std::string("pressure_3_kpa");
-    EXPECT_EQ(
-        message(column, 2),
-        std::string("data.csv ") + (ours ? column : "column 1") +
-            " belongs to no actuator; expected pressures in pressure_1_kpa to pressure_2_kpa");
+    EXPECT_EQ(message(column, 2), std::string("data.csv ") + column +
+                                      " belongs to no actuator; expected pressures in "
+                                      "pressure_1_kpa to pressure_2_kpa");
   }
 }
 

@@ -36,6 +36,7 @@ TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
             "camera              5.00    5.00    5.00    5.00\n"
             "predicted           1.00    2.00    3.00    3.00\n"
             "open loop          10.00   10.00   10.00   10.00\n"
+            "negative: a variance that is taken from the rows above, in both together\n"
             "measured - model    3.00    0.00   -4.00    5.00\n"
             "the measured tip is inside: 2.5 of 4.0 sd of open loop and camera\n");
 }

@@ -57,6 +57,10 @@ TEST(CalibrationWords, WhatIsKnownOfACombinationIsSaid) {
       {"K_gamma^0.97 K_kappa^0.25", {{"K_gamma", 0.97}, {"K_kappa", 0.243}}, 6.1, 0.01234, true},
       {"K_kappa^0.97 K_gamma^-0.25", {{"K_kappa", 0.97}, {"K_gamma", -0.243}}, 5e-5, 0.61, false}};
   EXPECT_EQ(textOf(tilted.calibration->combinations.front()), "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
+  EXPECT_EQ(textOf(tilted.calibration->combinations.back()), "K_kappa^0.97 K_gamma^-0.25 +- 61 %");
+  tilted.calibration->combinations.back().relative_error = 2.7;
+  EXPECT_EQ(textOf(tilted.calibration->combinations.back()),
+            "K_kappa^0.97 K_gamma^-0.25 +- a factor of 15");
   EXPECT_EQ(resultText("demo", tilted),
             "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
             "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");

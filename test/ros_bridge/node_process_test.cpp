@@ -1,6 +1,7 @@
 // Nodes and launch files as processes: their output, their exit, and their behaviour without a
 // master.
 #include <csignal>
+#include <filesystem>
 #include <fstream>
 
 #include <gtest/gtest.h>
@@ -88,7 +89,6 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
   expectRefused({"_rate:=0", "_draw_rate:=often", "_frames:=1.5", "_world_frame:=/world"},
                 {"~scene is missing", "~rate is 0", "~draw_rate is often", "~frames is 1.5",
                  "~world_frame is /world"});
-  expectRefused({"_scene:=scenes/demo.yaml"}, {"~scene is scenes/demo.yaml", "absolute path"});
   expectRefused({"_scene:=no_such_arm"}, {"~scene is no_such_arm", "config/scenes", "spatial_50"});
   expectRefused({kScene, "_regulator:=mine"}, {"~regulator is mine", "scene or topic"});
   expectRefused({kScene, "_rate:=0", "_camera_rate:=1000"}, {"~rate is 0", "~camera_rate is 1000"},
@@ -99,6 +99,29 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                 {"~scene is missing", "~pressure_tolerance_kpa is 0", "~window_s is -1",
                  "~patience_s is long"},
                 HELIX_ARM_CALIBRATION);
+}
+
+// roslaunch starts a node in ROS_HOME; PWD remains the folder in which roslaunch was called.
+TEST_F(NodeProcess, ARelativePathStartsInTheFolderOfTheCaller) {
+  const TemporaryFolder folder;
+  Process::Variables called_there = variables();
+  called_there["PWD"] = folder.path();
+  Process refused({HELIX_ARM_PRESSURE_COMMAND, "_scene:=rigs/../bad.yaml"}, called_there);
+  EXPECT_EQ(refused.exitCode(), 2);
+  EXPECT_NE(refused.output().find(folder / "bad.yaml"), std::string::npos) << refused.output();
+
+  std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml", folder / "my.yaml");
+  Process taken({HELIX_ARM_CALIBRATION, "_scene:=./my.yaml", "_out_folder:=made"}, called_there);
+  ASSERT_TRUE(taken.prints("ready to record")) << taken.output();
+  Process asked({"rosparam", "get", "/calibration/out_folder"}, called_there);
+  EXPECT_TRUE(asked.prints(folder / "made")) << asked.output();
+
+  called_there["PWD"] = "";  // as where a service starts it
+  Process in_its_own({HELIX_ARM_VISION, "_scene:=demo", "_source:=film.avi"}, called_there);
+  EXPECT_EQ(in_its_own.exitCode(), 2);
+  EXPECT_NE(in_its_own.output().find(std::filesystem::current_path() / "film.avi"),
+            std::string::npos)
+      << in_its_own.output();
 }
 
 TEST_F(NodeProcess, ATimeFactorNeedsSimulatedTime) {
@@ -312,6 +335,16 @@ TEST_F(LaunchFile, DemoRunsToBeCalibrated) {
   expectRuns("demo.launch", {"calibration:=true"}, "demo");
 }
 TEST_F(LaunchFile, ReplayRuns) { expectRuns("replay.launch"); }
+
+TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfTheCaller) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "my_arm.yaml") << "name: my_arm\ncolour: green\n";
+  Process launch(
+      {"sh", "-c", "cd \"$0\" && exec roslaunch -p \"$1\" \"$2\" scene:=my_arm.yaml rviz:=false",
+       folder.path(), std::to_string(master_.port()), HELIX_ARM_SOURCE_DIR "/launch/arm.launch"},
+      variables());
+  EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
+}
 
 TEST_F(LaunchFile, ReplayUsesTheMeasuredSeries) {
   const std::string data = HELIX_ARM_SOURCE_DIR "/../shared/data/planar_76_curvature.csv";

@@ -3,6 +3,8 @@
 #include <map>
 #include <string>
 
+#include "helix_arm/model/arm.hpp"
+
 namespace helix_arm::control {
 
 /// Notices a commander that seems to send kilopascals where pascals are expected: all its pressures
@@ -29,5 +31,11 @@ class UnitWatch {
   };
   std::map<std::string, Record> records_;
 };
+
+/// The warning about inputs (rows x n, [Pa or rad]) whose pressures are all below
+/// UnitWatch::kSuspicious and not all 0; empty if there is none.
+/// @param what  their name in it, such as "--input".
+std::string kilopascalWarning(const std::string& what, const model::Arm& arm,
+                              const Eigen::Ref<const Eigen::MatrixXd>& inputs);
 
 }  // namespace helix_arm::control

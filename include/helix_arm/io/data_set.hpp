@@ -21,16 +21,19 @@ struct DataSet {
 
 /// Reads a regular file once. Its size is limited before memory is allocated: 64 MiB, 200,000 rows,
 /// 1000 columns, 4 million cells.
+/// @param skipped  names of columns that may hold anything; they are not part of the result.
 /// @throws DocumentError with all faults: `file:line column rule`, without any cell of the file;
 /// also if the file is missing or has no header or no rows.
-DataSet loadDataSet(const std::string& path);
+DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped = {});
 /// Reads a stream to its end; the same otherwise.
 /// @param name  of the stream, for DataSet::path and faults.
-DataSet readDataSet(std::istream& in, const std::string& name);
+DataSet readDataSet(std::istream& in, const std::string& name,
+                    const std::vector<std::string>& skipped = {});
 
-/// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa; a
-/// missing column is 0.
-/// @throws DocumentError if there is no such column, or one beyond the last actuator.
+/// Gauge pressures (rows x actuators) [Pa] of the columns pressure_1_kpa .. pressure_n_kpa, or
+/// pressure_1_pa and so on; a missing column is 0.
+/// @throws DocumentError if there is no such column, one beyond the last actuator, or both units of
+/// one actuator.
 Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators);
 
 }  // namespace helix_arm::io

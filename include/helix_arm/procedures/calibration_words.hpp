@@ -21,7 +21,8 @@ Determined determinedOf(const CalibrationOutcome& outcome);
 /// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2". Pressures in kPa.
 std::string textOf(const estimation::Parameter& parameter);
 
-/// Name and relative error: "K_gamma^0.97 K_kappa^0.25 +- 1.2 %".
+/// Name and relative error: "K_gamma^0.97 K_kappa^0.25 +- 1.2 %", or of 100 % and more
+/// "+- a factor of 15".
 std::string textOf(const estimation::Combination& combination);
 
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <stdexcept>
@@ -20,15 +21,24 @@ std::string join(const Parts&... parts) {
   return out.str();
 }
 
+// A bare word names what the package ships; with a `/` or a `.` it is a path.
+bool isPath(const std::string& given) { return given.find_first_of("/.") != std::string::npos; }
+
+// roslaunch starts nodes in ROS_HOME, but leaves them PWD, the folder of the shell that it was
+// called from.
+std::filesystem::path folderOfCaller() {
+  const char* const shell = std::getenv("PWD");
+  if (shell != nullptr && *shell == '/') return shell;
+  return std::filesystem::current_path();
+}
+
 }  // namespace
 
 std::optional<std::string> filePath(const std::string& given, const std::string& folder,
                                     const std::string& extension) {
   if (given.empty()) return std::nullopt;
   if (given.front() == '/') return given;
-  if (given.find('/') != std::string::npos || given.find('.') != std::string::npos) {
-    return std::nullopt;
-  }
+  if (isPath(given)) return std::nullopt;
   return join(io::shippedFolder(folder), "/", given, extension);
 }
 
@@ -106,20 +116,22 @@ std::string ParameterReader::optionalFile(const std::string& name, const std::st
                                           const std::string& extension) {
   const std::string given = text(name, "");
   if (given.empty()) return given;
-  const auto path = filePath(given, folder, extension);
-  if (path && (given.front() == '/' || std::filesystem::exists(*path))) return *path;
-  if (path) {
-    std::string names;
-    for (const std::string& one : io::shippedNames(folder, extension)) {
-      names += (names.empty() ? "" : ", ") + one;
-    }
-    fault(name, XmlRpc::XmlRpcValue(given),
-          join("an absolute path, or the name of a file in ", folder, " of the package: ", names));
+  if (isPath(given)) {
+    const std::string path = absolute(name, given);
+    const auto meant = io::shippedNameOf(path, folder, extension);
+    if (!meant) return path;
+    fault(name, XmlRpc::XmlRpcValue(path),
+          "a file that is there, or " + *meant + ", which is shipped");
     return "";
   }
-  // roslaunch starts nodes in ROS_HOME, so a relative path would not refer to the user's directory.
+  std::string path = *filePath(given, folder, extension);
+  if (std::filesystem::exists(path)) return path;
+  std::string names;
+  for (const std::string& one : io::shippedNames(folder, extension)) {
+    names += (names.empty() ? "" : ", ") + one;
+  }
   fault(name, XmlRpc::XmlRpcValue(given),
-        join("an absolute path, or the name of a file in ", folder, " of the package"));
+        join("a path, or the name of a file in ", folder, " of the package: ", names));
   return "";
 }
 
@@ -128,8 +140,7 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
   const std::size_t before = faults_.size();
   std::string path = optionalFile(name, folder, extension);
   if (path.empty() && faults_.size() == before) {
-    faults_.push_back(join("~", name,
-                           " is missing; expected an absolute path, or the name of a file in ",
+    faults_.push_back(join("~", name, " is missing; expected a path, or the name of a file in ",
                            folder, " of the package"));
   }
   return path;
@@ -139,7 +150,7 @@ std::string ParameterReader::fileToWrite(const std::string& name, const std::str
   const std::string given = text(name, "");
   if (given.empty()) return given;
   try {
-    return FileAccess::anywhere().toWrite("~" + name, given, {extension});
+    return FileAccess::anywhere().toWrite("~" + name, absolute(name, given), {extension});
   } catch (const std::invalid_argument& refusal) {
     faults_.emplace_back(refusal.what());
   }
@@ -148,10 +159,14 @@ std::string ParameterReader::fileToWrite(const std::string& name, const std::str
 
 std::string ParameterReader::folder(const std::string& name, const std::string& fallback) {
   const std::string given = text(name, "");
-  if (given.empty()) return fallback;
+  return given.empty() ? fallback : absolute(name, given);
+}
+
+std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
   if (given.front() == '/') return given;
-  fault(name, XmlRpc::XmlRpcValue(given), "the absolute path of a folder");
-  return fallback;
+  std::string path = (folderOfCaller() / given).lexically_normal();
+  node_.setParam(name, path);  // other nodes read it, too
+  return path;
 }
 
 void ParameterReader::finish() {

@@ -8,7 +8,9 @@
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/unit_watch.hpp"
 #include "helix_arm/ros_bridge/common/guarded_callbacks.hpp"
+#include "helix_arm/ros_bridge/common/log.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
@@ -110,11 +112,24 @@ void ModelServer::goOn() const {
   if (ends_) throw std::runtime_error("the node ends; call again when it runs");
 }
 
+void ModelServer::watchUnit(const std::string& what, const model::Arm& arm,
+                            const std::vector<double>& rows) {
+  if (warned_) return;
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Index n = arm.actuatorCount();
+  const std::string warning = control::kilopascalWarning(
+      what, arm, RowMajor::Map(rows.data(), static_cast<Eigen::Index>(rows.size()) / n, n));
+  if (warning.empty()) return;
+  warned_ = true;
+  logWarning("%s", warning.c_str());
+}
+
 bool ModelServer::onForward(Forward::Request& request, Forward::Response& response) {
   return answer(response, [&] {
     const auto model = this->model();
     const auto n = static_cast<std::size_t>(model->arm().actuatorCount());
     const std::size_t rows = rowsOf(request.pressure, "pressure", n, kMostForwardRows);
+    watchUnit("a call to ~forward", model->arm(), request.pressure);
     response.rows = static_cast<std::uint32_t>(rows);
     response.sections = static_cast<std::uint32_t>(model->arm().sectionCount());
     for (std::size_t row = 0; row < rows; ++row) {
@@ -139,6 +154,7 @@ bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& respon
     requireFinite(request.start, "start");
     basics::require(request.start.empty() || request.start.size() == n, "start has ",
                     request.start.size(), " pressures; expected ", n, " or none");
+    watchUnit("start of a call to ~inverse", model->arm(), request.start);
     InverseOptions options;
     if (!request.prefer.empty()) options.preference = statics::preferenceOf(request.prefer);
     const Eigen::VectorXd start =

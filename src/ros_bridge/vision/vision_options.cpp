@@ -17,10 +17,12 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   VisionOptions out;
   out.scene = reader.file("scene", "config/scenes", ".yaml");
   out.source = reader.text("source", out.source);
-  if (!out.fromFile()) {
-    out.source = reader.choice(
-        "source", out.source,
-        {kTopic, names::kImage, names::kCompressedImage, kWebcam, "an absolute path"});
+  const bool is_topic = out.source == names::kCompressedImage;  // which has a slash
+  if (!is_topic && out.source.find_first_of("/.") != std::string::npos) {
+    out.source = reader.absolute("source", out.source);
+  } else {
+    out.source = reader.choice("source", out.source,
+                               {kTopic, names::kImage, names::kCompressedImage, kWebcam, "a path"});
   }
   out.use_camera_info = reader.flag("use_camera_info", out.use_camera_info);
   out.camera_info_url = reader.text("camera_info_url", "");

@@ -40,20 +40,24 @@ class ParameterReader {
   double number(const std::string& name, double fallback, const model::Range& allowed);
   int count(const std::string& name, int fallback, int lower, int upper);
 
-  /// Absolute path of a file, or the bare name of one that the package ships in `folder` with this
-  /// extension.
+  /// Path of a file, or the bare name of one that the package ships in `folder` with this
+  /// extension. Here and below a path may be given relative to the folder in which the node, or the
+  /// roslaunch that starts it, was called; the result, and from then on the parameter, is absolute.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
   /// The same; empty if the parameter is absent.
   std::string optionalFile(const std::string& name, const std::string& folder,
                            const std::string& extension);
 
-  /// Absolute path of a file to write, as FileAccess allows it anywhere; empty if the parameter is
+  /// Path of a file to write, as FileAccess allows it anywhere; empty if the parameter is
   /// absent or empty.
   std::string fileToWrite(const std::string& name, const std::string& extension);
 
-  /// Absolute path of a folder; the fallback if the parameter is absent or empty.
+  /// Path of a folder; the fallback if the parameter is absent or empty.
   std::string folder(const std::string& name, const std::string& fallback);
+
+  /// The same path, absolute. @param given  the value of the parameter, not empty.
+  std::string absolute(const std::string& name, const std::string& given);
 
   /// Warns of parameters that were set but never read, most often misspelt ones.
   /// @throws ParameterError with every fault noted so far, if there are any.

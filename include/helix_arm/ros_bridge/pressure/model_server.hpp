@@ -2,6 +2,8 @@
 
 #include <atomic>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
@@ -34,12 +36,15 @@ class ModelServer {
   bool onForward(Forward::Request& request, Forward::Response& response);
   bool onInverse(Inverse::Request& request, Inverse::Response& response);
   std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_);
+  /// Warns once of a call whose pressures seem to be in kPa.
+  void watchUnit(const std::string& what, const model::Arm& arm, const std::vector<double>& rows);
   /// @throws std::runtime_error once the node ends.
   void goOn() const;
 
   mutable basics::Mutex mutex_;
   std::shared_ptr<const statics::ArmModel> model_ HELIX_ARM_GUARDED_BY(mutex_);
   std::atomic<bool> ends_{false};
+  bool warned_ = false;  // of kilopascals; touched by the thread that serves alone
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
   ros::ServiceServer forward_, inverse_;

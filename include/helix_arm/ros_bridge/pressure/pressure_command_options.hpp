@@ -8,7 +8,7 @@ namespace helix_arm::ros_bridge {
 
 /// Private parameters of pressure_command.
 struct PressureCommandOptions {
-  std::string scene;  ///< ~scene: absolute path, or the name of a shipped scene; required
+  std::string scene;  ///< ~scene: path, or the name of a shipped scene; required
   /// ~scene_folder: folder from which ~reload accepts scenes, besides those of the package and
   /// ~scene; default: `helix_arm` below ROS_HOME.
   std::string scene_folder;

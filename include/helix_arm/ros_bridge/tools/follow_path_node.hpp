@@ -24,7 +24,7 @@ struct FollowPathOptions {
   bool require_sight = false;   ///< ~require_sight: abort where the arm is no longer seen
   double hold = 0.0;            ///< ~hold_s: 0 (the loop's own) to 86400 [s]
   double patience = 30.0;       ///< ~patience_s: longest wait for the action, 0 to 3600 [s]
-  /// ~record (.csv), ~figure (.png): absolute paths of files to write at the end; "", none.
+  /// ~record (.csv), ~figure (.png): paths of files to write at the end; "", none.
   RunRecorder::Files files;
 
   /// @throws ParameterError with every fault.

@@ -13,7 +13,7 @@ struct VisionOptions {
   /// `helix_arm` below ROS_HOME by default.
   std::string scene_folder;
   /// ~source: `topic` (image and image/compressed, whichever speaks first), one of these two alone,
-  /// `webcam` (the scene's camera.webcam), or the absolute path of a video, picture or folder.
+  /// `webcam` (the scene's camera.webcam), or the path of a video, picture or folder.
   std::string source = "topic";
   bool use_camera_info = true;  ///< ~use_camera_info: if false, the scene's intrinsics hold
   std::string camera_info_url;  ///< ~camera_info_url: calibration of a webcam or file
