@@ -18,7 +18,7 @@ using control::TipWayPoint;
 using nlohmann::json;
 
 constexpr model::Range kRadius{1e-6, 1e6};
-constexpr model::Range kPeriod{1e-3, control::kLongestPath};
+constexpr model::Range kPathPeriod{1e-3, control::kLongestPath};
 
 struct PathArguments {
   std::string shape, centre, plane = nameOf(PathPlane::kYz), out;
@@ -147,7 +147,7 @@ Subcommand addPath(CLI::App& app) {
   command->add_option("--period", arguments->period, "time of one turn [s]")
       ->required()
       ->type_name("S")
-      ->check(within(kPeriod));
+      ->check(within(kPathPeriod));
   command->add_option("--turns", arguments->turns, "number of turns")
       ->check(CLI::Range(1, control::kMostTurns))
       ->capture_default_str();

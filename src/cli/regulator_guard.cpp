@@ -30,12 +30,12 @@ enum class End { kDismissesGuard, kIsGone, kStandsStill };
 // a machine that was suspended has lost only one period.
 End awaitEnd() {
   using regulator::GuardProcess;
-  constexpr int kPeriod = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
+  constexpr int kBeatMs = static_cast<int>(1e3 * GuardProcess::kBeatPeriod);
   bool beats = false;
   int missed = 0;
   for (;;) {
     pollfd waited{STDIN_FILENO, POLLIN, 0};
-    const int ready = poll(&waited, 1, beats ? kPeriod : -1);
+    const int ready = poll(&waited, 1, beats ? kBeatMs : -1);
     if (ready == 0 && ++missed == GuardProcess::kMissedBeats) return End::kStandsStill;
     if (ready <= 0) continue;
     char bytes[64];

@@ -8,7 +8,7 @@
 namespace helix_arm::simulation {
 namespace {
 
-const char* const kCulprit = "true mounts";
+const char* const kTrueMounts = "true mounts";
 
 // Separate streams of one seed, so that the camera's noise does not affect the tags'.
 enum Stream : std::uint32_t { kCameraStream, kTagStream };
@@ -34,7 +34,7 @@ class Noise {
 
 void MountDeviation::validate() const {
   const auto check = [](const char* what, double value) {
-    basics::requireNotNegative(kCulprit, what, value);
+    basics::requireNotNegative(kTrueMounts, what, value);
   };
   check("the deviation of the camera's place [m]", camera_translation);
   check("the deviation of the camera's direction [rad]", camera_rotation);

@@ -9,7 +9,7 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kAtRest = 1e-7;           // of a step, relative to the range of the lengths
+constexpr double kStepAtRest = 1e-7;           // of a step, relative to the range of the lengths
 constexpr double kWeight = 1e-8;           // against the task, relative to diag(J'J)
 constexpr double kFractionStep = 1e-3;     // of differences, of a range
 constexpr double kFirstStep = 0.25;        // towards a stiffer tip, of a range
@@ -125,7 +125,7 @@ bool InversePreference::improve(InversePoint& point, Eigen::VectorXd& input) noe
         weight * slope_[i] * (stiffness_ ? by_fraction_[i] / curvature : offset(i, input[i]));
   }
   tangent_ = minimiser_.stepWith(diagonal_, gradient_);
-  if ((tangent_.array().abs() <= kAtRest * (box_.upper() - box_.lower()).array()).all()) {
+  if ((tangent_.array().abs() <= kStepAtRest * (box_.upper() - box_.lower()).array()).all()) {
     return false;
   }
   base_lengths_ = point.lengths;

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The Python package beside the batch in C++ and beside the same model written in NumPy, in the same run; medians of processor
-time, except for several threads.
+"""The Python package beside the batch in C++ and beside the same model written in NumPy and, where python3-torch is installed, in
+PyTorch, in the same run; medians of processor time, except for several threads.
 
 usage: python_benchmark.py --batch KINEMATICS_BENCHMARK
 """
@@ -20,8 +20,15 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "python"))
 import helix_arm
 import numpy_model
 
+try:
+    import torch
+    import torch_model
+except ImportError:
+    torch = None
+
 ROWS = 1_000_000
 TURNS = 7
+DERIVATIVE_ROWS = 20_000
 
 
 def median_s(function, repeats=9, clock=time.thread_time):
@@ -53,6 +60,21 @@ def cpp_batch_s(program):
     return 1e-3 * times[0]
 
 
+def torch_s(scene, by_hand, rows):
+    """PyTorch on one thread: tips, then tips with their derivatives by the pressures, per row [s]; and jacobian() of the package."""
+    torch.set_num_threads(1)
+    arm = torch_model.TorchArm(by_hand)
+    few = rows[:DERIVATIVE_ROWS]
+    tips, by_pressures = arm.jacobian(torch.from_numpy(few))
+    np.testing.assert_allclose(tips.numpy(), scene.tips(few), atol=1e-10)
+    np.testing.assert_allclose(by_pressures.numpy(), scene.jacobian(few).tip_by_pressures[:, :3], atol=1e-12)
+    tensor = torch.from_numpy(rows)
+    with torch.no_grad():
+        alone = median_s(lambda: arm.tips(tensor), 3) / len(rows)
+    derived = median_s(lambda: arm.jacobian(tensor[:DERIVATIVE_ROWS]), 3) / len(few)
+    return alone, derived, median_s(lambda: scene.jacobian(few), 3) / len(few)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--batch", required=True, help="the program kinematics_benchmark")
@@ -76,6 +98,14 @@ def main():
                                 ("tips(columns, out=...), in the order of Fortran", by_columns, ratio[3]),
                                 ("the same model in NumPy", numpy_s, numpy_s / cpp)]:
         print(f"  {name:<56} {1e9 * seconds / ROWS:10.2f} {part:8.2f}")
+
+    if torch is None:
+        print("  PyTorch is not installed (python3-torch)")
+    else:
+        alone, derived, ours = torch_s(scene, by_hand, rows)
+        print(f"  {'the same model in PyTorch':<56} {1e9 * alone:10.2f} {alone * ROWS / cpp:8.2f}")
+        print(f"tips and their derivatives by pressures in PyTorch {1e9 * derived:.0f} ns per row; jacobian(), which also has those of "
+              f"orientation and twists, by lengths, stiffness and load, {1e9 * ours:.0f} ns")
 
     forward = median_s(lambda: scene.forward(rows), 3)
     print(f"{'forward() of 1e6 rows: tips, quaternions, twists':<58} {1e9 * forward / ROWS:10.2f}")
