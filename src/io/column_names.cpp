@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <regex>
 
 namespace helix_arm::io {
 namespace {
@@ -12,17 +13,10 @@ const char* const kNames[] = {"capture", "tag",   "curvature_rad", "pressure_kpa
                               "y2_px",   "x3_px", "y3_px",         "x4_px",        "y4_px",
                               "time_s"};
 
-// pressure_1_kpa to pressure_999_kpa
+// pressure_1_kpa, pressure_999_pa, and in units that no table has: pressure_1_psi
 bool isPressure(const std::string& name) {
-  constexpr std::size_t kMostDigits = 3;
-  const std::string prefix = "pressure_", suffix = "_kpa";
-  if (name.size() <= prefix.size() + suffix.size()) return false;
-  const std::size_t digits = name.size() - prefix.size() - suffix.size();
-  const auto number = name.begin() + static_cast<long>(prefix.size());
-  return digits <= kMostDigits && *number != '0' && name.compare(0, prefix.size(), prefix) == 0 &&
-         name.compare(prefix.size() + digits, suffix.size(), suffix) == 0 &&
-         std::all_of(number, number + static_cast<long>(digits),
-                     [](char c) { return c >= '0' && c <= '9'; });
+  static const std::regex form("pressure_[0-9]{1,3}_(k?pa|m?bar|psi)");
+  return std::regex_match(name, form);
 }
 
 }  // namespace

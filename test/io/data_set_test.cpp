@@ -174,6 +174,9 @@ TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
                                       " belongs to no actuator; expected pressures in "
                                       "pressure_1_kpa to pressure_2_kpa");
   }
+  EXPECT_EQ(message("pressure_of_a_secret", 2),
+            "data.csv column 1 belongs to no actuator; expected pressures in pressure_1_kpa to "
+            "pressure_2_kpa");
 }
 
 }  // namespace
