@@ -31,7 +31,7 @@ class HostileFiles : public ::testing::Test {
   // Every way to name a scene or a data set.
   std::vector<std::vector<std::string>> callsWith(const std::string& path) const {
     const std::string demo = scenePath("demo"), planar = scenePath("planar_76");
-    return {{"forward", path},
+    return {{"forward", path, "--pressure-kpa", "0"},
             {"inverse", path, "--tip", "0.3,0,0"},
             {"evaluate", planar, path},
             {"fit", demo, path},

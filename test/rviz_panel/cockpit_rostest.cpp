@@ -61,7 +61,8 @@ class Cockpit : public ::testing::Test {
     show(kArm);
     ASSERT_TRUE(until([this] { return !safety_.all().empty() && !command_.all().empty(); }))
         << pressure_->output();
-    ASSERT_TRUE(until([this] { return text("state") != "NO CONNECTION"; }));
+    ASSERT_TRUE(
+        until([this] { return text("state") != "NO CONNECTION" && text("state") != "NO STATE"; }));
   }
 
   static std::unique_ptr<Process> start(const std::string& program,
