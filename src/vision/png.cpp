@@ -33,6 +33,10 @@ void keepFault(png_structp png, png_const_charp message) {
   png_longjmp(png, 1);
 }
 
+// Names of the chunks that say what the colours mean, each closed by a null.
+constexpr png_byte kOfColours[] = "gAMA\0cHRM\0sRGB\0iCCP";
+constexpr int kColourChunks = 4;
+
 void ignoreWarning(png_structp, png_const_charp) {}  // of chunks that the pixels do not need
 
 class Reader {
@@ -45,6 +49,8 @@ class Reader {
       throw std::bad_alloc();
     }
     png_set_read_fn(png_, &reading, takeBytes);
+    // With them, libpng would weigh the colours in linear light, unlike those of a JPEG.
+    png_set_keep_unknown_chunks(png_, PNG_HANDLE_CHUNK_NEVER, kOfColours, kColourChunks);
   }
   ~Reader() { png_destroy_read_struct(&png_, &info_, nullptr); }
   Reader(const Reader&) = delete;

@@ -72,20 +72,29 @@ struct Arrays {
   }
 };
 
-void batch(::benchmark::State& state, const test::Ring& ring) {
+bool lacks(::benchmark::State& state, model::InstructionSet set) {
+  if (set > model::widestInstructionSet()) state.SkipWithError("this machine has no such vectors");
+  state.SetLabel(model::nameOf(set));
+  return set > model::widestInstructionSet();
+}
+
+void batch(::benchmark::State& state, const test::Ring& ring,
+           model::InstructionSet set = model::widestInstructionSet()) {
+  if (lacks(state, set)) return;
   const model::Arm arm = test::ringArm(ring);
-  const model::TipBatch batch(arm);
+  const model::TipBatch batch(arm, set);
   const Arrays arrays;
   for (auto _ : state) {
     arrays.batch(batch, 0, kSamples);
     ::benchmark::ClobberMemory();
   }
-  state.SetLabel(model::nameOf(model::widestInstructionSet()));
 }
 
-void batchRows(::benchmark::State& state, const test::Ring& ring) {
+void batchRows(::benchmark::State& state, const test::Ring& ring,
+               model::InstructionSet set = model::widestInstructionSet()) {
+  if (lacks(state, set)) return;
   const model::Arm arm = test::ringArm(ring);
-  const model::TipBatch batch(arm);
+  const model::TipBatch batch(arm, set);
   const LargeArray inputs(3 * kSamples), tips(3 * kSamples);
   test::Random random(3);
   for (std::size_t i = 0; i < 3 * kSamples; ++i)
@@ -179,6 +188,14 @@ void fmaRoof(::benchmark::State& state) {
 BENCHMARK_CAPTURE(batch, straight, test::straightRing())->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(batch, helical, test::helicalRing())->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(batchRows, helical, test::helicalRing())->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(batch, avx2, test::helicalRing(), model::InstructionSet::kAvx2)
+    ->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(batchRows, avx2, test::helicalRing(), model::InstructionSet::kAvx2)
+    ->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(batch, baseline, test::helicalRing(), model::InstructionSet::kBaseline)
+    ->Unit(::benchmark::kMillisecond);
+BENCHMARK_CAPTURE(batchRows, baseline, test::helicalRing(), model::InstructionSet::kBaseline)
+    ->Unit(::benchmark::kMillisecond);
 BENCHMARK(batchThreads)
     ->Unit(::benchmark::kMillisecond)
     ->UseRealTime()

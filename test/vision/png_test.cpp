@@ -17,8 +17,9 @@ namespace {
 
 constexpr int kStrings = 30'000;
 
-// A PNG by libpng itself, interlaced: of gray, or of as many colours of a palette.
-Bytes interlaced(const cv::Mat& pixels, int colours) {
+// A PNG by libpng itself, interlaced: of gray, or of as many colours of a palette; on request with
+// the chunks that say that its colours are sRGB.
+Bytes interlaced(const cv::Mat& pixels, int colours, bool says_srgb = false) {
   Bytes bytes;
   png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
   png_infop info = png_create_info_struct(png);
@@ -37,6 +38,7 @@ Bytes interlaced(const cv::Mat& pixels, int colours) {
                        static_cast<png_byte>(7 * i % 256)});
   }
   if (colours > 0) png_set_PLTE(png, info, palette.data(), colours);
+  if (says_srgb) png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
   std::vector<png_bytep> rows;
   for (int y = 0; y < pixels.rows; ++y) rows.push_back(const_cast<png_bytep>(pixels.ptr(y)));
   png_set_rows(png, info, rows.data());
@@ -87,6 +89,18 @@ TEST(Png, EveryKindIsReadAsOpenCvReadsIt) {
     EXPECT_LE(cv::norm(gray, expected, cv::NORM_INF), 1) << kind;
     EXPECT_GT(cv::norm(gray, cv::NORM_INF), 100) << kind;
   }
+}
+
+TEST(Png, ColoursAreWeightedAsTheyAreWhateverThePictureSaysOfThem) {
+  cv::Mat indices(29, 37, CV_8UC1), plain, said;
+  for (int i = 0; i < indices.rows * indices.cols; ++i) {
+    indices.data[i] = static_cast<std::uint8_t>(i % 40);
+  }
+  for (const auto& [says_srgb, gray] : {std::pair(false, &plain), std::pair(true, &said)}) {
+    const Bytes bytes = interlaced(indices, 40, says_srgb);
+    ASSERT_FALSE(vision::decodePng(bytes.data(), bytes.size(), *gray));
+  }
+  EXPECT_EQ(cv::norm(plain, said, cv::NORM_INF), 0);
 }
 
 TEST(Png, ATruncatedPictureIsRefusedWhereverItEnds) {
