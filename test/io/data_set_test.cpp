@@ -96,10 +96,11 @@ TEST(DataSet, HasTheHashOfTheBytesItWasReadFrom) {
 }
 
 TEST(DataSet, KnownColumnsAreNamedAndOthersAreCounted) {
-  EXPECT_EQ(faultsOf("pressure_2_kpa,pressure_02_kpa,pressure_2000_kpa,x4_px,x5_px\nx,x,x,x,x\n"),
-            ":2 pressure_2_kpa is not a finite number; expected one\n:2 column 2 is not a finite "
-            "number; expected one\n:2 column 3 is not a finite number; expected one\n:2 x4_px is "
-            "not a finite number; expected one\n:2 column 5 is not a finite number; expected one");
+  EXPECT_EQ(
+      faultsOf("pressure_2_kpa,pressure_02_kpa,pressure_2000_kpa,x4_px,x5_px\nx,x,x,x,x\n"),
+      ":2 pressure_2_kpa is not a finite number; expected one\n:2 pressure_02_kpa is not a finite "
+      "number; expected one\n:2 column 3 is not a finite number; expected one\n:2 x4_px is "
+      "not a finite number; expected one\n:2 column 5 is not a finite number; expected one");
 }
 
 TEST(DataSet, EveryLimitIsKeptFromBothSides) {
