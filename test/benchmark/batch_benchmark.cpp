@@ -27,7 +27,7 @@ namespace helix_arm::benchmark {
 namespace {
 
 constexpr std::size_t kSamples = 1000000;
-// Multiplications and additions of one sample with three muscles, counted in batch_kernel.cpp:
+// Multiplications and additions of one sample with three muscles, counted in batch_vectors.hpp:
 // lengths 27, twist 36, angle 6, coefficients 43, tip 30. All but 10 of them are in fused pairs.
 constexpr double kFlopsPerSample = 142;
 constexpr int kAccumulators = 128;
