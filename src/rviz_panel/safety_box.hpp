@@ -13,7 +13,8 @@ class QPushButton;
 
 namespace helix_arm::rviz_panel {
 
-/// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Texts have a fixed
+/// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Title and stop name
+/// the arm that they command. Texts have a fixed
 /// height: a button stays where it is, whatever they say.
 class SafetyBox : public QGroupBox {
  public:

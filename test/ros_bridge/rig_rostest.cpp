@@ -259,6 +259,20 @@ TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
   EXPECT_TRUE(whileSending(names, {0, 2.5e5, 1e5}, [&] { return image_.all().size() > pictures; }));
 }
 
+TEST_F(RenderedArm, ThatNoReadingEverComesIsTold) {
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("no pressure_measured has come for 3 s") != std::string::npos;
+  })) << rig_->outputNow();
+  EXPECT_TRUE(image_.all().empty());
+  EXPECT_TRUE(truth_.all().empty());
+  // Then one comes, and its end is told as usual.
+  ASSERT_TRUE(whileSending({"muscle_1", "muscle_2", "muscle_3"}, {0, 0, 0},
+                           [this] { return !image_.all().empty(); }));
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("no pressure_measured for 0.5 s") != std::string::npos;
+  })) << rig_->outputNow();
+}
+
 TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {
   Process rig({HELIX_ARM_SIMULATED_RIG, "_scene:=demo", "_regulator:=topic", "_time_factor:=2"});
   EXPECT_EQ(rig.exitCode(), 2);
