@@ -80,13 +80,27 @@ QPushButton* SafetyBox::addButton(const char* name, const char* text) {
   return button;
 }
 
-void SafetyBox::display(const CockpitView& view) {
-  using namespace ros_bridge;
-  const std::string arm = armName(view);
-  const QString title = "Arm: " + fitted(arm, this, fontMetrics().horizontalAdvance("Arm: "));
-  const QString stop = "EMERGENCY STOP\n" + fitted(arm, stop_, 0);
+void SafetyBox::nameArm() {
+  const QString title = "Arm: " + fitted(arm_, this, fontMetrics().horizontalAdvance("Arm: "));
+  const QString stop = "EMERGENCY STOP\n" + fitted(arm_, stop_, 0);
   if (this->title() != title) setTitle(title);
   if (stop_->text() != stop) stop_->setText(stop);
+}
+
+QSize SafetyBox::minimumSizeHint() const {
+  return {QWidget::minimumSizeHint().width(), QGroupBox::minimumSizeHint().height()};
+}
+
+void SafetyBox::resizeEvent(QResizeEvent* event) {
+  QGroupBox::resizeEvent(event);
+  layout()->activate();  // the stop's width, too
+  nameArm();
+}
+
+void SafetyBox::display(const CockpitView& view) {
+  using namespace ros_bridge;
+  arm_ = armName(view);
+  nameArm();
   const Headline words = headline(view);
   showWords(state_, words.state, words.tone);
   showWords(cause_, words.cause, words.tone);
@@ -98,7 +112,7 @@ void SafetyBox::display(const CockpitView& view) {
         "Holds the present pressures. Pressed again: lets go, the arm ramps down to rest");
   offer(release_, mayRelease(view), "Releases the emergency stop; the arm stays vented");
   // Greyed out it could not be clicked while the first answer is under way.
-  const std::string at = " (" + arm + ")";
+  const std::string at = " (" + arm_ + ")";
   stop_->setToolTip(
       QString::fromStdString((mayStop(view).possible() ? "Vents all channels at once, and latches"
                                                        : "Engaged; Release ends it") +

@@ -39,7 +39,10 @@ double pressureOf(const PressureArray& array, const std::string& name) {
 }  // namespace
 
 CockpitLink::CockpitLink(const std::string& ns)
-    : desk_([this](const CallAnswer& answer) { note(answer); }), node_(ns), spinner_(1, &queue_) {
+    : desk_([this](const CallAnswer& answer) { note(answer); }),
+      ns_(resolved(ns)),
+      node_(ns),
+      spinner_(1, &queue_) {
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
@@ -58,6 +61,11 @@ CockpitLink::CockpitLink(const std::string& ns)
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &Link::onTurn, this);
   spinner_.start();
+}
+
+std::string CockpitLink::resolved(const std::string& ns) {
+  const std::string out = ros::NodeHandle(ns).getNamespace();
+  return out.empty() ? "/" : out;  // roscpp's root
 }
 
 CockpitLink::~CockpitLink() {
@@ -86,7 +94,7 @@ CockpitView CockpitLink::view() {
   const basics::MutexLock lock(mutex_);
   held_.look(now());
   CockpitView out;
-  out.ns = node_.getNamespace();
+  out.ns = ns_;
   out.base_frame = base_frame_;
   out.arm_length = arm_length_;
   out.connected = command_.isFresh(kValueFresh);

@@ -64,7 +64,7 @@ LinkBuilder::LinkBuilder() : state_(std::make_shared<State>()) {}
 LinkBuilder::~LinkBuilder() { cancel(); }
 
 void LinkBuilder::begin(const std::string& ns) {
-  const std::string resolved = ros::NodeHandle(ns).getNamespace();
+  const std::string resolved = CockpitLink::resolved(ns);
   cancel();
   const basics::MutexLock lock(state_->mutex);
   state_->wish = resolved;

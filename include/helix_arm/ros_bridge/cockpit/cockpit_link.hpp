@@ -44,6 +44,9 @@ class CockpitLink {
   /// @param ns  Namespace of the arm's nodes, such as left; empty: that of this node.
   /// @throws ros::InvalidNameException if the namespace is no name.
   explicit CockpitLink(const std::string& ns);
+  /// The same namespace from the root, such as / or /left. Asks nobody.
+  /// @throws ros::InvalidNameException if it is no name.
+  static std::string resolved(const std::string& ns);
   ~CockpitLink();
   CockpitLink(const CockpitLink&) = delete;
   CockpitLink& operator=(const CockpitLink&) = delete;
@@ -112,6 +115,7 @@ class CockpitLink {
   basics::Mutex answers_mutex_;
   std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
   CallDesk desk_;
+  const std::string ns_;  ///< resolved
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
   ros::Publisher pressure_publisher_, tip_publisher_;
