@@ -1,9 +1,8 @@
 #include "cockpit_panel.hpp"
 
-#include <QFormLayout>
-#include <QLabel>
+#include <QHBoxLayout>
 #include <QLineEdit>
-#include <QMetaObject>
+#include <QPushButton>
 #include <QScrollArea>
 #include <QTimer>
 #include <QVBoxLayout>
@@ -23,8 +22,8 @@
 #include <rviz/visualization_manager.h>
 
 #include "calibration_box.hpp"
-#include "helix_arm/ros_bridge/common/names.hpp"
-#include "helix_arm/ros_bridge/common/side_view.hpp"
+#include "helix_arm/ros_bridge/cockpit/arm_camera.hpp"
+#include "panel_parts.hpp"
 #include "pressure_box.hpp"
 #include "safety_box.hpp"
 #include "strip_chart.hpp"
@@ -33,10 +32,8 @@
 namespace helix_arm::rviz_panel {
 namespace {
 
-constexpr int kSteady = 5;              // refreshes
-constexpr int kUpdatePeriod = 100;      // of what is shown [ms]
-constexpr double kFieldOfView = 0.785;  // of rviz, from bottom to top [rad]
-constexpr double kRadius = 0.1;         // of an arm's discs, in its lengths
+constexpr int kSteady = 5;          // refreshes
+constexpr int kUpdatePeriod = 100;  // of what is shown [ms]
 constexpr char kNamespaceKey[] = "Namespace";
 
 }  // namespace
@@ -44,11 +41,16 @@ constexpr char kNamespaceKey[] = "Namespace";
 CockpitPanel::CockpitPanel(QWidget* parent) : rviz::Panel(parent) {
   auto* const column = new QVBoxLayout(this);
   column->setContentsMargins(4, 4, 4, 4);
+  auto* const row = new QHBoxLayout;
   namespace_ = new QLineEdit(this);
   namespace_->setObjectName("namespace");
   namespace_->setPlaceholderText("namespace of the arm; empty: that of rviz");
-  namespace_->setToolTip("Namespace of the arm's nodes, such as left (launch argument ns)");
-  column->addWidget(namespace_);
+  connect_ = new QPushButton("Connect", this);
+  connect_->setObjectName("connect");
+  connect_->setFocusPolicy(Qt::NoFocus);
+  row->addWidget(namespace_);
+  row->addWidget(connect_);
+  column->addLayout(row);
 
   safety_ = new SafetyBox(this, {[this] { with([](auto& link) { link.enable(); }); },
                                  [this] { with([](auto& link) { link.vent(); }); },
@@ -85,14 +87,10 @@ CockpitPanel::CockpitPanel(QWidget* parent) : rviz::Panel(parent) {
 
   timer_ = new QTimer(this);
   connect(timer_, &QTimer::timeout, this, [this] { refresh(); });
-  connect(namespace_, &QLineEdit::editingFinished, this, [this] {
-    if (namespace_->text().trimmed().toStdString() == connected_to_) return;
-    if (connectTo(namespace_->text())) {
-      Q_EMIT configChanged();
-    } else {
-      namespace_->setText(QString::fromStdString(connected_to_));
-    }
-  });
+  // Not where the field merely loses the focus: a name may be half typed.
+  connect(namespace_, &QLineEdit::returnPressed, this, [this] { commit(); });
+  connect(connect_, &QPushButton::clicked, this, [this] { commit(); });
+  connect(namespace_, &QLineEdit::textChanged, this, [this] { markNamespace(); });
 }
 
 CockpitPanel::~CockpitPanel() = default;
@@ -105,55 +103,113 @@ void CockpitPanel::load(const rviz::Config& config) {
   if (!config.mapGetString(kNamespaceKey, &ns)) return;
   namespace_->setText(ns);
   if (connectTo(ns)) return;
-  link_.reset();  // that of onInitialize is not the arm of this configuration
+  // That of onInitialize is not the arm of this configuration.
+  builder_.cancel();
+  ros_bridge::LinkBuilder::end(std::move(link_));
+  wanted_.reset();
   refresh();
 }
 
 void CockpitPanel::save(rviz::Config config) const {
   rviz::Panel::save(config);
-  config.mapSetValue(kNamespaceKey, QString::fromStdString(connected_to_));
+  config.mapSetValue(kNamespaceKey,
+                     wanted_ ? QString::fromStdString(*wanted_) : namespace_->text().trimmed());
+}
+
+std::string CockpitPanel::typed() const { return namespace_->text().trimmed().toStdString(); }
+
+void CockpitPanel::commit() {
+  if (typed() == wanted_) return;
+  if (connectTo(namespace_->text())) {
+    Q_EMIT configChanged();
+  } else if (wanted_) {
+    namespace_->setText(QString::fromStdString(*wanted_));
+  }
 }
 
 bool CockpitPanel::connectTo(const QString& ns) {
-  const std::string name = ns.trimmed().toStdString();
   timer_->start(kUpdatePeriod);
+  std::string name = ns.trimmed().toStdString();
   try {
-    // The answers come from other threads: they wait for the window's own.
-    auto link = std::make_unique<ros_bridge::CockpitLink>(
-        name, [this](const ros_bridge::CallAnswer& answer) {
-          QMetaObject::invokeMethod(
-              this, [this, answer] { safety_->display(answer); }, Qt::QueuedConnection);
-        });
-    link_ = std::move(link);
+    builder_.begin(name);
   } catch (const std::exception& fault) {
-    std::string stays;
-    if (link_) stays = "; the panel stays with the arm of " + link_->view().ns;
-    safety_->display({"Namespace", false, fault.what() + stays});
+    tellNamespace(fault.what(), true);
     return false;
   }
-  connected_to_ = name;
-  chart_->clear();
+  wanted_ = std::move(name);
+  told_of_master_ = false;
   safety_->forgetAnswer();
   refresh();
   return true;
 }
 
+void CockpitPanel::tellNamespace(const std::string& fault, bool refused) {
+  std::string stays;
+  if (link_) stays = "; the panel stays with the arm of " + link_->view().ns;
+  safety_->display({"Namespace", false, fault + stays, refused});
+}
+
+void CockpitPanel::takeLink() {
+  std::unique_ptr<ros_bridge::CockpitLink> next;
+  try {
+    next = builder_.take();
+  } catch (const std::exception& fault) {
+    tellNamespace(fault.what(), false);
+    wanted_.reset();
+  }
+  if (!next) return;
+  if (link_) safety_->forgetAnswer();
+  ros_bridge::LinkBuilder::end(std::exchange(link_, std::move(next)));
+  chart_->clear();
+}
+
+ros_bridge::CockpitView CockpitPanel::view() const {
+  ros_bridge::CockpitView out = link_ ? link_->view() : ros_bridge::CockpitView();
+  out.connecting_to = builder_.connectingTo();
+  out.silent_master = builder_.silentMaster();
+  return out;
+}
+
 void CockpitPanel::stop(bool engage) {
   if (!link_ && engage) {
     safety_->display({"Emergency stop", false,
-                      "the panel has no arm: shut the supply and open the relief valve by hand, "
-                      "then correct the namespace"});
+                      "the panel has no arm: " + ros_bridge::headline(view()).cause, false,
+                      ros_bridge::kStopByHand});
   }
   with([engage](auto& link) { link.emergencyStop(engage); });
 }
 
+void CockpitPanel::markNamespace() {
+  const bool edited = typed() != wanted_;
+  const bool connected = !edited && link_ && builder_.connectingTo().empty();
+  connect_->setEnabled(edited);
+  const std::string arm = ros_bridge::armName(view());
+  const QString tip = QString::fromStdString(
+      connected ? "Namespace of the arm's nodes, such as left (launch argument ns)"
+      : edited  ? "Not connected: Enter or Connect does. The buttons are those of " + arm
+                : "Not connected yet. The buttons are those of " + arm);
+  const QString style = connected ? ""
+                                  : "QLineEdit { border: 2px solid " +
+                                        colorOf(ros_bridge::Tone::kCaution).name() + "; }";
+  if (namespace_->toolTip() != tip) namespace_->setToolTip(tip);
+  if (namespace_->styleSheet() != style) namespace_->setStyleSheet(style);
+}
+
 void CockpitPanel::refresh() {
-  const ros_bridge::CockpitView view = link_ ? link_->view() : ros_bridge::CockpitView();
+  takeLink();
+  const ros_bridge::CockpitView view = this->view();
+  if (link_) {
+    for (const ros_bridge::CallAnswer& answer : link_->takeAnswers()) safety_->display(answer);
+    if (!view.silent_master.empty() && !std::exchange(told_of_master_, true)) {
+      tellNamespace(ros_bridge::masterWords(view), false);
+    }
+  }
   safety_->display(view);
   pressures_->display(view);
   tip_->display(view);
   calibration_->display(view);
   chart_->add(ros::SteadyTime::now().toSec(), view);
+  markNamespace();
   lookAt(view);
 }
 
@@ -166,34 +222,34 @@ void CockpitPanel::lookAt(const ros_bridge::CockpitView& view) {
   window_ = window->size();
   if (camera == nullptr || steady_ < kSteady || window_.height() < 1) return;
   rviz::Property* const target = camera->subProp("Target Frame");
-  const QString frame = QString::fromStdString(view.base_frame);
-  const QString looked_at = target->getValue().toString();
-  if (looked_at != frame && looked_at != ros_bridge::names::kBaseFrame) return;
   auto* const focus = dynamic_cast<rviz::VectorProperty*>(camera->subProp("Focal Point"));
   if (focus == nullptr) return;
-  const Ogre::Vector3 from_base = focus->getVector();
-  const bool placed = from_base != Ogre::Vector3::ZERO;
-  if (placed && looked_at == frame) return;
+  rviz::Property* const yaw = camera->subProp("Yaw");
+  rviz::Property* const pitch = camera->subProp("Pitch");
+  rviz::Property* const distance = camera->subProp("Distance");
+  const Ogre::Vector3 looked_at = focus->getVector();
+  const ros_bridge::ArmCamera now{target->getValue().toString().toStdString(),
+                                  {looked_at.x, looked_at.y, looked_at.z},
+                                  yaw->getValue().toDouble(),
+                                  pitch->getValue().toDouble(),
+                                  distance->getValue().toDouble()};
+  if (!ros_bridge::isToChange(now, view.base_frame)) return;
   Ogre::Vector3 base;
   Ogre::Quaternion turn;
   if (!vis_manager_->getFrameManager()->getTransform(view.base_frame, ros::Time(), base, turn)) {
     return;
   }
-  target->setValue(frame);  // moves the focal point
-  if (placed) {
-    focus->setVector(from_base);
-    return;
-  }
   const Ogre::Vector3 axis = turn.xAxis();
-  const ros_bridge::SideView side =
-      ros_bridge::sideView({axis.x, axis.y, axis.z}, view.arm_length, kRadius * view.arm_length);
   const double aspect = static_cast<double>(window_.width()) / window_.height();
-  camera->subProp("Yaw")->setValue(side.yaw);
-  camera->subProp("Pitch")->setValue(side.pitch);
-  camera->subProp("Distance")->setValue(side.distance(kFieldOfView, aspect));
-  focus->setVector(Ogre::Vector3(static_cast<float>(side.centre.x()),
-                                 static_cast<float>(side.centre.y()),
-                                 static_cast<float>(side.centre.z())));
+  const ros_bridge::ArmCamera next =
+      ros_bridge::changed(now, view.base_frame, {axis.x, axis.y, axis.z}, view.arm_length, aspect);
+  target->setValue(QString::fromStdString(next.target));  // moves the focal point
+  yaw->setValue(next.yaw);
+  pitch->setValue(next.pitch);
+  distance->setValue(next.distance);
+  focus->setVector(Ogre::Vector3(static_cast<float>(next.focus.x()),
+                                 static_cast<float>(next.focus.y()),
+                                 static_cast<float>(next.focus.z())));
 }
 
 template <class Action>

@@ -1,8 +1,5 @@
 #include "panel_parts.hpp"
 
-#include <QEvent>
-#include <QPainter>
-#include <QTextLayout>
 #include <array>
 
 namespace helix_arm::rviz_panel {
@@ -38,47 +35,6 @@ QLabel* makeText(QWidget* parent, const char* name) {
   label->setWordWrap(true);
   label->setTextInteractionFlags(Qt::TextSelectableByMouse);
   return label;
-}
-
-FixedText::FixedText(QWidget* parent, const char* name, int lines) : QLabel(parent), lines_(lines) {
-  setObjectName(name);
-  setTextFormat(Qt::PlainText);
-  setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);
-  QSizePolicy keeps = sizePolicy();
-  keeps.setRetainSizeWhenHidden(true);
-  setSizePolicy(keeps);
-  fixHeight();
-}
-
-void FixedText::fixHeight() { setFixedHeight(lines_ * fontMetrics().lineSpacing()); }
-
-void FixedText::changeEvent(QEvent* event) {
-  QLabel::changeEvent(event);
-  if (event->type() == QEvent::FontChange) fixHeight();
-}
-
-void FixedText::paintEvent(QPaintEvent*) {
-  QPainter painter(this);
-  painter.setPen(palette().color(foregroundRole()));
-  const int spacing = fontMetrics().lineSpacing();
-  int line = 0, start = 0;
-  for (const QString& paragraph : text().split('\n')) {
-    QTextLayout layout(paragraph, font());
-    layout.setTextOption(QTextOption(Qt::AlignLeft));
-    layout.beginLayout();
-    for (QTextLine part = layout.createLine(); part.isValid(); part = layout.createLine(), ++line) {
-      if (line + 1 == lines_) {
-        const QString rest = text().mid(start + part.textStart()).replace('\n', ' ');
-        painter.drawText(0, line * spacing + fontMetrics().ascent(),
-                         fontMetrics().elidedText(rest, Qt::ElideRight, width()));
-        return;
-      }
-      part.setLineWidth(width());
-      part.draw(&painter, QPointF(0, line * spacing));
-    }
-    layout.endLayout();
-    start += paragraph.size() + 1;
-  }
 }
 
 void showWords(QLabel* label, const std::string& text, Tone tone) {

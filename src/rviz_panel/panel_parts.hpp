@@ -6,6 +6,7 @@
 #include <QWidget>
 #include <string>
 
+#include "fixed_text.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_words.hpp"
 
 /// What the boxes of the cockpit share.
@@ -19,22 +20,6 @@ QColor colorOfChannel(int channel);
 
 /// A label of plain text that wraps, with an object name.
 QLabel* makeText(QWidget* parent, const char* name);
-
-/// A label of a fixed number of lines, so that nothing below it moves with its text. What does not
-/// fit is elided; the tooltip holds the whole text.
-class FixedText : public QLabel {
- public:
-  FixedText(QWidget* parent, const char* name, int lines);
-
- protected:
-  void paintEvent(QPaintEvent* event) override;
-  void changeEvent(QEvent* event) override;
-
- private:
-  void fixHeight();
-
-  const int lines_;
-};
 
 /// Shows words in the colour of their tone; hides the label where there are none. A FixedText keeps
 /// its place.

@@ -5,6 +5,7 @@
 #include <QPushButton>
 #include <QSignalBlocker>
 #include <QVBoxLayout>
+#include <algorithm>
 #include <utility>
 
 #include "panel_parts.hpp"
@@ -15,8 +16,16 @@ namespace {
 using ros_bridge::CockpitView;
 
 constexpr int kStopHeight = 64;         // [px]
+constexpr int kStopWidth = 190;         // at least: its first line [px]
+constexpr int kFrame = 24;              // beside a text in a button or title [px]
 constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
 constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
+
+// A name as far as it fits; both of its ends tell arms apart.
+QString fitted(const std::string& name, const QWidget* widget, int used) {
+  return widget->fontMetrics().elidedText(QString::fromStdString(name), Qt::ElideMiddle,
+                                          std::max(widget->width() - kFrame - used, kFrame));
+}
 
 }  // namespace
 
@@ -26,7 +35,8 @@ SafetyBox::SafetyBox(QWidget* parent, Actions actions)
   auto* const stop_row = new QHBoxLayout;
   stop_ = addButton("stop", "EMERGENCY STOP");
   stop_->setCheckable(true);
-  stop_->setMinimumHeight(kStopHeight);
+  stop_->setMinimumSize(kStopWidth, kStopHeight);
+  stop_->setSizePolicy(QSizePolicy::Ignored, QSizePolicy::Fixed);  // a long name widens nothing
   stop_->setStyleSheet(
       "QPushButton { background: #c8201c; color: white; font-weight: bold; font-size: 18px; "
       "border: 3px solid #7a1210; border-radius: 8px; }"
@@ -53,7 +63,7 @@ SafetyBox::SafetyBox(QWidget* parent, Actions actions)
   cause_ = new FixedText(this, "cause", 3);
   remedy_ = new FixedText(this, "remedy", 3);
   goal_ = new FixedText(this, "goal", 2);
-  answer_ = new FixedText(this, "answer", 2);
+  answer_ = new FixedText(this, "answer", 3);
   for (QLabel* text : {state_, cause_, remedy_, goal_, answer_}) column->addWidget(text);
 
   connect(stop_, &QPushButton::clicked, this, [this] { actions_.stop(true); });
@@ -70,8 +80,27 @@ QPushButton* SafetyBox::addButton(const char* name, const char* text) {
   return button;
 }
 
+void SafetyBox::nameArm() {
+  const QString title = "Arm: " + fitted(arm_, this, fontMetrics().horizontalAdvance("Arm: "));
+  const QString stop = "EMERGENCY STOP\n" + fitted(arm_, stop_, 0);
+  if (this->title() != title) setTitle(title);
+  if (stop_->text() != stop) stop_->setText(stop);
+}
+
+QSize SafetyBox::minimumSizeHint() const {
+  return {QWidget::minimumSizeHint().width(), QGroupBox::minimumSizeHint().height()};
+}
+
+void SafetyBox::resizeEvent(QResizeEvent* event) {
+  QGroupBox::resizeEvent(event);
+  layout()->activate();  // the stop's width, too
+  nameArm();
+}
+
 void SafetyBox::display(const CockpitView& view) {
   using namespace ros_bridge;
+  arm_ = armName(view);
+  nameArm();
   const Headline words = headline(view);
   showWords(state_, words.state, words.tone);
   showWords(cause_, words.cause, words.tone);
@@ -83,8 +112,11 @@ void SafetyBox::display(const CockpitView& view) {
         "Holds the present pressures. Pressed again: lets go, the arm ramps down to rest");
   offer(release_, mayRelease(view), "Releases the emergency stop; the arm stays vented");
   // Greyed out it could not be clicked while the first answer is under way.
-  stop_->setToolTip(mayStop(view).possible() ? "Vents all channels at once, and latches"
-                                             : "Engaged; Release ends it");
+  const std::string at = " (" + arm_ + ")";
+  stop_->setToolTip(
+      QString::fromStdString((mayStop(view).possible() ? "Vents all channels at once, and latches"
+                                                       : "Engaged; Release ends it") +
+                             at));
   stop_->setChecked(!mayStop(view).possible());
   hold_->setChecked(view.goal != CockpitGoal::kNone);
   hold_->setText(view.goal != CockpitGoal::kNone ? "Let go" : "Hold");
@@ -99,12 +131,11 @@ void SafetyBox::display(const CockpitView& view) {
 }
 
 void SafetyBox::display(const ros_bridge::CallAnswer& answer) {
-  using ros_bridge::Tone;
   answered_.start();
   answered_well_ = answer.success;
   answered_in_ = state_->text().toStdString();
-  showWords(answer_, answer.what + ": " + (answer.success ? "" : "refused: ") + answer.message,
-            answer.success ? Tone::kQuiet : Tone::kBad);
+  const ros_bridge::Words words = ros_bridge::answerWords(answer);
+  showWords(answer_, words.text, words.tone);
 }
 
 void SafetyBox::forgetAnswer() {

@@ -13,7 +13,8 @@ class QPushButton;
 
 namespace helix_arm::rviz_panel {
 
-/// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Texts have a fixed
+/// Emergency stop, Enable, Vent and Hold; below them state, cause and remedy. Title and stop name
+/// the arm that they command. Texts have a fixed
 /// height: a button stays where it is, whatever they say.
 class SafetyBox : public QGroupBox {
  public:
@@ -31,12 +32,20 @@ class SafetyBox : public QGroupBox {
   /// Removes the answer: it is that of another arm.
   void forgetAnswer();
 
+  /// Without the title, whose name is elided to the width that there is.
+  QSize minimumSizeHint() const override;
+
+ protected:
+  void resizeEvent(QResizeEvent* event) override;
+
  private:
+  void nameArm();
   QPushButton* addButton(const char* name, const char* text);
 
   const Actions actions_;
   QLabel *state_, *cause_, *remedy_, *goal_, *answer_;
   QPushButton *stop_, *release_, *enable_, *vent_, *hold_;
+  std::string arm_;
   QElapsedTimer answered_;
   bool answered_well_ = false;
   std::string answered_in_;  ///< state of the arm at the answer

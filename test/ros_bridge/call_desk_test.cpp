@@ -89,6 +89,60 @@ TEST_F(CallDeskTest, CallsThatHangAreLimitedByName) {
   EXPECT_TRUE(this->answers(4).back().success);
 }
 
+// A node that hung and was started again must still hear a stop.
+TEST_F(CallDeskTest, CallsGivenUpOnLeaveRoomForAnother) {
+  CallDesk desk(note());
+  for (int k = 0; k < CallDesk::kMostWaiting; ++k) desk.ask("Emergency stop", kShort, hanging());
+  ASSERT_EQ(this->answers(CallDesk::kMostWaiting).size(), std::size_t{CallDesk::kMostWaiting});
+  desk.ask("Emergency stop", kLong, [] { return CallAnswer{"", true, "engaged"}; });
+  const auto answers = this->answers(CallDesk::kMostWaiting + 1);
+  ASSERT_EQ(answers.size(), std::size_t{CallDesk::kMostWaiting + 1});
+  EXPECT_TRUE(answers.back().success) << answers.back().message;
+}
+
+TEST_F(CallDeskTest, ThreadsOfCallsThatHangAreBounded) {
+  CallDesk desk(note());
+  std::size_t asked = 0;
+  const auto few = [&] {
+    for (int k = 0; k < CallDesk::kMostWaiting; ++k, ++asked) desk.ask("Vent", kShort, hanging());
+    return this->answers(asked);
+  };
+  for (int k = 0; k < CallDesk::kMostRunning / CallDesk::kMostWaiting; ++k) {
+    const auto answers = few();
+    ASSERT_EQ(answers.size(), asked);
+    EXPECT_NE(answers.back().message.find("no answer within"), std::string::npos);
+  }
+  EXPECT_NE(few().back().message.find("too many calls hang"), std::string::npos);
+}
+
+TEST_F(CallDeskTest, EveryFailureHasTheRemedyAndSuccessHasNone) {
+  CallDesk desk(note());
+  desk.ask("Stop", kShort, hanging(), "by hand");
+  auto late = answers(1);
+  EXPECT_FALSE(late.back().answered);
+  EXPECT_EQ(late.back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong,
+      [] {
+        return CallAnswer{"", false, "no"};
+      },
+      "by hand");
+  EXPECT_TRUE(answers(2).back().answered);
+  EXPECT_EQ(answers(2).back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong, []() -> CallAnswer { throw std::runtime_error("cut off"); }, "by hand");
+  EXPECT_EQ(answers(3).back().remedy, "by hand");
+  desk.ask(
+      "Stop", kLong,
+      [] {
+        return CallAnswer{"", true, "yes"};
+      },
+      "by hand");
+  EXPECT_EQ(answers(4).back().remedy, "");
+  for (int k = 0; k <= CallDesk::kMostWaiting; ++k) desk.ask("Many", kLong, hanging(), "by hand");
+  EXPECT_EQ(answers(5).back().remedy, "by hand") << "refused, since too many wait";
+}
+
 TEST_F(CallDeskTest, ItsEndNeitherWaitsForACallNorIsToldOfOne) {
   const auto before = std::chrono::steady_clock::now();
   std::promise<void> ended;

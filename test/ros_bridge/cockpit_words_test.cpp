@@ -263,5 +263,36 @@ TEST(Words, NumbersCarryTheirUnit) {
   EXPECT_EQ(limitWords(channel), "0 to 413.7");
 }
 
+TEST(CockpitWords, AFailedStopBeginsWithWhatToDoByHand) {
+  const Words late =
+      answerWords({"Emergency stop", false, "no answer within 3 s", false, kStopByHand});
+  EXPECT_EQ(late.text, std::string("Emergency stop: ") + kStopByHand + ": no answer within 3 s");
+  EXPECT_EQ(late.tone, Tone::kBad);
+  EXPECT_EQ(answerWords({"Enable", false, "the arm is stopped"}).text,
+            "Enable: refused: the arm is stopped");
+  EXPECT_EQ(answerWords({"Enable", false, "no answer within 3 s", false}).text,
+            "Enable: no answer within 3 s")
+      << "nobody refused it";
+  EXPECT_EQ(answerWords({"Enable", true, "enabled"}).text, "Enable: enabled");
+  EXPECT_EQ(answerWords({"Enable", true, "enabled"}).tone, Tone::kQuiet);
+}
+
+TEST(CockpitWords, TheArmIsNamedAndWhyThereIsNone) {
+  CockpitView view;
+  EXPECT_EQ(armName(view), "no arm");
+  EXPECT_NE(headline(view).cause.find("no name"), std::string::npos);
+  view.connecting_to = "/left";
+  EXPECT_EQ(headline(view).cause, "connects to /left");
+  view.silent_master = "http://rig:11311/";
+  EXPECT_NE(headline(view).cause.find("the ROS master at http://rig:11311/ does not answer"),
+            std::string::npos)
+      << headline(view).cause;
+  view.ns = "/";
+  EXPECT_EQ(armName(view), "/ (no namespace)");
+  view.ns = "/right";
+  EXPECT_EQ(armName(view), "/right");
+  EXPECT_NE(headline(view).cause.find("/right/pressure_command"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace helix_arm::ros_bridge

@@ -101,20 +101,37 @@ TEST_F(NodeProcess, EveryUnusableParameterIsNamed) {
                 HELIX_ARM_CALIBRATION);
 }
 
-// roslaunch starts a node in ROS_HOME; PWD remains the folder in which roslaunch was called.
+// A node in ROS_HOME whose roslaunch cannot be found, such as one that a script launches: PWD
+// remains the folder of the shell.
 TEST_F(NodeProcess, ARelativePathStartsInTheFolderOfTheCaller) {
-  const TemporaryFolder folder;
+  const TemporaryFolder folder, home;
   Process::Variables called_there = variables();
   called_there["PWD"] = folder.path();
-  Process refused({HELIX_ARM_PRESSURE_COMMAND, "_scene:=rigs/../bad.yaml"}, called_there);
+  called_there["ROS_HOME"] = home.path();
+  const auto in = [](const std::string& place, std::vector<std::string> command) {
+    command.insert(command.begin(), {"env", "-C", place});
+    return command;
+  };
+  Process refused(in(home.path(), {HELIX_ARM_PRESSURE_COMMAND, "_scene:=rigs/../bad.yaml"}),
+                  called_there);
   EXPECT_EQ(refused.exitCode(), 2);
   EXPECT_NE(refused.output().find(folder / "bad.yaml"), std::string::npos) << refused.output();
 
   std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml", folder / "my.yaml");
-  Process taken({HELIX_ARM_CALIBRATION, "_scene:=./my.yaml", "_out_folder:=made"}, called_there);
+  Process taken(in(home.path(), {HELIX_ARM_CALIBRATION, "_scene:=./my.yaml", "_out_folder:=made"}),
+                called_there);
   ASSERT_TRUE(taken.prints("ready to record")) << taken.output();
+  EXPECT_NE(taken.output().find("~scene is ./my.yaml: " + (folder / "my.yaml")), std::string::npos)
+      << taken.output();
   Process asked({"rosparam", "get", "/calibration/out_folder"}, called_there);
   EXPECT_TRUE(asked.prints(folder / "made")) << asked.output();
+
+  // Elsewhere the node is where it was called, whatever PWD its parent has left it.
+  const TemporaryFolder called;
+  std::ofstream(called / "my.yaml") << "name: my_arm\ncolour: green\n";
+  Process here(in(called.path(), {HELIX_ARM_PRESSURE_COMMAND, "_scene:=my.yaml"}), called_there);
+  EXPECT_EQ(here.exitCode(), 2);
+  EXPECT_NE(here.output().find(called / "my.yaml:"), std::string::npos) << here.output();
 
   called_there["PWD"] = "";  // as where a service starts it
   Process in_its_own({HELIX_ARM_VISION, "_scene:=demo", "_source:=film.avi"}, called_there);
@@ -135,6 +152,18 @@ TEST_F(NodeProcess, ASourceThatIsNotThereIsRefused) {
   expectRefused({"_scene:=demo", "_source:=webcam"}, {"demo has no camera.webcam"},
                 HELIX_ARM_VISION);
   expectRefused({"_scene:=demo", "_source:=/no/such/film.avi"}, {"/no/such/film.avi"},
+                HELIX_ARM_VISION);
+}
+
+// A word that is none of the sources may be a folder of the caller.
+TEST_F(NodeProcess, ABareFolderIsASource) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directory(folder / "pictures");
+  Process taken({"env", "-C", folder.path(), HELIX_ARM_VISION, "_scene:=demo", "_source:=pictures"},
+                variables());
+  EXPECT_TRUE(taken.prints("~source is pictures: " + (folder / "pictures"))) << taken.output();
+  expectRefused({"_scene:=demo", "_source:=no_such_folder"},
+                {"~source is no_such_folder", "a path (with a / or a ., or of what is there)"},
                 HELIX_ARM_VISION);
 }
 
@@ -344,6 +373,21 @@ TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfTheCaller) {
        folder.path(), std::to_string(master_.port()), HELIX_ARM_SOURCE_DIR "/launch/arm.launch"},
       variables());
   EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
+}
+
+// A program that starts roslaunch in another folder leaves it its own PWD.
+TEST_F(LaunchFile, TakesPathsRelativeToTheFolderOfRoslaunchWhateverPwdSays) {
+  const TemporaryFolder folder, of_parent;
+  for (const TemporaryFolder* one : {&folder, &of_parent}) {
+    std::ofstream(*one / "my_arm.yaml") << "name: my_arm\ncolour: green\n";
+  }
+  Process::Variables left = variables();
+  left["PWD"] = of_parent.path();
+  Process launch({"env", "-C", folder.path(), "roslaunch", "-p", std::to_string(master_.port()),
+                  HELIX_ARM_SOURCE_DIR "/launch/arm.launch", "scene:=my_arm.yaml", "rviz:=false"},
+                 left);
+  EXPECT_TRUE(launch.prints(folder / "my_arm.yaml:")) << launch.output();
+  EXPECT_EQ(launch.output().find(of_parent / "my_arm.yaml"), std::string::npos) << launch.output();
 }
 
 TEST_F(LaunchFile, ReplayUsesTheMeasuredSeries) {

@@ -205,12 +205,14 @@ class RenderedArm : public ::testing::Test {
     ASSERT_TRUE(waitFor([this] { return readings_.getNumSubscribers() >= 2; })) << rig_->output();
   }
 
-  void send(const std::vector<std::string>& name, const std::vector<double>& pressure) {
+  // @return its stamp.
+  ros::Time send(const std::vector<std::string>& name, const std::vector<double>& pressure) {
     PressureArray reading;
     reading.header.stamp = ros::Time::now();
     reading.name = name;
     reading.pressure = pressure;
     readings_.publish(reading);
+    return reading.header.stamp;
   }
   // Repeats a reading until the condition holds.
   bool whileSending(const std::vector<std::string>& name, const std::vector<double>& pressure,
@@ -243,8 +245,7 @@ TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
   EXPECT_TRUE(VisionListener::of(image_, measured->header.stamp));
 
   // A broken reading moves nothing.
-  const std::size_t truths = truth_.all().size();
-  send(names, {0, std::nan(""), 1e5});
+  const ros::Time broken = send(names, {0, std::nan(""), 1e5});
   EXPECT_TRUE(waitFor([this] {
     return rig_->outputNow().find("pressure_measured: ") != std::string::npos;
   })) << rig_->outputNow();
@@ -255,8 +256,22 @@ TEST_F(RenderedArm, IsSeenAtTheReadingsOfTheOtherRegulator) {
   const std::size_t pictures = image_.all().size();
   EXPECT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));
   EXPECT_EQ(image_.all().size(), pictures);
-  EXPECT_EQ(truth_.all().size(), truths);
+  EXPECT_LT(truth_.last().header.stamp, broken);
   EXPECT_TRUE(whileSending(names, {0, 2.5e5, 1e5}, [&] { return image_.all().size() > pictures; }));
+}
+
+TEST_F(RenderedArm, ThatNoReadingEverComesIsTold) {
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("no pressure_measured has come for 3 s") != std::string::npos;
+  })) << rig_->outputNow();
+  EXPECT_TRUE(image_.all().empty());
+  EXPECT_TRUE(truth_.all().empty());
+  // Then one comes, and its end is told as usual.
+  ASSERT_TRUE(whileSending({"muscle_1", "muscle_2", "muscle_3"}, {0, 0, 0},
+                           [this] { return !image_.all().empty(); }));
+  EXPECT_TRUE(waitFor([this] {
+    return rig_->outputNow().find("no pressure_measured for 0.5 s") != std::string::npos;
+  })) << rig_->outputNow();
 }
 
 TEST(RenderedArmOptions, ATimeOfItsOwnIsRefused) {

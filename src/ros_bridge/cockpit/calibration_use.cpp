@@ -80,6 +80,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
   const std::string save_name = ros::names::append(node, names::kSave);
   if (!ros::service::call(save_name, save)) {
     out.message = save_name + " is not there or does not answer";
+    out.answered = false;
     return out;
   }
   if (!save.response.success) {

@@ -17,14 +17,16 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-CallAnswer noAnswer(const std::string& what, const std::string& why) { return {what, false, why}; }
+CallAnswer noAnswer(const std::string& what, const std::string& why) {
+  return {what, false, why, false};
+}
 
 }  // namespace
 
 // Shared with the threads of the calls, which may outlive the desk.
 struct CallDesk::State {
   struct Waiting {
-    std::string what;
+    std::string what, remedy;
     double limit;
     Clock::time_point due;
   };
@@ -32,18 +34,23 @@ struct CallDesk::State {
   explicit State(Done done) : done_(std::move(done)) {}
 
   /// Registers a call, unless too many of its name have not ended; then it is answered.
-  bool begin(const std::string& what, double limit, std::uint64_t& ticket)
-      HELIX_ARM_EXCLUDES(mutex_) {
+  bool begin(const std::string& what, double limit, const std::string& remedy,
+             std::uint64_t& ticket) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
-    if (running_[what] >= kMostWaiting) {
-      tell(noAnswer(what, "earlier calls still wait for their answers; is the node alive?"));
+    const auto waiting = std::count_if(waiting_.begin(), waiting_.end(),
+                                       [&](const auto& one) { return one.second.what == what; });
+    if (waiting >= kMostWaiting || running_[what] >= kMostRunning) {
+      tell(noAnswer(what, waiting >= kMostWaiting
+                              ? "earlier calls still wait for their answers; is the node alive?"
+                              : "too many calls hang; end the node that hangs"),
+           remedy);
       return false;
     }
     ++running_[what];
     ticket = ++last_ticket_;
     const auto time =
         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit));
-    waiting_.emplace(ticket, Waiting{what, limit, Clock::now() + time});
+    waiting_.emplace(ticket, Waiting{what, remedy, limit, Clock::now() + time});
     changed_.notifyAll();
     return true;
   }
@@ -52,7 +59,8 @@ struct CallDesk::State {
   void end(std::uint64_t ticket, const CallAnswer& answer) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     --running_[answer.what];
-    if (waiting_.erase(ticket) > 0) tell(answer);
+    const auto call = waiting_.extract(ticket);
+    if (call) tell(answer, call.mapped().remedy);
   }
 
   void close() HELIX_ARM_EXCLUDES(mutex_) {
@@ -76,7 +84,7 @@ struct CallDesk::State {
         char text[120];
         std::snprintf(text, sizeof text, "no answer within %g s; is the node alive?",
                       it->second.limit);
-        tell(noAnswer(it->second.what, text));
+        tell(noAnswer(it->second.what, text), it->second.remedy);
         it = waiting_.erase(it);
       }
       const std::uint64_t seen = last_ticket_;
@@ -88,7 +96,8 @@ struct CallDesk::State {
 
  private:
   // With the lock, so that nothing is told once the desk is closed.
-  void tell(const CallAnswer& answer) HELIX_ARM_REQUIRES(mutex_) {
+  void tell(CallAnswer answer, const std::string& remedy) HELIX_ARM_REQUIRES(mutex_) {
+    if (!answer.success) answer.remedy = remedy;
     if (!closed_) done_(answer);
   }
 
@@ -107,9 +116,9 @@ CallDesk::CallDesk(Done done) : state_(std::make_shared<State>(std::move(done)))
 
 CallDesk::~CallDesk() { state_->close(); }
 
-void CallDesk::ask(const std::string& what, double limit, Call call) {
+void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
   std::uint64_t ticket = 0;
-  if (!state_->begin(what, limit, ticket)) return;
+  if (!state_->begin(what, limit, remedy, ticket)) return;
   const auto run = [state = state_, what, ticket, call = std::move(call)] {
     CallAnswer answer;
     try {

@@ -23,19 +23,11 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr double kFresh = 1.0;      // older values are unknown [s]
-constexpr double kLoopFresh = 2.0;  // [s]
-constexpr double kPeriod = 0.1;     // of the targets [s]
-constexpr double kCallLimit = 3.0;  // [s]
-constexpr double kUseLimit = 60.0;  // loading scenes of loaded arms takes long [s]
-constexpr std::size_t kMostActuators = 64, kMostWarnings = 8;
-
-double steadyNow() { return ros::SteadyTime::now().toSec(); }
-
-bool isSound(const PressureArray& array) {
-  return !array.name.empty() && array.name.size() == array.pressure.size() &&
-         array.name.size() <= kMostActuators;
-}
+constexpr double kValueFresh = 1.0;    // older values are unknown [s]
+constexpr double kLoopFresh = 2.0;     // [s]
+constexpr double kTargetPeriod = 0.1;  // of the targets [s]
+constexpr double kCallLimit = 3.0;     // [s]
+constexpr double kUseLimit = 60.0;     // loading scenes of loaded arms takes long [s]
 
 double pressureOf(const PressureArray& array, const std::string& name) {
   const auto found = std::find(array.name.begin(), array.name.end(), name);
@@ -44,47 +36,13 @@ double pressureOf(const PressureArray& array, const std::string& name) {
              : array.pressure[static_cast<std::size_t>(found - array.name.begin())];
 }
 
-std::vector<double> positionOf(const ArmShape& shape) {
-  const auto& p = shape.tip.position;
-  return {p.x, p.y, p.z};
-}
-
-// Sum of the sections' lengths; the speed along a constant twist is |v|.
-double lengthOf(const ArmShape& shape) {
-  double out = 0;
-  for (std::size_t i = 0; i + 6 <= shape.twist.size(); i += 6) {
-    out += std::hypot(shape.twist[i], shape.twist[i + 1], shape.twist[i + 2]);
-  }
-  return out;
-}
-
-double valueOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  for (const auto& entry : status.values) {
-    if (entry.key == key) return std::strtod(entry.value.c_str(), nullptr);
-  }
-  return kUnknown;
-}
-
-// The value of a key in kPa, in Pa.
-double pascalsOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key) {
-  return 1e3 * valueOf(status, key);
-}
-
 }  // namespace
 
-template <class T>
-void CockpitLink::Dated<T>::set(T next) {
-  value = std::move(next);
-  time = steadyNow();
-}
-
-template <class T>
-bool CockpitLink::Dated<T>::isFresh(double longest) const {
-  return steadyNow() - time < longest;
-}
-
-CockpitLink::CockpitLink(const std::string& ns, CallDesk::Done done)
-    : desk_(std::move(done)), node_(ns), spinner_(1, &queue_) {
+CockpitLink::CockpitLink(const std::string& ns)
+    : desk_([this](const CallAnswer& answer) { note(answer); }),
+      ns_(resolved(ns)),
+      node_(ns),
+      spinner_(1, &queue_) {
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
@@ -101,8 +59,13 @@ CockpitLink::CockpitLink(const std::string& ns, CallDesk::Done done)
                   listen(node_, names::kDiagnostics, 10, &Link::onDiagnostics, this)};
   client_ = std::make_unique<Client>(
       node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
-  timer_ = repeat(node_, "the cockpit's targets", kPeriod, &Link::onTurn, this);
+  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &Link::onTurn, this);
   spinner_.start();
+}
+
+std::string CockpitLink::resolved(const std::string& ns) {
+  const std::string out = ros::NodeHandle(ns).getNamespace();
+  return out.empty() ? "/" : out;  // roscpp's root
 }
 
 CockpitLink::~CockpitLink() {
@@ -116,20 +79,30 @@ std::string CockpitLink::serviceOf(const std::string& node, const std::string& n
   return node_.resolveName(node + "/" + name);
 }
 
+void CockpitLink::note(const CallAnswer& answer) {
+  const basics::MutexLock lock(answers_mutex_);
+  answers_.push_back(answer);
+}
+
+std::vector<CallAnswer> CockpitLink::takeAnswers() {
+  const basics::MutexLock lock(answers_mutex_);
+  return std::exchange(answers_, {});
+}
+
 CockpitView CockpitLink::view() {
   const bool there = client_->isServerConnected();
   const basics::MutexLock lock(mutex_);
-  held_.look(steadyNow());
+  held_.look(now());
   CockpitView out;
-  out.ns = node_.getNamespace();
+  out.ns = ns_;
   out.base_frame = base_frame_;
   out.arm_length = arm_length_;
-  out.connected = command_.isFresh(kFresh);
+  out.connected = command_.isFresh(kValueFresh);
   if (!safety_.value.state.empty()) out.safety = safety_.value;
   out.channels = channels();
-  if (measured_tip_.isFresh(kFresh)) out.measured_tip = measured_tip_.value;
-  if (model_tip_.isFresh(kFresh)) out.model_tip = model_tip_.value;
-  if (tip_error_.isFresh(kFresh)) out.tip_error = tip_error_.value;
+  if (measured_tip_.isFresh(kValueFresh)) out.measured_tip = measured_tip_.value;
+  if (model_tip_.isFresh(kValueFresh)) out.model_tip = model_tip_.value;
+  if (tip_error_.isFresh(kValueFresh)) out.tip_error = tip_error_.value;
   if (loop_.isFresh(kLoopFresh)) {
     out.loop = loop_.value;
     if (budget_sd_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_sd_.value;
@@ -146,7 +119,7 @@ CockpitView CockpitLink::view() {
 }
 
 std::vector<CockpitChannel> CockpitLink::channels() const {
-  const bool commanded = command_.isFresh(kFresh), measured = pressures_.isFresh(kFresh);
+  const bool commanded = command_.isFresh(kValueFresh), measured = pressures_.isFresh(kValueFresh);
   std::vector<CockpitChannel> out;
   for (const std::string& name : command_.value.name) {
     CockpitChannel channel;
@@ -167,7 +140,7 @@ void CockpitLink::trigger(const std::string& what, const std::string& service) {
   desk_.ask(what, kCallLimit, [what, name = serviceOf(names::kPressureCommandNode, service)] {
     std_srvs::Trigger call;
     if (!ros::service::call(name, call)) {
-      return CallAnswer{what, false, name + " is not there or does not answer"};
+      return CallAnswer{what, false, name + " is not there or does not answer", false};
     }
     return CallAnswer{what, call.response.success != 0, shownText(call.response.message)};
   });
@@ -184,16 +157,15 @@ void CockpitLink::vent() {
 void CockpitLink::emergencyStop(bool engage) {
   const std::string what = engage ? "Emergency stop" : "Release";
   const std::string name = serviceOf(names::kPressureCommandNode, names::kEmergencyStop);
-  desk_.ask(what, kCallLimit, [what, engage, name] {
-    std_srvs::SetBool call;
-    call.request.data = engage;
-    if (!ros::service::call(name, call)) {
-      return CallAnswer{what, false,
-                        name + " is not there or does not answer" +
-                            (engage ? ": shut the supply and open the relief valve by hand" : "")};
+  const auto call = [what, engage, name] {
+    std_srvs::SetBool stop;
+    stop.request.data = engage;
+    if (!ros::service::call(name, stop)) {
+      return CallAnswer{what, false, "no answer of " + name, false};
     }
-    return CallAnswer{what, call.response.success != 0, shownText(call.response.message)};
-  });
+    return CallAnswer{what, stop.response.success != 0, shownText(stop.response.message)};
+  };
+  desk_.ask(what, kCallLimit, call, engage ? kStopByHand : "");
   const basics::MutexLock lock(mutex_);
   if (held_.goal() != CockpitGoal::kNone) held_.end("the emergency stop was engaged");
 }
@@ -202,8 +174,8 @@ void CockpitLink::hold(bool on) {
   {
     const basics::MutexLock lock(mutex_);
     if (on) {
-      if (held_.goal() != CockpitGoal::kNone || !command_.isFresh(kFresh)) return;
-      held_.holdPressures(steadyNow(), command_.value.pressure);
+      if (held_.goal() != CockpitGoal::kNone || !command_.isFresh(kValueFresh)) return;
+      held_.holdPressures(now(), command_.value.pressure);
       send();
       return;
     }
@@ -219,13 +191,13 @@ void CockpitLink::setPressure(std::size_t channel, double pressure) {
       held_.goal() == CockpitGoal::kPressures ? held_.pressures() : command_.value.pressure;
   if (channel >= goal.size() || !std::isfinite(pressure)) return;
   goal[channel] = pressure;
-  held_.holdPressures(steadyNow(), std::move(goal));
+  held_.holdPressures(now(), std::move(goal));
   send();
 }
 
 void CockpitLink::aimTip(const std::array<double, 3>& position) {
   const basics::MutexLock lock(mutex_);
-  held_.holdTip(steadyNow(), position);
+  held_.holdTip(now(), position);
   send();
 }
 
@@ -273,127 +245,9 @@ void CockpitLink::useCalibration() {
   desk_.ask("Use it", kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
 }
 
-void CockpitLink::onFeedback(const RunCalibrationFeedback& feedback) {
-  const basics::MutexLock lock(mutex_);
-  calibration_.step = feedback.step;
-  calibration_.steps = feedback.steps;
-  calibration_.samples = feedback.samples;
-  calibration_.state = shownText(feedback.state);
-}
-
-void CockpitLink::onResult(const RunCalibrationResult* result,
-                           const actionlib::SimpleClientGoalState& ending) {
-  const basics::MutexLock lock(mutex_);
-  calibration_.running = false;
-  calibration_.ended = true;
-  calibration_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
-  if (result == nullptr) {
-    calibration_.message = "the calibration node ended (" + ending.toString() + ")";
-    return;
-  }
-  calibration_.success = result->success != 0;
-  calibration_.message = shownText(result->message);
-  calibration_.tip_error_before = result->tip_error_before;
-  calibration_.tip_error_after = result->tip_error_after;
-  calibration_.parameters = parameterLines(*result);
-  calibration_.warnings.clear();
-  for (const std::string& warning : result->warnings) {
-    if (calibration_.warnings.size() == kMostWarnings) break;
-    calibration_.warnings.push_back(shownText(warning));
-  }
-}
-
-void CockpitLink::onCommand(const PressureArrayConstPtr& message) {
-  if (!isSound(*message)) return;
-  const basics::MutexLock lock(mutex_);
-  if (message->name != command_.value.name) {
-    if (held_.goal() != CockpitGoal::kNone) held_.end("the arm has other actuators now");
-  }
-  command_.set(*message);
-}
-
-void CockpitLink::onPressures(const PressureArrayConstPtr& message) {
-  if (!isSound(*message)) return;
-  const basics::MutexLock lock(mutex_);
-  pressures_.set(*message);
-}
-
-void CockpitLink::onSafety(const SafetyStateConstPtr& message) {
-  CockpitSafety safety;
-  safety.state = shownText(message->state);
-  safety.cause = shownText(message->cause);
-  safety.reason = shownText(message->reason);
-  safety.stopped = message->stopped != 0;
-  safety.vent_overdue = message->vent_overdue != 0;
-  const basics::MutexLock lock(mutex_);
-  held_.noteState(message->state == SafetyState::ENABLED, safety.reason);
-  safety_.set(std::move(safety));
-}
-
-void CockpitLink::onStatus(const TargetStatusConstPtr& message) {
-  if (message->commander != ros::this_node::getName()) return;
-  const basics::MutexLock lock(mutex_);
-  const char* const topic =
-      held_.goal() == CockpitGoal::kTip ? names::kTipTarget : names::kPressureTarget;
-  if (message->topic != topic) return;
-  const bool reached = message->outcome == TargetStatus::REACHED;
-  held_.noteAnswer(steadyNow(), message->outcome == TargetStatus::DROPPED, message->fault,
-                   reached ? "reached" : shownText(message->message));
-  if (message->outcome == TargetStatus::UNREACHABLE) held_.noteShort();
-}
-
-void CockpitLink::onMeasured(const ArmShapeConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  measured_tip_.set(positionOf(*message));
-}
-
-void CockpitLink::onModel(const ArmShapeConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  model_tip_.set(positionOf(*message));
-  base_frame_ = shownText(message->header.frame_id);
-  if (!std::isfinite(arm_length_)) arm_length_ = lengthOf(*message);
-}
-
-void CockpitLink::onError(const ModelErrorConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  tip_error_.set(message->tip_error);
-}
-
-void CockpitLink::onLoop(const LoopStatusConstPtr& message) {
-  CockpitLoop loop;
-  loop.state = shownText(message->state);
-  loop.message = shownText(message->message);
-  if (message->has_wanted) loop.error = message->error;
-  if (message->has_predicted) loop.predicted_sd = message->predicted_sd;
-  const basics::MutexLock lock(mutex_);
-  loop_.set(std::move(loop));
-}
-
-void CockpitLink::onBudget(const ErrorBudgetConstPtr& message) {
-  const basics::MutexLock lock(mutex_);
-  budget_sd_.set(message->predicted_sd);
-}
-
-void CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
-  const std::string node = node_.resolveName(names::kPressureCommandNode);
-  const std::string start = statusName(node, names::kChannelStatus);
-  const std::string safety = statusName(node, names::kSafetyStatus);
-  const basics::MutexLock lock(mutex_);
-  for (const auto& status : message->status) {
-    if (status.name == safety) target_timeout_ = valueOf(status, names::kTargetTimeoutKey);
-    if (status.name.compare(0, start.size(), start) != 0) continue;
-    const std::string name = status.name.substr(start.size());
-    const bool known = limits_.count(name) > 0 || limits_.size() < kMostActuators;
-    if (known) {
-      limits_[name] = {pascalsOf(status, names::kLowerLimitKey),
-                       pascalsOf(status, names::kUpperLimitKey)};
-    }
-  }
-}
-
 void CockpitLink::onTurn(const ros::SteadyTimerEvent&) {
   const basics::MutexLock lock(mutex_);
-  if (held_.turn(steadyNow())) send();
+  if (held_.turn(now())) send();
 }
 
 }  // namespace helix_arm::ros_bridge

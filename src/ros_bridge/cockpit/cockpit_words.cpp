@@ -52,6 +52,8 @@ std::string asClicks(std::string text) {
 }
 
 std::string disconnected(const CockpitView& view) {
+  if (view.ns.empty() && !view.silent_master.empty()) return masterWords(view);
+  if (view.ns.empty() && !view.connecting_to.empty()) return "connects to " + view.connecting_to;
   if (view.ns.empty()) return "the namespace above is no name; correct it";
   return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
          "; start the arm (arm.launch or demo.launch), or correct the namespace";
@@ -81,6 +83,16 @@ std::string format(const char* pattern, Arguments... arguments) {
 }
 
 }  // namespace
+
+std::string armName(const CockpitView& view) {
+  if (view.ns.empty()) return "no arm";
+  return view.ns == "/" ? "/ (no namespace)" : view.ns;
+}
+
+std::string masterWords(const CockpitView& view) {
+  return "the ROS master at " + view.silent_master + " does not answer; the panel connects to " +
+         view.connecting_to + " once it does";
+}
 
 Headline headline(const CockpitView& view) {
   if (!view.connected) return {"NO CONNECTION", disconnected(view), "", Tone::kBad};
@@ -197,6 +209,13 @@ Possibility mayUse(const CockpitView& view) {
   if (calibrates(view)) return {"the calibration has not ended"};
   if (!run.ended || !run.success) return {"there is no calibrated scene yet"};
   return {unheard(view)};
+}
+
+Words answerWords(const CallAnswer& answer) {
+  const char* const refused = answer.answered && !answer.success ? "refused: " : "";
+  const std::string remedy = answer.remedy.empty() ? "" : answer.remedy + ": ";
+  return {answer.what + ": " + remedy + refused + answer.message,
+          answer.success ? Tone::kQuiet : Tone::kBad};
 }
 
 Words loopWords(const CockpitView& view) {

@@ -61,6 +61,11 @@ Answer askMaster() {
 
 }  // namespace
 
+bool masterAnswers() {
+  const Answer answer = askMaster();
+  return answer == Answer::kKnowsUs || answer == Answer::kForgotUs;
+}
+
 MasterWatch::MasterWatch(std::chrono::milliseconds period, int misses)
     : thread_([this, period, misses] { watch(period, misses); }) {}
 

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <stdexcept>
 
 #include "helix_arm/io/shipped_files.hpp"
+#include "helix_arm/ros_bridge/common/callers_folder.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/log.hpp"
 
@@ -23,14 +23,6 @@ std::string join(const Parts&... parts) {
 
 // A bare word names what the package ships; with a `/` or a `.` it is a path.
 bool isPath(const std::string& given) { return given.find_first_of("/.") != std::string::npos; }
-
-// roslaunch starts nodes in ROS_HOME, but leaves them PWD, the folder of the shell that it was
-// called from.
-std::filesystem::path folderOfCaller() {
-  const char* const shell = std::getenv("PWD");
-  if (shell != nullptr && *shell == '/') return shell;
-  return std::filesystem::current_path();
-}
 
 }  // namespace
 
@@ -164,7 +156,8 @@ std::string ParameterReader::folder(const std::string& name, const std::string& 
 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
   if (given.front() == '/') return given;
-  std::string path = (folderOfCaller() / given).lexically_normal();
+  std::string path = (callersFolder() / given).lexically_normal();
+  logInfo("~%s is %s: %s", name.c_str(), given.c_str(), path.c_str());
   node_.setParam(name, path);  // other nodes read it, too
   return path;
 }

@@ -1,5 +1,6 @@
 #include "helix_arm/ros_bridge/tools/simulated_rig_node.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <stdexcept>
@@ -23,6 +24,7 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr model::Range kTimeFactors = {0.01, 1000.0};
+constexpr double kFirstReading = 3.0;  // time that the regulator's node has to start [s]
 
 }  // namespace
 
@@ -60,7 +62,9 @@ SimulatedRigNode::SimulatedRigNode()
       true_arm_(scene_.model, scene_.simulation.arm),
       response_(scene_.arm, scene_.simulation.arm.response),
       command_(Eigen::VectorXd::Zero(scene_.arm.actuatorCount())),
-      last_step_(ros::SteadyTime::now()) {
+      last_step_(ros::SteadyTime::now()),
+      last_input_(last_step_),
+      silent_(options_.regulator == "scene") {
   if (options_.regulator == "scene") {
     regulator_ = makeSimulatedRegulator(scene_);
     response_.step(regulator_->pressure(), 0);  // vented
@@ -158,11 +162,21 @@ void SimulatedRigNode::onTipForce(const geometry_msgs::WrenchStampedConstPtr& wr
 void SimulatedRigNode::noteInput() {
   last_input_ = ros::SteadyTime::now();
   silent_ = false;
+  heard_ = true;
 }
 
 void SimulatedRigNode::noteSilence(const ros::SteadyTime& now) {
-  if (silent_ || now - last_input_ <= ros::WallDuration(options_.command_timeout)) return;
+  const double longest =
+      heard_ ? options_.command_timeout : std::max(options_.command_timeout, kFirstReading);
+  if (silent_ || now - last_input_ <= ros::WallDuration(longest)) return;
   silent_ = true;
+  if (!heard_) {
+    logWarning(
+        "no %s has come for %g s: neither truth nor picture until one does; is the node of "
+        "the regulator running, and in this namespace?",
+        names::kPressureMeasured, longest);
+    return;
+  }
   if (regulator_) regulator_->command(Eigen::VectorXd::Zero(command_.size()));
   logWarning("no %s for %g s (~command_timeout_s): %s; is pressure_command running?",
              regulator_ ? names::kPressureCommand : names::kPressureMeasured,

@@ -1,5 +1,9 @@
 #include "helix_arm/ros_bridge/vision/vision_options.hpp"
 
+#include <filesystem>
+#include <system_error>
+
+#include "helix_arm/ros_bridge/common/callers_folder.hpp"
 #include "helix_arm/ros_bridge/common/file_access.hpp"
 #include "helix_arm/ros_bridge/common/names.hpp"
 #include "helix_arm/ros_bridge/common/parameters.hpp"
@@ -18,11 +22,17 @@ VisionOptions VisionOptions::load(const ros::NodeHandle& private_node) {
   out.scene = reader.file("scene", "config/scenes", ".yaml");
   out.source = reader.text("source", out.source);
   const bool is_topic = out.source == names::kCompressedImage;  // which has a slash
-  if (!is_topic && out.source.find_first_of("/.") != std::string::npos) {
+  const bool is_word =
+      is_topic || out.source == kTopic || out.source == names::kImage || out.source == kWebcam;
+  const bool is_path = out.source.find_first_of("/.") != std::string::npos;
+  std::error_code fault;  // counts as not there
+  if (!is_word && !out.source.empty() &&
+      (is_path || std::filesystem::exists(callersFolder() / out.source, fault))) {
     out.source = reader.absolute("source", out.source);
   } else {
     out.source = reader.choice("source", out.source,
-                               {kTopic, names::kImage, names::kCompressedImage, kWebcam, "a path"});
+                               {kTopic, names::kImage, names::kCompressedImage, kWebcam,
+                                "a path (with a / or a ., or of what is there)"});
   }
   out.use_camera_info = reader.flag("use_camera_info", out.use_camera_info);
   out.camera_info_url = reader.text("camera_info_url", "");

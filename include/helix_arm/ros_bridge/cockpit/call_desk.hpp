@@ -10,7 +10,9 @@ namespace helix_arm::ros_bridge {
 struct CallAnswer {
   std::string what;  ///< name of the call, such as "Enable"
   bool success = false;
-  std::string message;  ///< of the service; or why there is no answer
+  std::string message;      ///< of the service; or why there is no answer
+  bool answered = true;     ///< false: nothing answered, so the call may or may not have arrived
+  std::string remedy = {};  ///< what the user has to do where the call failed; empty: nothing
 };
 
 /// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
@@ -25,8 +27,11 @@ class CallDesk {
   /// Gets exactly one answer per call, from some thread, and none after the destructor of the desk.
   using Done = std::function<void(const CallAnswer&)>;
 
-  /// At most so many calls of one name wait for an answer; further ones are refused.
+  /// At most so many calls of one name wait for an answer; further ones are refused. Those given up
+  /// on do not count: a fifth emergency stop still goes out to a node that has come back.
   static constexpr int kMostWaiting = 4;
+  /// At most so many calls of one name have a thread, with those that were given up on.
+  static constexpr int kMostRunning = 64;
 
   explicit CallDesk(Done done);
   ~CallDesk();
@@ -36,7 +41,8 @@ class CallDesk {
   /// @param what     name of the call in its answer.
   /// @param limit    time in which it must answer, > 0 [s].
   /// @param call     Must not refer to anything that may end before it.
-  void ask(const std::string& what, double limit, Call call);
+  /// @param remedy   of its answer, however the call fails.
+  void ask(const std::string& what, double limit, Call call, const std::string& remedy = {});
 
  private:
   struct State;

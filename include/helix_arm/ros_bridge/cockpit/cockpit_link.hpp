@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <actionlib/client/simple_action_client.h>
@@ -31,24 +32,30 @@ namespace helix_arm::ros_bridge {
 
 /// One arm, as a user of its topics and services: what the cockpit shows, and what its buttons do.
 ///
-/// No call blocks. Topics have a thread of their own, services are called through a CallDesk, and
-/// the target that is held is repeated at 10 Hz for as long as view() is called.
+/// Once it is made, no call blocks. Topics have a thread of their own, services are called through
+/// a CallDesk, and the target that is held is repeated at 10 Hz for as long as view() is called.
 ///
 /// Subscribes, below the namespace: pressure_command, pressure_measured, safety_state,
 /// target_status, measured, model, model_error, loop_status, error_budget; and /diagnostics, which
 /// tells the limits. Publishes pressure_target and tip_target.
 class CockpitLink {
  public:
-  /// @param ns    Namespace of the arm's nodes, such as left; empty: that of this node.
-  /// @param done  Gets the answers of the services, from some thread.
+  /// Waits for the ROS master, without end where that is gone or hangs; see LinkBuilder.
+  /// @param ns  Namespace of the arm's nodes, such as left; empty: that of this node.
   /// @throws ros::InvalidNameException if the namespace is no name.
-  CockpitLink(const std::string& ns, CallDesk::Done done);
+  explicit CockpitLink(const std::string& ns);
+  /// The same namespace from the root, such as / or /left. Asks nobody.
+  /// @throws ros::InvalidNameException if it is no name.
+  static std::string resolved(const std::string& ns);
   ~CockpitLink();
   CockpitLink(const CockpitLink&) = delete;
   CockpitLink& operator=(const CockpitLink&) = delete;
 
   /// The present moment; also tells that somebody still looks.
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Answers of the services that came since the last call.
+  std::vector<CallAnswer> takeAnswers() HELIX_ARM_EXCLUDES(answers_mutex_);
 
   void enable();
   void vent() HELIX_ARM_EXCLUDES(mutex_);
@@ -69,13 +76,18 @@ class CockpitLink {
  private:
   using Client = actionlib::SimpleActionClient<RunCalibrationAction>;
 
+  static double now() { return ros::SteadyTime::now().toSec(); }
+
   /// A value and when it came [s].
   template <class T>
   struct Dated {
     T value{};
     double time = -1e9;
-    void set(T next);
-    bool isFresh(double longest) const;
+    void set(T next) {
+      value = std::move(next);
+      time = now();
+    }
+    bool isFresh(double longest) const { return now() - time < longest; }
   };
 
   void onCommand(const PressureArrayConstPtr& message) HELIX_ARM_EXCLUDES(mutex_);
@@ -94,12 +106,16 @@ class CockpitLink {
       HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_);
 
+  void note(const CallAnswer& answer) HELIX_ARM_EXCLUDES(answers_mutex_);
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
   void trigger(const std::string& what, const std::string& service);
   std::string serviceOf(const std::string& node, const std::string& name) const;
 
+  basics::Mutex answers_mutex_;
+  std::vector<CallAnswer> answers_ HELIX_ARM_GUARDED_BY(answers_mutex_);
   CallDesk desk_;
+  const std::string ns_;  ///< resolved
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
   ros::Publisher pressure_publisher_, tip_publisher_;

@@ -59,6 +59,8 @@ struct CockpitCalibration {
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView {
   std::string ns;                ///< resolved namespace of the arm, such as / or /left
+  std::string connecting_to;     ///< that of the arm to which a connection is made; empty: none
+  std::string silent_master;     ///< URI of the ROS master if it lets that connection wait
   std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
   double arm_length = kUnknown;  ///< of the model when it was first seen [m]
   bool connected = false;        ///< pressure_command comes

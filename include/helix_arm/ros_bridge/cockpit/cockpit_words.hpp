@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <string>
 
+#include "helix_arm/ros_bridge/cockpit/call_desk.hpp"
 #include "helix_arm/ros_bridge/cockpit/cockpit_view.hpp"
 
 /// What the cockpit says of an arm, and what it offers. No widget, no ROS: values in, words out.
@@ -10,6 +11,12 @@ namespace helix_arm::ros_bridge {
 
 /// How serious a text is; a widget gives it a colour.
 enum class Tone : std::uint8_t { kQuiet, kGood, kCaution, kBad };
+
+/// What remains to do where an emergency stop fails.
+inline constexpr char kStopByHand[] = "shut the supply and open the relief valve by hand";
+
+/// The arm that the buttons command: its resolved namespace, or that there is none.
+std::string armName(const CockpitView& view);
 
 /// State, cause and remedy of the arm in words.
 struct Headline {
@@ -21,6 +28,9 @@ struct Headline {
 Headline headline(const CockpitView& view);
 /// What to do next; and if that is to enable the arm, what prevents it now. Empty if neither is.
 std::string remedyWords(const CockpitView& view);
+
+/// That a ROS master which does not answer prevents the connection to an arm.
+std::string masterWords(const CockpitView& view);
 
 /// Whether an action is possible now; if not, why not, and what makes it possible.
 struct Possibility {
@@ -44,6 +54,8 @@ struct Words {
   std::string text;
   Tone tone = Tone::kQuiet;
 };
+/// Answer to a call; what the user has to do comes first.
+Words answerWords(const CallAnswer& answer);
 Words loopWords(const CockpitView& view);
 Words calibrationWords(const CockpitView& view);
 /// What is doubtful in the result of a calibration; empty if nothing is.

@@ -39,4 +39,8 @@ class MasterWatch {
   std::thread thread_;
 };
 
+/// Whether the ROS master answers within MasterWatch::kPatience; unlike ros::master::check(), which
+/// waits for one that hangs without end.
+bool masterAnswers();
+
 }  // namespace helix_arm::ros_bridge

@@ -41,8 +41,8 @@ class ParameterReader {
   int count(const std::string& name, int fallback, int lower, int upper);
 
   /// Path of a file, or the bare name of one that the package ships in `folder` with this
-  /// extension. Here and below a path may be given relative to the folder in which the node, or the
-  /// roslaunch that starts it, was called; the result, and from then on the parameter, is absolute.
+  /// extension. Here and below a path may be given relative to callersFolder(); the result, and
+  /// from then on the parameter, is absolute, and the log tells it.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
   /// The same; empty if the parameter is absent.

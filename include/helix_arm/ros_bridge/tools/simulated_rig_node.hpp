@@ -30,7 +30,8 @@ struct SimulatedRigOptions {
   double camera_rate = 15.0;  ///< ~camera_rate: of the pictures, 0.1 to 100 [Hz]
   std::string frame_prefix;   ///< ~frame_prefix: "", set before arm_base and camera_optical
   /// ~command_timeout_s: time without commands after which the regulator vents by itself, or
-  /// without readings after which their absence is warned of, 0.01 to 60 [s]
+  /// without readings after which their absence is warned of (before the first one, at least 3 s),
+  /// 0.01 to 60 [s]
   double command_timeout = 0.5;
   /// ~time_factor: 0 uses the time of the other nodes. Other values make this node their clock
   /// (needs use_sim_time), with this number of simulated seconds per second, 0.01 to 1000; not with
@@ -109,7 +110,8 @@ class SimulatedRigNode {
   Eigen::VectorXd command_;      ///< in force, inside the limits [Pa]
   ros::SteadyTime last_step_;    ///< of the regulator
   ros::SteadyTime last_input_;   ///< last command, or last reading
-  bool silent_ = true;           ///< none arrives; the regulator is vented
+  bool silent_;                  ///< none arrives; the regulator is vented
+  bool heard_ = false;           ///< one has arrived
   ros::Time clock_;              ///< if ~time_factor is set
   FaultCount bad_inputs_, bad_forces_, no_truths_;
 
