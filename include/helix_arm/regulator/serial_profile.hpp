@@ -43,11 +43,16 @@ struct SerialProfile {
   /// Time without a line after which the device vents all channels by itself [s]; infinite if it
   /// does not.
   double watchdog = std::numeric_limits<double>::infinity();
+  double highest =
+      std::numeric_limits<double>::infinity();  ///< set point that it takes, gauge [Pa]
+  std::optional<int> channels;  ///< that it has at most; absent: as many as are addressed
 
   /// A number of the device as gauge pressure [Pa].
   double toPascals(double number) const { return number * pascals - atmosphere; }
   /// A gauge pressure [Pa] as a number of the device.
   double fromPascals(double pressure) const { return (pressure + atmosphere) / pascals; }
+  /// Highest set point that the device takes, gauge [Pa]; infinite if the profile does not say.
+  double highestPressure() const { return highest; }
 
   /// @throws std::invalid_argument naming the key and its rule.
   void validate() const;
