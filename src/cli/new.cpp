@@ -318,9 +318,8 @@ Subcommand addNew(CLI::App& app) {
   add("--tilt-deg", scene.tilt_deg, "tilt of the muscles, which winds them around the arm [deg]");
   add("--max-pressure-kpa", scene.max_pressure_kpa, "highest gauge pressure [kPa]");
   add("--tag-size-m", scene.tag_size,
-      "outer edge of the tags' black border [m]; unless given, more for a far camera or less where "
-      "no "
-      "more fits; 0: no tags");
+      "outer edge of the tags' black border [m]; unless given, more for a far camera, less on a "
+      "narrow arm; 0: no tags");
   add("--tags", scene.tags, "tags per muscle; 0: as many as fit, at most 7, and 64 in all");
   add("--camera-distance-m", scene.camera_distance,
       "from the arm to the camera [m]; 0: so that the arm fits the picture");

@@ -6,7 +6,6 @@
 #include <string_view>
 
 #include "column_names.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/content_hash.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
@@ -242,8 +241,8 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
     if (ours[i]) continue;
-    faults.add(
-        0, basics::quoted(column) + " belongs to no actuator; expected pressures in " + expected);
+    faults.add(0, columnText(data.columns, i) + " belongs to no actuator; expected pressures in " +
+                      expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();

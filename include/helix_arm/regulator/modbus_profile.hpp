@@ -30,7 +30,7 @@ struct ModbusProfile {
   double atmosphere = 0;        ///< subtracted from readings, added to set points [Pa]; 0: gauge
   int highest_count = 32767;    ///< largest count that the device accepts; below 0 is never written
   int outlets = 1;              ///< of a slot
-  std::optional<int> channels;  ///< outlets of the whole device at most; absent: not told
+  std::optional<int> channels;  ///< outlets of the whole device at most; absent: not known
 
   int output_base = 0;      ///< first holding register to write
   int output_stride = 1;    ///< registers per slot

@@ -43,15 +43,15 @@ struct SerialProfile {
   /// Time without a line after which the device vents all channels by itself [s]; infinite if it
   /// does not.
   double watchdog = std::numeric_limits<double>::infinity();
-  double highest =
-      std::numeric_limits<double>::infinity();  ///< set point that it takes, gauge [Pa]
-  std::optional<int> channels;  ///< that it has at most; absent: as many as are addressed
+  /// Highest set point that the device takes, gauge [Pa]; infinite if that is not known.
+  double highest = std::numeric_limits<double>::infinity();
+  std::optional<int> channels;  ///< of the device at most; absent: not known
 
   /// A number of the device as gauge pressure [Pa].
   double toPascals(double number) const { return number * pascals - atmosphere; }
   /// A gauge pressure [Pa] as a number of the device.
   double fromPascals(double pressure) const { return (pressure + atmosphere) / pascals; }
-  /// Highest set point that the device takes, gauge [Pa]; infinite if the profile does not say.
+  /// The same by the name that profiles of all kinds have.
   double highestPressure() const { return highest; }
 
   /// @throws std::invalid_argument naming the key and its rule.
