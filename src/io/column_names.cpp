@@ -12,20 +12,17 @@ const char* const kNames[] = {"capture", "tag",   "curvature_rad", "pressure_kpa
                               "y2_px",   "x3_px", "y3_px",         "x4_px",        "y4_px",
                               "time_s"};
 
-const char* const kPressureUnits[] = {"_kpa", "_pa", "_psi", "_bar", "_mbar", "_mpa"};
-
-// pressure_, up to three digits, and a unit.
+// pressure_1_kpa to pressure_999_kpa
 bool isPressure(const std::string& name) {
   constexpr std::size_t kMostDigits = 3;
-  const std::string prefix = "pressure_";
-  if (name.compare(0, prefix.size(), prefix) != 0) return false;
-  const std::size_t end = std::min(name.find('_', prefix.size()), name.size());
-  const auto place = [&name](std::size_t i) { return name.begin() + static_cast<long>(i); };
-  return end > prefix.size() && end - prefix.size() <= kMostDigits &&
-         std::all_of(place(prefix.size()), place(end),
-                     [](char c) { return c >= '0' && c <= '9'; }) &&
-         std::find(std::begin(kPressureUnits), std::end(kPressureUnits), name.substr(end)) !=
-             std::end(kPressureUnits);
+  const std::string prefix = "pressure_", suffix = "_kpa";
+  if (name.size() <= prefix.size() + suffix.size()) return false;
+  const std::size_t digits = name.size() - prefix.size() - suffix.size();
+  const auto number = name.begin() + static_cast<long>(prefix.size());
+  return digits <= kMostDigits && *number != '0' && name.compare(0, prefix.size(), prefix) == 0 &&
+         name.compare(prefix.size() + digits, suffix.size(), suffix) == 0 &&
+         std::all_of(number, number + static_cast<long>(digits),
+                     [](char c) { return c >= '0' && c <= '9'; });
 }
 
 }  // namespace

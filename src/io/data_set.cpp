@@ -192,6 +192,17 @@ DataSet parsed(const std::string& name, const std::string& content, FaultList& f
   return data;
 }
 
+// pressure_, up to three digits and a unit: a name of pressures, though perhaps of no actuator.
+// Others may be words of a file that is no data set, which messages do not repeat.
+bool namesPressure(const std::string& column) {
+  constexpr std::size_t kMostDigits = 3;
+  const std::size_t begin = std::string_view("pressure_").size();
+  const std::size_t end = std::min(column.find('_', begin), column.size());
+  const auto units = {"_kpa", "_pa", "_psi", "_bar", "_mbar", "_mpa"};
+  return end - begin <= kMostDigits && column.find_first_not_of("0123456789", begin) == end &&
+         std::find(units.begin(), units.end(), column.substr(end)) != units.end();
+}
+
 }  // namespace
 
 int DataSet::find(const std::string& column) const {
@@ -241,8 +252,8 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
     if (column.compare(0, prefix.size(), prefix) != 0) continue;
     any = true;
     if (ours[i]) continue;
-    faults.add(0, columnText(data.columns, i) + " belongs to no actuator; expected pressures in " +
-                      expected);
+    faults.add(0, (namesPressure(column) ? column : columnText(data.columns, i)) +
+                      " belongs to no actuator; expected pressures in " + expected);
   }
   if (!any) faults.add(0, "has no pressures; expected columns " + expected);
   faults.throwIfAny();
