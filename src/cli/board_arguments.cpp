@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "arguments.hpp"
+#include "completion.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -27,10 +28,16 @@ void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
                   "of a ChArUco board: side of a marker's black border [m], default three quarters "
                   "of a square")
       ->type_name("S");
-  command
-      .add_option("--dictionary", arguments.dictionary,
-                  "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50")
-      ->type_name("NAME");
+  std::vector<std::string> dictionaries;
+  for (const vision::MarkerDictionary& known : vision::markerDictionaries()) {
+    dictionaries.emplace_back(known.name);
+  }
+  offerWords(command
+                 .add_option("--dictionary", arguments.dictionary,
+                             "of a ChArUco board: its markers, by OpenCV's name, default "
+                             "DICT_4X4_50")
+                 ->type_name("NAME"),
+             dictionaries);
   command.add_flag("--legacy-pattern", arguments.legacy_pattern,
                    "of a ChArUco board with an even number of squares down: its top left square is "
                    "white, as OpenCV before 4.6 drew it");
@@ -74,7 +81,9 @@ void addBoardOption(CLI::App& command, BoardArguments& arguments, const std::str
 }
 
 void addBoardFlag(CLI::App& command, BoardArguments& arguments, const std::string& what) {
-  command.add_flag("--board{tags}", arguments.kind, what)->check(CLI::IsMember({kTags, kCharuco}));
+  offerWords(command.add_flag("--board{tags}", arguments.kind, what)
+                 ->check(CLI::IsMember({kTags, kCharuco})),
+             {kTags, kCharuco});
   addCharucoOptions(command, arguments);
 }
 

@@ -1,6 +1,7 @@
 #include "completion.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 #include "helix_arm/io/shipped_files.hpp"
 
@@ -14,6 +15,8 @@ constexpr char kListOffer[] = "list";
 constexpr char kSceneOffer[] = "scene";
 constexpr char kAnyFile[] = "*";
 constexpr char kSceneFile[] = "*.yaml";
+// Parts of the names of types that may be files; TEXT is of options that name no type.
+constexpr const char* kFileTypes[] = {"FILE", "DIR", "PATH", "SCENE", "TEXT"};
 
 // Inactive: it checks nothing and is not part of the help.
 void offer(CLI::Option* option, const char* kind, const Words& words) {
@@ -60,8 +63,10 @@ Completions valuesOf(CLI::Option* option, const std::string& word) {
   }
   if (Words words = wordsOfType(option); !words.empty()) return {"", words};
   const std::string type = option->get_type_name().substr(0, option->get_type_name().find(':'));
-  const bool number = type == "INT" || type == "UINT" || type == "FLOAT";
-  return {number ? "" : kAnyFile, {}};
+  const bool file =
+      std::any_of(std::begin(kFileTypes), std::end(kFileTypes),
+                  [&](const char* part) { return type.find(part) != std::string::npos; });
+  return {file ? kAnyFile : "", {}};
 }
 
 bool takesMany(const CLI::Option* option) {
@@ -70,14 +75,15 @@ bool takesMany(const CLI::Option* option) {
 
 bool isOption(const std::string& word) { return word.size() > 1 && word.front() == '-'; }
 
-// Bash splits at =: --format=csv and KEY=VALUE are three words.
+// Bash splits at =: --format=csv and KEY=VALUE are three words. They become --format= and csv, and
+// KEY=VALUE.
 Words joinedAtEquals(const Words& words) {
   Words out;
   bool glue = false;
   for (const std::string& word : words) {
     if (word == "=" && !out.empty()) {
       glue = !isOption(out.back());
-      if (glue) out.back() += word;
+      out.back() += word;
       if (&word == &words.back() && !glue) out.emplace_back();
     } else if (glue) {
       out.back() += word;
@@ -102,9 +108,11 @@ class Position {
     }
     awaited_ = nullptr;
     has_value_ = false;
+    const Words optional = optionalValues();
+    flag_ = nullptr;
+    if (std::find(optional.begin(), optional.end(), word) != optional.end()) return;
     if (isOption(word)) {
-      CLI::Option* const option = find(word);
-      if (option != nullptr && option->get_items_expected_max() > 0) awaited_ = option;
+      passOption(word);
       return;
     }
     for (CLI::App* subcommand : subcommands()) {
@@ -119,17 +127,38 @@ class Position {
   Completions completions(const std::string& word) {
     if (awaited_ != nullptr && !(has_value_ && isOption(word))) return valuesOf(awaited_, word);
     if (!word.empty() && word.front() == '-') return {"", optionNames()};
+    Completions out;
     CLI::Option* const positional = nextPositional();
     const std::vector<CLI::App*> nested = subcommands();
     if (positional != nullptr && (nested.empty() || positional->get_required())) {
-      return valuesOf(positional, word);
+      out = valuesOf(positional, word);
+    } else {
+      for (const CLI::App* subcommand : nested) out.words.push_back(subcommand->get_name());
     }
-    Completions out;
-    for (const CLI::App* subcommand : nested) out.words.push_back(subcommand->get_name());
+    const Words optional = optionalValues();
+    out.words.insert(out.words.begin(), optional.begin(), optional.end());
     return out;
   }
 
  private:
+  // Behind an =, a flag has a value, too.
+  void passOption(const std::string& word) {
+    const bool equals = word.back() == '=';
+    CLI::Option* const option = find(equals ? word.substr(0, word.size() - 1) : word);
+    if (option == nullptr) return;
+    if (equals || option->get_items_expected_max() > 0) {
+      awaited_ = option;
+    } else {
+      flag_ = option;
+    }
+  }
+
+  // Of the flag before, such as --board, which alone means tags.
+  Words optionalValues() const {
+    CLI::Validator* const words = flag_ == nullptr ? nullptr : offered(flag_, kWordsOffer);
+    return words == nullptr ? Words() : wordsOf(words);
+  }
+
   std::vector<CLI::App*> subcommands() const {
     return command_->get_subcommands([](const CLI::App*) { return true; });
   }
@@ -164,6 +193,7 @@ class Position {
   std::size_t positionals_ = 0;
   CLI::Option* awaited_ = nullptr;  // takes the next word
   bool has_value_ = false;          // and has one already
+  CLI::Option* flag_ = nullptr;     // the word before, which may have a value
 };
 
 }  // namespace

@@ -55,6 +55,41 @@ void settleRegulator(NewScene& scene) {
   io::loadRegulatorProfile(scene.regulator);  // throws on a fault of its file
 }
 
+bool given(const NewArguments& arguments, const char* option) {
+  return arguments.command->count(option) > 0;
+}
+
+// What the device takes, where no option says otherwise.
+void proposePressure(NewArguments& arguments) {
+  NewScene& scene = arguments.scene;
+  if (!scene.isHardware() || given(arguments, "--max-pressure-kpa")) return;
+  const double highest = std::visit([](const auto& profile) { return profile.highestPressure(); },
+                                    io::loadRegulatorProfile(scene.regulator));
+  scene.max_pressure_kpa = std::min(scene.max_pressure_kpa, io::kilopascals(highest));
+}
+
+// What fits on the arm and is read by the camera, where no option says otherwise. The number of
+// tags that an option asks for must fit.
+void proposeTags(NewArguments& arguments) {
+  NewScene& scene = arguments.scene;
+  if (given(arguments, "--tag-size-m")) return;
+  const double fitting = scene.fittingTagSize();
+  if (fitting > 0 || !given(arguments, "--tags")) scene.tag_size = fitting;
+}
+
+// Why a scene that was to have tags has none, on stderr.
+void tellOfNoTags(const NewArguments& arguments) {
+  if (arguments.scene.tag_size > 0 || given(arguments, "--tag-size-m")) return;
+  NewScene least = arguments.scene;
+  least.tag_size = procedures::kLeastTagSize;
+  try {
+    least.validate();
+  } catch (const std::invalid_argument& reason) {
+    std::cerr << "the scene has neither tags nor camera, since no tags fit. " << reason.what()
+              << "\n";
+  }
+}
+
 bool speaksSerial(const NewScene& scene) {
   return std::holds_alternative<regulator::SerialProfile>(
       io::loadRegulatorProfile(scene.regulator));
@@ -71,7 +106,8 @@ std::string askedFor(const std::string& question, const std::string& usual) {
       "--defaults");
 }
 
-// Asks for what no option gave, until the answer keeps its rule.
+// Asks for what no option gave, until the answer keeps its rule. What is proposed keeps it: else
+// the fault is in the options, where no answer mends it, and is thrown.
 class Interview {
  public:
   explicit Interview(const CLI::App& command) : command_(command) {}
@@ -105,6 +141,7 @@ class Interview {
   template <class Value, class Take>
   static void repeat(const std::string& question, const std::string& usual, Value& value,
                      const std::function<void()>& check, const Take& take) {
+    check();
     const Value before = value;
     for (;;) {
       const std::string line = trimmed(askedFor(question, usual));
@@ -132,7 +169,10 @@ class Interview {
 void interview(NewArguments& arguments) {
   const Interview interview(*arguments.command);
   NewScene& scene = arguments.scene;
-  const auto in_range = [&scene] { scene.validateRanges(); };
+  const auto in_range = [&scene] {
+    scene.validateRanges();
+    scene.validateRegulator();
+  };
   const auto fits = [&scene] { scene.validate(); };
   std::cerr << "A new arm that hangs before a webcam, in " << arguments.out
             << ". Enter keeps the value in brackets; Ctrl-C leaves without a file.\n";
@@ -153,7 +193,8 @@ void interview(NewArguments& arguments) {
                 scene.tilt_deg, in_range);
   interview.ask("--max-pressure-kpa", "highest gauge pressure, in kPa (1 to 2000)",
                 scene.max_pressure_kpa, in_range);
-  if (arguments.command->count("--tag-size-m") == 0) scene.tag_size = scene.fittingTagSize();
+  proposeTags(arguments);
+  fits();  // else the options do not fit the answers, which no question mends
   interview.ask("--tag-size-m",
                 "outer edge of the tags' black border, in m (0.005 to 0.3; 0: neither tags nor "
                 "camera)",
@@ -166,9 +207,11 @@ void interview(NewArguments& arguments) {
                   "picture)",
                   scene.camera_distance, fits);
   }
-  interview.ask("--regulator",
-                "pressure regulator: " + regulators() + ", or the path of a profile",
-                scene.regulator, [&scene] { settleRegulator(scene); });
+  interview.ask("--regulator", "pressure regulator: " + regulators() + ", or the path of a profile",
+                scene.regulator, [&scene] {
+                  settleRegulator(scene);
+                  scene.validateRegulator();
+                });
   if (!scene.isHardware()) return;
   const auto loads = [&arguments] {
     io::sceneOfText(procedures::newSceneText(arguments.scene), arguments.out);
@@ -195,6 +238,8 @@ void check(NewArguments& arguments) {
   }
   arguments.scene.validateRanges();
   settleRegulator(arguments.scene);
+  proposePressure(arguments);
+  arguments.scene.validateRegulator();
   NewScene usual;
   usual.name = arguments.scene.name;
   io::sceneOfText(procedures::newSceneText(usual),
@@ -208,17 +253,22 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
   NewScene& scene = arguments.scene;
   scene.name = std::filesystem::path(arguments.out).stem().string();
   check(arguments);
-  if (!arguments.defaults && isatty(STDIN_FILENO) != 0) interview(arguments);
+  if (!arguments.defaults && isatty(STDIN_FILENO) != 0) {
+    interview(arguments);
+  } else {
+    proposeTags(arguments);
+  }
   const bool serial = scene.isHardware() && speaksSerial(scene);
-  if (arguments.command->count("--device") > 0 && !serial) {
+  if (given(arguments, "--device") && !serial) {
     throw CallerError("--device goes with a --regulator on a serial line, such as generic");
   }
-  if (arguments.command->count("--host") > 0 && (serial || !scene.isHardware())) {
+  if (given(arguments, "--host") && (serial || !scene.isHardware())) {
     throw CallerError("--host goes with a --regulator on Modbus TCP, such as festo_vtem");
   }
   const std::string text = procedures::newSceneText(scene);
   const io::Scene made = io::sceneOfText(text, arguments.out);
   io::writeFileAtomically(arguments.out, text);
+  tellOfNoTags(arguments);
   const std::size_t tags = made.tags ? made.tags->tags.size() : 0;
   if (global.format == Format::kJson) {
     printJson({{"scene", made.name},
@@ -267,7 +317,9 @@ Subcommand addNew(CLI::App& app) {
   add("--radius-m", scene.radius, "from the arm's centre line to that of a muscle [m]");
   add("--tilt-deg", scene.tilt_deg, "tilt of the muscles, which winds them around the arm [deg]");
   add("--max-pressure-kpa", scene.max_pressure_kpa, "highest gauge pressure [kPa]");
-  add("--tag-size-m", scene.tag_size, "outer edge of the tags' black border [m]; 0: no tags");
+  add("--tag-size-m", scene.tag_size,
+      "outer edge of the tags' black border [m]; unless given, more for a far camera, less on a "
+      "narrow arm; 0: no tags");
   add("--tags", scene.tags, "tags per muscle; 0: as many as fit, at most 7, and 64 in all");
   add("--camera-distance-m", scene.camera_distance,
       "from the arm to the camera [m]; 0: so that the arm fits the picture");

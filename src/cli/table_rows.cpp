@@ -71,7 +71,7 @@ Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
                         inputText(actuator, actuator.limits.upper));
     }
   }
-  if (in_si) warnOfKilopascals(data.path, arm, inputs);
+  if (in_si || data.find("pressure_1_pa") >= 0) warnOfKilopascals(data.path, arm, inputs);
   return inputs;
 }
 

@@ -15,7 +15,7 @@ const char* const kNames[] = {"capture", "tag",   "curvature_rad", "pressure_kpa
 
 // pressure_1_kpa, pressure_999_pa, and in units that no table has: pressure_1_psi
 bool isPressure(const std::string& name) {
-  static const std::regex form("pressure_[0-9]{1,3}_(k?pa|m?bar|psi)");
+  static const std::regex form("pressure_[0-9]{1,3}_([km]?pa|m?bar|psi)");
   return std::regex_match(name, form);
 }
 

@@ -63,7 +63,7 @@ std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
   const std::size_t before = faults.count();
   const MapReader keys(value, path,
                        {"unit_id", "count_pa", "atmosphere_kpa", "highest_count", "outlets",
-                        "outputs", "inputs", "supply", "app", "timeout_s"},
+                        "channels", "outputs", "inputs", "supply", "app", "timeout_s"},
                        faults);
   regulator::ModbusProfile profile;
   profile.name = name;
@@ -72,6 +72,7 @@ std::optional<regulator::ModbusProfile> readModbusProfile(const Value& value,
   profile.atmosphere = pascals(keys.number("atmosphere_kpa", kAtmosphere, 0.0));
   profile.highest_count = word(keys, "highest_count", 1, 32767);
   profile.outlets = static_cast<int>(keys.integer("outlets", 1, 64, profile.outlets));
+  if (keys.has("channels")) profile.channels = word(keys, "channels", 1, kMostProfileChannels);
   if (const Value* outputs = keys.required("outputs", "a map of first, stride and pressure")) {
     readOutputs(*outputs, keys.path("outputs"), profile, faults);
   }

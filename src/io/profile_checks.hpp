@@ -13,6 +13,7 @@
 namespace helix_arm::io {
 
 inline const NumberRule kAtmosphere = within(kNotNegative, 0, 200, " kPa");
+inline constexpr int kMostProfileChannels = 1024;
 inline const NumberRule kTimeout = within(kPositive, 1e-3, 10, " s");
 
 /// A profile that was read from a map, if it is valid.

@@ -8,6 +8,7 @@ namespace helix_arm::io {
 namespace {
 
 const NumberRule kWatchdog = within(kPositive, 0.1, 60, " s");
+const NumberRule kHighest = within(kPositive, 1e-3, 1e5, " kPa");
 const NumberRule kScale = within(kPositive, 1e-6, 1e6);
 
 double pascalsOf(const std::string& unit) {
@@ -65,7 +66,8 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
                                      "write_reply", "read",           "reply",
                                      "supply_line", "skip",           "vent",
                                      "close",       "resume",         "vent_reply",
-                                     "timeout_s",   "watchdog_s"},
+                                     "timeout_s",   "watchdog_s",     "highest_kpa",
+                                     "channels"},
                        faults);
   constexpr const char* kLine = "a line of text";
   regulator::SerialProfile profile;
@@ -98,6 +100,12 @@ std::optional<regulator::SerialProfile> readSerialProfile(const Value& value,
   profile.vent_reply = optionalText(keys, "vent_reply", kLine);
   profile.timeout = keys.number("timeout_s", kTimeout, profile.timeout);
   if (keys.has("watchdog_s")) profile.watchdog = keys.number("watchdog_s", kWatchdog, 0.0);
+  if (keys.has("highest_kpa")) {
+    profile.highest = pascals(keys.number("highest_kpa", kHighest, 1.0));
+  }
+  if (keys.has("channels")) {
+    profile.channels = static_cast<int>(keys.integer("channels", 1, kMostProfileChannels, 1));
+  }
   return checked(profile, value, path, before, faults);
 }
 

@@ -13,6 +13,7 @@
 #include "helix_arm/estimation/tag_layout.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
+#include "helix_arm/io/yaml_text.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -25,11 +26,11 @@ constexpr double kStandOff = 0.016;      // of a tag, likewise [m]
 constexpr double kWithBorder = 1.25;     // a tag with the white that the detector needs
 constexpr double kFirstTag = 0.04;       // its s
 constexpr double kTagBits = 8;           // across the black border of 36h11
-constexpr double kSmallBit = 3;          // of a tag that faces the camera [px]
+constexpr double kSmallBit = 3.5;        // of a tag that faces the camera [px]
 constexpr int kMostTags = 7;             // per muscle, unless asked for
-constexpr double kLeastTagSize = 0.005;  // [m]
 constexpr double kFocal = 930, kWidth = 1280, kHeight = 720;  // of a usual webcam [px]
 constexpr double kCameraDistance = 1.75;                      // in lengths of the arm
+constexpr double kReadableBit = 2.2;   // of a tag proposed, facing the camera [px]
 constexpr double kCameraAzimuth = 35;  // about the world's z, between two muscles [deg]
 
 constexpr char kBoard[] = "generic";  // the profile of docs/board.md
@@ -47,6 +48,11 @@ double shortest(const NewScene& scene) { return scene.length * (1 - scene.contra
 
 // Rounded to the digits that a builder can measure.
 std::string number(double value) { return formatNumber(roundedTo(value * 1e6, 1) / 1e6); }
+
+double cameraDistance(const NewScene& scene) {
+  if (scene.camera_distance > 0) return scene.camera_distance;
+  return std::max(0.35, roundedTo(kCameraDistance * scene.sections * scene.length, 0.05));
+}
 
 // s from the first tag of a section to its last. Half a tag stays free where another section
 // follows.
@@ -155,9 +161,7 @@ void writeSight(const NewScene& scene, std::ostream& out) {
         << "]  # z: distance of the paper from the muscle's centre line\n";
   }
   const double length = scene.sections * scene.length;
-  const double distance = scene.camera_distance > 0
-                              ? scene.camera_distance
-                              : std::max(0.35, roundedTo(kCameraDistance * length, 0.05));
+  const double distance = cameraDistance(scene);
   const double azimuth = kCameraAzimuth * basics::kPi / 180;
   const double height = roundedTo(length + 0.3, 0.05) - length / 2;
   out << "\n# A webcam, " << number(distance)
@@ -183,24 +187,40 @@ void writeSight(const NewScene& scene, std::ostream& out) {
   }
 }
 
-// Of a channel. Alicat's devices have letters, Z at most; others count.
+// Of a channel. Alicat's devices have letters; others count.
 std::string addressOf(const NewScene& scene, int channel) {
-  const bool letters = scene.regulator == "alicat" && channel < 26;
-  return letters ? std::string(1, static_cast<char>('A' + channel)) : std::to_string(channel);
+  return scene.regulator == "alicat" ? std::string(1, static_cast<char>('A' + channel))
+                                     : std::to_string(channel);
+}
+
+// What the device takes, as its profile says.
+template <class Profile>
+void requireDevice(const NewScene& scene, const Profile& profile) {
+  const double highest = io::kilopascals(profile.highestPressure());
+  const std::string culprit = std::string(kCommand) + ": --regulator " + scene.regulator;
+  basics::require(scene.max_pressure_kpa <= highest, culprit, " takes ", formatNumber(highest),
+                  " kPa at most, and --max-pressure-kpa is ", formatNumber(scene.max_pressure_kpa),
+                  "; choose a lower pressure or another regulator. If your device gives more, "
+                  "name a copy of its profile that says so (highest_kpa, highest_count)");
+  const int channels = scene.sections * scene.muscles;
+  basics::require(channels <= profile.channels.value_or(channels), culprit, " has ",
+                  profile.channels.value_or(0), " channels at most, and --sections ",
+                  scene.sections, " with --muscles ", scene.muscles, " need ", channels,
+                  "; choose fewer muscles or another regulator. If your device has more, name a "
+                  "copy of its profile that says so (channels)");
 }
 
 void writeProfile(const NewScene& scene, std::ostream& out) {
   const io::RegulatorProfile profile = io::loadRegulatorProfile(scene.regulator);
   const auto* serial = std::get_if<regulator::SerialProfile>(&profile);
-  const bool path = io::isProfilePath(scene.regulator);
   out << (serial != nullptr ? "  ascii_serial:\n" : "  modbus_tcp:\n")
-      << "    profile: " << (path ? "\"" + scene.regulator + "\"" : scene.regulator)
+      << "    profile: " << io::yamlText(scene.regulator)
       << (scene.regulator == kBoard ? "  # the board of docs/board.md: 300 kPa at most\n" : "\n");
   if (serial == nullptr) {
-    out << "    host: " << scene.host << "\n";
+    out << "    host: " << io::yamlText(scene.host) << "\n";
     return;
   }
-  out << "    device: " << scene.device << "\n";
+  out << "    device: " << io::yamlText(scene.device) << "\n";
   if (serial->write.find("{address}") == std::string::npos) return;
   std::vector<std::string> addresses;
   for (int k = 0; k < scene.sections * scene.muscles; ++k) {
@@ -248,6 +268,8 @@ int NewScene::tagsPerMuscle() const {
 
 double NewScene::fittingTagSize() const {
   NewScene smaller = *this;
+  const double readable = kReadableBit * kTagBits * cameraDistance(*this) / kFocal;
+  smaller.tag_size = std::clamp(std::ceil(1e3 * readable) / 1e3, tag_size, kMostTagSize);
   while (smaller.tag_size > 0) {
     try {
       smaller.validate();
@@ -272,7 +294,8 @@ void NewScene::validateRanges() const {
                        kCommand, "--camera-distance-m", camera_distance,
                        "0.1 to 10 m, or 0 so that the arm fits the picture");
   if (tag_size == 0) return;
-  requireWithin("--tag-size-m", tag_size, kLeastTagSize, 0.3, "0.005 to 0.3 m, or 0 for no tags");
+  requireWithin("--tag-size-m", tag_size, kLeastTagSize, kMostTagSize,
+                "0.005 to 0.3 m, or 0 for no tags");
   basics::requireValue(tags == 0 || (tags >= 2 && tags <= 20), kCommand, "--tags", tags,
                        "2 to 20 per muscle, or 0 for as many as fit");
 }
@@ -302,8 +325,15 @@ void NewScene::validate() const {
                   formatNumber(1e-3 * std::floor(1e3 * side / kWithBorder)));
 }
 
+void NewScene::validateRegulator() const {
+  if (!isHardware()) return;
+  std::visit([this](const auto& profile) { requireDevice(*this, profile); },
+             io::loadRegulatorProfile(regulator));
+}
+
 std::string newSceneText(const NewScene& scene) {
   scene.validate();
+  scene.validateRegulator();
   std::ostringstream out;
   out << "# Written by helix_arm new. Every key is explained in config/scenes/annotated.yaml.\n"
          "# Next: helix_arm check THIS, helix_arm tags THIS --out tags.pdf; docs/first_arm.md\n"

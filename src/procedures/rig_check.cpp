@@ -31,6 +31,28 @@ const model::Actuator& highest(const model::Arm& arm) {
   return arm.actuator(best);
 }
 
+// What a profile tells of its device, against the channels and limits of the arm.
+template <class Profile>
+void checkDevice(const io::Scene& scene, const Profile& profile, int channels,
+                 std::vector<Finding>& findings) {
+  const model::Actuator& most = highest(scene.arm);
+  const std::string name = regulator::describe(*scene.regulator);
+  if (profile.highestPressure() < most.limits.upper) {
+    findings.push_back({Severity::kFault, "device_range", name,
+                        "it accepts at most " + kpa(profile.highestPressure()) +
+                            ", and the limit of " + most.name + " is " + kpa(most.limits.upper),
+                        "lower max_pressure_kpa to what the device can give; if yours gives more, "
+                        "name a copy of its profile that says so"});
+  }
+  if (profile.channels && channels > *profile.channels) {
+    findings.push_back({Severity::kFault, "device_channels", name,
+                        "it has at most " + std::to_string(*profile.channels) +
+                            " channels, and the arm needs " + std::to_string(channels),
+                        "use a device with more channels, or fewer muscles; if yours has more, "
+                        "name a copy of its profile that says so"});
+  }
+}
+
 void checkWatchdog(const io::Scene& scene, std::vector<Finding>& findings) {
   const auto* serial = std::get_if<regulator::SerialConfig>(&*scene.regulator);
   const std::string name = regulator::describe(*scene.regulator);
@@ -130,15 +152,13 @@ void checkRegulator(const io::Scene& scene, std::vector<Finding>& findings) {
     }
     return;
   }
+  if (const auto* serial = std::get_if<regulator::SerialConfig>(&*scene.regulator)) {
+    checkDevice(scene, serial->profile, scene.arm.actuatorCount(), findings);
+  }
   if (const auto* modbus = std::get_if<regulator::ModbusConfig>(&*scene.regulator)) {
-    const double top =
-        modbus->profile.highest_count * modbus->profile.pascals - modbus->profile.atmosphere;
-    if (top < most.limits.upper) {
-      findings.push_back({Severity::kFault, "device_range", regulator::describe(*scene.regulator),
-                          "it accepts at most " + kpa(top) + ", and the limit of " + most.name +
-                              " is " + kpa(most.limits.upper),
-                          "lower max_pressure_kpa to what the device can give"});
-    }
+    const std::vector<int>& slots = modbus->slots;
+    const int last = slots.empty() ? 0 : *std::max_element(slots.begin(), slots.end());
+    checkDevice(scene, modbus->profile, last + 1, findings);
   }
   const auto& least_supply = scene.safety.rules.min_supply;
   if (least_supply && *least_supply < most.limits.upper) {

@@ -17,6 +17,7 @@ constexpr double kGap = 3.0;          // between cards
 constexpr double kRim = 1.5;          // around its tag: room for marks, and for inaccurate cuts
 constexpr double kMark = 1.0;         // size of the marks in it
 constexpr double kStrip = 5.0;        // below the card, for its text
+constexpr double kLeastBit = 0.5;     // of a marker: 2 pixels of a usual webcam at 0.25 m
 constexpr double kMillimetre = 1e-3;  // [m]
 
 // Grid of cards on a page.
@@ -174,6 +175,11 @@ Page boardSheet(const vision::TagBoard& board, const Paper& paper) {
 Page boardSheet(const vision::CharucoBoard& board, const Paper& paper) {
   const double square = board.square_size / kMillimetre, side = board.marker_size / kMillimetre;
   const double inset = 0.5 * (square - side);
+  const double bit = board.bitSize() / kMillimetre;
+  basics::require(bit >= kLeastBit, "a marker ", board.dictionary, " of ", rounded(side, 2),
+                  " mm has bits of ", rounded(bit, 2), " mm; expected ", rounded(kLeastBit, 1),
+                  " mm or more, so that printer and camera resolve them. Choose larger markers "
+                  "(--marker-size-m, --square-size-m), or a dictionary with fewer bits");
   const Box place = boardPlace(board.columns * square, board.rows * square, paper);
   Page page = boardPage(
       paper,

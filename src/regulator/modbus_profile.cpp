@@ -57,6 +57,7 @@ void ModbusProfile::validate() const {
   checker.within("atmosphere_kpa", atmosphere / 1e3, 0, 200);
   checker.within("highest_count", highest_count, 1, 32767);
   checker.within("outlets", outlets, 1, 64);
+  if (channels) checker.within("channels", *channels, 1, 1024);
   checker.within("outputs.first", output_base, 0, kHighestWord);
   checker.within("outputs.stride", output_stride, 1, 1024);
   checker.within("outputs.pressure", output_pressure, 0, output_stride - 1);

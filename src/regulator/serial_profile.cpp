@@ -12,6 +12,7 @@ namespace helix_arm::regulator {
 namespace {
 
 constexpr const char* kCulprit = "serial profile";
+constexpr int kMostChannels = 1024;
 
 template <class Value>
 void require(bool holds, const char* key, const Value& value, const char* rule) {
@@ -127,6 +128,9 @@ void SerialProfile::validate() const {
   require(timeout >= 1e-3 && timeout <= 10, "timeout [s]", timeout, "0.001 to 10");
   require(watchdog >= std::max(0.1, 2 * timeout), "watchdog [s]", watchdog,
           "0.1 or more, and at least twice the timeout");
+  require(highest > 0, "the highest pressure [Pa]", highest, "a value > 0");
+  require(!channels || (*channels >= 1 && *channels <= kMostChannels), "channels",
+          channels.value_or(0), "1 to 1024");
   basics::require(!write.empty(), kCulprit, ": write is missing");
   basics::require(!reply.empty(), kCulprit, ": reply is missing");
   basics::require(!vent.empty(), kCulprit,

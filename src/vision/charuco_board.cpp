@@ -30,6 +30,10 @@ int CharucoBoard::markerIn(int column, int row) const {
 
 int CharucoBoard::count() const { return markerIn(0, rows); }
 
+double CharucoBoard::bitSize() const {
+  return marker_size / (markerDictionary(dictionary).bits + 2);  // and the black border
+}
+
 Eigen::Vector2d CharucoBoard::corner(int id) const {
   const int column = id % (columns - 1), row = id / (columns - 1);
   return square_size * Eigen::Vector2d(column + 1 - 0.5 * columns, 0.5 * rows - row - 1);
@@ -60,6 +64,10 @@ void CharucoBoard::validate() const {
   basics::require(marker_size > 0 && marker_size < square_size, kBoard,
                   ": the side of a marker [m] is ", marker_size,
                   "; expected a value above 0 and below that of a square, ", square_size);
+  basics::require(marker_size >= kLeastMarkerShare * square_size, kBoard,
+                  ": the side of a marker [m] is ", marker_size, "; expected ",
+                  kLeastMarkerShare * square_size, " or more, ", kLeastMarkerShare,
+                  " of the side of a square: a smaller one is not found in pictures of the board");
   const MarkerDictionary& known = markerDictionary(dictionary);
   basics::require(count() <= known.markers, kBoard, ": ", columns, " x ", rows, " squares take ",
                   count(), " markers, but ", dictionary, " has ", known.markers,

@@ -282,6 +282,15 @@ TEST(Forward, PressuresThatLookLikeKilopascalsAreWarnedOf) {
   };
   EXPECT_TRUE(warned("--input", "200,0,50"));
   EXPECT_TRUE(warned("--inputs", TemporaryFile("input_1,input_2,input_3\n0,0,0\n1,2,3\n").path()));
+  EXPECT_TRUE(warned(
+      "--inputs",
+      TemporaryFile("pressure_1_pa,pressure_2_pa,pressure_3_pa\n0,0,0\n100,200,0\n").path()));
+  EXPECT_FALSE(warned(
+      "--inputs",
+      TemporaryFile("pressure_1_pa,pressure_2_pa,pressure_3_pa\n0,0,0\n1e5,200,0\n").path()));
+  EXPECT_FALSE(
+      warned("--inputs",
+             TemporaryFile("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,0,0\n1,2,0\n").path()));
   EXPECT_FALSE(warned("--input", "200e3,0,50"));
   EXPECT_FALSE(warned("--input", "0,0,0"));
   EXPECT_FALSE(warned("--pressure-kpa", "0.2,0,0"));

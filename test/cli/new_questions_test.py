@@ -147,7 +147,7 @@ class NewOnATerminal(unittest.TestCase):
              "4"),
             ("from the arm to the camera", (("0.01", "--camera-distance-m is 0.01; expected 0.1 to 10 m"),), "1"),
             ("pressure regulator", (("festo", "--regulator is festo; expected simulated, none, alicat"),), "generic"),
-            ("serial device of the regulator", (("a: b", "arm.yaml"),), "/dev/ttyUSB7"),
+            ("serial device of the regulator", (), "/dev/tty: USB #7"),
         )
         for begin, wrong, right in answers:
             question = terminal.question()
@@ -158,7 +158,7 @@ class NewOnATerminal(unittest.TestCase):
                 self.assertEqual(terminal.question(), question, "what Enter keeps is the same")
             terminal.answer(right)
         self.assert_written(terminal, "--muscles", "5", "--length-m", "0.4", "--radius-m", "0.03", "--max-pressure-kpa", "250",
-                            "--tags", "4", "--camera-distance-m", "1", "--regulator", "generic", "--device", "/dev/ttyUSB7")
+                            "--tags", "4", "--camera-distance-m", "1", "--regulator", "generic", "--device", "/dev/tty: USB #7")
 
     def test_what_options_give_is_not_asked(self):
         terminal = Terminal("new", "--out", self.out, "--muscles", "4", "--tag-size-m", "0")
@@ -169,12 +169,59 @@ class NewOnATerminal(unittest.TestCase):
 
     def test_enter_keeps_tags_that_fit_the_arm(self):
         for options, size in ((("--muscles", "8"), "0.027"), (("--muscles", "24", "--radius-m", "0.05"), "0.013"),
-                              (("--sections", "5", "--muscles", "6"), "0.03"), (("--sections", "16", "--muscles", "3"), "0")):
+                              (("--sections", "5", "--muscles", "6"), "0.037"), (("--sections", "16", "--muscles", "3"), "0")):
             terminal = Terminal("new", "--out", self.out, "--force", *options)
             tags = [question for question in terminal.keep_all() if "black border" in question]
             self.assertEqual(len(tags), 1)
             self.assertTrue(tags[0].endswith("[%s]: " % size), tags[0])
             self.assert_written(terminal, "--tag-size-m", size, *options)
+
+    def test_a_fault_of_the_options_ends_the_questions(self):
+        tags = "2 tags of 200 mm with their white border do not fit on a muscle of 300 mm"
+        geometry = ("--sections", "1", "--muscles", "3", "--length-m", "0.3", "--contraction", "0.2", "--radius-m", "0.025",
+                    "--tilt-deg", "0", "--max-pressure-kpa", "300")
+        for options, answers, words in (
+                (("--tag-size-m", "0.2"), 7, tags),
+                (("--tag-size-m", "0.2", "--tags", "2"), 7, tags),
+                (("--tag-size-m", "0.2", "--tags", "2", "--camera-distance-m", "1"), 7, tags),
+                (("--tag-size-m", "0.2", *geometry), 0, tags),
+                (("--sections", "3", "--muscles", "4", "--tags", "6"), 5, "--tags is 6, which makes 72 tags"),
+                (("--regulator", "generic", "--max-pressure-kpa", "400"), 0, "--regulator generic takes 300 kPa at most"),
+                (("--regulator", "generic", "--muscles", "9"), 0, "--regulator generic has 8 channels at most")):
+            terminal = Terminal("new", "--out", self.out, *options)
+            for _ in range(answers):
+                self.assertTrue(terminal.question(), terminal.seen)
+                terminal.answer()
+            self.assertEqual(terminal.question(), "", "it asks on: " + terminal.seen)
+            self.assertEqual(terminal.end(), 2, terminal.seen)
+            self.assertIn(words, terminal.seen)
+            self.assert_nothing_written()
+
+    def test_what_the_device_of_an_option_does_not_take_is_asked_for_again(self):
+        terminal = Terminal("new", "--out", self.out, "--regulator", "generic", "--tag-size-m", "0")
+        terminal.question()
+        self.assertIn("--regulator generic has 8 channels at most, and --sections 3 with --muscles 3 need 9", terminal.answer("3"))
+        self.assertTrue(terminal.question().startswith("number of sections"), terminal.question())
+        terminal.answer("2")
+        self.assertIn("--sections 2 with --muscles 5 need 10", terminal.answer("5"))
+        terminal.answer("4")
+        for _ in range(4):
+            terminal.answer()
+        self.assertIn("--regulator generic takes 300 kPa at most, and --max-pressure-kpa is 301", terminal.answer("301"))
+        terminal.answer("300")
+        terminal.keep_all()
+        self.assert_written(terminal, "--regulator", "generic", "--tag-size-m", "0", "--sections", "2", "--muscles", "4")
+
+    def test_a_device_that_does_not_take_the_answers_is_asked_for_again(self):
+        terminal = Terminal("new", "--out", self.out, "--max-pressure-kpa", "400", "--tag-size-m", "0")
+        terminal.question()
+        for _ in range(6):
+            terminal.answer()
+        self.assertIn("--regulator generic takes 300 kPa at most, and --max-pressure-kpa is 400", terminal.answer("generic"))
+        self.assertTrue(terminal.question().startswith("pressure regulator"), terminal.question())
+        terminal.answer("alicat")
+        terminal.keep_all()
+        self.assert_written(terminal, "--max-pressure-kpa", "400", "--tag-size-m", "0", "--regulator", "alicat")
 
     def test_the_end_of_the_input_leaves_no_file(self):
         for answers in (0, 5, 10):

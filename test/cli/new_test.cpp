@@ -1,5 +1,7 @@
 // helix_arm new: the scene that it writes loads, passes the check and holds what was asked for.
 #include <filesystem>
+#include <fstream>
+#include <variant>
 
 #include <gtest/gtest.h>
 
@@ -45,6 +47,116 @@ TEST(New, ArmsOfManyKindsHaveNoFaults) {
     ASSERT_EQ(outcome.exit_code, 0) << kind[1] << outcome.err;
     const Outcome check = runCommand({"check", out});
     EXPECT_EQ(check.exit_code, 0) << kind[0] << " " << kind[1] << ": " << check.out << check.err;
+  }
+}
+
+// docs/cli.md says so.
+TEST(New, ArmsOfOneToSixSectionsHaveNoFaults) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  for (const char* const sections : {"1", "2", "3", "4", "5", "6"}) {
+    for (const char* const muscles : {"3", "4", "6", "8", "24"}) {
+      SCOPED_TRACE(std::string(sections) + " sections of " + muscles);
+      const Outcome outcome = runCommand({"new", "--out", out, "--force", "--defaults",
+                                          "--sections", sections, "--muscles", muscles});
+      ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+      const int actuators = std::stoi(sections) * std::stoi(muscles);
+      EXPECT_EQ(io::loadScene(out).tags.has_value(), 2 * actuators <= 64);
+      EXPECT_EQ(outcome.err.find("no tags fit") != std::string::npos, 2 * actuators > 64)
+          << outcome.err;
+      const Outcome check = runCommand({"check", out, "--samples", "60"});
+      EXPECT_EQ(check.exit_code, 0) << check.out << check.err;
+    }
+  }
+}
+
+TEST(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  const auto size = [&out](std::vector<std::string> options) {
+    options.insert(options.begin(), {"new", "--out", out, "--force", "--defaults"});
+    EXPECT_EQ(runCommand(options).exit_code, 0);
+    return io::loadScene(out).tags->size;
+  };
+  EXPECT_EQ(size({}), 0.03);
+  EXPECT_EQ(size({"--muscles", "8"}), 0.027) << "no more fit side by side";
+  EXPECT_EQ(size({"--tags", "9"}), 0.023) << "no more fit in a row";
+  // 2.2 px of 930 px/m for each of 8 bits, from 1.75 lengths.
+  EXPECT_EQ(size({"--sections", "6"}), 0.06);
+  EXPECT_EQ(size({"--sections", "6", "--tag-size-m", "0.02"}), 0.02) << "as was asked for";
+}
+
+TEST(New, WhatTheDeviceDoesNotTakeIsRefused) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  const auto outcomeOf = [&out](std::vector<std::string> options) {
+    options.insert(options.begin(), {"new", "--out", out, "--force", "--defaults"});
+    return runCommand(options);
+  };
+  const auto refused = [&](const std::vector<std::string>& options, const std::string& words) {
+    expectCallerError(outcomeOf(options), words);
+    EXPECT_FALSE(std::filesystem::exists(out));
+  };
+  refused({"--regulator", "generic", "--max-pressure-kpa", "400"},
+          "helix_arm new: --regulator generic takes 300 kPa at most, and --max-pressure-kpa is "
+          "400; choose a lower pressure or another regulator. If your device gives more, name a "
+          "copy of its profile that says so (highest_kpa, highest_count)");
+  refused({"--regulator", "festo_vtem", "--max-pressure-kpa", "701"},
+          "--regulator festo_vtem takes 700 kPa at most, and --max-pressure-kpa is 701");
+  refused({"--regulator", "generic", "--sections", "4"},
+          "helix_arm new: --regulator generic has 8 channels at most, and --sections 4 with "
+          "--muscles 3 need 12; choose fewer muscles or another regulator. If your device has "
+          "more, name a copy of its profile that says so (channels)");
+  refused({"--regulator", "alicat", "--sections", "2", "--muscles", "24", "--tag-size-m", "0"},
+          "--regulator alicat has 26 channels at most");
+  refused({"--regulator", "festo_vtem", "--sections", "8"},
+          "--regulator festo_vtem has 16 channels at most");
+  EXPECT_EQ(outcomeOf({"--regulator", "generic", "--sections", "2", "--muscles", "4"}).exit_code,
+            0);
+  EXPECT_EQ(outcomeOf({"--regulator", "alicat", "--sections", "8", "--tag-size-m", "0"}).exit_code,
+            0);
+  EXPECT_NE(regulator::describeChannels(*io::loadScene(out).regulator).find("V, W, X"),
+            std::string::npos);
+  // A copy of the profile that says what another board has.
+  std::string profile = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml");
+  profile.replace(profile.find("highest_kpa: 300"), 16, "highest_kpa: 200");
+  profile.replace(profile.find("  channels: 8 "), 14, "  channels: 9 ");
+  const std::string mine = folder / "mine.yaml";
+  std::ofstream(mine) << profile;
+  ASSERT_EQ(outcomeOf({"--regulator", mine, "--sections", "3"}).exit_code, 0);
+  EXPECT_EQ(io::loadScene(out).arm.actuator(0).limits.upper, 2e5) << "the default is lowered";
+  EXPECT_EQ(runCommand({"check", out}).exit_code, 0);
+}
+
+TEST(New, TextsThatYamlReadsOtherwiseAreQuoted) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "arm.yaml";
+  const auto regulatorOf = [&out](const std::vector<std::string>& options) {
+    std::vector<std::string> call{"new", "--out", out, "--force", "--defaults", "--regulator"};
+    call.insert(call.end(), options.begin(), options.end());
+    const Outcome outcome = runCommand(call);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return *io::loadScene(out).regulator;
+  };
+  for (const char* const text :
+       {"/dev/a #b", "/dev/ttyUSB0", "a: b", "- x", "[::1]", "{x}",        "'",
+        "\"q\" \\",  "null",         "~",    "12",  "true",  "*a",         "&a",
+        "!a",        "%a",           "@a",   "# a", "| a",   "caf\xc3\xa9"}) {
+    SCOPED_TRACE(text);
+    const regulator::Config serial = regulatorOf({"generic", "--device", text});
+    EXPECT_EQ(std::get<regulator::SerialConfig>(serial).device, text);
+    const regulator::Config modbus = regulatorOf({"festo_vtem", "--host", text});
+    EXPECT_EQ(std::get<regulator::ModbusConfig>(modbus).host, text);
+  }
+  EXPECT_NE(contentOf(out).find("    host: caf\xc3\xa9\n"), std::string::npos)
+      << "plain where YAML reads it so";
+  for (const char* const name : {"a \"b\".yaml", "a\\b.yaml", "a #b.yaml", "it's.yaml"}) {
+    SCOPED_TRACE(name);
+    const std::string copy = folder / name;
+    std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
+    const regulator::Config serial = regulatorOf({copy});
+    EXPECT_EQ(std::get<regulator::SerialConfig>(serial).profile.name,
+              std::filesystem::path(name).stem().string());
   }
 }
 
@@ -137,13 +249,15 @@ TEST(New, WhatDoesNotFitIsRefusedByName) {
     EXPECT_FALSE(std::filesystem::exists(out));
   };
   refusal({"--muscles", "2"}, "--muscles is 2; expected 3 to 24");
-  refusal({"--muscles", "8"},
+  refusal({"--muscles", "8", "--tag-size-m", "0.03"},
           "--tag-size-m is 0.03, which overlaps on 8 muscles side by side; expected at most 0.027");
-  refusal({"--tags", "9"}, "9 tags of 30 mm");
+  refusal({"--tags", "9", "--tag-size-m", "0.03"}, "9 tags of 30 mm");
   refusal({"--tags", "1"}, "--tags is 1; expected 2 to 20");
   refusal({"--sections", "3", "--muscles", "4", "--tags", "6"},
           "--tags is 6, which makes 72 tags; expected at most 64 in all, so 5 per muscle");
-  refusal({"--sections", "3", "--muscles", "12"}, "36 muscles with two tags each");
+  refusal({"--sections", "3", "--muscles", "12", "--tag-size-m", "0.01"},
+          "36 muscles with two tags each");
+  refusal({"--sections", "3", "--muscles", "12", "--tags", "2"}, "36 muscles with two tags each");
   refusal({"--length-m", "-1"}, "helix_arm new: --length-m is -1; expected 0.02 to 5 m");
   refusal({"--contraction", "nan"}, "--contraction is nan");
   refusal({"--radius-m", "0"}, "--radius-m is 0");

@@ -422,6 +422,12 @@ TEST(Tags, WhatCannotBePrintedIsRefusedAndLeavesNothing) {
   charuco({"--marker-size-m", "0.024"},
           "the side of a marker [m] is 0.024; expected a value above 0 and below that of a square, "
           "0.024");
+  charuco(
+      {"--marker-size-m", "0.001"},
+      "the side of a marker [m] is 0.001; expected 0.0072 or more, 0.3 of the side of a square");
+  charuco({"--square-size-m", "0.002"},
+          "a marker DICT_4X4_50 of 1.5 mm has bits of 0.25 mm; expected 0.5 mm or more");
+  charuco({"--square-size-m", "0.005", "--marker-size-m", "0.0029"}, "has bits of 0.48 mm");
   charuco({"--dictionary", "4X4"},
           "dictionary of markers: 4X4 is not known; expected one of "
           "DICT_4X4_50, DICT_4X4_100,");

@@ -30,6 +30,7 @@ const char* const kAll = R"(modbus_tcp:
   supply: 300
   app: {command: 1, regulate: 10, off: 11, acknowledge: 12, status: 0, status_mask: 255, ready: 21, running: 22, activation_time_s: 3}
   timeout_s: 0.25
+  channels: 24
 )";
 
 TEST(ModbusProfileReader, EveryKeyIsRead) {
@@ -42,6 +43,8 @@ TEST(ModbusProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.atmosphere, 101.3e3);
   EXPECT_EQ(profile.highest_count, 4000);
   EXPECT_EQ(profile.outlets, 3);
+  EXPECT_EQ(profile.channels, 24);
+  EXPECT_NEAR(profile.highestPressure(), 4000 * 6.5 - 101.3e3, 1e-9);
   EXPECT_EQ(profile.output_base, 100);
   EXPECT_EQ(profile.output_stride, 5);
   EXPECT_EQ(profile.output_pressure, 2);
@@ -73,6 +76,7 @@ TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
   EXPECT_EQ(result.profile->atmosphere, 0);
   EXPECT_EQ(result.profile->outlets, 1);
   EXPECT_FALSE(result.profile->input_registers);
+  EXPECT_FALSE(result.profile->channels);
   EXPECT_FALSE(result.profile->supply);
   EXPECT_FALSE(result.profile->app);
   EXPECT_EQ(result.profile->timeout, 0.1);
@@ -134,6 +138,8 @@ TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
        "f:10 modbus_tcp.app.activation_time_s is 100; expected 0.01 to 60 s"},
       {"timeout_s: 0.25", "timeout_s: 0",
        "f:11 modbus_tcp.timeout_s is 0; expected a finite value > 0"},
+      {"channels: 24", "channels: 1025",
+       "f:12 modbus_tcp.channels is 1025; expected a whole number from 1 to 1024"},
   };
   for (const auto& rule : kRules) {
     const ReadResult result = readText(replaced(kAll, rule.from, rule.to));

@@ -42,6 +42,8 @@ const char* const kAll = R"(ascii_serial:
   vent_reply: done
   timeout_s: 0.25
   watchdog_s: 1.5
+  highest_kpa: 250
+  channels: 12
 )";
 
 TEST(SerialProfileReader, EveryKeyIsRead) {
@@ -68,6 +70,15 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.vent_reply, "done");
   EXPECT_EQ(profile.timeout, 0.25);
   EXPECT_EQ(profile.watchdog, 1.5);
+  EXPECT_EQ(profile.highestPressure(), 250e3);
+  EXPECT_EQ(profile.channels, 12);
+}
+
+TEST(SerialProfileReader, WithoutItsRangeADeviceHasNone) {
+  const ReadResult result = readText(replaced(kAll, "  highest_kpa: 250\n  channels: 12\n", ""));
+  ASSERT_TRUE(result.profile) << result.faults.at(0);
+  EXPECT_TRUE(std::isinf(result.profile->highestPressure()));
+  EXPECT_FALSE(result.profile->channels);
 }
 
 TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
@@ -173,6 +184,12 @@ TEST(SerialProfileReader, BreakingARuleIsReported) {
       {"watchdog_s: 1.5",
        "watchdog_s: 0.05",
        {"f:21 ascii_serial.watchdog_s is 0.05; expected 0.1 to 60 s"}},
+      {"highest_kpa: 250",
+       "highest_kpa: 0",
+       {"f:22 ascii_serial.highest_kpa is 0; expected a finite value > 0"}},
+      {"channels: 12",
+       "channels: 0",
+       {"f:23 ascii_serial.channels is 0; expected a whole number from 1 to 1024"}},
   };
   for (const auto& entry : kCases) {
     EXPECT_EQ(readText(replaced(kAll, entry.from, entry.to)).faults, entry.faults);

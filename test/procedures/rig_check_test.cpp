@@ -206,6 +206,39 @@ TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
             "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
 }
 
+TEST(RigCheck, ASerialDeviceThatCannotGiveTheLimitsIsNamed) {
+  const std::string limit = "arm.sections.0.ring.max_pressure_kpa",
+                    table = "contractions.muscle.table";
+  const std::string curve = "{pressure_kpa: [0, 200, 400], length_m: [0.2, 0.18, 0.16]}";
+  EXPECT_TRUE(
+      found(sceneOf("demo_serial", {{table, curve}, {limit, "300"}}), "device_range").empty());
+  expectFinding("demo_serial", {{table, curve}, {limit, "301"}}, "device_range", Severity::kFault,
+                "ascii_serial generic at /tmp/helix_arm_regulator",
+                "it accepts at most 300 kPa, and the limit of muscle_1 is 301 kPa");
+}
+
+TEST(RigCheck, ADeviceWithTooFewChannelsIsNamed) {
+  io::Scene scene = sceneOf("demo_serial");
+  auto& board = std::get<regulator::SerialConfig>(*scene.regulator).profile;
+  EXPECT_EQ(board.channels, 8) << "docs/board.md";
+  board.channels = 3;
+  EXPECT_TRUE(found(scene, "device_channels").empty());
+  board.channels = 2;
+  const auto findings = found(scene, "device_channels");
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings[0].severity, Severity::kFault);
+  EXPECT_EQ(findings[0].culprit, "ascii_serial generic at /tmp/helix_arm_regulator");
+  EXPECT_EQ(findings[0].value, "it has at most 2 channels, and the arm needs 3");
+  // Slots count from 0, and a scene may leave some out.
+  io::Scene terminal = sceneOf("demo_modbus");
+  std::get<regulator::ModbusConfig>(*terminal.regulator).slots.back() = 15;
+  EXPECT_TRUE(found(terminal, "device_channels").empty());
+  std::get<regulator::ModbusConfig>(*terminal.regulator).slots.back() = 16;
+  const auto beyond = found(terminal, "device_channels");
+  ASSERT_EQ(beyond.size(), 1u);
+  EXPECT_EQ(beyond[0].value, "it has at most 16 channels, and the arm needs 17");
+}
+
 TEST(RigCheck, ALoadThatBucklesTheArmIsNamed) {
   expectFinding(
       "loaded",

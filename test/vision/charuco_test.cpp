@@ -118,6 +118,10 @@ TEST(CharucoBoard, WhatBreaksARuleIsSaid) {
   EXPECT_EQ(refusal({7, 9, 0.02, 0.02}),
             "ChArUco board: the side of a marker [m] is 0.02; expected a value above 0 and below "
             "that of a square, 0.02");
+  EXPECT_EQ(refusal({7, 9, 0.02, 0.006}), "accepted");
+  EXPECT_EQ(refusal({7, 9, 0.02, 0.0059}),
+            "ChArUco board: the side of a marker [m] is 0.0059; expected 0.006 or more, 0.3 of the "
+            "side of a square: a smaller one is not found in pictures of the board");
   EXPECT_EQ(refusal({8, 9, 0.02, 0.01, "DICT_APRILTAG_16h5"}),
             "ChArUco board: 8 x 9 squares take 36 markers, but DICT_APRILTAG_16h5 has 30; expected "
             "fewer squares or a larger dictionary");
@@ -159,6 +163,15 @@ TEST(CharucoSight, CornersAreReadToATenthOfAPixel) {
     EXPECT_GT(count, 0.9 * 4 * board.cornerCount());
     EXPECT_LT(rms, 0.1);
     EXPECT_LT(worst, 0.3);
+  }
+}
+
+TEST(CharucoSight, BoardsWithTheSmallestMarkersThatAreAcceptedAreRead) {
+  for (const char* const dictionary : {"DICT_4X4_50", "DICT_7X7_50"}) {
+    const CharucoBoard board{7, 9, 0.024, CharucoBoard::kLeastMarkerShare * 0.024, dictionary};
+    const std::size_t read = charucoSight(board, "", portrait(board)).corners.size();
+    std::cout << dictionary << ": " << read << " of 48 corners\n";
+    EXPECT_GE(read, CharucoBoard::kLeastCorners) << dictionary;
   }
 }
 

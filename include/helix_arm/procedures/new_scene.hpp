@@ -4,6 +4,9 @@
 
 namespace helix_arm::procedures {
 
+/// Of a tag of a new scene [m].
+inline constexpr double kLeastTagSize = 0.005, kMostTagSize = 0.3;
+
 /// An arm as its builder describes it: equal sections in series, each a ring of equal muscles that
 /// shorten. It hangs, and a webcam looks at it from the side.
 struct NewScene {
@@ -30,9 +33,13 @@ struct NewScene {
   void validateRanges() const;
   /// Also that the tags fit. @throws likewise.
   void validate() const;
+  /// That the device takes the pressures and has the channels, as its profile says. @throws
+  /// likewise.
+  void validateRegulator() const;
   /// Tags per muscle.
   int tagsPerMuscle() const;
-  /// tag_size, or what fits on the arm where that is smaller: whole millimetres; 0 if no tags do.
+  /// tag_size, or what the camera needs where that is larger; or what fits on the arm where that is
+  /// smaller than both: whole millimetres; 0 if no tags do.
   double fittingTagSize() const;
 };
 

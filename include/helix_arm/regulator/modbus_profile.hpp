@@ -24,12 +24,13 @@ struct ModbusApp {
 /// A device has slots with one or more outlets each; an outlet is a pressure channel. A place is
 /// the index of an outlet, counted from 0 through all slots.
 struct ModbusProfile {
-  std::string name;           ///< name of the profile, for messages
-  int unit_id = 255;          ///< of the server
-  double pascals = 100;       ///< of one count [Pa]; 100: millibar
-  double atmosphere = 0;      ///< subtracted from readings, added to set points [Pa]; 0: gauge
-  int highest_count = 32767;  ///< largest count that the device accepts; below 0 is never written
-  int outlets = 1;            ///< of a slot
+  std::string name;             ///< name of the profile, for messages
+  int unit_id = 255;            ///< of the server
+  double pascals = 100;         ///< of one count [Pa]; 100: millibar
+  double atmosphere = 0;        ///< subtracted from readings, added to set points [Pa]; 0: gauge
+  int highest_count = 32767;    ///< largest count that the device accepts; below 0 is never written
+  int outlets = 1;              ///< of a slot
+  std::optional<int> channels;  ///< outlets of the whole device at most; absent: not known
 
   int output_base = 0;      ///< first holding register to write
   int output_stride = 1;    ///< registers per slot
@@ -43,6 +44,8 @@ struct ModbusProfile {
   std::optional<ModbusApp> app;  ///< absent if slots can only regulate
   double timeout = 0.1;          ///< of one exchange [s]
 
+  /// Highest set point that the device takes, gauge [Pa].
+  double highestPressure() const { return highest_count * pascals - atmosphere; }
   /// Slot of a place.
   int slot(int place) const { return place / outlets; }
   /// Register of a place's set point.

@@ -43,11 +43,16 @@ struct SerialProfile {
   /// Time without a line after which the device vents all channels by itself [s]; infinite if it
   /// does not.
   double watchdog = std::numeric_limits<double>::infinity();
+  /// Highest set point that the device takes, gauge [Pa]; infinite if that is not known.
+  double highest = std::numeric_limits<double>::infinity();
+  std::optional<int> channels;  ///< of the device at most; absent: not known
 
   /// A number of the device as gauge pressure [Pa].
   double toPascals(double number) const { return number * pascals - atmosphere; }
   /// A gauge pressure [Pa] as a number of the device.
   double fromPascals(double pressure) const { return (pressure + atmosphere) / pascals; }
+  /// The same by the name that profiles of all kinds have.
+  double highestPressure() const { return highest; }
 
   /// @throws std::invalid_argument naming the key and its rule.
   void validate() const;

@@ -23,11 +23,14 @@ struct CharucoBoard {
   /// an odd one it is black in all versions.
   bool legacy_pattern = false;
 
-  static constexpr int kMostSquares = 100;  ///< across and down
-  static constexpr int kLeastCorners = 8;   ///< of a board, and of a picture that counts
+  static constexpr int kMostSquares = 100;          ///< across and down
+  static constexpr int kLeastCorners = 8;           ///< of a board, and of a picture that counts
+  static constexpr double kLeastMarkerShare = 0.3;  ///< marker_size, in sides of a square
 
   int cornerCount() const { return (columns - 1) * (rows - 1); }
   int count() const;  ///< number of markers
+  /// Side of a bit of a marker [m]. @throws as markerDictionary().
+  double bitSize() const;
   double width() const { return columns * square_size; }
   double height() const { return rows * square_size; }
 
