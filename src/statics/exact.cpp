@@ -354,8 +354,7 @@ Solution ExactArm::solve(const model::Unloaded& unloaded) const {
 }
 
 ShapeResponse ExactArm::differentiate(const model::Unloaded& unloaded,
-                                      const UnloadedChange<lie::SE3>& change,
-                                      bool by_load) const {
+                                      const UnloadedChange<lie::SE3>& change, bool by_load) const {
   return statics_->differentiate(unloaded, change, by_load);
 }
 

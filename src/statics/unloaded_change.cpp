@@ -45,9 +45,8 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
       factors_(static_cast<std::size_t>(arm.actuatorCount())),
       jumps_(static_cast<std::size_t>(arm.actuatorCount())) {
   const bool has_tables = load != nullptr && !load->tables.empty();
-  const model::UnloadedOf<Group> unloaded = has_tables
-                                                ? unloadedUnderOfLengths(arm, *load, lengths)
-                                                : arm.unloadedOfLengths(lengths);
+  const model::UnloadedOf<Group> unloaded =
+      has_tables ? unloadedUnderOfLengths(arm, *load, lengths) : arm.unloadedOfLengths(lengths);
   for (int i = 0; i < arm.actuatorCount(); ++i) to_actuator_.push_back(toActuatorAt(i, 0.0));
   for (int k = 0; k < arm.sectionCount(); ++k) {
     setJumps(k);

@@ -90,7 +90,7 @@ class ActuatorChange final : public UnloadedChange<Group> {
   Eigen::VectorXd lengths_;
   int per_actuator_;
   std::vector<Factor> factors_;
-  std::vector<Matrix> compliance_;  // A+ of each section without taper
+  std::vector<Matrix> compliance_;   // A+ of each section without taper
   std::vector<Matrix> to_actuator_;  // of each actuator, at s = 0
   std::vector<std::array<bool, kEntries>> jumps_;
   std::vector<Motion> constant_;  // twist() of each section without taper
