@@ -326,6 +326,13 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const Selection wanted = wantedOf(options);
   const CalibrationFit fit = options.errors ? fitIdentified(read, options, wanted, kind, holdsUp)
                                             : fitRequested(read, options, wanted, kind);
+  if (!fit.determined) {
+    return refused(std::move(out),
+                   {CalibrationStatus::kNotConverged,
+                    "readings and priors leave some combination of the parameters undetermined, to "
+                    "rounding; check the standard errors of the readings and the priors, or fit "
+                    "fewer parameters"});
+  }
   if (!fit.converged) {
     return refused(
         std::move(out),

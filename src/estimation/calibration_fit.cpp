@@ -187,6 +187,8 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
+  fit.determined = estimate.determined && statistics.determined;
+  fit.converged = fit.converged && fit.determined;
   fit.information = std::move(statistics.information);
   const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
   candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
@@ -259,6 +261,7 @@ CalibrationFit fitRequested(const std::vector<ArmCaptures>& arms, const Calibrat
   fit.problem = std::make_shared<CalibrationProblem>(arms, options, wanted);
   const Estimate estimate = solveWithNoise(*fit.problem, noiseBias(options, kind));
   fit.converged = estimate.converged;
+  fit.determined = estimate.determined;
   fit.noise_scale = estimate.noise_scale;
   return fit;
 }
@@ -282,7 +285,9 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   first.fit.asked_noise_scale = first.fit.noise_scale;
   const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
   const double asked_noise_scale = first.fit.asked_noise_scale;
-  if (isGood(first.fit) || wanted.stiffness.empty()) return std::move(first.fit);
+  if (isGood(first.fit) || wanted.stiffness.empty() || !first.fit.determined) {
+    return std::move(first.fit);
+  }
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
   const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
     for (int e = 0; e < static_cast<int>(wanted.stiffness.size()); ++e) {

@@ -14,6 +14,9 @@ namespace helix_arm::estimation {
 struct CalibrationFit {
   std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
   bool converged = false;
+  /// Whether readings and priors determine all parameters; otherwise there is no covariance, and it
+  /// did not converge.
+  bool determined = true;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
   // The sizes are those of the problem's parameters; empty after fitRequested().
   Eigen::MatrixXd information;  ///< from readings and priors

@@ -3,6 +3,8 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <optional>
 #include <utility>
 
 #include "helix_arm/basics/median.hpp"
@@ -25,6 +27,7 @@ constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
 // Factor on the standard errors of free lengths while the noise of captures is estimated.
 constexpr double kLooseCurve = 10.0;
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 // Median of the squared norm of this many standard normal residuals (Wilson and Hilferty).
 double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
@@ -65,11 +68,11 @@ double noiseScaleOf(const std::vector<Comparison>& comparisons, double data_para
 }
 
 // Number of free parameters that the readings determine: the trace of the covariance times their
-// information, which is what the priors do not determine.
-double dataParameters(CalibrationProblem& problem, double noise_scale) {
+// information, which is what the priors do not determine. Nothing if there is no covariance.
+std::optional<double> dataParameters(CalibrationProblem& problem, double noise_scale) {
   ArrowEquations& equations = problem.equations(noise_scale);
   const Eigen::VectorXd prior = problem.priorInformation();
-  equations.factor(Eigen::VectorXd::Zero(prior.size()));
+  if (!equations.factor(Eigen::VectorXd::Zero(prior.size()))) return std::nullopt;
   return static_cast<double>(prior.size()) -
          equations.inverseTrace(prior, equations.reducedInverse());
 }
@@ -80,15 +83,18 @@ Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   ArrowEquations& equations = problem.equations(noise_scale);
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
   Statistics out;
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Constant(count, count, kNoNumber);
   if (problem.selection().free_shapes) {
-    equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
-    out.information = equations.reduced();
-    out.covariance = equations.reducedInverse();
+    out.determined = equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
+    out.information = out.determined ? equations.reduced() : none;
+    out.covariance = out.determined ? Eigen::MatrixXd(equations.reducedInverse()) : none;
     return out;
   }
   out.information = equations.dense();
+  const Eigen::LLT<Eigen::MatrixXd> root(out.information);
+  out.determined = root.info() == Eigen::Success;
   out.covariance =
-      Eigen::LLT<Eigen::MatrixXd>(out.information).solve(Eigen::MatrixXd::Identity(count, count));
+      out.determined ? root.solve(Eigen::MatrixXd::Identity(count, count)).eval() : none;
   return out;
 }
 
@@ -119,7 +125,12 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
     estimate.cost = solved.cost;
     estimate.solved_scale = before;
     // They hardly change between a rough and an exact solution at one noise.
-    if (before != counted_at) data_parameters = dataParameters(problem, before);
+    if (before != counted_at) {
+      const std::optional<double> counted = dataParameters(problem, before);
+      estimate.determined = counted.has_value();
+      if (!estimate.determined) break;
+      data_parameters = *counted;
+    }
     counted_at = before;
     const double seen = noiseScaleOf(problem.compareSquares(before), data_parameters, before);
     const double now = std::hypot(seen, bias);
@@ -135,6 +146,7 @@ Estimate solveWithNoise(CalibrationProblem& problem, double bias) {
     estimate.cost = solved.cost;
     estimate.solved_scale = estimate.noise_scale;
   }
+  estimate.converged = estimate.converged && estimate.determined;
   return estimate;
 }
 

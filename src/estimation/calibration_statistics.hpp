@@ -11,12 +11,16 @@ namespace helix_arm::estimation {
 /// over the shapes.
 struct Statistics {
   Eigen::MatrixXd information, covariance;  ///< (parameters x parameters)
+  /// Whether the information is positive definite; otherwise the covariance is NaN, and so is the
+  /// information of free shapes.
+  bool determined = true;
 };
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
 
 /// Joint estimate of parameters and noise.
 struct Estimate {
   bool converged = false;
+  bool determined = true;   ///< as of Statistics; if it is not, it did not converge
   double noise_scale = 1;   ///< noise as a multiple of the expected noise
   double solved_scale = 1;  ///< the scale used in the last solution, close to noise_scale
   double cost = 0;          ///< of the last solution

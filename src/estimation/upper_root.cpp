@@ -3,14 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-// As in model/batch.cpp: Debian compiles for baseline x86-64, so the loops are cloned per
-// instruction set and selected at load time. Not under the thread sanitizer, which starts after the
-// selection.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
-#define HELIX_ARM_ROOT_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
-#else
-#define HELIX_ARM_ROOT_CLONES
-#endif
+#include "helix_arm/basics/vector_clones.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -37,7 +30,7 @@ inline __attribute__((always_inline)) void subtractRow(const double* row, double
   for (int j = 0; j < size; ++j) to[j] -= factor * row[j];
 }
 
-HELIX_ARM_ROOT_CLONES bool factorRows(double* S, int n) {
+HELIX_ARM_CLONES bool factorRows(double* S, int n) {
   for (int first = 0; first < n; first += kRowsAtOnce) {
     const int end = std::min(first + kRowsAtOnce, n);
     for (int k = first; k < end; ++k) {
@@ -62,7 +55,7 @@ HELIX_ARM_ROOT_CLONES bool factorRows(double* S, int n) {
 }
 
 // From the last row on: (U C)_ij = 0 for j > i and 1 / U_ii for j = i.
-HELIX_ARM_ROOT_CLONES void invertRows(const double* U, double* C, int n) {
+HELIX_ARM_CLONES void invertRows(const double* U, double* C, int n) {
   for (int i = n - 1; i >= 0; --i) {
     const double* const u = U + static_cast<std::ptrdiff_t>(i) * n;
     double* const c = C + static_cast<std::ptrdiff_t>(i) * n;
@@ -88,8 +81,8 @@ HELIX_ARM_ROOT_CLONES void invertRows(const double* U, double* C, int n) {
 // As many as kRowPadding, in as few registers as the processor needs.
 typedef double Chunk __attribute__((vector_size(8 * kRowPadding), aligned(8), may_alias));
 
-HELIX_ARM_ROOT_CLONES void squarePaddedRows(const double* W, int rows, int stride, int count,
-                                            double weight, double* square) {
+HELIX_ARM_CLONES void squarePaddedRows(const double* W, int rows, int stride, int count,
+                                       double weight, double* square) {
   for (int first = 0; first < stride; first += kRowPadding) {
     const int end = std::min(count, first + kRowPadding);
     for (int i = 0; i < end; ++i) {
@@ -103,7 +96,7 @@ HELIX_ARM_ROOT_CLONES void squarePaddedRows(const double* W, int rows, int strid
   }
 }
 
-HELIX_ARM_ROOT_CLONES void divideRows(const double* U, int n, double* X, int stride) {
+HELIX_ARM_CLONES void divideRows(const double* U, int n, double* X, int stride) {
   for (int first = 0; first < stride; first += kRowPadding) {
     for (int i = 0; i < n; ++i) {
       Chunk& row = *reinterpret_cast<Chunk*>(X + i * stride + first);

@@ -2,15 +2,8 @@
 
 #include <algorithm>
 
+#include "helix_arm/basics/vector_clones.hpp"
 #include "helix_arm/lie/coefficients.hpp"
-
-// Debian compiles for baseline x86-64, so the loops below are cloned per instruction set and
-// selected at load time. Not under the thread sanitizer, which starts after the selection.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
-#define HELIX_ARM_CLONES __attribute__((target_clones("avx512f", "arch=haswell", "default")))
-#else
-#define HELIX_ARM_CLONES
-#endif
 
 namespace helix_arm::model::batch {
 namespace {

@@ -59,7 +59,7 @@ class ExactArm::Statics {
   Statics(const model::Arm& arm, const Load& load, const ExactOptions& options);
   Solution solve(const model::Unloaded& unloaded) const;
   ShapeResponse differentiate(const model::Unloaded& unloaded,
-                              const UnloadedChange<lie::SE3>& change) const;
+                              const UnloadedChange<lie::SE3>& change, bool by_load) const;
   std::vector<model::CurvePoint<lie::SE3>> curve(const model::Unloaded& unloaded, int count) const;
 
  private:
@@ -261,11 +261,13 @@ std::vector<ExactArm::Statics::Panel> ExactArm::Statics::panels(
 }
 
 ShapeResponse ExactArm::Statics::differentiate(const model::Unloaded& unloaded,
-                                               const UnloadedChange<lie::SE3>& change) const {
+                                               const UnloadedChange<lie::SE3>& change,
+                                               bool by_load) const {
   check(unloaded);
+  const int columns = change.count() + (by_load ? 6 : 0);
   const Reached reached = reach(unloaded);
   Solution solution = solutionOf(reached, unloaded);
-  if (!solution.converged()) return withoutDerivative(std::move(solution), change.count() + 6);
+  if (!solution.converged()) return withoutDerivative(std::move(solution), columns);
   const auto& rule = GaussRule<kPanelNodes>::get();
   const std::vector<Panel> parts = panels(unloaded);
   std::vector<double> stops;
@@ -310,10 +312,10 @@ ShapeResponse ExactArm::Statics::differentiate(const model::Unloaded& unloaded,
       });
   if (!found.finite) {
     solution.status = SolveStatus::kNotConverged;
-    return withoutDerivative(std::move(solution), change.count() + 6);
+    return withoutDerivative(std::move(solution), columns);
   }
   const auto response = LinearChain<lie::SE3>(elements).balanced(
-      wrenchesAt<lie::SE3>(solution.tip.translation, change.count(), true));
+      wrenchesAt<lie::SE3>(solution.tip.translation, change.count(), by_load));
   std::vector<Motions> ends;
   for (std::size_t i = 0; i < parts.size(); ++i) {
     if (parts[i].ends_piece) ends.push_back(response.starts[i + 1]);
@@ -352,8 +354,8 @@ Solution ExactArm::solve(const model::Unloaded& unloaded) const {
 }
 
 ShapeResponse ExactArm::differentiate(const model::Unloaded& unloaded,
-                                      const UnloadedChange<lie::SE3>& change) const {
-  return statics_->differentiate(unloaded, change);
+                                      const UnloadedChange<lie::SE3>& change, bool by_load) const {
+  return statics_->differentiate(unloaded, change, by_load);
 }
 
 std::vector<model::CurvePoint<lie::SE3>> ExactArm::curve(const model::Unloaded& unloaded,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <set>
 #include <utility>
 #include <vector>
@@ -131,10 +132,19 @@ template <class Solver>
 }
 
 template <class Group>
+LoadedArmOf<Group>::Response::Response(const TipOf<Group>& tip, Eigen::Index columns)
+    : at(tip),
+      by(Motion::Constant(Group::kDof, columns, std::numeric_limits<double>::quiet_NaN())) {}
+
+template <class Group>
 void LoadedArmOf<Group>::Response::add(int column, double step, const TipOf<Group>& below,
                                        const TipOf<Group>& above) {
   if (!below.converged()) at.status = below.status;
   if (!above.converged()) at.status = above.status;
+  if (!at.converged()) {
+    by.setConstant(std::numeric_limits<double>::quiet_NaN());
+    return;
+  }
   by.col(column) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
 }
 
@@ -167,7 +177,8 @@ std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloade
 
 template <class Group>
 ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
-                                                const UnloadedChange<Group>& change) const {
+                                                const UnloadedChange<Group>& change,
+                                                bool by_load) const {
   return withNodes(order_, [&](auto nodes) {
     const int sections = static_cast<int>(unloaded.twists.cols());
     auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
@@ -175,10 +186,11 @@ ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
     if (!found.converged()) {
       return withoutDerivative({relaxation.shape(sections), lie::inSpace(found.tip), found.status,
                                 found.residual, found.iterations},
-                               change.count() + 6);
+                               change.count() + (by_load ? 6 : 0));
     }
-    relaxation.polish();
-    const auto response = relaxation.respond(change, true);
+    // Without load it rests at once.
+    if (!load_.empty()) relaxation.polish();
+    const auto response = relaxation.respond(change, by_load);
     const model::Shape shape = relaxation.shape(sections);
     return ShapeResponse{
         {shape, lie::inSpace(relaxation.result().tip), found.status, found.residual,
@@ -192,7 +204,7 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipBy(
     const Unloaded& unloaded, const UnloadedChange<Group>& change) const {
   return withNodes(order_, [&](auto nodes) {
     auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
-    Response out{relaxation.result(), Motion::Zero(Group::kDof, change.count())};
+    Response out(relaxation.result(), change.count());
     if (!out.at.converged()) return out;
     out.by = out.at.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
     return out;
@@ -205,12 +217,15 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByUnloaded(
   return withNodes(order_, [&](auto nodes) {
     using Solver = Relaxation<nodes()>;
     const Solver here = solved<Solver>(load_, unloaded, nullptr);
-    Response out{here.result(), Motion::Zero(Group::kDof, directions.cols())};
-    for (int d = 0; d < directions.cols(); ++d) {
+    Response out(here.result(), directions.cols());
+    for (int d = 0; d < directions.cols() && out.at.converged(); ++d) {
       const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
       const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
                                    direction.template bottomRows<Group::kRotations>().norm());
-      if (size == 0) continue;
+      if (size == 0) {
+        out.by.col(d).setZero();
+        continue;
+      }
       const double step = kDifferenceStep / size;
       out.add(d, step, solved<Solver>(load_, Twists(unloaded - step * direction), &here).result(),
               solved<Solver>(load_, Twists(unloaded + step * direction), &here).result());
@@ -241,9 +256,8 @@ typename LoadedArmOf<Group>::Response LoadedArmOf<Group>::tipByLoad(const Twists
   return withNodes(order_, [&](auto nodes) {
     using Solver = Relaxation<nodes()>;
     const Solver here = solved<Solver>(load, unloaded, nullptr);
-    Response out{here.result(),
-                 Motion::Zero(Group::kDof, static_cast<Eigen::Index>(entries.size()))};
-    for (std::size_t i = 0; i < entries.size(); ++i) {
+    Response out(here.result(), static_cast<Eigen::Index>(entries.size()));
+    for (std::size_t i = 0; i < entries.size() && out.at.converged(); ++i) {
       const auto [entry, unit] = entries[i];
       const double kept = *entry, step = kDifferenceStep * unit;
       *entry = kept - step;

@@ -167,9 +167,9 @@ TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
     return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
   }
   if (exact_) {
-    const ShapeResponse found =
-        exact_->differentiate(unloadedOfLengths(arm_, lengths), byLengths(arm_, load_, lengths));
-    const Motions velocities = found.by.tip.leftCols(lengths.size());
+    const ShapeResponse found = exact_->differentiate(unloadedOfLengths(arm_, lengths),
+                                                      byLengths(arm_, load_, lengths), false);
+    const Motions& velocities = found.by.tip;
     TipResponse out{found.at.tip, found.at.status, velocities};
     // Velocities are seen from the base; motions of the body, from the tip.
     for (const int half : {0, 3}) {

@@ -9,7 +9,6 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr int kEntries = 3;  // of a stiffness
 // A motion that costs less than this fraction of another one is free of cost.
 constexpr double kFreeOfCost = 1e-9;
 const double kGaussOffset = std::sqrt(3.0) / 6.0;  // of a Magnus step's points from its middle
@@ -44,11 +43,13 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
       lengths_(lengths),
       per_actuator_(by == By::kLengths ? 1 : 1 + kEntries),
       factors_(static_cast<std::size_t>(arm.actuatorCount())),
-      twists_(arm.twistsOfLengths(lengths)) {
-  if (load != nullptr && !load->tables.empty()) {
-    twists_ = unloadedUnderOfLengths(arm, *load, lengths).twists;
-  }
+      jumps_(static_cast<std::size_t>(arm.actuatorCount())) {
+  const bool has_tables = load != nullptr && !load->tables.empty();
+  const model::UnloadedOf<Group> unloaded =
+      has_tables ? unloadedUnderOfLengths(arm, *load, lengths) : arm.unloadedOfLengths(lengths);
+  for (int i = 0; i < arm.actuatorCount(); ++i) to_actuator_.push_back(toActuatorAt(i, 0.0));
   for (int k = 0; k < arm.sectionCount(); ++k) {
+    setJumps(k);
     compliance_.push_back(arm.equilibrium(k).compliance);
     constant_.emplace_back();
     if (arm.taper(k)) continue;
@@ -56,14 +57,13 @@ ActuatorChange<Group>::ActuatorChange(const model::ArmOf<Group>& arm, const Load
     Motion strains(Group::kDof, count);
     Motion by_lengths = arm.equilibrium(k).map;
     if (hasTable(k)) {
-      const model::UnloadedOf<Group> at = unloadedUnderOfLengths(arm, *load, lengths);
       compliance_[k] = load->K_eps[k] / arm.freeLength(k) *
-                       at.compliance.template middleCols<Group::kDof>(Group::kDof * k);
+                       unloaded.compliance.template middleCols<Group::kDof>(Group::kDof * k);
     }
     for (int j = 0; j < count; ++j) {
       const int i = arm.firstActuator(k) + j;
-      const Matrix to = toActuator(i, 0.0);
-      strains.col(j) = lengths[i] * Tangent::Unit(0) - to * twists_.col(k);
+      const Matrix& to = to_actuator_[i];
+      strains.col(j) = lengths[i] * Tangent::Unit(0) - to * unloaded.twists.col(k);
       if (!hasTable(k)) continue;
       factors_[i] = factorOf(k, i);
       by_lengths.col(j) = compliance_[k] * (factors_[i].value * to.row(0).transpose());
@@ -88,8 +88,14 @@ typename ActuatorChange<Group>::Factor ActuatorChange<Group>::factorOf(int k, in
 }
 
 template <class Group>
-typename ActuatorChange<Group>::Matrix ActuatorChange<Group>::toActuator(int i, double s) const {
+typename ActuatorChange<Group>::Matrix ActuatorChange<Group>::toActuatorAt(int i, double s) const {
   return model::poseAlong(arm_.actuator(i), s).inverse().adjoint();
+}
+
+template <class Group>
+typename ActuatorChange<Group>::Matrix ActuatorChange<Group>::toActuator(int k, int i,
+                                                                         double s) const {
+  return arm_.taper(k) ? toActuatorAt(i, s) : to_actuator_[i];
 }
 
 template <class Group>
@@ -104,14 +110,15 @@ int ActuatorChange<Group>::stiffnessColumn(int k, int actuator, int component) c
 }
 
 template <class Group>
-bool ActuatorChange<Group>::jumps(int actuator, int component) const {
-  int k = 0;
-  while (arm_.firstActuator(k + 1) <= actuator) ++k;
+void ActuatorChange<Group>::setJumps(int k) {
   const auto& null_space = arm_.equilibrium(k).null_space;
-  if (null_space.cols() == 0) return false;
-  const Motion cost =
-      entriesOf<Group>(component).asDiagonal() * (toActuator(actuator, 0.0) * null_space);
-  return cost.cwiseAbs().maxCoeff() > kFreeOfCost;
+  if (null_space.cols() == 0) return;
+  for (int i = arm_.firstActuator(k); i < arm_.firstActuator(k + 1); ++i) {
+    for (int component = 0; component < kEntries; ++component) {
+      const Motion cost = entriesOf<Group>(component).asDiagonal() * (to_actuator_[i] * null_space);
+      jumps_[i][component] = cost.cwiseAbs().maxCoeff() > kFreeOfCost;
+    }
+  }
 }
 
 template <class Group>
@@ -121,7 +128,7 @@ typename ActuatorChange<Group>::Motion ActuatorChange<Group>::forces(int k, doub
   for (int j = 0; j < strains.cols(); ++j) {
     const int i = arm_.firstActuator(k) + j;
     const Factor& factor = factors_[i];
-    const Matrix to = toActuator(i, s);
+    const Matrix to = toActuator(k, i, s);
     const Tangent K = arm_.actuator(i).stiffness.template diagonal<Group>();
     if (factor.slope != 0) {
       out.col(j) = factor.slope * (to.transpose() * K.cwiseProduct(strains.col(j)));
@@ -146,7 +153,7 @@ typename ActuatorChange<Group>::Motion ActuatorChange<Group>::twist(int k, doubl
     const Tangent g = map * lengths_.segment(begin, map.cols());
     Motion strains(Group::kDof, map.cols());
     for (int j = 0; j < map.cols(); ++j) {
-      strains.col(j) = lengths_[begin + j] * Tangent::Unit(0) - toActuator(begin + j, s) * g;
+      strains.col(j) = lengths_[begin + j] * Tangent::Unit(0) - toActuator(k, begin + j, s) * g;
     }
     out = compliance(k, s) * forces(k, s, strains);
   }
@@ -160,7 +167,7 @@ typename ActuatorChange<Group>::Motion ActuatorChange<Group>::strain(int k, doub
   const int begin = arm_.firstActuator(k), count = arm_.firstActuator(k + 1) - begin;
   if (per_actuator_ == 1 && !hasTable(k)) return Motion::Zero(Group::kDof, count);
   Motion strains(Group::kDof, count);
-  for (int j = 0; j < count; ++j) strains.col(j) = -(toActuator(begin + j, s) * strain);
+  for (int j = 0; j < count; ++j) strains.col(j) = -(toActuator(k, begin + j, s) * strain);
   return compliance(k, s) * forces(k, s, strains);
 }
 

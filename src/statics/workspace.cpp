@@ -95,8 +95,13 @@ Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
 Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
                                             const Eigen::Vector3d& tip) const {
   const model::Arm& arm = model_.arm();
+  const TipResponse response = model_.tipResponse(arm.lengths(q));
+  // Without a derivative, nothing bounds it.
+  if (response.status != SolveStatus::kConverged) {
+    return Eigen::RowVector3d::Constant(std::numeric_limits<double>::infinity());
+  }
   // Not rotated to the base frame, which would not change their lengths.
-  const auto moves = model_.tipResponse(arm.lengths(q)).by_lengths.topRows<3>().eval();
+  const auto moves = response.by_lengths.topRows<3>().eval();
   double pressure = 0.0, stiffness = 0.0;
   for (int i = 0; i < q.size(); ++i) {
     pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();

@@ -201,6 +201,23 @@ void jacobian(::benchmark::State& state, const model::Arm& arm) {
   }
 }
 
+// Without load: all derivatives, those by a load at the tip included, since K_eps is known.
+void linearJacobian(::benchmark::State& state, const model::Arm& arm,
+                    const statics::StiffnessTable& table) {
+  const auto sections = static_cast<std::size_t>(arm.sectionCount());
+  statics::Load load;
+  load.mass.assign(sections, 0.0);
+  load.K_eps.assign(sections, 900.0);
+  if (!table.empty()) load.tables.assign(sections, table);
+  const statics::ArmModel model(arm, std::nullopt, load,
+                                statics::TierSetting{statics::Tier::kLinear, 0});
+  const Eigen::VectorXd q = arm.inputAt(0.4);
+  for (auto _ : state) {
+    const statics::ShapeJacobian found = statics::jacobianAt(model, q);
+    if (!found.by_load) state.SkipWithError("without K_eps");
+  }
+}
+
 model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
 
 #define HELIX_ARM_DERIVATIVES(name, arm)    \
@@ -215,12 +232,15 @@ model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
       ->Arg(5)                              \
       ->Arg(8)                              \
       ->Arg(0)                              \
-      ->Unit(::benchmark::kMicrosecond)
+      ->Unit(::benchmark::kMicrosecond);    \
+  BENCHMARK_CAPTURE(linearJacobian, name, arm, {})->Unit(::benchmark::kMicrosecond)
 
 HELIX_ARM_DERIVATIVES(one_section, sceneArm());
 HELIX_ARM_DERIVATIVES(six_muscles, test::ringArm(test::helicalRing(6)));
 HELIX_ARM_DERIVATIVES(two_sections, test::ringArm(test::helicalRing(), 2));
 HELIX_ARM_DERIVATIVES(tapered, test::taperedArm(0.26));
+BENCHMARK_CAPTURE(linearJacobian, table, sceneArm(), {{0, 1e5, 4e5}, {3, 1, 4}})
+    ->Unit(::benchmark::kMicrosecond);
 
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \
   BENCHMARK_CAPTURE(linear, name, arm, posture);                                 \

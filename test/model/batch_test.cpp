@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/lie/coefficients.hpp"
-#include "support/paper_arm.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -296,14 +296,71 @@ TEST(Batch, RefusesInstructionSetsThatTheMachineDoesNotHave) {
                std::invalid_argument);
 }
 
-TEST(Batch, HandlesTablesAndTendons) {
+// A muscle with a table, a tendon and a polynomial.
+Arm tableArm(int sections = 1) {
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
   const Contraction table = Contraction::table({0, 1e5, 2e5, 4e5}, {0.43, 0.41, 0.36, 0.34});
   section.actuators[0].contraction = table;
   section.actuators[0].limits = table.inputRange();
   section.actuators[1].contraction = Contraction::tendon(0.43, 0.01, 8);
   section.actuators[1].limits = {0, 8};
-  EXPECT_LE(worstDifference(Arm({section}), 5000, 76), 8.0);
+  return Arm(std::vector<Section>(static_cast<std::size_t>(sections), section));
+}
+
+TEST(Batch, HandlesTablesAndTendons) {
+  for (const InstructionSet set : setsOfThisMachine()) {
+    EXPECT_LE(worstDifference(tableArm(), 5000, 76, set), 8.0) << nameOf(set);
+  }
+}
+
+TEST(Batch, RowsOfTablesAndTapersAreTheTipsOfTheirColumns) {
+  constexpr std::size_t kCount = 700;
+  for (const Arm& arm : {tableArm(), tableArm(2), test::taperedArm(), test::taperedArm(0.26)}) {
+    const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 82);
+    const std::vector<double> rows = rowsOf(q);
+    std::vector<double> by_columns;
+    for (const std::vector<double>& column : q) {
+      by_columns.insert(by_columns.end(), column.begin(), column.end());
+    }
+    for (const InstructionSet set : setsOfThisMachine()) {
+      const TipBatch batch(arm, set);
+      const std::vector<double> expected = tipsOf(batch, q);
+      std::vector<double> tips(3 * kCount + 1, -7);
+      EXPECT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kCount, tips.data()));
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin())) << nameOf(set);
+      EXPECT_EQ(tips.back(), -7) << "wrote past the end";
+      std::fill(tips.begin(), tips.end(), -7);
+      EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, tips.data()));
+      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin())) << nameOf(set);
+    }
+    EXPECT_LE(worstDifference(arm, kCount, 82), 8.0);
+  }
+}
+
+TEST(Batch, RowsOfTablesAndTapersTellWhetherAllInputsAreInside) {
+  for (const Arm& arm : {tableArm(), test::taperedArm()}) {
+    for (const InstructionSet set : setsOfThisMachine()) {
+      const TipBatch batch(arm, set);
+      const std::vector<double> rows = rowsOf(randomColumns(arm, 9, 83));
+      const std::vector<double> inside = tipsOf(batch, randomColumns(arm, 9, 83));
+      std::vector<double> tips(27);
+      for (std::size_t at = 0; at < rows.size(); ++at) {
+        const Range limits = arm.actuator(static_cast<int>(at % 3)).limits;
+        for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
+                                 std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
+          std::vector<double> numbers = rows;
+          numbers[at] = bad;
+          EXPECT_FALSE(batch.rows(arrayOf(numbers, 3), 9, tips.data()))
+              << bad << " at " << at << ", " << nameOf(set);
+          // Only its own row suffers.
+          for (std::size_t i = 0; i < tips.size(); ++i) {
+            if (i / 3 == at / 3) continue;
+            EXPECT_EQ(tips[i], inside[i]) << at << " " << nameOf(set);
+          }
+        }
+      }
+    }
+  }
 }
 
 }  // namespace

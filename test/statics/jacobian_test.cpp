@@ -7,7 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/statics/exact.hpp"
-#include "support/loaded_arm.hpp"
+#include "helix_arm/statics/loaded.hpp"
+#include "support/tapered_arm.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -209,6 +210,48 @@ TEST(Jacobian, ByALoadIsTheDerivativeOfTheExactShape) {
   }
 }
 
+// Without load, the response to one is that of the exact tier at a vanishing load, whatever the load
+// that the linear tier leaves out.
+void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
+                                    const Eigen::VectorXd& q, const std::string& what) {
+  const ArmModel linear(arm, std::nullopt, load, TierSetting{Tier::kLinear, 0});
+  const ShapeJacobian found = jacobianAt(linear, q);
+  EXPECT_EQ(found.status, SolveStatus::kConverged) << what;
+  Load vanishing = load;
+  vanishing.points.clear();
+  for (double& mass : vanishing.mass) mass = 1e-9;
+  const ArmModel exact(arm, std::nullopt, vanishing, TierSetting{Tier::kExact, 0});
+  const ShapeJacobian expected = jacobianAt(exact, q);
+  ASSERT_EQ(expected.status, SolveStatus::kConverged) << what;
+  ASSERT_TRUE(found.by_load) << what;
+  EXPECT_LT((found.by_load->tip - expected.by_load->tip).norm(), 1e-6 * expected.by_load->tip.norm())
+      << what;
+  EXPECT_LT((found.by_load->twists - expected.by_load->twists).norm(),
+            1e-6 * expected.by_load->twists.norm())
+      << what;
+}
+
+TEST(Jacobian, ByALoadIsThatOfTheExactTierAtAVanishingLoad) {
+  const Eigen::VectorXd q = Eigen::Vector3d(1.3e5, 1.3e5, 1.0e5);
+  Load load = weight(Posture::kHorizontal, 0.3, 200);
+  expectResponseOfTheUnloadedArm(softHelicalArm(), load, q, "one stiffness");
+  expectResponseOfTheUnloadedArm(taperedArm(), load, q, "taper");
+  load.tables = {{{0, 1e5, 2e5, kMaxPressure}, {3.2, 1, 2.6, 3.7}}};
+  expectResponseOfTheUnloadedArm(softHelicalArm(), load, q, "table");
+}
+
+TEST(Jacobian, ALoadThatTheTierLeavesOutDoesNotKeepItFromConverging) {
+  const Load load = weight(Posture::kHorizontal, 30, 5);
+  for (const model::Arm& arm : {softHelicalArm(), taperedArm()}) {
+    const ShapeJacobian found =
+        jacobianAt(ArmModel(arm, std::nullopt, load, TierSetting{Tier::kLinear, 0}),
+                   arm.inputAt(0.4));
+    EXPECT_EQ(found.status, SolveStatus::kConverged);
+    ASSERT_TRUE(found.by_load);
+    EXPECT_TRUE(found.by_load->tip.allFinite());
+  }
+}
+
 TEST(Jacobian, UnderLoadIsTheDerivativeOfTheTiersShapes) {
   Random random(4);
   const model::Arm arm = softHelicalArm();
@@ -255,6 +298,45 @@ TEST(Jacobian, IsNanWithoutEquilibrium) {
   EXPECT_NE(found.status, SolveStatus::kConverged);
   EXPECT_TRUE(found.by_inputs.tip.array().isNaN().all());
   EXPECT_TRUE(found.by_load->twists.array().isNaN().all());
+}
+
+// Few actuators take differences, more of them linear equations, and the plane equations of its own.
+TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
+  const TierSetting order5{Tier::kLoaded, 5}, exact{Tier::kExact, 0};
+  const model::PlanarArm plane = planarArm();
+  Load in_plane = weight(Posture::kHorizontal, 40.0, 500);
+  in_plane.gravity = {0, -9.81, 0};
+  for (const ArmModel& model :
+       {ArmModel(softHelicalArm(), std::nullopt, weight(Posture::kHorizontal, 40.0, 500), order5),
+        ArmModel(softHelicalArm(), std::nullopt, weight(Posture::kHorizontal, 40.0, 500), exact),
+        ArmModel(ringArm(helicalRing(6)), std::nullopt, weight(Posture::kHorizontal, 400.0, 50),
+                 order5),
+        ArmModel(model::embed(plane), plane, in_plane, order5)}) {
+    const Eigen::VectorXd lengths = model.arm().lengths(model.arm().inputAt(0.4));
+    const TipResponse found = model.tipResponse(lengths);
+    ASSERT_NE(found.status, SolveStatus::kConverged);
+    EXPECT_EQ(found.by_lengths.cols(), lengths.size());
+    EXPECT_TRUE(found.by_lengths.array().isNaN().all());
+  }
+}
+
+TEST(Jacobian, WithoutTheColumnsOfALoadTheOthersAreTheSame) {
+  const model::Arm arm = softHelicalArm();
+  const Load load = weight(Posture::kHorizontal, 0.15, 1000);
+  const Eigen::VectorXd lengths = arm.lengths(arm.inputAt(0.4));
+  const ActuatorChange<lie::SE3> change(arm, &load, lengths,
+                                        ActuatorChange<lie::SE3>::By::kLengths);
+  const model::Unloaded unloaded = arm.unloadedOfLengths(lengths);
+  const auto expectSame = [&](const auto& solver) {
+    const ShapeDerivative with = solver.differentiate(unloaded, change).by;
+    const ShapeDerivative without = solver.differentiate(unloaded, change, false).by;
+    ASSERT_EQ(without.tip.cols(), 3);
+    ASSERT_EQ(with.tip.cols(), 9);
+    EXPECT_LT((with.tip.leftCols<3>() - without.tip).norm(), 1e-12 * without.tip.norm());
+    EXPECT_LT((with.twists.leftCols<3>() - without.twists).norm(), 1e-12 * without.twists.norm());
+  };
+  expectSame(LoadedArm(arm, load, 5));
+  expectSame(ExactArm(arm, load));
 }
 
 }  // namespace

@@ -49,12 +49,12 @@ class ExactArm {
   /// @throws std::invalid_argument on a wrong number of sections or twists that are not finite.
   Solution solve(const model::Unloaded& unloaded) const;
 
-  /// Shape and its derivatives with respect to the parameters of `change`, then to a force (3)
-  /// [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame. They solve
-  /// the linear differential equations about the shape, on Gauss points.
+  /// Shape and its derivatives with respect to the parameters of `change`, then, on request, to a
+  /// force (3) [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame.
+  /// They solve the linear differential equations about the shape, on Gauss points.
   /// @throws as solve() does.
   ShapeResponse differentiate(const model::Unloaded& unloaded,
-                              const UnloadedChange<lie::SE3>& change) const;
+                              const UnloadedChange<lie::SE3>& change, bool by_load = true) const;
 
   /// Points of the base curve at `count` >= 2 evenly spaced s, including base and tip. Each point
   /// is integrated like the tip, whereas the pieces of solve() are helices between their ends. If

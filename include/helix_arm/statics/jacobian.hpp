@@ -20,7 +20,8 @@ struct ShapeJacobian {
   /// jumps there.
   ShapeDerivative by_stiffness;
   /// m = 6: per dead force (3) [1/N] and moment (3) [1/(N m)] at the tip, base frame. Absent
-  /// without K_eps of the arm.
+  /// without K_eps of the arm. In the tiers that take no load, at the shape without load, with the
+  /// StiffnessTables of Load.
   std::optional<ShapeDerivative> by_load;
 };
 

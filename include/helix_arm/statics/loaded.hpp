@@ -63,8 +63,10 @@ class LoadedArmOf {
   /// A tip and its derivatives.
   struct Response {
     TipOf<Group> at;  ///< its status also covers the nearby tips of differences
-    Motion by;        ///< (dof x m) body twist of the tip per unit of each of m changes
+    /// (dof x m) body twist of the tip per unit of each of m changes; NaN unless it converged.
+    Motion by;
 
+    Response(const TipOf<Group>& tip, Eigen::Index columns);
     // Fills a column with the central difference of the tips one step below and above.
     void add(int column, double step, const TipOf<Group>& below, const TipOf<Group>& above);
   };
@@ -90,10 +92,12 @@ class LoadedArmOf {
   /// @throws std::invalid_argument when count < 2.
   std::vector<model::CurvePoint<lie::SE3>> curve(const Unloaded& unloaded, int count) const;
 
-  /// Shape and its derivatives with respect to the parameters of `change`, then to a force (3)
-  /// [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame. From the
-  /// implicit function theorem at the equilibrium of this order; of the lowest order, of its steps.
-  ShapeResponse differentiate(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;
+  /// Shape and its derivatives with respect to the parameters of `change`, then, on request, to a
+  /// force (3) [1/N] and a moment (3) [1/(N m)] at the tip that keep their directions, base frame.
+  /// From the implicit function theorem at the equilibrium of this order; of the lowest order, of
+  /// its steps.
+  ShapeResponse differentiate(const Unloaded& unloaded, const UnloadedChange<Group>& change,
+                              bool by_load = true) const;
 
   /// Tip and its derivative with respect to the parameters of `change`, in the same manner.
   Response tipBy(const Unloaded& unloaded, const UnloadedChange<Group>& change) const;

@@ -44,7 +44,8 @@ using Tip = TipOf<lie::SE3>;
 struct TipResponse {
   lie::SE3 tip;  ///< seen from the base
   SolveStatus status = SolveStatus::kConverged;
-  /// (6 x n) body twist of the tip per unit free length of each actuator [m/m; rad/m].
+  /// (6 x n) body twist of the tip per unit free length of each actuator [m/m; rad/m]; NaN unless
+  /// it converged.
   Eigen::Matrix<double, 6, Eigen::Dynamic> by_lengths;
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "helix_arm/model/arm.hpp"
@@ -63,10 +64,11 @@ class ActuatorChange final : public UnloadedChange<Group> {
   int stiffnessColumn(int k, int actuator, int component) const;
   /// Whether the shape jumps when an entry of the stiffness is raised, because it is 0 and resists
   /// a motion that nothing else resists. That column is 0.
-  bool jumps(int actuator, int component) const;
+  bool jumps(int actuator, int component) const { return jumps_[actuator][component]; }
 
  private:
   using Matrix = typename Group::Matrix;
+  static constexpr int kEntries = 3;  // of a stiffness
   // Of an actuator: the factor on its stiffness, and its derivative by the length.
   struct Factor {
     double value = 1.0, slope = 0.0;
@@ -76,7 +78,9 @@ class ActuatorChange final : public UnloadedChange<Group> {
     return load_ != nullptr && !load_->tables.empty() && !load_->tables[k].empty();
   }
   Factor factorOf(int k, int actuator) const;
-  Matrix toActuator(int i, double s) const;
+  void setJumps(int k);
+  Matrix toActuatorAt(int i, double s) const;
+  Matrix toActuator(int k, int i, double s) const;
   Matrix compliance(int k, double s) const;  // A(s)+
   // Ad_i^T dK_i e of all parameters, with `strains` e (dof x actuators of the section).
   Motion forces(int k, double s, const Motion& strains) const;
@@ -86,8 +90,9 @@ class ActuatorChange final : public UnloadedChange<Group> {
   Eigen::VectorXd lengths_;
   int per_actuator_;
   std::vector<Factor> factors_;
-  std::vector<Matrix> compliance_;  // A+ of each section without taper
-  model::TwistsOf<Group> twists_;
+  std::vector<Matrix> compliance_;   // A+ of each section without taper
+  std::vector<Matrix> to_actuator_;  // of each actuator, at s = 0
+  std::vector<std::array<bool, kEntries>> jumps_;
   std::vector<Motion> constant_;  // twist() of each section without taper
 };
 
