@@ -13,8 +13,8 @@ namespace {
 // Work of one thread at a time; a tip does not depend on the division.
 constexpr std::size_t kPiece = 16384;
 constexpr std::size_t kLoadedPiece = 16;
-// Rows that are copied at a time, so that they stay in the nearest cache.
-constexpr std::size_t kCopied = 512;
+// Rows that are copied at a time, so that they stay in the caches.
+constexpr std::size_t kCopied = 4096;
 
 // The batch reads columns where they are more than once.
 bool byCopiedColumns(const model::TipBatch& batch, const model::InputArray& array,
