@@ -122,8 +122,8 @@ class Parameter(Result):
     unit: str  #: m^2, m, rad, or empty
     initial: float
     value: float
-    standard_error: float
-    identifiable: bool  #: whether the data determine it
+    standard_error: Optional[float]  #: None with errors=False
+    identifiable: Optional[bool]  #: whether the data determine it; None with errors=False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,8 +154,8 @@ class Calibration(Result):
     success: bool
     message: str  #: the result in one line, or cause and remedy
     parameters: List[Parameter]
-    correlation: Optional[np.ndarray]  #: (parameters, parameters)
-    combinations: List[Combination]  #: of correlated stiffness parameters, the best known first
+    correlation: Optional[np.ndarray]  #: (parameters, parameters); None with errors=False, as held_out_error and next_pressures_pa
+    combinations: List[Combination]  #: of correlated stiffness parameters, the best known first; none with errors=False
     error_unit: str  #: of rms and held_out_error: rad, px or m
     rms: Optional[float]
     held_out_error: Optional[float]  #: of pressures that were left out of the fit

@@ -1,9 +1,11 @@
 """A scene file and what its model computes."""
 from __future__ import annotations
 
+import copy
 import json
 import os
-from typing import Any, List, Mapping, Optional, Sequence, Union
+import pathlib
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -23,16 +25,24 @@ def _path_of(path_or_name: PathLike) -> str:
     text = os.fspath(path_or_name) if isinstance(path_or_name, os.PathLike) else path_or_name
     if not isinstance(text, str):
         raise TypeError(f"path_or_name is {type(path_or_name).__name__}; expected str or os.PathLike of str")
-    try:
-        return _core.scene_path(text)
-    except ValueError as error:
-        raise ValueError(f"path_or_name: {error}") from None
+    path = _core.scene_path(text)
+    # Another process, or this one later, may be in another folder. "" stays what no file is called.
+    return str(pathlib.Path(path).absolute()) if path else path
 
 
 def _data_of(data: Any) -> Any:
     if isinstance(data, os.PathLike):
         return os.fspath(data)
     return dict(data) if isinstance(data, Mapping) else data
+
+
+def _list_of(given: Any, name: str, expected: str) -> List[Any]:
+    try:
+        if not isinstance(given, (str, bytes)):
+            return list(given)
+    except TypeError:
+        pass
+    raise TypeError(f"{name} is of type {type(given).__name__}; expected {expected}")
 
 
 def _yaml_of(key: str, value: Any) -> str:
@@ -61,7 +71,21 @@ class Scene(_core.Scene):
         return cls(_path_of(path_or_name), [(str(key), _yaml_of(key, value)) for key, value in overrides.items()])
 
     def __reduce__(self) -> Any:
-        return type(self), (self.path, self._overrides)
+        return type(self), (self.path, self._overrides), vars(self) or None
+
+    def __copy__(self) -> "Scene":
+        other = self._again()
+        vars(other).update(vars(self))
+        return other
+
+    def __deepcopy__(self, memo: Dict[int, Any]) -> "Scene":
+        other = memo[id(self)] = self._again()
+        vars(other).update(copy.deepcopy(vars(self), memo))
+        return other
+
+    def _again(self) -> "Scene":
+        """Itself, as it is immutable, unless someone gave it attributes."""
+        return type(self)(self.path, self._overrides) if vars(self) else self
 
     def forward(self, pressures_pa: Numbers, threads: int = 1) -> _core.Forward:
         """Shapes at gauge pressures.
@@ -138,17 +162,20 @@ class Scene(_core.Scene):
 
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
                   curvature_noise_rad: float = 0.0, corner_noise_px: float = 0.0, position_noise_m: float = 0.0,
-                  rotation_noise_rad: float = 0.0) -> results.Calibration:
+                  rotation_noise_rad: float = 0.0, errors: bool = True) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
         data: one or several data sets: curvatures, tag poses, tag corners or free lengths; each a path, or a dict of columns as
         of fit(). fit: words of docs/calibration.md, such as stiffness, length_scale, base, tags, contraction.
         contraction: name of the curve to fit, if the scene has several. Noises: expected standard deviations; 0: the scene's.
+        errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
+        empty in the result, and no parameter is held at the scene's value.
         """
-        sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else list(data)
-        words = [fit] if isinstance(fit, str) else list(fit)
+        sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else _list_of(
+            data, "data", "the path of a data set, a dict of its columns, or a list of those")
+        words = [fit] if isinstance(fit, str) else _list_of(fit, "fit", "a list of words, such as [\"stiffness\"]")
         found = self._calibrate([_data_of(one) for one in sets], words, contraction, curvature_noise_rad, corner_noise_px,
-                                position_noise_m, rotation_noise_rad)
+                                position_noise_m, rotation_noise_rad, errors)
         found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
         found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
         found["contractions"] = [results.Contraction(**one) for one in found["contractions"]]

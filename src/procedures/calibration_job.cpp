@@ -118,6 +118,7 @@ io::Provenance provenanceOf(const std::string& path, const std::string& sha256,
     out.error_unit = "m";
   }
   for (const estimation::Parameter& one : parametersOf(outcome)) {
+    if (!isJudged(one)) continue;
     out.parameters.push_back({one.name, one.value, one.standard_error, one.identifiable, one.unit});
   }
   if (!outcome.calibration) return out;
@@ -288,12 +289,13 @@ CalibrationOutcome runCalibration(const std::string& path,
     for (const ArmCaptures& arm : outcome.arms) {
       if (arm.captures.empty()) return refused(outcome, "no capture of " + arm.name + " was given");
     }
-    const CalibrationOptions options = optionsOf(scene, request, fitted, data);
+    CalibrationOptions options = optionsOf(scene, request, fitted, data);
     // Nothing tells what the muscles felt at the captures.
     const bool in_arm = fits_curve && !remembers && !options.free_shapes &&
                         outcome.contractions.front().second.spline.has_value();
     std::vector<std::string> others;
     for (std::size_t a = 1; a < outcome.arms.size(); ++a) others.push_back(outcome.arms[a].name);
+    options.errors = request.errors || in_arm;
     if (in_arm) others = shareCurve(before, outcome.contractions.front().second, outcome.arms);
     if (fits_curve && !others.empty()) {
       outcome.warnings.push_back("these arms keep the contraction curves of their own scenes: " +

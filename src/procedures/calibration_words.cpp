@@ -43,11 +43,13 @@ std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcom
   return out;
 }
 
+bool isJudged(const estimation::Parameter& one) { return !std::isnan(one.standard_error); }
+
 Determined determinedOf(const CalibrationOutcome& outcome) {
   Determined out;
   std::set<int> tags;
   for (const estimation::Parameter& one : parametersOf(outcome)) {
-    if (!one.identifiable) {
+    if (isJudged(one) && !one.identifiable) {
       ++out.omitted;
     } else if (beginsWith(one.name, kTag)) {
       tags.insert(std::atoi(one.name.c_str() + std::string(kTag).size()));
@@ -64,8 +66,9 @@ std::string textOf(const estimation::Parameter& one) {
     return textOf({one.name, "kPa", 1e-3 * one.initial, 1e-3 * one.value, 1e-3 * one.standard_error,
                    one.identifiable});
   }
-  return one.name + format(" = %.*g +- %.2g", digitsOf(one), one.value, one.standard_error) +
-         (one.unit.empty() ? "" : " " + one.unit);
+  std::string out = one.name + format(" = %.*g", digitsOf(one), one.value);
+  if (isJudged(one)) out += format(" +- %.2g", one.standard_error);
+  return out + (one.unit.empty() ? "" : " " + one.unit);
 }
 
 std::string textOf(const estimation::Combination& one) {

@@ -51,9 +51,12 @@ bool flagOf(const py::handle& given, const char* name) {
 }
 
 std::string textOf(const py::handle& given, const char* name) {
-  const bool text = py::isinstance<py::str>(given);
-  const py::object bytes = text ? forget(PyUnicode_AsUTF8String(given.ptr())) : py::object();
-  if (!bytes) refuseType(given, name, "a str");
+  if (!py::isinstance<py::str>(given)) refuseType(given, name, "a str");
+  const py::object bytes = forget(PyUnicode_AsUTF8String(given.ptr()));
+  if (!bytes) {
+    throw py::value_error(std::string(name) + " is " + std::string(py::repr(given)).substr(0, 60) +
+                          ", which UTF-8 cannot hold; expected text without surrogates");
+  }
   return py::reinterpret_borrow<py::bytes>(bytes);
 }
 

@@ -19,7 +19,7 @@ std::int64_t integerOf(const py::handle& given, const char* name, std::int64_t l
 double numberOf(const py::handle& given, const char* name);
 /// @throws TypeError if it is neither True nor False.
 bool flagOf(const py::handle& given, const char* name);
-/// @throws TypeError if it is no str, or one that UTF-8 cannot hold.
+/// @throws TypeError if it is no str, ValueError if UTF-8 cannot hold it.
 std::string textOf(const py::handle& given, const char* name);
 
 /// Number of threads of an argument: 0 stands for all cores.

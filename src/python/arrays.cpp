@@ -8,6 +8,8 @@
 namespace helix_arm::python {
 namespace {
 
+constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
+
 bool isFloat64(const py::array& array) {
   const py::dtype wanted = py::dtype::of<double>();
   return array.dtype().is(wanted) || array.dtype().equal(wanted);
@@ -49,7 +51,7 @@ py::array arrayOf(const py::handle& given, const char* name) {
 }
 
 Rows::Rows(const py::handle& given, const char* name, py::ssize_t columns)
-    : array_(arrayOf(given, name)), columns_(columns) {
+    : name_(name), array_(arrayOf(given, name)), columns_(columns) {
   const py::ssize_t dimensions = array_.ndim();
   if (dimensions < 1 || dimensions > 2 || array_.shape(dimensions - 1) != columns) {
     std::ostringstream message;
@@ -70,23 +72,48 @@ Eigen::VectorXd Rows::row(py::ssize_t row) const {
   return out;
 }
 
-std::vector<py::ssize_t> Rows::shapeOf(std::initializer_list<py::ssize_t> entry) const {
+py::ssize_t Rows::numbersOf(py::ssize_t per_row) const {
+  const py::ssize_t most = kMostBytes / static_cast<py::ssize_t>(sizeof(double)) / per_row;
+  if (rows_ > most) {
+    throw TooManyRows(name_ + " has " + std::to_string(rows_) +
+                      " rows, whose results take more than the 128 TiB that a process can "
+                      "address; expected at most " +
+                      std::to_string(most) + ", and no more than the memory holds");
+  }
+  return rows_ * per_row;
+}
+
+std::vector<py::ssize_t> Rows::shapeOf(const std::vector<py::ssize_t>& entry) const {
+  py::ssize_t per_row = 1;
+  for (const py::ssize_t size : entry) per_row *= size;
+  numbersOf(per_row);
   std::vector<py::ssize_t> shape;
   if (!single_) shape.push_back(rows_);
   shape.insert(shape.end(), entry.begin(), entry.end());
   return shape;
 }
 
-void requireFinite(const Rows& rows, const char* name) {
+void Rows::refuseChange() const {
+  throw py::value_error(name_ +
+                        " changed during the call; expected an array that no thread writes until "
+                        "the call returns");
+}
+
+void requireFinite(const Rows& rows) {
   for (py::ssize_t i = 0; i < rows.rows(); ++i) {
     for (py::ssize_t j = 0; j < rows.columns(); ++j) {
-      if (std::isfinite(rows(i, j))) continue;
+      const double number = rows(i, j);
+      if (std::isfinite(number)) continue;
       std::ostringstream message;
-      message << name << " holds " << rows(i, j) << " in row " << i << ", column " << j
+      message << rows.name() << " holds " << number << " in row " << i << ", column " << j
               << "; expected finite numbers";
       throw py::value_error(message.str());
     }
   }
+}
+
+py::array textsOf(const py::list& texts) {
+  return py::module_::import("numpy").attr("array")(texts, py::arg("dtype") = "str");
 }
 
 py::array_t<double> vectorOf(const Eigen::Ref<const Eigen::VectorXd>& vector) {

@@ -1,7 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <new>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -10,7 +13,19 @@ namespace helix_arm::python {
 
 namespace py = pybind11;
 
-/// Rows of numbers in a caller's array, read where they are, whatever its strides.
+/// More rows than results can have. Python raises MemoryError.
+class TooManyRows : public std::bad_alloc {
+ public:
+  explicit TooManyRows(std::string message) : message_(std::move(message)) {}
+  const char* what() const noexcept override { return message_.c_str(); }
+
+ private:
+  std::string message_;
+};
+
+/// Rows of numbers in a caller's array, read where they are, whatever its strides. While the
+/// interpreter runs other threads, these may write the array: what was checked is then copied,
+/// checked again and computed with.
 class Rows {
  public:
   /// One row (columns), or many (N, columns). Arrays are float64 and are not copied, except those
@@ -19,6 +34,7 @@ class Rows {
   /// @throws TypeError on another type or dtype, ValueError on another shape.
   Rows(const py::handle& given, const char* name, py::ssize_t columns);
 
+  const std::string& name() const { return name_; }
   bool single() const { return single_; }  ///< one row, given without the first dimension
   py::ssize_t rows() const { return rows_; }
   py::ssize_t columns() const { return columns_; }
@@ -26,8 +42,14 @@ class Rows {
     return *reinterpret_cast<const double*>(data_ + row * row_stride_ + column * column_stride_);
   }
   Eigen::VectorXd row(py::ssize_t row) const;
+  /// How many numbers a result has, of so many per row.
+  /// @throws TooManyRows naming the argument if no process can hold them.
+  py::ssize_t numbersOf(py::ssize_t per_row) const;
   /// Shape of a result with one entry per row: what follows is that entry's shape.
-  std::vector<py::ssize_t> shapeOf(std::initializer_list<py::ssize_t> entry) const;
+  /// @throws as numbersOf().
+  std::vector<py::ssize_t> shapeOf(const std::vector<py::ssize_t>& entry) const;
+  /// Ends a call in which a number broke its rule after all were checked.
+  [[noreturn]] void refuseChange() const;
 
   /// Distances between neighbours [bytes].
   py::ssize_t rowStride() const { return row_stride_; }
@@ -35,6 +57,7 @@ class Rows {
   const char* data() const { return data_; }
 
  private:
+  std::string name_;
   py::array array_;  // keeps the numbers alive
   const char* data_;
   bool single_;
@@ -45,7 +68,10 @@ class Rows {
 py::array arrayOf(const py::handle& given, const char* name);
 
 /// @throws ValueError naming the argument and the row of an entry that is NaN or infinite.
-void requireFinite(const Rows& rows, const char* name);
+void requireFinite(const Rows& rows);
+
+/// New array of text, also of none.
+py::array textsOf(const py::list& texts);
 
 /// "(3,)", "(2, 3)".
 std::string shapeText(const py::array& array);

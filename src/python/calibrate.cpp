@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include <pybind11/stl.h>
 
 #include "bindings.hpp"
@@ -16,8 +18,9 @@ py::list parameterList(const procedures::CalibrationOutcome& outcome) {
     entry["unit"] = one.unit;
     entry["initial"] = one.initial;
     entry["value"] = one.value;
-    entry["standard_error"] = one.standard_error;
-    entry["identifiable"] = one.identifiable;
+    const bool judged = procedures::isJudged(one);
+    entry["standard_error"] = judged ? py::object(py::float_(one.standard_error)) : py::none();
+    entry["identifiable"] = judged ? py::object(py::bool_(one.identifiable)) : py::none();
     parameters.append(entry);
   }
   return parameters;
@@ -43,10 +46,11 @@ py::list combinationsOf(const estimation::Calibration& calibration) {
 
 // Of the fit of the arm.
 void addFit(const estimation::Calibration& calibration, py::dict& out) {
-  out["correlation"] = matrixOf(calibration.correlation);
-  out["combinations"] = combinationsOf(calibration);
   out["error_unit"] = calibration.error_unit;
   out["rms"] = calibration.rms;
+  if (calibration.correlation.size() == 0) return;  // without errors
+  out["correlation"] = matrixOf(calibration.correlation);
+  out["combinations"] = combinationsOf(calibration);
   if (calibration.by_pressure) out["held_out_error"] = calibration.by_pressure->error;
   Eigen::MatrixXd next(
       static_cast<Eigen::Index>(calibration.next_pressures.size()),
@@ -57,16 +61,27 @@ void addFit(const estimation::Calibration& calibration, py::dict& out) {
   out["next_pressures_pa"] = matrixOf(next);
 }
 
-py::dict calibrate(const Scene& self, const py::list& data, const std::vector<std::string>& fit,
-                   const std::string& contraction, double curvature_noise_rad,
-                   double corner_noise_px, double position_noise_m, double rotation_noise_rad) {
+double noiseOf(const py::object& given, const char* name) {
+  const double noise = numberOf(given, name);
+  basics::require(std::isfinite(noise) && noise >= 0, name, " is ", noise,
+                  "; expected a finite number >= 0, 0 for the scene's");
+  return noise;
+}
+
+py::dict calibrate(const Scene& self, const py::list& data, const py::list& fit,
+                   const py::object& contraction, const py::object& curvature_noise_rad,
+                   const py::object& corner_noise_px, const py::object& position_noise_m,
+                   const py::object& rotation_noise_rad, const py::object& errors) {
   procedures::CalibrationRequest request;
-  request.fit = fit;
-  request.contraction = contraction;
-  request.curvature_noise = curvature_noise_rad;
-  request.corner_noise = corner_noise_px;
-  request.position_noise = position_noise_m;
-  request.rotation_noise = rotation_noise_rad;
+  for (std::size_t i = 0; i < fit.size(); ++i) {
+    request.fit.push_back(textOf(fit[i], ("fit[" + std::to_string(i) + "]").c_str()));
+  }
+  request.contraction = textOf(contraction, "contraction");
+  request.curvature_noise = noiseOf(curvature_noise_rad, "curvature_noise_rad");
+  request.corner_noise = noiseOf(corner_noise_px, "corner_noise_px");
+  request.position_noise = noiseOf(position_noise_m, "position_noise_m");
+  request.rotation_noise = noiseOf(rotation_noise_rad, "rotation_noise_rad");
+  request.errors = flagOf(errors, "errors");
   request.date = procedures::utcNow();
   basics::require(!data.empty(), "data is empty; expected paths of data sets, or dicts of columns");
   procedures::CalibrationData measurements;
@@ -115,7 +130,7 @@ py::dict calibrate(const Scene& self, const py::list& data, const std::vector<st
 void bindCalibrate(py::class_<Scene>& scene) {
   scene.def("_calibrate", calibrate, py::arg("data"), py::arg("fit"), py::arg("contraction"),
             py::arg("curvature_noise_rad"), py::arg("corner_noise_px"), py::arg("position_noise_m"),
-            py::arg("rotation_noise_rad"));
+            py::arg("rotation_noise_rad"), py::arg("errors"));
 }
 
 }  // namespace helix_arm::python

@@ -20,17 +20,18 @@ py::dict curve(const Scene& scene, const py::handle& pressures, const py::handle
   for (int i = 0; i < points; ++i) {
     places.mutable_at(i) = static_cast<double>(scene.arm().sectionCount()) * i / (points - 1);
   }
-  scene.requireWithinLimits(inputs, "pressures_pa");  // with the memory at hand: rows may be many
   double* const position = positions.mutable_data();
   double* const quaternion = quaternions.mutable_data();
   const auto rows = static_cast<std::size_t>(inputs.rows());
   const auto count = static_cast<std::size_t>(points);
   {
     const py::gil_scoped_release others_run;
+    scene.requireWithinLimits(inputs);  // with the memory at hand: rows may be many
     inPieces(rows, scene.isLoaded() ? kLoadedPiece : kPiece, thread_count,
              [&](std::size_t first, std::size_t end) {
+               Eigen::VectorXd q;
                for (std::size_t row = first; row < end; ++row) {
-                 const Eigen::VectorXd q = inputs.row(static_cast<py::ssize_t>(row));
+                 scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
                  const bool found = !scene.isLoaded() || scene.model().tip(q).converged();
                  const auto curve = scene.model().curve(q, points);
                  for (std::size_t i = 0; i < count; ++i) {

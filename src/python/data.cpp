@@ -1,5 +1,6 @@
 #include "data.hpp"
 
+#include "arguments.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/content_hash.hpp"
 
@@ -15,19 +16,16 @@ io::DataSet tableOf(const py::dict& columns, const std::string& name) {
   io::DataSet out;
   out.path = name;
   for (const auto& [key, value] : columns) {
-    if (!py::isinstance<py::str>(key)) {
-      throw py::type_error(name + " has a key that is no text; expected names of columns");
-    }
-    const auto column = key.cast<std::string>();
+    const std::string column = textOf(key, ("a name of a column of " + name).c_str());
     const std::string where = name + "[\"" + column.substr(0, 60) + "\"]";
     const py::array array = arrayOf(value, where.c_str());
-    if (out.columns.empty()) out.values.resize(array.size(), static_cast<int>(columns.size()));
-    basics::require(array.ndim() == 1 && array.size() == out.values.rows() && array.size() > 0 &&
-                        array.size() <= kMostRows,
-                    where, " has shape ", shapeText(array), "; expected 1 to ", kMostRows,
+    const bool fits = array.ndim() == 1 && array.size() > 0 && array.size() <= kMostRows &&
+                      (out.columns.empty() || array.size() == out.values.rows());
+    basics::require(fits, where, " has shape ", shapeText(array), "; expected 1 to ", kMostRows,
                     " numbers, as many as the other columns");
+    if (out.columns.empty()) out.values.resize(array.size(), static_cast<int>(columns.size()));
     const Rows numbers(array, where.c_str(), array.size());
-    requireFinite(numbers, where.c_str());
+    requireFinite(numbers);
     out.values.col(static_cast<int>(out.columns.size())) = numbers.row(0);
     out.columns.push_back(column);
   }
@@ -43,13 +41,11 @@ io::DataSet tableOf(const py::dict& columns, const std::string& name) {
 }  // namespace
 
 io::DataSet dataSetOf(const py::handle& given, const std::string& name) {
-  if (py::isinstance<py::str>(given)) return io::loadDataSet(given.cast<std::string>());
+  if (py::isinstance<py::str>(given)) return io::loadDataSet(textOf(given, name.c_str()));
   if (py::isinstance<py::dict>(given)) {
     return tableOf(py::reinterpret_borrow<py::dict>(given), name);
   }
-  throw py::type_error(name + " is of type " +
-                       std::string(py::str(py::type::of(given).attr("__name__"))) +
-                       "; expected the path of a data set, or a dict of its columns");
+  refuseType(given, name.c_str(), "the path of a data set, or a dict of its columns");
 }
 
 }  // namespace helix_arm::python

@@ -114,7 +114,7 @@ py::dict fit(const Scene& self, const py::object& captures) {
   py::dict out;
   out["captures"] = py::array_t<int>(static_cast<py::ssize_t>(numbers.size()), numbers.data());
   out["pressures_pa"] = matrixOf(pressures);
-  out["status"] = py::array(py::cast(status));
+  out["status"] = textsOf(py::cast(status));
   out["twists"] = arrays.twists;
   out["covariances"] = arrays.covariances;
   out["tips"] = arrays.tips;

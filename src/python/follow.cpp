@@ -23,9 +23,9 @@ constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<Eigen::Vector3d> tipsOf(const py::object& given, double seconds) {
   const Rows rows(given, "tips", 3);
-  requireFinite(rows, "tips");
   basics::require(rows.rows() >= 1 && rows.rows() <= kMostTips, "tips has ", rows.rows(),
                   " rows; expected 1 to ", kMostTips);
+  requireFinite(rows);
   const double least = procedures::kLeastTipTime * static_cast<double>(rows.rows());
   basics::require(seconds >= least, "seconds is ", seconds, ", too short for ", rows.rows(),
                   " tips; expected at least 1 s for each");
@@ -40,7 +40,11 @@ std::vector<Eigen::Vector3d> tipsOf(const py::object& given, double seconds) {
 
 control::TipPath pathOf(const py::object& given, const io::Scene& scene) {
   const Rows rows(given, "path", 4);
-  requireFinite(rows, "path");
+  constexpr auto kFewest = static_cast<py::ssize_t>(control::kFewestWayPoints);
+  constexpr auto kMost = static_cast<py::ssize_t>(control::kMostWayPoints);
+  basics::require(rows.rows() >= kFewest && rows.rows() <= kMost, "path has ", rows.rows(),
+                  " rows; expected ", kFewest, " to ", kMost);
+  requireFinite(rows);
   std::vector<control::TipWayPoint> points;
   for (py::ssize_t i = 0; i < rows.rows(); ++i) {
     points.push_back({rows(i, 0), {rows(i, 1), rows(i, 2), rows(i, 3)}});
@@ -53,8 +57,8 @@ control::TipPath pathOf(const py::object& given, const io::Scene& scene) {
 
 Eigen::VectorXd numbersOf(const py::object& given, const char* name, py::ssize_t count) {
   const Rows row(given, name, count);
-  requireFinite(row, name);
   basics::require(row.rows() == 1, name, " has ", row.rows(), " rows; expected one");
+  requireFinite(row);
   return row.row(0);
 }
 
@@ -144,7 +148,7 @@ py::dict resultOf(const FollowResult& result, int actuators) {
     states.append(follow::nameOf(rows[i].state));
   }
   out["pressures_pa"] = matrixOf(pressures);
-  out["states"] = py::array(states);
+  out["states"] = textsOf(states);
   out["path_times_s"] = columnOf<double>(
       rows, [](const FollowRow& row) { return row.path_time.value_or(kNoNumber); });
   out["unreachable"] = columnOf<bool>(rows, [](const FollowRow& row) { return row.unreachable; });

@@ -16,8 +16,8 @@ constexpr std::size_t kPiece = 1024;
 constexpr std::size_t kLoadedPiece = 16;
 
 // Memory without initial values: every entry is written.
-std::unique_ptr<double[]> numbers(py::ssize_t count) {
-  return std::unique_ptr<double[]>(new double[static_cast<std::size_t>(count)]);
+std::unique_ptr<double[]> numbers(const Rows& inputs, py::ssize_t per_row) {
+  return std::unique_ptr<double[]>(new double[static_cast<std::size_t>(inputs.numbersOf(per_row))]);
 }
 
 }  // namespace
@@ -26,20 +26,20 @@ Forward::Forward(const Scene& scene, const Rows& inputs, std::size_t threads)
     : single_(inputs.single()),
       rows_(inputs.rows()),
       sections_(scene.arm().sectionCount()),
-      tips_(numbers(3 * rows_)),
-      quaternions_(numbers(4 * rows_)),
-      twists_(numbers(6 * sections_ * rows_)),
+      tips_(numbers(inputs, 3)),
+      quaternions_(numbers(inputs, 4)),
+      twists_(numbers(inputs, 6 * sections_)),
       converged_(new bool[static_cast<std::size_t>(rows_)]) {
-  scene.requireWithinLimits(inputs, "pressures_pa");
+  scene.requireWithinLimits(inputs);
   inPieces(static_cast<std::size_t>(rows_), scene.isLoaded() ? kLoadedPiece : kPiece, threads,
            [&](std::size_t first, std::size_t end) { fill(scene, inputs, first, end); });
 }
 
 void Forward::fill(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end) {
   const bool loaded = scene.isLoaded();
-  Eigen::VectorXd q(inputs.columns());
+  Eigen::VectorXd q;
   for (std::size_t row = first; row < end; ++row) {
-    for (py::ssize_t i = 0; i < q.size(); ++i) q[i] = inputs(static_cast<py::ssize_t>(row), i);
+    scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
     if (loaded) {
       const statics::Solution solution = scene.model().solve(q);
       converged_[row] = solution.converged();

@@ -92,7 +92,7 @@ py::dict resultOf(const Found& found, bool single) {
   py::dict out;
   out["pressures_pa"] = tableOf(found.inputs, single);
   out["reached"] = single ? py::object(py::bool_(reached[0])) : reached_array;
-  out["status"] = single ? py::object(status[0]) : py::array(status);
+  out["status"] = single ? py::object(status[0]) : textsOf(status);
   out["residual_m"] = columnOf(found.residual, single);
   out["position_error_m"] = columnOf(found.position_error, single);
   out["limits"] = tableOf(found.limits, single);
@@ -132,10 +132,8 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
                  const py::object& cocontraction, const py::object& position_tolerance,
                  const py::object& threads) {
   const Targets targets = targetsOf(scene, tip, pose, twists);
-  const char* const name = targets.kind == Target::kTip    ? "tip"
-                           : targets.kind == Target::kPose ? "pose"
-                                                           : "twists";
   const auto count = static_cast<std::size_t>(targets.rows.rows());
+  targets.rows.numbersOf(scene.arm().actuatorCount());
   Found found(scene, count);  // first, as rows may be more than the memory holds
   InverseOptions options;
   options.preference = statics::preferenceOf(textOf(prefer, "prefer"));
@@ -147,15 +145,15 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
   std::optional<Rows> starts;
   if (!start.is_none()) {
     starts.emplace(scene.inputs(start, "start"));
-    scene.requireWithinLimits(*starts, "start");
     basics::require(starts->rows() == 1 || starts->rows() == targets.rows.rows(), "start has ",
-                    starts->rows(), " rows; expected one, or as many as ", name, ": ",
-                    targets.rows.rows());
+                    starts->rows(), " rows; expected one, or as many as ", targets.rows.name(),
+                    ": ", targets.rows.rows());
+    scene.requireWithinLimits(*starts);
   }
   const Eigen::VectorXd usual =
       arm.inputAt(options.preference == Preference::kCocontraction ? options.cocontraction : 0.0);
 
-  requireFinite(targets.rows, name);
+  requireFinite(targets.rows);
   {
     const py::gil_scoped_release others_run;
     scene.solvers().take(options);  // checks them, also without rows
@@ -163,10 +161,12 @@ py::dict inverse(const Scene& scene, const py::object& tip, const py::object& po
     inPieces(count, piece, thread_count, [&](std::size_t first, std::size_t end) {
       const Solvers::Loan loan = scene.solvers().take(options);
       InverseSolver& solver = loan.solver();
+      Eigen::VectorXd from = usual;
       for (std::size_t i = first; i < end; ++i) {
         const auto row = static_cast<py::ssize_t>(i);
         const Eigen::VectorXd target = targets.rows.row(row);
-        const Eigen::VectorXd from = starts ? starts->row(starts->rows() == 1 ? 0 : row) : usual;
+        if (!target.allFinite()) targets.rows.refuseChange();
+        if (starts) scene.copyRow(*starts, starts->rows() == 1 ? 0 : row, &from);
         switch (targets.kind) {
           case Target::kTip:
             found.set(i, solver.toPosition(target, from));

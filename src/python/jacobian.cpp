@@ -19,12 +19,11 @@ using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMa
 struct Arrays {
   Arrays(const Rows& inputs, int sections, std::initializer_list<py::ssize_t> by) : columns(1) {
     for (const py::ssize_t size : by) columns *= size;
-    std::vector<py::ssize_t> shape = inputs.shapeOf({6});
-    shape.insert(shape.end(), by.begin(), by.end());
-    tip = py::array_t<double>(shape);
-    shape = inputs.shapeOf({sections, 6});
-    shape.insert(shape.end(), by.begin(), by.end());
-    twists = py::array_t<double>(shape);
+    std::vector<py::ssize_t> entry{sections, 6};
+    entry.insert(entry.end(), by.begin(), by.end());
+    twists = py::array_t<double>(inputs.shapeOf(entry));
+    entry.erase(entry.begin());
+    tip = py::array_t<double>(inputs.shapeOf(entry));
     tip_data = tip.mutable_data();
     twists_data = twists.mutable_data();
   }
@@ -51,17 +50,18 @@ py::dict jacobian(const Scene& scene, const py::handle& pressures, const py::han
   const py::ssize_t n = scene.arm().actuatorCount();
   Arrays by_pressures(inputs, sections, {n}), by_lengths(inputs, sections, {n}),
       by_stiffness(inputs, sections, {n, 3}), by_load(inputs, sections, {6});
-  scene.requireWithinLimits(inputs, "pressures_pa");  // with the memory at hand: rows may be many
   const bool has_load = scene.model().load().has_value();
   const auto rows = static_cast<std::size_t>(inputs.rows());
   std::unique_ptr<bool[]> converged(new bool[rows]);
   {
     const py::gil_scoped_release others_run;
+    scene.requireWithinLimits(inputs);  // with the memory at hand: rows may be many
     inPieces(rows, scene.isLoaded() ? kLoadedPiece : kPiece, thread_count,
              [&](std::size_t first, std::size_t end) {
+               Eigen::VectorXd q;
                for (std::size_t row = first; row < end; ++row) {
-                 const statics::ShapeJacobian found =
-                     statics::jacobianAt(scene.model(), inputs.row(static_cast<py::ssize_t>(row)));
+                 scene.copyRow(inputs, static_cast<py::ssize_t>(row), &q);
+                 const statics::ShapeJacobian found = statics::jacobianAt(scene.model(), q);
                  converged[row] = found.status == statics::SolveStatus::kConverged;
                  by_pressures.set(row, found.by_inputs);
                  by_lengths.set(row, found.by_lengths);

@@ -23,21 +23,20 @@ struct Pictures {
           "image is no array of bytes; expected a gray picture of dtype uint8, as "
           "of image.mean(axis=2).astype(np.uint8)");
     }
-    array = py::array_t<std::uint8_t, py::array::c_style>::ensure(given);
-    if (!array) throw py::error_already_set();
-    const py::ssize_t n = array.ndim();
-    const bool fits = (n == 2 || n == 3) && array.shape(n - 2) == camera.height &&
-                      array.shape(n - 1) == camera.width;
+    const auto any = py::reinterpret_borrow<py::array>(given);
+    const py::ssize_t n = any.ndim();
+    const bool fits =
+        (n == 2 || n == 3) && any.shape(n - 2) == camera.height && any.shape(n - 1) == camera.width;
     if (!fits) {
       std::ostringstream message;
-      message << "image has shape " << shapeText(array)
-              << "; expected gray pictures of the scene's "
+      message << "image has shape " << shapeText(any) << "; expected gray pictures of the scene's "
               << "camera: (" << camera.height << ", " << camera.width << ") or (N, "
               << camera.height << ", " << camera.width << ")";
       throw py::value_error(message.str());
     }
     single = n == 2;
-    count = single ? 1 : array.shape(0);
+    count = single ? 1 : any.shape(0);
+    array = py::array_t<std::uint8_t, py::array::c_style>(any);
     height = camera.height;
     width = camera.width;
   }
@@ -71,16 +70,17 @@ py::list localize(const Scene& self, const py::object& image, const py::object& 
   const Pictures pictures(image, scene.camera->model);
   const py::object at = pressures.is_none() ? vectorOf(scene.arm.inputAt(0)) : pressures;
   const Rows inputs = self.inputs(at, "pressures_pa");
-  self.requireWithinLimits(inputs, "pressures_pa");
   basics::require(inputs.single() || inputs.rows() == pictures.count, "pressures_pa has ",
                   inputs.rows(), " rows; expected one per picture: ", pictures.count);
+  self.requireWithinLimits(inputs);
 
   vision::ArmLocalizer localizer(scene.view(), scene.vision);
+  Eigen::VectorXd q;
   py::list out;
   for (py::ssize_t i = 0; i < pictures.count; ++i) {
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
     const cv::Mat picture = pictures.at(i);
-    const Eigen::VectorXd q = inputs.row(inputs.single() ? 0 : i);
+    self.copyRow(inputs, inputs.single() ? 0 : i, &q);
     const vision::Sight* sight = nullptr;
     {
       const py::gil_scoped_release others_run;

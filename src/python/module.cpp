@@ -14,9 +14,25 @@ std::vector<std::string> actuatorNames(const Scene& scene) {
   return names;
 }
 
-std::vector<std::pair<std::string, std::string>> overridesOf(const Scene& scene) {
+std::vector<std::pair<std::string, std::string>> overridesTextOf(const Scene& scene) {
   std::vector<std::pair<std::string, std::string>> out;
   for (const io::Override& one : scene.overrides()) out.emplace_back(one.key, one.value);
+  return out;
+}
+
+std::vector<io::Override> overridesOf(const py::object& given) {
+  constexpr const char* kExpected = "a list of pairs of key and YAML text";
+  std::vector<io::Override> out;
+  if (!py::isinstance<py::list>(given) && !py::isinstance<py::tuple>(given)) {
+    refuseType(given, "overrides", kExpected);
+  }
+  for (const py::handle one : given) {
+    const bool pair = py::isinstance<py::tuple>(one) && py::len(one) == 2;
+    if (!pair) refuseType(one, "an entry of overrides", kExpected);
+    const auto entry = py::reinterpret_borrow<py::tuple>(one);
+    const std::string key = textOf(entry[0], "a key of overrides");
+    out.push_back({key, textOf(entry[1], ("overrides['" + key + "']").c_str())});
+  }
   return out;
 }
 
@@ -44,6 +60,8 @@ PYBIND11_MODULE(_core, module) {
       if (exception) std::rethrow_exception(exception);
     } catch (const io::DocumentError& error) {
       document_error(error.what());
+    } catch (const TooManyRows& error) {
+      PyErr_SetString(PyExc_MemoryError, error.what());
     } catch (const std::bad_alloc&) {
       PyErr_SetString(PyExc_MemoryError,
                       "the rows and their results need more memory than there is; pass fewer rows "
@@ -55,14 +73,17 @@ PYBIND11_MODULE(_core, module) {
 
   py::class_<Scene> scene(module, "Scene");
   scene
-      .def(py::init([](const std::string& path,
-                       const std::vector<std::pair<std::string, std::string>>& overrides) {
+      .def(py::init([](const py::object& path, const py::object& overrides) {
+             const std::string file = textOf(path, "path");
+             const auto values = overridesOf(overrides);
              const py::gil_scoped_release others_run;
-             return std::make_unique<Scene>(path, overrides);
+             return std::make_unique<Scene>(file, values);
            }),
-           py::arg("path"), py::arg("overrides"))
+           py::arg("path"), py::arg("overrides") = py::tuple())
       .def_property_readonly("path", &Scene::path, "File of the scene.")
-      .def_property_readonly("_overrides", overridesOf)
+      .def_property_readonly("_overrides", overridesTextOf)
+      .def_property_readonly("_solvers_made",
+                             [](const Scene& self) { return self.solvers().made(); })
       .def_property_readonly(
           "name", [](const Scene& self) { return self.scene().name; }, "Name of the scene.")
       .def_property_readonly("actuators", actuatorNames,
@@ -92,7 +113,17 @@ PYBIND11_MODULE(_core, module) {
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },
       "Names of the shipped scenes.");
-  module.def("scene_path", &io::scenePath, "Path of a scene file, or of a shipped scene by name.");
+  module.def(
+      "scene_path",
+      [](const py::object& given) {
+        const std::string path_or_name = textOf(given, "path_or_name");
+        try {
+          return io::scenePath(path_or_name);
+        } catch (const std::invalid_argument& error) {
+          throw std::invalid_argument(std::string("path_or_name: ") + error.what());
+        }
+      },
+      "Path of a scene file, or of a shipped scene by name.");
 }
 
 }  // namespace helix_arm::python

@@ -9,8 +9,8 @@
 
 namespace helix_arm::python {
 
-/// Calls work(first, end) for pieces that together are [0, count), on this many threads; the caller
-/// is one of them. A piece begins at a multiple of `piece`.
+/// Calls work(first, end) for pieces that together are [0, count), on this many threads, or as many
+/// as the system can make; the caller is one of them. A piece begins at a multiple of `piece`.
 /// @throws what work threw first in one of the threads; the other threads then end early.
 template <class Work>
 void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const Work& work) {
@@ -33,13 +33,13 @@ void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const W
     }
   };
   std::vector<std::thread> others;
+  others.reserve(threads - 1);
   try {
-    for (std::size_t i = 1; i < threads; ++i) others.emplace_back(run, i);
-  } catch (...) {
-    thrown[0] = std::current_exception();  // no more threads can be made
-    next = pieces;
+    while (others.size() < threads - 1) others.emplace_back(run, others.size() + 1);
+  } catch (const std::exception&) {
+    // No more can be made; those that are there do the work.
   }
-  if (!thrown[0]) run(0);
+  run(0);
   for (std::thread& other : others) other.join();
   for (const std::exception_ptr& exception : thrown) {
     if (exception) std::rethrow_exception(exception);

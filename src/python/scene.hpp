@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -17,7 +16,7 @@ class Scene {
  public:
   /// @param path       of a scene file.
   /// @param overrides  keys and values as YAML text, as of --set.
-  Scene(const std::string& path, const std::vector<std::pair<std::string, std::string>>& overrides);
+  Scene(const std::string& path, const std::vector<io::Override>& overrides);
 
   const std::string& path() const { return path_; }
   const std::vector<io::Override>& overrides() const { return overrides_; }
@@ -30,19 +29,21 @@ class Scene {
   Solvers& solvers() const { return solvers_; }
 
   /// The inputs of an argument, one row per actuator's input.
-  /// @throws as Rows does.
+  /// @throws as Rows does, and what a caller's filter makes of a warning of kPa.
   Rows inputs(const py::handle& given, const char* name) const;
   /// @throws ValueError naming argument, row, actuator and limits.
-  void requireWithinLimits(const Rows& inputs, const char* name) const;
-  /// Warns where all pressures of an argument are below 1 kPa and not all 0.
-  /// @throws what a caller's filter makes of the warning.
-  void warnOfKilopascals(const Rows& inputs, const char* name) const;
+  void requireWithinLimits(const Rows& inputs) const;
+  /// Copies a row of inputs that were within the limits.
+  /// @throws ValueError if they are not any more.
+  void copyRow(const Rows& inputs, py::ssize_t row, Eigen::VectorXd* q) const;
 
  private:
+  void warnOfKilopascals(const Rows& inputs) const;
+
   std::string path_;
   std::vector<io::Override> overrides_;
   io::Scene scene_;
-  std::vector<bool> pressure_;  // whether an actuator's input is one
+  std::vector<int> pressures_;  // the actuators whose inputs are pressures
   mutable Solvers solvers_;     // guarded by itself
 };
 

@@ -1,5 +1,7 @@
 #include "solvers.hpp"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 namespace helix_arm::python {
@@ -23,22 +25,30 @@ Solvers::Loan::~Loan() { owner_.giveBack(options_, std::move(solver_)); }
 
 Solvers::Loan Solvers::take(const statics::InverseOptions& options) {
   {
-    const std::lock_guard<std::mutex> lock(guard_);
-    if (same(options, options_) && !kept_.empty()) {
-      std::unique_ptr<statics::InverseSolver> solver = std::move(kept_.back());
-      kept_.pop_back();
+    const basics::MutexLock lock(mutex_);
+    const auto found = std::find_if(kept_.rbegin(), kept_.rend(), [&options](const Kept& one) {
+      return same(one.options, options);
+    });
+    if (found != kept_.rend()) {
+      std::unique_ptr<statics::InverseSolver> solver = std::move(found->solver);
+      kept_.erase(std::prev(found.base()));
       return Loan(*this, options, std::move(solver));
     }
   }
-  return Loan(*this, options, std::make_unique<statics::InverseSolver>(model_, options));
+  auto solver = std::make_unique<statics::InverseSolver>(model_, options);
+  ++made_;
+  return Loan(*this, options, std::move(solver));
 }
 
 void Solvers::giveBack(const statics::InverseOptions& options,
                        std::unique_ptr<statics::InverseSolver> solver) noexcept {
-  const std::lock_guard<std::mutex> lock(guard_);
-  if (!same(options, options_)) kept_.clear();
-  options_ = options;
-  if (kept_.size() < kMostKept) kept_.push_back(std::move(solver));
+  std::unique_ptr<statics::InverseSolver> oldest;  // ends without the lock
+  const basics::MutexLock lock(mutex_);
+  if (kept_.size() == kMostKept) {
+    oldest = std::move(kept_.front().solver);
+    kept_.erase(kept_.begin());
+  }
+  kept_.push_back({options, std::move(solver)});
 }
 
 }  // namespace helix_arm::python

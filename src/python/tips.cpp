@@ -13,6 +13,25 @@ namespace {
 // Work of one thread at a time; a tip does not depend on the division.
 constexpr std::size_t kPiece = 16384;
 constexpr std::size_t kLoadedPiece = 16;
+// Rows that are copied at a time, so that they stay in the caches.
+constexpr std::size_t kCopied = 4096;
+
+// The batch reads columns where they are more than once.
+bool byCopiedColumns(const model::TipBatch& batch, const model::InputArray& array,
+                     py::ssize_t actuators, std::size_t count, double* out, std::size_t total) {
+  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+  std::vector<double> columns(kCopied * static_cast<std::size_t>(actuators));
+  const model::InputArray copied{columns.data(), kNumber, kNumber * kCopied};
+  bool inside = true;
+  for (std::size_t first = 0; first < count; first += kCopied) {
+    const std::size_t size = std::min(kCopied, count - first);
+    for (int i = 0; i < actuators; ++i) {
+      std::copy_n(array.place(first, i), size, columns.data() + kCopied * i);
+    }
+    inside &= batch.rows(copied, size, out + 3 * first, total);
+  }
+  return inside;
+}
 
 void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
                 std::size_t first, std::size_t end, double* out) {
@@ -20,15 +39,21 @@ void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& in
                           inputs.columnStride()};
   array.first = array.place(first, 0);
   const auto rows = static_cast<std::size_t>(inputs.rows());
-  if (!batch.rows(array, end - first, out + 3 * first, rows)) {
-    scene.requireWithinLimits(inputs, "pressures_pa");  // says where
-  }
+  const bool columns = array.row_stride == static_cast<std::ptrdiff_t>(sizeof(double));
+  const bool inside =
+      columns ? byCopiedColumns(batch, array, inputs.columns(), end - first, out + 3 * first, rows)
+              : batch.rows(array, end - first, out + 3 * first, rows);
+  if (inside) return;
+  scene.requireWithinLimits(inputs);  // says where
+  inputs.refuseChange();
 }
 
 void loaded(const Scene& scene, const Rows& inputs, std::size_t first, std::size_t end,
             double* out) {
+  Eigen::VectorXd q;
   for (std::size_t i = first; i < end; ++i) {
-    const statics::Tip found = scene.model().tip(inputs.row(static_cast<py::ssize_t>(i)));
+    scene.copyRow(inputs, static_cast<py::ssize_t>(i), &q);
+    const statics::Tip found = scene.model().tip(q);
     Eigen::Vector3d::Map(out + 3 * i) =
         found.converged() ? found.tip.translation
                           : Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
@@ -48,15 +73,13 @@ bool overlap(const Rows& rows, const py::array& out) {
 
 // The caller's array for the result, or a new one.
 py::array resultFor(const Rows& inputs, const py::object& out) {
-  py::array::ShapeContainer shape;
-  if (!inputs.single()) shape->push_back(inputs.rows());
-  shape->push_back(3);
-  if (out.is_none()) return py::array_t<double>(std::move(shape));
+  const std::vector<py::ssize_t> shape = inputs.shapeOf({3});
+  if (out.is_none()) return py::array_t<double>(shape);
   const bool fits = py::isinstance<py::array_t<double, py::array::c_style>>(out);
   const auto array = fits ? py::reinterpret_borrow<py::array>(out) : py::array();
   const bool same =
       fits && array.writeable() &&
-      std::equal(shape->begin(), shape->end(), array.shape(), array.shape() + array.ndim());
+      std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim());
   if (!same) {
     std::string expected = "(3,)";
     if (!inputs.single()) expected = "(" + std::to_string(inputs.rows()) + ", 3)";
@@ -78,14 +101,16 @@ py::array tips(const Scene& scene, const Rows& inputs, const py::object& out, st
   auto* const numbers = static_cast<double*>(const_cast<void*>(result.data()));
   const auto count = static_cast<std::size_t>(inputs.rows());
   if (!scene.isLoaded() && count == 1) {
-    scene.requireWithinLimits(inputs, "pressures_pa");
-    Eigen::Vector3d::Map(numbers) = scene.arm().tip(inputs.row(0)).translation;
+    scene.requireWithinLimits(inputs);
+    Eigen::VectorXd q;
+    scene.copyRow(inputs, 0, &q);
+    Eigen::Vector3d::Map(numbers) = scene.arm().tip(q).translation;
     return result;
   }
   {
     const py::gil_scoped_release others_run;
     if (scene.isLoaded()) {
-      scene.requireWithinLimits(inputs, "pressures_pa");
+      scene.requireWithinLimits(inputs);
       inPieces(count, kLoadedPiece, threads, [&](std::size_t first, std::size_t end) {
         loaded(scene, inputs, first, end, numbers);
       });

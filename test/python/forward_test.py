@@ -1,5 +1,10 @@
 """Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads."""
+import copy
+import os
+import pathlib
 import pickle
+import shutil
+import tempfile
 import unittest
 
 import helix_arm
@@ -10,6 +15,10 @@ import numpy_model
 def pressures_of(scene, rows, seed=1):
     lower, upper = scene.limits_pa.T
     return np.random.default_rng(seed).uniform(lower, upper, (rows, len(lower)))
+
+
+class NamedScene(helix_arm.Scene):
+    """A scene with attributes of its own."""
 
 
 class ForwardTest(unittest.TestCase):
@@ -32,6 +41,36 @@ class ForwardTest(unittest.TestCase):
         np.testing.assert_array_equal(again.tips(p), scene.tips(p))
         self.assertIs(type(again), helix_arm.Scene)
         self.assertGreater(np.abs(self.scene.tips(p) - scene.tips(p)).max(), 1e-4)
+
+    def test_a_pickled_scene_is_found_from_any_folder(self):
+        before = os.getcwd()
+        self.addCleanup(os.chdir, before)
+        with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
+            os.chdir(one)
+            shutil.copy(self.scene.path, "mine.yaml")
+            shutil.copy(helix_arm.Scene.load("spatial_50").path, pathlib.Path(other) / "mine.yaml")
+            for given in ["./mine.yaml", "mine.yaml", pathlib.Path("mine.yaml")]:
+                os.chdir(one)
+                scene = helix_arm.Scene.load(given)
+                self.assertTrue(os.path.isabs(scene.path))
+                os.chdir(other)
+                self.assertEqual(pickle.loads(pickle.dumps(scene)).name, self.scene.name)
+            os.chdir(before)
+
+    def test_copies_of_a_scene(self):
+        self.assertIs(copy.copy(self.scene), self.scene)
+        self.assertIs(copy.deepcopy([self.scene])[0], self.scene)
+        named = NamedScene.load("helical_50", {"arm.stiffness.K_gamma": 60})
+        named.notes = ["mine", named]
+        for again in [copy.copy(named), copy.deepcopy(named), pickle.loads(pickle.dumps(named))]:
+            self.assertIsNot(again, named)
+            self.assertIs(type(again), NamedScene)
+            self.assertEqual(again.notes[0], "mine")
+            np.testing.assert_array_equal(again.tips(np.full(3, 1e5)), named.tips(np.full(3, 1e5)))
+        deep = copy.deepcopy(named)
+        self.assertIs(deep.notes[1], deep)
+        deep.notes.append("more")
+        self.assertEqual(len(named.notes), 2)
 
     def test_tip_frame_is_exp_of_the_twist(self):
         for p in pressures_of(self.scene, 20):

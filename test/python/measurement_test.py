@@ -100,6 +100,29 @@ class CalibrationTest(unittest.TestCase):
         self.assertFalse(found["K_gamma"].identifiable)
         self.assertEqual(found.combinations, [])
 
+    def test_values_alone(self):
+        truth = helix_arm.Scene.load("spatial_50", {"arm.stiffness.K_kappa_m2": 2.1e-4})
+        p = np.zeros((5, 3))
+        p[:, 0] = np.linspace(0, 4e5, 5)
+        data = {"pressure_1_kpa": p[:, 0] / 1e3, "curvature_rad": np.linalg.norm(truth.forward(p).twists[:, 0, 4:], axis=1)}
+        scene = helix_arm.Scene.load("spatial_50")
+        full, found = [scene.calibrate(data, fit="K_kappa", errors=errors) for errors in [True, False]]
+        self.assertTrue(found.success, found.message)
+        self.assertAlmostEqual(found["K_kappa"].value / full["K_kappa"].value, 1, delta=1e-6)
+        self.assertIsNone(found["K_kappa"].standard_error)
+        self.assertIsNone(found["K_kappa"].identifiable)
+        for name in ["correlation", "held_out_error", "next_pressures_pa"]:
+            self.assertIsNone(getattr(found, name), name)
+            self.assertIsNotNone(getattr(full, name), name)
+        self.assertEqual(found.combinations, [])
+        self.assertIn("K_kappa = 0.0002", found.message)
+        self.assertNotIn("+-", found.message)
+        self.assertIn("+-", full.message)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "calibrated.yaml"
+            path.write_text(found.scene_text, encoding="utf-8")
+            np.testing.assert_allclose(helix_arm.Scene.load(path).tips(p), truth.tips(p), atol=1e-4)
+
     def test_says_what_the_data_lack(self):
         found = helix_arm.Scene.load("spatial_50").calibrate(
             {"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})

@@ -75,6 +75,8 @@ class InverseTest(unittest.TestCase):
         found = self.scene.inverse(np.zeros((0, 3)))
         self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))
         self.assertEqual(found.status.shape, (0,))
+        self.assertEqual(found.status.dtype.kind, "U")
+        self.assertEqual(self.scene.inverse(np.zeros((1, 3))).status.dtype.kind, "U")
 
 
 class CurveTest(unittest.TestCase):

@@ -29,7 +29,10 @@ struct CalibrationRequest {
   double corner_noise = 0;     ///< [px]
   double position_noise = 0;   ///< of tag poses [m]
   double rotation_noise = 0;   ///< of tag poses [rad]
-  std::string date;            ///< ISO 8601, for the provenance
+  /// As of CalibrationOptions. A curve that is fitted together with the arm has errors in any case:
+  /// whether it is taken depends on them.
+  bool errors = true;
+  std::string date;  ///< ISO 8601, for the provenance
 };
 
 /// Another arm with the same stiffness as the calibrated one.

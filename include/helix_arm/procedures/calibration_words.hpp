@@ -10,7 +10,10 @@ namespace helix_arm::procedures {
 /// All fitted numbers: those of the calibration, then those of the response.
 std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome);
 
-/// What the data of a calibration determined.
+/// Whether a parameter has a standard error and a verdict: not without CalibrationRequest::errors.
+bool isJudged(const estimation::Parameter& parameter);
+
+/// What the data of a calibration determined; without errors, what was fitted.
 struct Determined {
   std::vector<estimation::Parameter> parameters;  ///< without those of tags
   std::vector<int> tags;  ///< ids of tags with a parameter that was determined, ascending
@@ -18,7 +21,8 @@ struct Determined {
 };
 Determined determinedOf(const CalibrationOutcome& outcome);
 
-/// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2". Pressures in kPa.
+/// Value, standard error with two digits, and unit: "K_gamma = 61.7 +- 9.2"; without an error
+/// "K_gamma = 61.7231". Pressures in kPa.
 std::string textOf(const estimation::Parameter& parameter);
 
 /// Name and relative error: "K_gamma^0.97 K_kappa^0.25 +- 1.2 %", or of 100 % and more
@@ -28,7 +32,8 @@ std::string textOf(const estimation::Combination& combination);
 /// Tip error before and after [mm]: "tip error 14.3 mm before, 1.0 mm after"; empty if unknown.
 std::string tipErrorText(const CalibrationOutcome& outcome);
 
-/// Result of a calibration that succeeded, in one line: its tip error, then what was determined.
+/// Result of a calibration that succeeded, in one line: its tip error, then what was determined, or
+/// without errors what was fitted.
 std::string resultText(const std::string& scene, const CalibrationOutcome& outcome);
 
 }  // namespace helix_arm::procedures
