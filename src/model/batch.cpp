@@ -67,25 +67,22 @@ class ColumnInputs {
   std::size_t first_;
 };
 
+// Copied, so that what is checked is what is computed, whoever writes to the array meanwhile.
 class RowInputs {
  public:
   RowInputs(const InputArray& array, std::size_t first) : array_(array), first_(first) {}
   bool inside() const { return inside_; }
   const double* column(int actuator, const Range& limits, std::size_t count, double* buffer) {
     constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-    const double* const from = array_.place(first_, actuator);
-    const double* column = buffer;
-    if (array_.row_stride == kNumber && count % kStep == 0) {
-      column = from;
-    } else if (array_.row_stride % kNumber == 0) {
-      batch::gather(from, array_.row_stride / kNumber, count, buffer);
+    if (array_.row_stride % kNumber == 0) {
+      batch::gather(array_.place(first_, actuator), array_.row_stride / kNumber, count, buffer);
     } else {
       for (std::size_t j = 0; j < count; ++j) buffer[j] = array_.at(first_ + j, actuator);
     }
-    inside_ &= batch::countInside(column, count, limits.lower, limits.upper) ==
+    inside_ &= batch::countInside(buffer, count, limits.lower, limits.upper) ==
                static_cast<std::int64_t>(count);
     if (count % kStep != 0) std::fill(buffer + count, buffer + kBlock, limits.lower);
-    return column;
+    return buffer;
   }
 
  private:

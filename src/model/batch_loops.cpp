@@ -112,6 +112,7 @@ void moveTipsFar(std::size_t count, bool first, const Block& block, const double
 
 HELIX_ARM_CLONES
 void gather(const double* from, std::ptrdiff_t stride, std::size_t count, double* to) {
+  if (stride == 1) return gatherEvery<1>(from, count, to);
   if (stride == 2) return gatherEvery<2>(from, count, to);
   if (stride == 3) return gatherEvery<3>(from, count, to);
   if (stride == 4) return gatherEvery<4>(from, count, to);

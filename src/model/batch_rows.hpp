@@ -87,6 +87,17 @@ struct RowPermutation<8> {
 };
 #endif
 
+/// The compiler may not load them again: what is checked is what is computed, whoever writes to the
+/// array meanwhile, and permutations take registers.
+template <class Value>
+HELIX_ARM_INLINE void loadOnce(Value& a, Value& b, Value& c) {
+#ifdef HELIX_ARM_X86
+  __asm__("" : "+v"(a), "+v"(b), "+v"(c));
+#elif defined(__aarch64__)
+  __asm__("" : "+w"(a), "+w"(b), "+w"(c));
+#endif
+}
+
 /// A RowKernel.
 template <int kLanes, bool kColumns, bool kStream>
 HELIX_ARM_INLINE RowsFound moveRows(const FlatActuator* actuators, const double* rest,
@@ -117,12 +128,11 @@ HELIX_ARM_INLINE RowsFound moveRows(const FlatActuator* actuators, const double*
     if constexpr (kColumns) {
 #pragma GCC unroll 3
       for (int i = 0; i < 3; ++i) q[i] = *reinterpret_cast<const Memory*>(columns[i] + j);
+      loadOnce(q[0], q[1], q[2]);
     } else {
       const auto* const from = reinterpret_cast<const Memory*>(columns[0] + 3 * j);
       Value a = from[0], b = from[1], c = from[2];
-#ifdef HELIX_ARM_X86
-      __asm__("" : "+v"(a), "+v"(b), "+v"(c));  // so that each is loaded once
-#endif
+      loadOnce(a, b, c);
       RowPermutation<kLanes>::split(a, b, c, q);
     }
 #pragma GCC unroll 3

@@ -13,25 +13,6 @@ namespace {
 // Work of one thread at a time; a tip does not depend on the division.
 constexpr std::size_t kPiece = 16384;
 constexpr std::size_t kLoadedPiece = 16;
-// Rows that are copied at a time, so that they stay in the caches.
-constexpr std::size_t kCopied = 4096;
-
-// The batch reads columns where they are more than once.
-bool byCopiedColumns(const model::TipBatch& batch, const model::InputArray& array,
-                     py::ssize_t actuators, std::size_t count, double* out, std::size_t total) {
-  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-  std::vector<double> columns(kCopied * static_cast<std::size_t>(actuators));
-  const model::InputArray copied{columns.data(), kNumber, kNumber * kCopied};
-  bool inside = true;
-  for (std::size_t first = 0; first < count; first += kCopied) {
-    const std::size_t size = std::min(kCopied, count - first);
-    for (int i = 0; i < actuators; ++i) {
-      std::copy_n(array.place(first, i), size, columns.data() + kCopied * i);
-    }
-    inside &= batch.rows(copied, size, out + 3 * first, total);
-  }
-  return inside;
-}
 
 void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& inputs,
                 std::size_t first, std::size_t end, double* out) {
@@ -39,11 +20,7 @@ void closedForm(const Scene& scene, const model::TipBatch& batch, const Rows& in
                           inputs.columnStride()};
   array.first = array.place(first, 0);
   const auto rows = static_cast<std::size_t>(inputs.rows());
-  const bool columns = array.row_stride == static_cast<std::ptrdiff_t>(sizeof(double));
-  const bool inside =
-      columns ? byCopiedColumns(batch, array, inputs.columns(), end - first, out + 3 * first, rows)
-              : batch.rows(array, end - first, out + 3 * first, rows);
-  if (inside) return;
+  if (batch.rows(array, end - first, out + 3 * first, rows)) return;
   scene.requireWithinLimits(inputs);  // says where
   inputs.refuseChange();
 }
