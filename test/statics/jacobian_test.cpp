@@ -210,8 +210,8 @@ TEST(Jacobian, ByALoadIsTheDerivativeOfTheExactShape) {
   }
 }
 
-// Without load, the response to one is that of the exact tier at a vanishing load, whatever the load
-// that the linear tier leaves out.
+// Without load, the response to one is that of the exact tier at a vanishing load, whatever the
+// load that the linear tier leaves out.
 void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
                                     const Eigen::VectorXd& q, const std::string& what) {
   const ArmModel linear(arm, std::nullopt, load, TierSetting{Tier::kLinear, 0});
@@ -224,7 +224,8 @@ void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
   const ShapeJacobian expected = jacobianAt(exact, q);
   ASSERT_EQ(expected.status, SolveStatus::kConverged) << what;
   ASSERT_TRUE(found.by_load) << what;
-  EXPECT_LT((found.by_load->tip - expected.by_load->tip).norm(), 1e-6 * expected.by_load->tip.norm())
+  EXPECT_LT((found.by_load->tip - expected.by_load->tip).norm(),
+            1e-6 * expected.by_load->tip.norm())
       << what;
   EXPECT_LT((found.by_load->twists - expected.by_load->twists).norm(),
             1e-6 * expected.by_load->twists.norm())
@@ -243,9 +244,8 @@ TEST(Jacobian, ByALoadIsThatOfTheExactTierAtAVanishingLoad) {
 TEST(Jacobian, ALoadThatTheTierLeavesOutDoesNotKeepItFromConverging) {
   const Load load = weight(Posture::kHorizontal, 30, 5);
   for (const model::Arm& arm : {softHelicalArm(), taperedArm()}) {
-    const ShapeJacobian found =
-        jacobianAt(ArmModel(arm, std::nullopt, load, TierSetting{Tier::kLinear, 0}),
-                   arm.inputAt(0.4));
+    const ShapeJacobian found = jacobianAt(
+        ArmModel(arm, std::nullopt, load, TierSetting{Tier::kLinear, 0}), arm.inputAt(0.4));
     EXPECT_EQ(found.status, SolveStatus::kConverged);
     ASSERT_TRUE(found.by_load);
     EXPECT_TRUE(found.by_load->tip.allFinite());
@@ -300,7 +300,8 @@ TEST(Jacobian, IsNanWithoutEquilibrium) {
   EXPECT_TRUE(found.by_load->twists.array().isNaN().all());
 }
 
-// Few actuators take differences, more of them linear equations, and the plane equations of its own.
+// Few actuators take differences, more of them linear equations, and the plane equations of its
+// own.
 TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
   const TierSetting order5{Tier::kLoaded, 5}, exact{Tier::kExact, 0};
   const model::PlanarArm plane = planarArm();
