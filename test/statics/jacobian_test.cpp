@@ -305,11 +305,16 @@ TEST(Jacobian, IsNanWithoutEquilibrium) {
 // Few actuators take differences, more of them linear equations.
 TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
   const TierSetting order5{Tier::kLoaded, 5}, exact{Tier::kExact, 0};
-  const Load load = weight(Posture::kHorizontal, 40.0, 500);
-  const Load heavier = weight(Posture::kHorizontal, 400.0, 50);
-  for (const ArmModel& model : {ArmModel(softHelicalArm(), std::nullopt, load, order5),
-                                ArmModel(softHelicalArm(), std::nullopt, load, exact),
-                                ArmModel(ringArm(helicalRing(6)), std::nullopt, heavier, order5)}) {
+  // Nothing resists a moment about the one muscle in the middle.
+  Ring ring = straightRing(1);
+  ring.radius = 0.0;
+  Load twisting = weight(Posture::kHanging, 0.1, 900);
+  twisting.points.emplace_back();
+  twisting.points.back().moment = Eigen::Vector3d(1, 0, 0);
+  const Load heavy = weight(Posture::kHorizontal, 400.0, 50);
+  for (const ArmModel& model : {ArmModel(ringArm(ring), std::nullopt, twisting, order5),
+                                ArmModel(ringArm(ring), std::nullopt, twisting, exact),
+                                ArmModel(ringArm(helicalRing(6)), std::nullopt, heavy, order5)}) {
     const Eigen::VectorXd lengths = model.arm().lengths(model.arm().inputAt(0.4));
     const TipResponse found = model.tipResponse(lengths);
     ASSERT_NE(found.status, SolveStatus::kConverged) << model.choice().setting.name();
