@@ -27,7 +27,8 @@ struct ShapeJacobian {
 
 /// Derivatives at inputs q (n), analytic. Under load they follow from the implicit function theorem
 /// at the tier's own equilibrium.
-/// @throws as Arm::lengths() does. The derivatives are NaN unless the solution converged.
+/// @throws as Arm::lengths() does, and as requireTables() for an arm with tables of stiffness. The
+/// derivatives are NaN unless the solution converged.
 ShapeJacobian jacobianAt(const ArmModel& model, const model::InputRef& q);
 
 }  // namespace helix_arm::statics
