@@ -98,6 +98,45 @@ HELIX_ARM_INLINE void loadOnce(Value& a, Value& b, Value& c) {
 #endif
 }
 
+/// Whether all inputs so far are within the limits, which a NaN is not.
+template <int kLanes>
+class LimitCheck {
+ public:
+  using Value = typename Vector<kLanes>::Value;
+
+  HELIX_ARM_INLINE void add(const Value& q, const Value& lower, const Value& upper) {
+    inside_ = (q >= lower) & (q <= upper) & inside_;
+  }
+  HELIX_ARM_INLINE bool inside() const {
+    long long all = -1;
+    for (int lane = 0; lane < kLanes; ++lane) all &= inside_[lane];
+    return all != 0;
+  }
+
+ private:
+  using Mask = typename Vector<kLanes>::Mask;
+  Mask inside_ = Mask{} - 1;
+};
+
+#ifdef HELIX_ARM_X86
+// The compiler takes masks of this length apart before it inlines them where the machine has them.
+template <>
+class LimitCheck<8> {
+ public:
+  using Value = Vector<8>::Value;
+
+  HELIX_ARM_INLINE void add(const Value& q, const Value& lower, const Value& upper) {
+    __asm__("vcmplepd %2, %1, %0 %{%0%}" : "+Yk"(inside_) : "v"(lower), "v"(q));
+    __asm__("vcmplepd %2, %1, %0 %{%0%}" : "+Yk"(inside_) : "v"(q), "vm"(upper));
+  }
+  HELIX_ARM_INLINE bool inside() const { return inside_ == kAll; }
+
+ private:
+  static constexpr unsigned short kAll = 0xff;
+  unsigned short inside_ = kAll;
+};
+#endif
+
 /// A RowKernel.
 template <int kLanes, bool kColumns, bool kStream>
 HELIX_ARM_INLINE RowsFound moveRows(const FlatActuator* actuators, const double* rest,
@@ -107,13 +146,12 @@ HELIX_ARM_INLINE RowsFound moveRows(const FlatActuator* actuators, const double*
   constexpr std::size_t kLineNumbers = kLine / sizeof(double);
   const SectionVectors<kLanes, 3> section(actuators, rest);
   const double* const columns[] = {inputs[0], inputs[kColumns ? 1 : 0], inputs[kColumns ? 2 : 0]};
-  // Within the limits are all if the smallest and the largest are. A NaN is neither, but goes on to
-  // its twist, and to the sum of all twists.
-  Value smallest[3], largest[3], sum{}, farthest{};
+  Value lower[3], upper[3], farthest{};
   for (int i = 0; i < 3; ++i) {
-    smallest[i] = Value{} + actuators[i].limits.upper;
-    largest[i] = Value{} + actuators[i].limits.lower;
+    lower[i] = Value{} + actuators[i].limits.lower;
+    upper[i] = Value{} + actuators[i].limits.upper;
   }
+  LimitCheck<kLanes> check;
 #pragma GCC unroll 1
   for (std::size_t j = 0; j < count; j += kLanes) {
     if (j % kStep == 0) {
@@ -136,27 +174,15 @@ HELIX_ARM_INLINE RowsFound moveRows(const FlatActuator* actuators, const double*
       RowPermutation<kLanes>::split(a, b, c, q);
     }
 #pragma GCC unroll 3
-    for (int i = 0; i < 3; ++i) {
-      smallest[i] = q[i] < smallest[i] ? q[i] : smallest[i];
-      largest[i] = q[i] > largest[i] ? q[i] : largest[i];
-    }
+    for (int i = 0; i < 3; ++i) check.add(q[i], lower[i], upper[i]);
     Value twist[6], tip[3], rows[3];
     section.twist(q, twist);
-    sum += twist[0];
     moveTip<true>(twist, tip, &farthest);
     RowPermutation<kLanes>::join(tip, rows);
 #pragma GCC unroll 3
     for (int r = 0; r < 3; ++r) store<kStream, Memory>(rows[r], tips + 3 * j + kLanes * r);
   }
-  bool inside = true;
-  for (int lane = 0; lane < kLanes; ++lane) {
-    for (int i = 0; i < 3; ++i) {
-      inside &= smallest[i][lane] >= actuators[i].limits.lower &&
-                largest[i][lane] <= actuators[i].limits.upper;
-    }
-    inside &= sum[lane] == sum[lane];
-  }
-  return {inside, isNear<kLanes>(farthest)};
+  return {check.inside(), isNear<kLanes>(farthest)};
 }
 
 }  // namespace helix_arm::model::batch
