@@ -18,8 +18,8 @@ constexpr double kPsi = 6894.757293168;
 const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
   config.profile.validate();
   config.regulator.validate();
-  basics::requireValue(config.channels >= 1, kSerialDevice, "the number of channels", config.channels,
-                       "at least 1");
+  basics::requireValue(config.channels >= 1, kSerialDevice, "the number of channels",
+                       config.channels, "at least 1");
   const bool addressed = regulator::SerialLines(config.profile).write->has("{address}");
   basics::requireValue(
       config.addresses.size() == static_cast<std::size_t>(addressed ? config.channels : 0),
@@ -27,7 +27,8 @@ const SerialDeviceConfig& valid(const SerialDeviceConfig& config) {
       "one per channel if the profile has {address}, else none");
   basics::require(addressed || config.channels == 1 || !config.profile.one_by_one, kSerialDevice,
                   ": the profile has no {address} to distinguish channels");
-  basics::requireValue(config.period > 0, kSerialDevice, "the period [s]", config.period, "a value > 0");
+  basics::requireValue(config.period > 0, kSerialDevice, "the period [s]", config.period,
+                       "a value > 0");
   return config;
 }
 

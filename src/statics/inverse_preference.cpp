@@ -9,7 +9,7 @@
 namespace helix_arm::statics {
 namespace {
 
-constexpr double kStepAtRest = 1e-7;           // of a step, relative to the range of the lengths
+constexpr double kStepAtRest = 1e-7;       // of a step, relative to the range of the lengths
 constexpr double kWeight = 1e-8;           // against the task, relative to diag(J'J)
 constexpr double kFractionStep = 1e-3;     // of differences, of a range
 constexpr double kFirstStep = 0.25;        // towards a stiffer tip, of a range
