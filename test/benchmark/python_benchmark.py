@@ -110,8 +110,10 @@ def main():
     forward = median_s(lambda: scene.forward(rows), 3)
     print(f"{'forward() of 1e6 rows: tips, quaternions, twists':<58} {1e9 * forward / ROWS:10.2f}")
     one = np.array([1e5, 2e5, 5e4])
+    tip = scene.tips(one)
     for name, function in [("tips(pressures)", lambda: scene.tips(one)), ("forward(pressures)", lambda: scene.forward(one)),
                            ("forward(pressures).tips", lambda: scene.forward(one).tips),
+                           ("inverse(tip)", lambda: scene.inverse(tip)),
                            ("the same model in NumPy", lambda: by_hand.tips(one))]:
         print(f"one row: {name:<49} {1e6 * single_s(function):10.2f} us")
     for threads in range(1, (os.cpu_count() or 1) + 1):
