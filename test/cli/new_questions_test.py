@@ -223,27 +223,23 @@ class NewOnATerminal(unittest.TestCase):
         terminal.keep_all()
         self.assert_written(terminal, "--max-pressure-kpa", "400", "--tag-size-m", "0", "--regulator", "alicat")
 
-    def test_the_end_of_the_input_leaves_no_file(self):
+    def assert_leaves_no_file(self, key, exit_code, words=""):
         for answers in (0, 5, 10):
             terminal = Terminal("new", "--out", self.out)
             terminal.question()
             for _ in range(answers):
                 terminal.answer()
-            terminal.type(CTRL_D)
-            self.assertEqual(terminal.end(), 2, terminal.seen)
-            self.assertIn("the answers end before the last question, so that nothing is written; answer all, or give --defaults",
-                          terminal.seen)
+            terminal.type(key)
+            self.assertEqual(terminal.end(), exit_code, terminal.seen)
+            self.assertIn(words, terminal.seen)
             self.assert_nothing_written()
 
+    def test_the_end_of_the_input_leaves_no_file(self):
+        self.assert_leaves_no_file(
+            CTRL_D, 2, "the answers end before the last question, so that nothing is written; answer all, or give --defaults")
+
     def test_ctrl_c_leaves_no_file(self):
-        for answers in (0, 5, 10):
-            terminal = Terminal("new", "--out", self.out)
-            terminal.question()
-            for _ in range(answers):
-                terminal.answer()
-            terminal.type(CTRL_C)
-            self.assertEqual(terminal.end(), 130, terminal.seen)
-            self.assert_nothing_written()
+        self.assert_leaves_no_file(CTRL_C, 130)
 
     def test_what_is_wrong_in_the_call_is_said_before_any_question(self):
         (self.folder / "told" / "old.yaml").write_text("name: old\n")

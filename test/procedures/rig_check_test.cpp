@@ -37,6 +37,16 @@ void expectFinding(const std::string& scene, const std::vector<io::Override>& ov
   EXPECT_NE(findings[0].value.find(value), std::string::npos) << findings[0].value;
 }
 
+void expectOneFault(const io::Scene& scene, const std::string& check, const std::string& culprit,
+                    const std::string& value) {
+  SCOPED_TRACE(check);
+  const auto findings = found(scene, check);
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_EQ(findings[0].severity, Severity::kFault);
+  EXPECT_EQ(findings[0].culprit, culprit);
+  EXPECT_EQ(findings[0].value, value);
+}
+
 TEST(RigCheck, TheDemoRigHasNoFaultAndIsMeasuredEverywhere) {
   const RigCheck check = checkRig(sceneOf("demo"));
   for (const Finding& finding : check.findings) {
@@ -198,12 +208,8 @@ TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
   device.highest_count = 3000;
   EXPECT_TRUE(found(scene, "device_range").empty());
   device.highest_count = 2999;
-  const auto findings = found(scene, "device_range");
-  ASSERT_EQ(findings.size(), 1u);
-  EXPECT_EQ(findings[0].severity, Severity::kFault);
-  EXPECT_EQ(findings[0].culprit, regulator::describe(*scene.regulator));
-  EXPECT_EQ(findings[0].value,
-            "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
+  expectOneFault(scene, "device_range", regulator::describe(*scene.regulator),
+                 "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
 }
 
 TEST(RigCheck, ASerialDeviceThatCannotGiveTheLimitsIsNamed) {
@@ -224,11 +230,8 @@ TEST(RigCheck, ADeviceWithTooFewChannelsIsNamed) {
   board.channels = 3;
   EXPECT_TRUE(found(scene, "device_channels").empty());
   board.channels = 2;
-  const auto findings = found(scene, "device_channels");
-  ASSERT_EQ(findings.size(), 1u);
-  EXPECT_EQ(findings[0].severity, Severity::kFault);
-  EXPECT_EQ(findings[0].culprit, "ascii_serial generic at /tmp/helix_arm_regulator");
-  EXPECT_EQ(findings[0].value, "it has at most 2 channels, and the arm needs 3");
+  expectOneFault(scene, "device_channels", "ascii_serial generic at /tmp/helix_arm_regulator",
+                 "it has at most 2 channels, and the arm needs 3");
   // Slots count from 0, and a scene may leave some out.
   io::Scene terminal = sceneOf("demo_modbus");
   std::get<regulator::ModbusConfig>(*terminal.regulator).slots.back() = 15;
