@@ -22,7 +22,7 @@ namespace helix_arm::model::batch {
 
 // `Value` is a vector of kLanes numbers, `Memory` the same at any address, `Mask` one integer per
 // number, -1 for true. Each length is written out: where it depends on a parameter, GCC 12 ignores
-// `aligned`, and `Memory` at an odd address ends the process.
+// `aligned`, and unaligned `Memory` ends the process.
 template <int kLanes>
 struct Vector;
 template <>

@@ -154,10 +154,9 @@ class Answers : public ::testing::Test {
     });
     return code == 1;
   }
-  /// Accepts the targets that came, except for the last ones; exit code of the series that is asked
-  /// to end once it commands, if not before.
-  int endWithAnswers(std::size_t without, bool asked = false) {
-    std::size_t answered = 0;
+  /// Accepts the targets that came, except for the first and the last ones; exit code of the series
+  /// that is asked to end once it commands, if not before.
+  int endWithAnswers(std::size_t without, bool asked = false, std::size_t answered = 0) {
     int code = -1;
     waitFor([&] {
       for (; answered + without < targets_.all().size(); ++answered) {
@@ -249,6 +248,19 @@ TEST_F(Answers, WhoIsEndedBeforeTheFirstAnswerWaitsForIt) {
   ASSERT_TRUE(connected()) << series_.outputNow();
   series_.signal(SIGINT);
   EXPECT_EQ(endWithAnswers(0, true), 0) << series_.output();
+  EXPECT_NE(series_.output().find("/told/pressure_command/rest does not exist"), std::string::npos)
+      << series_.output();
+}
+
+// The first answers are lost where target_status was not connected yet.
+TEST_F(Answers, WhoIsEndedBeforeItHearsAnAnswerRepeatsItsTarget) {
+  ASSERT_TRUE(connected()) << series_.outputNow();
+  series_.signal(SIGINT);
+  ASSERT_TRUE(waitFor([this] {
+    const auto& all = targets_.all();
+    return all.size() > 1 && all.back()->pressure == all[all.size() - 2]->pressure;
+  })) << series_.outputNow();
+  EXPECT_EQ(endWithAnswers(0, true, targets_.all().size() - 1), 0) << series_.output();
   EXPECT_NE(series_.output().find("/told/pressure_command/rest does not exist"), std::string::npos)
       << series_.output();
 }

@@ -25,6 +25,7 @@ void CommandTrace::answered(const TargetStatus& status) {
     return;
   }
   accepted_ = accepted;
+  heard_ = true;
   if (status.target_stamp == last_stamp_) waits_ = false;
 }
 

@@ -85,7 +85,12 @@ PressureSeriesNode::PressureSeriesNode()
   using Node = PressureSeriesNode;
   target_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   command_subscriber_ = listen(node_, names::kPressureCommand, 10, &Node::onCommand, this);
-  status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
+  static ros::SteadyTimer hack = node_.createSteadyTimer(
+      ros::WallDuration(0.6),
+      [this](const ros::SteadyTimerEvent&) {
+        status_subscriber_ = listen(node_, names::kTargetStatus, 100, &Node::onStatus, this);
+      },
+      true);
   timer_ = repeat(node_, "the series", 1.0 / options_.rate, &Node::onTick, this);
 }
 
@@ -182,7 +187,14 @@ void PressureSeriesNode::publishTarget() {
 
 void PressureSeriesNode::endSeries() {
   if (EndRequest::isUrgent()) return;  // without a master, the call would block
-  if (trace_.awaitsAnswer()) return;
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  if (end_began_.isZero()) end_began_ = now;
+  if (trace_.awaitsAnswer()) {
+    // The arm may follow a target whose answer came before target_status was connected.
+    const bool repeats = now - end_began_ < ros::WallDuration(CommandTrace::kPatience);
+    if (repeats && !trace_.isHeard()) publishTarget();
+    return;
+  }
   if (trace_.commands()) requestRest();
   EndRequest::make();
 }

@@ -23,12 +23,15 @@ class CommandTrace {
   bool commands() const;
   /// Whether the last target may still be answered: it has waited for less than kPatience.
   bool awaitsAnswer() const;
+  /// Whether any target of this node was answered: target_status is connected.
+  bool isHeard() const { return heard_; }
 
  private:
   ros::Time last_stamp_;
   ros::SteadyTime last_sent_;
   bool waits_ = false;  ///< for the answer to the last target
   bool accepted_ = false;
+  bool heard_ = false;
 };
 
 /// Calls pressure_command/rest, waits for the answer and logs it. Without such a service it only

@@ -76,6 +76,7 @@ class PressureSeriesNode {
   void onTick(const ros::SteadyTimerEvent& event);
   void publishTarget();
   /// Once no target is on its way any more, asks for rest where the arm follows; ends the node.
+  /// Where no target was answered yet, repeats the last one, for CommandTrace::kPatience at most.
   void endSeries();
   /// Warns, and ends the node if the trouble persists.
   void suffer(Trouble& trouble, const std::string& what);
@@ -94,7 +95,7 @@ class PressureSeriesNode {
   Trouble foreign_, refused_;  ///< commands of another arm; targets refused for their values
   int verdict_ = kDone;
   ros::SteadyTime last_of_others_;
-  ros::SteadyTime last_tick_;
+  ros::SteadyTime last_tick_, end_began_;
 
   ros::NodeHandle node_;
   ros::Publisher target_publisher_;
