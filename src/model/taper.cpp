@@ -13,8 +13,6 @@ namespace {
 
 constexpr int kLeastModes = 6, kMostModes = 24;
 constexpr double kFitError = 1e-9;  // of the maps and compliances, relative to their largest entry
-constexpr double kGauss =
-    0.28867513459481288;  // of the points of a step, sqrt(3) / 6 off its middle
 
 template <class Group>
 Equilibrium<Group> balanceAt(const std::vector<ActuatorOf<Group>>& actuators, double s) {
@@ -194,8 +192,8 @@ typename TaperOf<Group>::Step TaperOf<Group>::step(double from, double to) const
     const auto [cell, t] = placeIn(s, middle, cells_);
     return chebyshev(&map_modes_[cell * modes_], modes_, t);
   };
-  const Map first = mapIn(middle - kGauss * h), second = mapIn(middle + kGauss * h);
-  return {0.5 * h * (first + second), 0.5 * kGauss * h * (second - first)};
+  const Map first = mapIn(middle - kMagnusOffset * h), second = mapIn(middle + kMagnusOffset * h);
+  return {0.5 * h * (first + second), 0.5 * kMagnusOffset * h * (second - first)};
 }
 
 template <class Group>
@@ -227,9 +225,10 @@ template <class Group>
 typename Group::Tangent TaperTwist<Group>::step(double from, double to) const {
   const double h = to - from, middle = 0.5 * (from + to);
   const int cell = placeOf(middle, cells_).cell;
-  const Tangent first = atIn(cell, middle - kGauss * h), second = atIn(cell, middle + kGauss * h);
+  const Tangent first = atIn(cell, middle - kMagnusOffset * h),
+                second = atIn(cell, middle + kMagnusOffset * h);
   const Tangent sum = 0.5 * h * (first + second);
-  return sum + bracket(sum, Tangent(0.5 * kGauss * h * (second - first)));
+  return sum + bracket(sum, Tangent(0.5 * kMagnusOffset * h * (second - first)));
 }
 
 template lie::SE2 poseAlong(const PlanarActuator&, double);

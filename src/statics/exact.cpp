@@ -329,8 +329,8 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::U
   model::requireCurve(count);
   check(unloaded);
   const int sections = static_cast<int>(unloaded.twists.cols());
-  const Reached reached = empty_ ? Reached{} : stepLoad({rod_, unloaded, options_}, options_);
-  if (reached.share < 1.0) return model::sampleCurve(solve(unloaded).shape, count);
+  const Reached reached = empty_ ? Reached{} : reach(unloaded);
+  if (reached.share < 1.0) return model::sampleCurve(solutionOf(reached, unloaded).shape, count);
   std::vector<double> stops;
   for (int i = 0; i < count; ++i) stops.push_back(model::curvePlace(sections, i, count));
   std::vector<model::CurvePoint<lie::SE3>> out;
@@ -343,7 +343,7 @@ std::vector<model::CurvePoint<lie::SE3>> ExactArm::Statics::curve(const model::U
         const bool joint = rod_.links() && k > 0 && k < sections && s == k;
         out.push_back({s, joint ? X * (*rod_.links())[k - 1] : X});
       });
-  return found.finite ? out : model::sampleCurve(solve(unloaded).shape, count);
+  return found.finite ? out : model::sampleCurve(solutionOf(reached, unloaded).shape, count);
 }
 
 ExactArm::ExactArm(const model::Arm& arm, const Load& load, const ExactOptions& options)

@@ -1,7 +1,7 @@
 #include "helix_arm/statics/jacobian.hpp"
 
 #include <limits>
-#include <utility>
+#include <optional>
 #include <vector>
 
 #include "gauss_rule.hpp"
@@ -17,13 +17,6 @@ namespace {
 using lie::SE3;
 using lie::Vector6;
 using Change = ActuatorChange<SE3>;
-
-constexpr int kStiffnessEntries = 3;
-
-ShapeDerivative constantDerivative(int sections, int columns, double value) {
-  return {Motions::Constant(6, columns, value),
-          Eigen::MatrixXd::Constant(6 * sections, columns, value)};
-}
 
 void setColumn(ShapeDerivative& to, int column, const ShapeDerivative& from, int source) {
   to.tip.col(column) = from.tip.col(source);
@@ -95,15 +88,13 @@ ShapeDerivative unloadedDerivative(const model::Arm& arm, const model::Unloaded&
   SE3 X;
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const int first = arm.firstActuator(k), count = arm.firstActuator(k + 1) - first;
+    std::optional<model::TaperTwist<SE3>> profile;
+    if (arm.taper(k)) profile.emplace(*arm.taper(k), unloaded.lengths.segment(first, count));
     for (int j = 0; j < per_section; ++j) {
       const Vector6 g = pieces.col(k * per_section + j);
-      Motions by = change.twist(k, 0.0) / per_section;
-      if (arm.taper(k)) {
-        const model::TaperTwist<SE3> profile(*arm.taper(k), unloaded.lengths.segment(first, count));
-        by = taperStep(profile, change, k, static_cast<double>(j) / per_section,
-                       (j + 1.0) / per_section)
-                 .by;
-      }
+      const double from = static_cast<double>(j) / per_section, to = (j + 1.0) / per_section;
+      const Motions by = profile ? taperStep(*profile, change, k, from, to).by
+                                 : Motions(change.twist(k, 0.0) / per_section);
       motions.middleCols(change.first(k), change.columns(k)) +=
           X.adjoint() * SE3::leftJacobian(g) * by;
       out.twists.block(6 * k, change.first(k), 6, change.columns(k)) += by;
@@ -139,14 +130,14 @@ void split(const model::Arm& arm, const Change& change, const ShapeDerivative& b
            ShapeJacobian& out) {
   const int count = arm.actuatorCount(), sections = arm.sectionCount();
   out.by_lengths = constantDerivative(sections, count, 0.0);
-  out.by_stiffness = constantDerivative(sections, kStiffnessEntries * count,
+  out.by_stiffness = constantDerivative(sections, Change::kEntries * count,
                                         std::numeric_limits<double>::quiet_NaN());
   for (int k = 0; k < sections; ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       setColumn(out.by_lengths, i, by, change.lengthColumn(k, i));
-      for (int component = 0; component < kStiffnessEntries; ++component) {
+      for (int component = 0; component < Change::kEntries; ++component) {
         if (change.jumps(i, component)) continue;
-        setColumn(out.by_stiffness, kStiffnessEntries * i + component, by,
+        setColumn(out.by_stiffness, Change::kEntries * i + component, by,
                   change.stiffnessColumn(k, i, component));
       }
     }

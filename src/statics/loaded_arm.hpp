@@ -158,10 +158,8 @@ TipOf<Group> LoadedArmOf<Group>::tip(const Unloaded& unloaded) const {
 template <class Group>
 Solution LoadedArmOf<Group>::solve(const Unloaded& unloaded) const {
   return withNodes(order_, [&](auto nodes) {
-    const auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
-    const TipOf<Group> found = relaxation.result();
-    return Solution{relaxation.shape(static_cast<int>(unloaded.twists.cols())),
-                    lie::inSpace(found.tip), found.status, found.residual, found.iterations};
+    return solved<Relaxation<nodes()>>(load_, unloaded, nullptr)
+        .solution(static_cast<int>(unloaded.twists.cols()));
   });
 }
 
@@ -182,20 +180,16 @@ ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
   return withNodes(order_, [&](auto nodes) {
     const int sections = static_cast<int>(unloaded.twists.cols());
     auto relaxation = solved<Relaxation<nodes()>>(load_, unloaded, nullptr);
-    const TipOf<Group> found = relaxation.result();
-    if (!found.converged()) {
-      return withoutDerivative({relaxation.shape(sections), lie::inSpace(found.tip), found.status,
-                                found.residual, found.iterations},
-                               change.count() + (by_load ? 6 : 0));
+    if (!relaxation.result().converged()) {
+      return withoutDerivative(relaxation.solution(sections), change.count() + (by_load ? 6 : 0));
     }
     // Without load it rests at once.
     if (!load_.empty()) relaxation.polish();
     const auto response = relaxation.respond(change, by_load);
-    const model::Shape shape = relaxation.shape(sections);
+    const Solution solution = relaxation.solution(sections);
     return ShapeResponse{
-        {shape, lie::inSpace(relaxation.result().tip), found.status, found.residual,
-         found.iterations},
-        shapeDerivative(shape, relaxation.pieceMotions(sections, change, response))};
+        solution,
+        shapeDerivative(solution.shape, relaxation.pieceMotions(sections, change, response))};
   });
 }
 

@@ -120,6 +120,9 @@ class LoadedArmOf<Group>::Relaxation {
       const typename LinearChain<Group>::Response& response) const;
 
   TipOf<Group> result() const { return {tip_, status_, residual_, iterations_}; }
+  Solution solution(int sections) const {
+    return {shape(sections), lie::inSpace(tip_), status_, residual_, iterations_};
+  }
 
   // Pose at t in [0, 1] of an element, seen from the base.
   Group poseAt(int e, double t) const {

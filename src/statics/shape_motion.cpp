@@ -28,12 +28,15 @@ ShapeDerivative shapeDerivative(const model::Shape& shape, const std::vector<Mot
   return out;
 }
 
+ShapeDerivative constantDerivative(int sections, int columns, double value) {
+  return {Motions::Constant(6, columns, value),
+          Eigen::MatrixXd::Constant(6 * sections, columns, value)};
+}
+
 ShapeResponse withoutDerivative(Solution at, int columns) {
-  constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
   const int sections = at.shape.sectionCount();
   return {std::move(at),
-          {Motions::Constant(6, columns, kNoNumber),
-           Eigen::MatrixXd::Constant(6 * sections, columns, kNoNumber)}};
+          constantDerivative(sections, columns, std::numeric_limits<double>::quiet_NaN())};
 }
 
 }  // namespace helix_arm::statics

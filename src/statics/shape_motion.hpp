@@ -25,6 +25,9 @@ Motions velocitiesOf(const lie::SE3& tip, const Motions& motions);
 /// Derivative of a shape by the motions of the ends of its pieces.
 ShapeDerivative shapeDerivative(const model::Shape& shape, const std::vector<Motions>& ends);
 
+/// All entries are `value`.
+ShapeDerivative constantDerivative(int sections, int columns, double value);
+
 /// A shape that balances no load, with derivatives that are NaN.
 ShapeResponse withoutDerivative(Solution at, int columns);
 

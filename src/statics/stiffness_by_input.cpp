@@ -2,10 +2,10 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <cmath>
 
 #include "compliance.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "nearest_input.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -77,12 +77,7 @@ model::UnloadedOf<Group> unloadedUnderOfLengths(const model::ArmOf<Group>& arm, 
   Eigen::VectorXd factor(arm.actuatorCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
-      const model::ActuatorOf<Group>& actuator = arm.actuator(i);
-      const double one = actuator.contraction.lengthInside(actuator.limits.lower);
-      const double other = actuator.contraction.lengthInside(actuator.limits.upper);
-      const double length = std::clamp(lengths[i], std::min(one, other), std::max(one, other));
-      const double middle = 0.5 * (actuator.limits.lower + actuator.limits.upper);
-      factor[i] = load.tables[k].at(actuator.contraction.inverseInside(length, middle));
+      factor[i] = load.tables[k].at(nearestInput(arm.actuator(i), lengths[i]).q);
     }
   }
   return withTables(arm, load, factor, lengths);

@@ -147,23 +147,16 @@ std::vector<model::CurvePoint<lie::SE3>> TierSolver::curve(const model::InputRef
 }
 
 TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
-  if (loaded_ && differs_) {
-    const auto found = loaded_->tipByUnloaded(arm_.twistsOfLengths(lengths), mapOf(arm_));
-    return {found.at.tip, found.at.status, found.by};
-  }
-  if (planar_loaded_ && differs_) {
-    const auto found =
-        planar_loaded_->tipByUnloaded(plane_->twistsOfLengths(lengths), mapOf(*plane_));
-    return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
-  }
+  const auto respond = [&](const auto& tier, const auto& arm) {
+    return differs_ ? tier.tipByUnloaded(arm.twistsOfLengths(lengths), mapOf(arm))
+                    : tier.tipBy(unloadedOfLengths(arm, lengths), byLengths(arm, load_, lengths));
+  };
   if (loaded_) {
-    const auto found =
-        loaded_->tipBy(unloadedOfLengths(arm_, lengths), byLengths(arm_, load_, lengths));
+    const auto found = respond(*loaded_, arm_);
     return {found.at.tip, found.at.status, found.by};
   }
   if (planar_loaded_) {
-    const auto found = planar_loaded_->tipBy(unloadedOfLengths(*plane_, lengths),
-                                             byLengths(*plane_, load_, lengths));
+    const auto found = respond(*planar_loaded_, *plane_);
     return {lie::embed(found.at.tip), found.at.status, motionsInSpace(found.by)};
   }
   if (exact_) {
@@ -178,13 +171,11 @@ TipResponse TierSolver::tipResponse(const Eigen::VectorXd& lengths) const {
     }
     return out;
   }
-  if (plane_ != nullptr) {
-    const auto unloaded = plane_->unloadedOfLengths(lengths);
-    return {lie::embed(plane_->tipOfLengths(lengths)), SolveStatus::kConverged,
-            motionsInSpace(linearResponse(*plane_, unloaded))};
-  }
-  return {arm_.tipOfLengths(lengths), SolveStatus::kConverged,
-          linearResponse(arm_, arm_.unloadedOfLengths(lengths))};
+  const auto linear = [&](const auto& arm) {
+    return linearResponse(arm, arm.unloadedOfLengths(lengths));
+  };
+  return {tip(lengths).tip, SolveStatus::kConverged,
+          plane_ != nullptr ? motionsInSpace(linear(*plane_)) : linear(arm_)};
 }
 
 }  // namespace helix_arm::statics

@@ -1,17 +1,16 @@
 #include "helix_arm/statics/unloaded_change.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
+#include "nearest_input.hpp"
 
 namespace helix_arm::statics {
 namespace {
 
 // A motion that costs less than this fraction of another one is free of cost.
 constexpr double kFreeOfCost = 1e-9;
-const double kGaussOffset = std::sqrt(3.0) / 6.0;  // of a Magnus step's points from its middle
 
 // The entries of K that belong to one component of a stiffness, as a diagonal.
 template <class Group>
@@ -77,13 +76,8 @@ template <class Group>
 typename ActuatorChange<Group>::Factor ActuatorChange<Group>::factorOf(int k, int actuator) const {
   const model::ActuatorOf<Group>& own = arm_.actuator(actuator);
   const StiffnessTable& table = load_->tables[k];
-  const double one = own.contraction.lengthInside(own.limits.lower);
-  const double other = own.contraction.lengthInside(own.limits.upper);
-  const double length = std::clamp(lengths_[actuator], std::min(one, other), std::max(one, other));
-  const double q =
-      own.contraction.inverseInside(length, 0.5 * (own.limits.lower + own.limits.upper));
   // Beyond its limits an actuator is as stiff as there.
-  const bool inside = length == lengths_[actuator];
+  const auto [q, inside] = nearestInput(own, lengths_[actuator]);
   return {table.at(q), inside ? slopeOf(table, q) / own.contraction.slopeInside(q) : 0.0};
 }
 
@@ -177,18 +171,16 @@ TaperStep<Group> taperStep(const model::TaperTwist<Group>& profile,
   using Tangent = typename Group::Tangent;
   using Motion = typename UnloadedChange<Group>::Motion;
   const double h = to - from, middle = 0.5 * (from + to);
-  const double one = middle - kGaussOffset * h, other = middle + kGaussOffset * h;
+  const double offset = model::kMagnusOffset * h;
+  const double one = middle - offset, other = middle + offset;
   const Motion by_one = change.twist(k, one), by_other = change.twist(k, other);
   const Tangent g_one = profile.at(one), g_other = profile.at(other);
   const Tangent sum = 0.5 * h * (g_one + g_other);
-  const Tangent difference = 0.5 * kGaussOffset * h * (g_other - g_one);
-  TaperStep<Group> out{sum + model::bracket(sum, difference), 0.5 * h * (by_one + by_other)};
-  for (int i = 0; i < out.by.cols(); ++i) {
-    const Tangent by_sum = out.by.col(i);
-    const Tangent by_difference = 0.5 * kGaussOffset * h * (by_other.col(i) - by_one.col(i));
-    out.by.col(i) += model::bracket(by_sum, difference) + model::bracket(sum, by_difference);
-  }
-  return out;
+  const Tangent difference = 0.5 * offset * (g_other - g_one);
+  const Motion by_sum = 0.5 * h * (by_one + by_other);
+  const Motion by_difference = 0.5 * offset * (by_other - by_one);
+  return {sum + model::bracket(sum, difference),
+          model::magnusSlope(sum, difference, by_sum, by_difference)};
 }
 
 template class ActuatorChange<lie::SE2>;

@@ -26,6 +26,21 @@ inline lie::SE2::Tangent bracket(const lie::SE2::Tangent& a, const lie::SE2::Tan
   return {b[2] * a.y() - a[2] * b.y(), a[2] * b.x() - b[2] * a.x(), 0.0};
 }
 
+/// The points of a Magnus step over h lie this * h off its middle: sqrt(3) / 6.
+inline constexpr double kMagnusOffset = 0.28867513459481288;
+
+/// Derivative (dof x n) of sum + [sum, difference] from those of both.
+template <class Tangent, class Motion>
+Motion magnusSlope(const Tangent& sum, const Tangent& difference, const Motion& by_sum,
+                   const Motion& by_difference) {
+  Motion out = by_sum;
+  for (int i = 0; i < out.cols(); ++i) {
+    out.col(i) +=
+        bracket(Tangent(by_sum.col(i)), difference) + bracket(sum, Tangent(by_difference.col(i)));
+  }
+  return out;
+}
+
 template <class Group>
 class TaperTwist;
 
@@ -56,12 +71,7 @@ class TaperOf {
     /// Its derivative (dof x n) by the lengths.
     Map byLengths(const Lengths& lengths) const {
       const Tangent mean = sum * lengths, change = difference * lengths;
-      Map out = sum;
-      for (int i = 0; i < out.cols(); ++i) {
-        out.col(i) +=
-            bracket(Tangent(sum.col(i)), change) + bracket(mean, Tangent(difference.col(i)));
-      }
-      return out;
+      return magnusSlope(mean, change, sum, difference);
     }
   };
 

@@ -44,6 +44,7 @@ class ActuatorChange final : public UnloadedChange<Group> {
   using typename UnloadedChange<Group>::Tangent;
   using typename UnloadedChange<Group>::Motion;
   enum class By { kLengths, kLengthsAndStiffness };
+  static constexpr int kEntries = 3;  ///< of a stiffness
 
   /// Keeps a reference to the arm.
   /// @param load  null without. @param lengths  (n) [m].
@@ -68,7 +69,6 @@ class ActuatorChange final : public UnloadedChange<Group> {
 
  private:
   using Matrix = typename Group::Matrix;
-  static constexpr int kEntries = 3;  // of a stiffness
   // Of an actuator: the factor on its stiffness, and its derivative by the length.
   struct Factor {
     double value = 1.0, slope = 0.0;
